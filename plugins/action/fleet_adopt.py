@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ansible.plugins.action import ActionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import found, write
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import facts, write
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.infer import propose
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.proposal import Proposal
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
@@ -88,7 +88,7 @@ def _check_options(option: Any, path: str, names: list[str]) -> str:
 
 def _read_machines(
     names: list[str], hostvars: Mapping[str, Any], variable: str
-) -> tuple[list[found.Machine], dict[str, str]]:
+) -> tuple[list[facts.Machine], dict[str, str]]:
     """Return the machines, and machine -> reason for those that could not be read."""
     machines, unread = [], {}
     for name in names:
@@ -97,8 +97,8 @@ def _read_machines(
             unread[name] = _explain_failure(info)
             continue
         try:
-            machines.append(found.read(name, info))
-        except found.Strange as problem:
+            machines.append(facts.read_machine(name, info))
+        except facts.StrangeMachine as problem:
             unread[name] = str(problem)
     return machines, unread
 

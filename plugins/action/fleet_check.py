@@ -12,7 +12,7 @@ from ansible.plugins.action import ActionBase
 from ansible.release import __version__
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, from_plain, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import number_problems
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan
 
@@ -33,14 +33,14 @@ class ActionModule(ActionBase):
             return result
         machine = self._task.args["machine"]
         if machine.get("failed"):
-            result.update(failed=True, msg=preflight.unseen(plan.computer, machine, __version__))
+            result.update(failed=True, msg=preflight.explain_failure(plan.computer, machine, __version__))
             return result
         comparison = preflight.compare(plan, machine)
         problems = [plain(text, LINE) for text in comparison.problems]
         result.update(changed=False, warnings=[plain(text, LINE) for text in comparison.warnings])
         if problems and boolean(self._task.args.get("refuse", True)):
             # Ansible prints the result of a failed task. So the plan, which no task uses then, is not in it.
-            result.update(failed=True, problems=problems, noted=[], msg=numbered(problems))
+            result.update(failed=True, problems=problems, noted=[], msg=number_problems(problems))
             return result
         result.update(to_plain(comparison.plan), problems=[], noted=problems)
         return result

@@ -13,7 +13,7 @@ from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read, variables
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import number_problems
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._options import roles
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 
@@ -38,7 +38,7 @@ class ActionModule(ActionBase):
         except read.InventoryProblems as error:
             problems = [*error.problems, *problems]
         if problems:
-            result.update(failed=True, problems=problems, msg=numbered(problems))
+            result.update(failed=True, problems=problems, msg=number_problems(problems))
             return result
         result.update(
             changed=False,

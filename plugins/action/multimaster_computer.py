@@ -17,7 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.conf
     Result,
     seconds_of,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.environment import SEEN, differences
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.environment import SEEN, find_differences
 
 # The concerns that can cut the controller off. If one of them waits for its confirmation, the others wait, too.
 GUARDED = ("sysctl", "routes", "firewall")
@@ -75,7 +75,7 @@ def compare_shells(result: Result, wanted: Args) -> Result:
     """Return the result; as a failure if shells do not see the variables that are expected."""
     seen = result["shells"] if "shells" in result else wanted.get("before") or {}
     expected = (wanted.get(name) or () for name in ("files", "exports"))
-    wrong = differences(wanted.get("variables") or {}, {what: seen.get(what) for what in SEEN}, *expected)
+    wrong = find_differences(wanted.get("variables") or {}, {what: seen.get(what) for what in SEEN}, *expected)
     if not wrong:
         return result
     rest = {name: value for name, value in result.items() if name in ("changed", "diff", "warnings")}

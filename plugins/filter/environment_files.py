@@ -103,9 +103,9 @@ def environment_files(
         raise AnsibleFilterError(
             f"The user who gets the environment is {person!r}; expected the name of an account, '*', or nothing: correct environment_person."
         )
-    environment = environment_module.reaching(ros or {}, for_root or {}, person, ours)
+    environment = environment_module.merge_for_users(ros or {}, for_root or {}, person, ours)
     return {
-        "files": environment_module.files(environment, environment_module.machine(machine)),
+        "files": environment_module.render_files(environment, environment_module.machine(machine)),
         "notes": environment_module.notes(machine, environment),
         "digest": environment_module.digest(environment),
     }

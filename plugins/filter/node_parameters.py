@@ -58,7 +58,7 @@ def node_parameters(parameters: Any, members: Any) -> dict[str, Any]:
             f"The parameters of a node are {parameters!r}, of the members {members!r}; expected a mapping and a list: let the role "
             "preflight make the plan first."
         )
-    return dict(parameters_module.with_members(parameters, members))
+    return dict(parameters_module.add_members(parameters, members))
 
 
 class FilterModule:

@@ -19,7 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts i
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, Row
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data, plain_lines
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import numbered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import number_problems
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -181,7 +181,7 @@ def through_the_report(text):
 
 
 def through_preflight(text):
-    return numbered([f"robot1: found {text}", text]).split("\n")
+    return number_problems([f"robot1: found {text}", text]).split("\n")
 
 
 def through_the_log(text):

@@ -243,7 +243,7 @@ PLACES = {
     "ROS of a robot": lambda name, _there: preflight._ros(
         types.SimpleNamespace(computer="kobuki1"), {"ros": {"problem": name}}
     )[0],
-    "last words of a robot": lambda name, _there: preflight.unseen(
+    "last words of a robot": lambda name, _there: preflight.explain_failure(
         "kobuki1", {"msg": f"kobuki1: {' '.join(name.split())}"}, "2.19"
     ),
 }

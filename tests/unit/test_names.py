@@ -22,7 +22,6 @@ LATER = set(
     plugins/module_utils/_process
     plugins/module_utils/_verify
     plugins/module_utils/_watch
-    plugins/plugin_utils/_adopt
     plugins/plugin_utils/_bundle
     plugins/plugin_utils/_fleet
     plugins/plugin_utils/_judgement

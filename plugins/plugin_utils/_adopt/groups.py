@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.found import Machine, Uri, is_address
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.facts import Machine, Uri, is_address
 
 EVERYWHERE = IPv4Network("0.0.0.0/0")
 THIS = ("localhost", "127.0.0.1", "127.0.1.1")  # how a computer names itself
@@ -40,7 +40,7 @@ class Machines:
         return found
 
     @cached_property
-    def torn(self) -> frozenset[IPv4Network]:
+    def duplicate_networks(self) -> frozenset[IPv4Network]:
         """The networks in which two machines have one address: several networks that look like one, inside each robot."""
         return frozenset(
             network for network, members in self.networks.items() if len(set(members.values())) < len(members)
@@ -57,7 +57,7 @@ class Machines:
                 claims[str(address.ip)].add(name)
         return {text: next(iter(of)) for text, of in claims.items() if text and len(of) == 1}
 
-    def meant(self, machine: str, uri: Uri) -> str | None:
+    def resolve(self, machine: str, uri: Uri) -> str | None:
         """Return the machine that a URI means on one of them."""
         if uri.host in THIS or uri.host == self.by_name[machine].hostname.lower():
             return machine
@@ -65,16 +65,16 @@ class Machines:
             None if is_address(uri.host) else self._names.get(uri.host.partition(".")[0])
         )
 
-    def at(self, address: IPv4Address) -> str | None:
+    def machine_at(self, address: IPv4Address) -> str | None:
         """Return the machine that has an address."""
         return self._names.get(str(address))
 
     @cached_property
-    def named(self) -> Mapping[str, str]:
+    def master_of(self) -> Mapping[str, str]:
         """Machine -> the one that its ROS_MASTER_URI means; the first that is known counts."""
         found = {}
         for name, machine in self.by_name.items():
-            meant = [self.meant(name, uri) for uri in machine.masters]
+            meant = [self.resolve(name, uri) for uri in machine.masters]
             if any(meant):
                 found[name] = next(one for one in meant if one)
         return found
@@ -84,18 +84,18 @@ class Machines:
         """The machines with a roscore, and those that a ROS_MASTER_URI means; `localhost` is only what ROS is delivered with."""
         running = {name for name, machine in self.by_name.items() if machine.roscores}
         meant = {
-            self.meant(name, uri)
+            self.resolve(name, uri)
             for name, machine in self.by_name.items()
             for uri in machine.masters[:1]
             if uri.host not in THIS
         }
         return frozenset(running | (meant - {None}))  # type: ignore[operator]  # without None
 
-    def connected(self, without: Collection[IPv4Network]) -> list[frozenset[str]]:
+    def connect(self, without: Collection[IPv4Network]) -> list[frozenset[str]]:
         """Return the sets of machines that are connected by the other networks."""
         group = {name: {name} for name in self.by_name}
         for network, members in self.networks.items():
-            if network in without or network in self.torn:
+            if network in without or network in self.duplicate_networks:
                 continue
             first, *others = members
             for name in others:
@@ -103,10 +103,10 @@ class Machines:
                 group.update(dict.fromkeys(joined, joined))
         return list(dict.fromkeys(frozenset(members) for members in group.values()))
 
-    def separated(self, common: IPv4Network, without: Collection[IPv4Network]) -> int:
+    def count_robots(self, common: IPv4Network, without: Collection[IPv4Network]) -> int:
         """Count what these networks keep apart and could be robots: sets with a roscore, and an address in the common network."""
         reached = set(self.networks[common])
-        return sum(1 for group in self.connected(without) if group & self.masters and group & reached)
+        return sum(1 for group in self.connect(without) if group & self.masters and group & reached)
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Grouping:
+class FleetGroups:
     """The parts that machines have in a fleet."""
 
     common: IPv4Network
@@ -129,10 +129,11 @@ class Grouping:
     rest: Mapping[str, str] = field(default_factory=dict)  # machine of no robot -> why
 
 
-def grouping(machines: Machines) -> Grouping | None:
+def find_groups(machines: Machines) -> FleetGroups | None:
     """Return the robots; None where no machine has a network."""
     ranked = sorted(
-        (network for network in machines.networks if network not in machines.torn), key=lambda one: _rank(machines, one)
+        (network for network in machines.networks if network not in machines.duplicate_networks),
+        key=lambda one: _rank(machines, one),
     )
     if not ranked:
         return None
@@ -140,24 +141,24 @@ def grouping(machines: Machines) -> Grouping | None:
     why = ""
     if others and _rank(machines, others[0])[:3] == _rank(machines, common)[:3]:
         why = f"guessed, since most machines have an address in it; it may also be {others[0]}"
-    shared = _shared(machines, common)
+    shared = _find_shared_networks(machines, common)
     groups: dict[str, set[str]] = {}
     notes: dict[str, list[str]] = {}
     rest: dict[str, str] = {}
     lone: list[str] = []
-    for members in machines.connected(shared):
-        masters = _counted_masters(machines, members)
+    for members in machines.connect(shared):
+        masters = _rank_masters(machines, members)
         if masters:
             groups[masters[0]] = set(members)
             notes[masters[0]] = _notes(machines, members, masters)
         else:
             lone += sorted(members)
     for name in lone:
-        if machines.named.get(name) in groups:
-            groups[machines.named[name]].add(name)
+        if machines.master_of.get(name) in groups:
+            groups[machines.master_of[name]].add(name)
         else:
-            rest[name] = _alone(machines, name)
-    return Grouping(
+            rest[name] = _explain_rest(machines, name)
+    return FleetGroups(
         common=common,
         why=why,
         shared=shared,
@@ -171,21 +172,21 @@ def grouping(machines: Machines) -> Grouping | None:
 def _rank(machines: Machines, network: IPv4Network) -> tuple[int, ...]:
     """Return the sort key of a network, the common one first."""
     return (
-        -machines.separated(network, [network]),
-        _torn_apart(machines, network) + _ways_out(machines, network),
-        -_discovered(machines, network),
+        -machines.count_robots(network, [network]),
+        _count_divided(machines, network) + _count_ways_out(machines, network),
+        -_count_discovery_nodes(machines, network),
         -len(machines.networks[network]),
         int(network.network_address),
     )
 
 
-def _torn_apart(machines: Machines, network: IPv4Network) -> int:
+def _count_divided(machines: Machines, network: IPv4Network) -> int:
     """Count the machines that are connected with the roscore that they name by this network alone."""
-    group = {name: members for members in machines.connected([network]) for name in members}
-    return sum(1 for name, master in machines.named.items() if master not in group[name])
+    group = {name: members for members in machines.connect([network]) for name in members}
+    return sum(1 for name, master in machines.master_of.items() if master not in group[name])
 
 
-def _ways_out(machines: Machines, network: IPv4Network) -> int:
+def _count_ways_out(machines: Machines, network: IPv4Network) -> int:
     """Count the machines that get from this network to others by a machine of both, as computers of a robot do."""
     several = {
         name
@@ -193,11 +194,11 @@ def _ways_out(machines: Machines, network: IPv4Network) -> int:
         if other != network and len(members) > 1
         for name in members
     }
-    used = hops(machines, machines.networks[network], network)
-    return sum(number for hop, number in used.items() if machines.at(hop) in several)
+    used = count_hops(machines, machines.networks[network], network)
+    return sum(number for hop, number in used.items() if machines.machine_at(hop) in several)
 
 
-def _discovered(machines: Machines, network: IPv4Network) -> int:
+def _count_discovery_nodes(machines: Machines, network: IPv4Network) -> int:
     """Count the addresses in a network at which discovery nodes answer."""
     heard = {
         node.uri.host
@@ -209,16 +210,16 @@ def _discovered(machines: Machines, network: IPv4Network) -> int:
     return sum(1 for host in heard if IPv4Address(host) in network)
 
 
-def _shared(machines: Machines, common: IPv4Network) -> frozenset[IPv4Network]:
+def _find_shared_networks(machines: Machines, common: IPv4Network) -> frozenset[IPv4Network]:
     """Return the networks that connect robots: the common one, and others such as one for administration."""
-    shared, apart = {common}, machines.separated(common, [common])
+    shared, apart = {common}, machines.count_robots(common, [common])
     while True:
         best = max(
             (network for network in machines.networks if network not in shared),
-            key=lambda network: machines.separated(common, [*shared, network]),
+            key=lambda network: machines.count_robots(common, [*shared, network]),
             default=common,
         )
-        now = machines.separated(common, [*shared, best])
+        now = machines.count_robots(common, [*shared, best])
         if now <= apart:
             return frozenset(shared)
         shared.add(best)
@@ -234,7 +235,7 @@ def _notes(machines: Machines, members: frozenset[str], masters: Sequence[str]) 
         for other in others
         if machines.by_name[other].roscores
     ]
-    named = {name: machines.named[name] for name in sorted(members) if name in machines.named}
+    named = {name: machines.master_of[name] for name in sorted(members) if name in machines.master_of}
     return several + [
         f"ROS_MASTER_URI of {name} names {master}, which is not the roscore of its robot"
         for name, master in named.items()
@@ -242,7 +243,7 @@ def _notes(machines: Machines, members: frozenset[str], masters: Sequence[str]) 
     ]
 
 
-def _alone(machines: Machines, name: str) -> str:
+def _explain_rest(machines: Machines, name: str) -> str:
     """Return why a machine is of no robot."""
     uris = machines.by_name[name].masters
     if not uris:
@@ -250,28 +251,28 @@ def _alone(machines: Machines, name: str) -> str:
     return f"no roscore runs on it, and its ROS_MASTER_URI names {uris[0].host}, which is no roscore of a robot"
 
 
-def _counted_masters(machines: Machines, members: frozenset[str]) -> Sequence[str]:
+def _rank_masters(machines: Machines, members: frozenset[str]) -> Sequence[str]:
     """Return the machines with a roscore: those where it runs first, then those that most name.
 
     A single machine that uses the roscore of another one, and whose own one nobody discovers, has none that counts.
     """
-    votes = Counter(machines.named.get(name) for name in members)
+    votes = Counter(machines.master_of.get(name) for name in members)
     found = sorted(
         members & machines.masters, key=lambda name: (not machines.by_name[name].roscores, -votes[name], name)
     )
-    if len(members) == 1 and found and _only_uses(machines, found[0]):
+    if len(members) == 1 and found and _is_client(machines, found[0]):
         return ()
     return found
 
 
-def _only_uses(machines: Machines, name: str) -> bool:
-    named = machines.named.get(name, name)
+def _is_client(machines: Machines, name: str) -> bool:
+    named = machines.master_of.get(name, name)
     discovers = any(roscore.discovery for roscore in machines.by_name[name].roscores)
-    owned = machines.named.get(named, named) == named  # two that name each other are two robots
+    owned = machines.master_of.get(named, named) == named  # two that name each other are two robots
     return named != name and owned and named in machines.masters and not discovers
 
 
-def hops(
+def count_hops(
     machines: Machines, names: Iterable[str], network: IPv4Network, destination: IPv4Network = EVERYWHERE
 ) -> Counter[IPv4Address]:
     """Count the next hops in a network on the way to a destination, the first one of each machine."""

@@ -12,7 +12,7 @@ from ipaddress import IPv4Address, IPv4Network
 from typing import TypeVar
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import names
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.found import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.facts import (
     Discovery,
     Machine,
     Roscore,
@@ -20,11 +20,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.found 
     is_name,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.groups import (
+    FleetGroups,
     Group,
-    Grouping,
     Machines,
-    grouping,
-    hops,
+    count_hops,
+    find_groups,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.proposal import (
     Choice,
@@ -46,7 +46,7 @@ class _Scene:
     """The scene that all functions here look at."""
 
     machines: Machines
-    found: Grouping
+    found: FleetGroups
     names: Mapping[str, tuple[str, str]]
 
     def machine(self, name: str) -> Machine:
@@ -73,18 +73,18 @@ class _Scene:
 
 def propose(machines: Iterable[Machine], left_out: Mapping[str, str]) -> Proposal:
     """Return the inventory of these machines. `left_out` are those that were not read, and why."""
-    kept, twice = _once(machines)
+    kept, twice = _drop_duplicates(machines)
     missing = {**left_out, **twice}
     everything = Machines(kept)
-    found = grouping(everything)
+    found = find_groups(everything)
     if found is None or not found.groups:
         why = "no roscore runs on any machine, and no ROS_MASTER_URI names one"
         return Proposal(left_out={**missing, **dict.fromkeys(kept, why)})
-    scene = _Scene(everything, found, names.computers(kept))
+    scene = _Scene(everything, found, names.name_computers(kept))
     parts = [_robot(scene, group) for group in found.groups]
     outside = {name: why for _robot, of_robot in parts for name, why in of_robot.items()}
     unnamed = [robot for robot, _outside in parts if robot.computers]
-    called = names.robots(
+    called = names.name_robots(
         [[computer.name for computer in robot.computers] for robot in unnamed],
         [name for name, _why in scene.names.values()],
     )
@@ -99,7 +99,7 @@ def propose(machines: Iterable[Machine], left_out: Mapping[str, str]) -> Proposa
     )
 
 
-def _once(machines: Iterable[Machine]) -> tuple[dict[str, Machine], dict[str, str]]:
+def _drop_duplicates(machines: Iterable[Machine]) -> tuple[dict[str, Machine], dict[str, str]]:
     """Return the machines without those that the list has twice."""
     kept: dict[str, Machine] = {}
     twice: dict[str, str] = {}
@@ -141,9 +141,9 @@ def _robot(scene: _Scene, group: Group) -> tuple[Robot, dict[str, str]]:
         computers=tuple(sorted(computers, key=lambda computer: order[computer.name])),
         notes=(
             *group.notes,
-            *_missing(choices),
+            *_find_gaps(choices),
             *_network_notes(scene, group, network),
-            *_running(scene, group, roscore),
+            *_describe_services(scene, group, roscore),
         ),
     )
     return robot, outside
@@ -152,7 +152,7 @@ def _robot(scene: _Scene, group: Group) -> tuple[Robot, dict[str, str]]:
 def _network(scene: _Scene, group: Group) -> IPv4Network | None:
     """Return the robot's own network: that of most of its machines which are not in the common network."""
     inner = [name for name in group.members if scene.common(name) is None]
-    aside = scene.found.shared | scene.machines.torn
+    aside = scene.found.shared | scene.machines.duplicate_networks
     own = [network for network in scene.machines.networks if network not in aside]
     counted = Counter({network: sum(scene.address(name, network) is not None for name in inner) for network in own})
     if not inner or not +counted:
@@ -172,7 +172,7 @@ def _network_notes(scene: _Scene, group: Group, network: IPv4Network | None) -> 
     ]
 
 
-def _missing(choices: Choices) -> list[str]:
+def _find_gaps(choices: Choices) -> list[str]:
     """Return what site.yml will ask for."""
     wanted = {
         "gateway": "what connects its network",
@@ -198,9 +198,9 @@ def _gateway(scene: _Scene, members: Sequence[str], network: IPv4Network) -> dic
     """Return the gateway of a network, its address in the common network, and which routes lead to it."""
     inner = [name for name in members if scene.common(name) is None]
     both = [name for name in members if scene.common(name) is not None]
-    default = hops(scene.machines, inner, network)
-    hop = _first(default) or _first(hops(scene.machines, inner, network, scene.found.common))
-    at = scene.machines.at(hop) if hop else None
+    default = count_hops(scene.machines, inner, network)
+    hop = _first(default) or _first(count_hops(scene.machines, inner, network, scene.found.common))
+    at = scene.machines.machine_at(hop) if hop else None
     if hop and at is None and not any(scene.machine(name).forwards for name in both):
         return _device(scene, network, hop)
     if not both:
@@ -208,9 +208,9 @@ def _gateway(scene: _Scene, members: Sequence[str], network: IPv4Network) -> dic
     best = min(both, key=lambda name: (name != at, not scene.machine(name).forwards, name))
     choices = {
         "gateway": Choice(scene.name(best), _gateway_doubt(scene, best, both, at)),
-        "common_address": Choice(_known(scene.common(best))),
+        "common_address": Choice(_require_address(scene.common(best))),
     }
-    if hop and default[_known(scene.address(best, network))] * 2 < len(inner):
+    if hop and default[_require_address(scene.address(best, network))] * 2 < len(inner):
         choices["routes"] = Choice(
             "networks", "guessed, since the default routes of most of its computers lead elsewhere"
         )
@@ -222,10 +222,10 @@ def _device(scene: _Scene, network: IPv4Network, hop: IPv4Address) -> dict[str, 
     choices = {
         "gateway": Choice(hop, "guessed: the next hop of its computers, and none of the machines that were read")
     }
-    outside = hops(scene.machines, scene.machines.by_name, scene.found.common, network)
+    outside = count_hops(scene.machines, scene.machines.by_name, scene.found.common, network)
     if outside:
         choices["common_address"] = Choice(
-            _known(_first(outside)), f"guessed: the next hop of other machines on their way to {network}"
+            _require_address(_first(outside)), f"guessed: the next hop of other machines on their way to {network}"
         )
     return choices
 
@@ -244,7 +244,7 @@ def _gateway_doubt(scene: _Scene, best: str, both: Sequence[str], at: str | None
     return "; ".join(why)
 
 
-def _known(address: IPv4Address | None) -> IPv4Address:
+def _require_address(address: IPv4Address | None) -> IPv4Address:
     """Return an address whose owner the caller has chosen because it has one. Raises LookupError."""
     if address is None:
         raise LookupError("a machine without an address was chosen")
@@ -278,7 +278,7 @@ def _ports(roscore: Roscore, doubt: str) -> dict[str, Choice]:
     return choices
 
 
-def _running(scene: _Scene, group: Group, roscore: Roscore) -> list[str]:
+def _describe_services(scene: _Scene, group: Group, roscore: Roscore) -> list[str]:
     """Return what runs there that site.yml would replace."""
     machine = scene.machine(group.master)
     if machine.ours or not machine.roscores:
@@ -306,8 +306,10 @@ def _fleet(scene: _Scene, router: Choice | None) -> Choices:
     if router:
         choices["router"] = router
     nodes = [(scene.name(master), node) for master, roscore in scene.roscores for node in roscore.discovery]
-    choices["multicast_group"] = _most(nodes, lambda node: node.group or GROUP, "no discovery node ran", GROUP)
-    port = _most(nodes, lambda node: node.group_port or PORT, "no discovery node ran", PORT)
+    choices["multicast_group"] = _choose_majority(
+        nodes, lambda node: node.group or GROUP, "no discovery node ran", GROUP
+    )
+    port = _choose_majority(nodes, lambda node: node.group_port or PORT, "no discovery node ran", PORT)
     if port.value != PORT or port.why and nodes:
         choices["multicast_port"] = port
     uris = [(scene.name(master), roscore.uri) for master, roscore in scene.roscores if roscore.uri]
@@ -316,7 +318,9 @@ def _fleet(scene: _Scene, router: Choice | None) -> Choices:
     return choices
 
 
-def _most(nodes: Sequence[tuple[str, Discovery]], read: Callable[[Discovery], T], nobody: str, default: T) -> Choice:
+def _choose_majority(
+    nodes: Sequence[tuple[str, Discovery]], read: Callable[[Discovery], T], nobody: str, default: T
+) -> Choice:
     """Return what most nodes have, and who has another thing."""
     counted = Counter(read(node) for _name, node in nodes)
     if not counted:
@@ -330,7 +334,7 @@ def _most(nodes: Sequence[tuple[str, Discovery]], read: Callable[[Discovery], T]
 
 def _fleet_notes(scene: _Scene) -> tuple[str, ...]:
     shared = sorted(scene.found.shared - {scene.found.common})
-    torn = sorted(scene.machines.torn)
+    torn = sorted(scene.machines.duplicate_networks)
     return (
         *(f"{network} connects several robots, too, and is left aside" for network in shared),
         *(
@@ -346,14 +350,14 @@ def _fleet_notes(scene: _Scene) -> tuple[str, ...]:
 def _computer(scene: _Scene, machine: str, network: IPv4Network) -> Computer:
     name, why = scene.names[machine]
     found = scene.machine(machine)
-    choices = {"address": Choice(_known(scene.address(machine, network)))}
-    if _other_name(scene, found.hostname, name):
+    choices = {"address": Choice(_require_address(scene.address(machine, network)))}
+    if _is_alias(scene, found.hostname, name):
         choices["aliases"] = Choice([found.hostname], "the name that it calls itself")
     notes = [f"Left aside: {', '.join(found.aside)}"] if found.aside else []
     return Computer(name, machine, choices, (*([f"Named so, since {why}"] if why else []), *notes))
 
 
-def _other_name(scene: _Scene, hostname: str, name: str) -> bool:
+def _is_alias(scene: _Scene, hostname: str, name: str) -> bool:
     """Say if a host name is another name of one computer alone."""
     known = [entry.lower() for entry, _why in scene.names.values()]
     hostnames = [machine.hostname.lower() for machine in scene.machines.by_name.values()]
@@ -367,8 +371,8 @@ def _router(scene: _Scene, rest: Mapping[str, str]) -> tuple[Computer | None, Ch
     gateways = [name for name in members if scene.common(name) is not None]
     if len(gateways) == len(members):
         return None, None, dict(rest)  # nobody is behind a gateway: there is nothing to route
-    hop = _first(hops(scene.machines, gateways, scene.found.common))
-    at = scene.machines.at(hop) if hop else None
+    hop = _first(count_hops(scene.machines, gateways, scene.found.common))
+    at = scene.machines.machine_at(hop) if hop else None
     able = [name for name in rest if _passes(scene, name)]
     if not able:
         why = "guessed: the next hop of gateways, and none of the machines that were read"

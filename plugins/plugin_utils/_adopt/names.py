@@ -10,7 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.found import Machine, is_name
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.facts import Machine, is_name
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
 
 # What people add to the name of a robot for the name of its computer.
@@ -19,7 +19,7 @@ _SEPARATORS = "-_."
 RESERVED = ("all", "ungrouped", "robots", "routers", "localhost")
 
 
-def computers(machines: Mapping[str, Machine]) -> dict[str, tuple[str, str]]:
+def name_computers(machines: Mapping[str, Machine]) -> dict[str, tuple[str, str]]:
     """Return machine -> (name in the inventory, why it was guessed).
 
     The name in the list stays. Where it is an address, or no host name, the host name is taken, if no other machine has it.
@@ -43,7 +43,7 @@ def _fits(name: str) -> bool:
     return is_name(name) and name.lower() not in RESERVED
 
 
-def robots(of: Sequence[Sequence[str]], hosts: Sequence[str]) -> list[str]:
+def name_robots(of: Sequence[Sequence[str]], hosts: Sequence[str]) -> list[str]:
     """Return a name for each robot: what the names of its computers begin with. Groups and hosts need different names."""
     names: list[str] = []
     taken = {host.lower() for host in hosts} | set(RESERVED)
@@ -66,15 +66,15 @@ def _short(computers: Sequence[str]) -> str:
         without = _ENDINGS.sub("", name)
         if without != name:
             return _group_name(without)
-        head, _separator, end = _parted(name)
+        head, _separator, end = _split_name(name)
         return _group_name(head if head and not end.isdigit() else name)
     begin = os.path.commonprefix(names)
     if begin not in names and not begin.endswith(tuple(_SEPARATORS)):
-        begin = _parted(begin)[0] or begin
+        begin = _split_name(begin)[0] or begin
     return _group_name(begin or min(names))
 
 
-def _parted(name: str) -> tuple[str, str, str]:
+def _split_name(name: str) -> tuple[str, str, str]:
     """Part a name at its last separator."""
     place = max(name.rfind(separator) for separator in _SEPARATORS)
     return (name[:place], name[place], name[place + 1 :]) if place > 0 else ("", "", name)

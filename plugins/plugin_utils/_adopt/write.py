@@ -79,16 +79,16 @@ def _hosts(proposal: Proposal, ways: Ways) -> str:
     for robot in proposal.robots:
         lines += [f"    {robot.name}:", "      hosts:"]
         for computer in robot.computers:
-            lines += _indented(8, _host(computer, ways))
+            lines += _indent(8, _host(computer, ways))
     if proposal.router:
         lines += ["", "# The device that manages the common network, where it is a computer under Linux."]
-        lines += ["routers:", "  hosts:", *_indented(4, _host(proposal.router, ways))]
+        lines += ["routers:", "  hosts:", *_indent(4, _host(proposal.router, ways))]
     return "\n".join(lines) + "\n"
 
 
 def _host(computer: Computer, ways: Ways) -> list[str]:
     inside = [*_comment(_sentences(computer.notes)), *_variables(computer.choices), *ways[computer.machine]]
-    return [f"{computer.name}:", *_indented(2, inside)]
+    return [f"{computer.name}:", *_indent(2, inside)]
 
 
 def _connection(computer: Computer, given: Mapping[str, Any]) -> list[str]:
@@ -138,5 +138,5 @@ def _sentences(texts: Iterable[str]) -> list[str]:
     return [f"{text[:1].upper()}{text[1:]}." for text in texts]
 
 
-def _indented(depth: int, lines: Iterable[str]) -> list[str]:
+def _indent(depth: int, lines: Iterable[str]) -> list[str]:
     return [" " * depth + line if line else line for line in lines]

@@ -68,7 +68,7 @@ class Part(NamedTuple):
 
     def _advice(self, words: str) -> str:
         """Our words with the names of the part; without a command where `what` may be anything."""
-        if self.what and "{what}" in words and not advice.fitting("what", self.what):
+        if self.what and "{what}" in words and not advice.format_value("what", self.what):
             return f"look at it there: {quote(self.what)} fits into no command"
         return words.format(place=self.place, what=self.what or self.fault.example)
 

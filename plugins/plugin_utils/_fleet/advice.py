@@ -40,11 +40,11 @@ WRITTEN = {"name": (".", r"\."), "setting": (".", "[./]")}
 
 def command(words: str, *values: tuple[str, object]) -> str:
     """Put values, each with its form, at the {} of our words. Empty where a value has not its form."""
-    texts = [fitting(form, str(value)) for form, value in values]
+    texts = [format_value(form, str(value)) for form, value in values]
     return words.format(*texts) if all(texts) else ""
 
 
-def fitting(form: str, text: str) -> str:
+def format_value(form: str, text: str) -> str:
     """The text as it stands in a command, empty where it is not of this form."""
     if len(text) > LONGEST or not FORMS[form].fullmatch(text) or (form == "address" and not _is_address(text)):
         return ""

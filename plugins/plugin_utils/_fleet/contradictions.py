@@ -50,12 +50,12 @@ class Party:
         return [robot for robot in robots if robot != self.name and (not entry.to or robot in entry.to)]
 
 
-def problems(parties: Sequence[Party], robots: Mapping[str, Sequence[str]]) -> list[str]:
+def find_contradictions(parties: Sequence[Party], robots: Mapping[str, Sequence[str]]) -> list[str]:
     """Return one sentence for each contradiction. `robots` has the computers of every robot, also of those that are no party."""
     found: list[str] = []
     for party in parties:
-        found += _wrong_receivers(party, robots) + _never_exchanged(party)
-    return found + _collisions(parties, list(robots)) + _second_white_lists(parties) + _left_out(parties)
+        found += _wrong_receivers(party, robots) + _find_built_in_names(party)
+    return found + _collisions(parties, list(robots)) + _second_white_lists(parties) + _find_filtered_exports(parties)
 
 
 def strangers_outside(firewall: str | None, strangers: str | None) -> list[str]:
@@ -109,7 +109,7 @@ def _wrong_receivers(party: Party, robots: Mapping[str, Sequence[str]]) -> list[
     return found
 
 
-def _never_exchanged(party: Party) -> list[str]:
+def _find_built_in_names(party: Party) -> list[str]:
     return [
         f"{party.host}: multimaster_exports has the {KINDS[key]} {name}, which is never exchanged, since it belongs to the "
         f"roscore or to the exchange itself; expected names of the robot's own nodes: remove it in group_vars/{party.name}.yml."
@@ -131,7 +131,7 @@ def _collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
     """Return the conflicts: two robots give the same service or action to a third, by its name or by a pattern."""
     by_name = {party.name: party for party in parties}
     return sorted(
-        f"{by_name[first].host}: multimaster_exports gives the {KINDS[key]} {name} to {_some(receivers)}, and so does "
+        f"{by_name[first].host}: multimaster_exports gives the {KINDS[key]} {name} to {_shorten_list(receivers)}, and so does "
         f"that of {second}; expected one of the two, {why}: rename it on one of them, or choose with 'to' who gets which."
         for key, why in _ONE.items()
         for name, givers in _givers_of_names(parties, key)
@@ -193,14 +193,14 @@ def _second_white_lists(parties: Sequence[Party]) -> list[str]:
         givers = flows_module.givers(flows, party.name) if lists else []
         if givers:
             found.append(
-                f"{party.host}: multimaster_filters has {lists}, but multimaster_exports of {_some(givers)} says already what "
+                f"{party.host}: multimaster_filters has {lists}, but multimaster_exports of {_shorten_list(givers)} says already what "
                 f"{party.name} gets; expected filters named ignore_* or sync_hosts there: remove {lists}, and have "
                 "multimaster_exports of the others name what is wanted."
             )
     return found
 
 
-def _left_out(parties: Sequence[Party]) -> list[str]:
+def _find_filtered_exports(parties: Sequence[Party]) -> list[str]:
     """Return the names that an entry gives to a robot by its name, and that filters leave out: one of the two is wrong."""
     by_name = {party.name: party for party in parties}
     found = []
@@ -217,18 +217,19 @@ def _left_out(parties: Sequence[Party]) -> list[str]:
                     lost = [
                         f"{what}the {KINDS[key]} {name}"
                         for key, name in names
-                        if _host_ignored(taker.filters, giver.master) or _ignored(taker.filters, key, name, parts)
+                        if _is_master_ignored(taker.filters, giver.master)
+                        or _is_ignored(taker.filters, key, name, parts)
                     ]
                     if lost:
                         found.append(
-                            f"{taker.host}: multimaster_filters leaves out {_some(lost)}, which multimaster_exports of {party.name} "
+                            f"{taker.host}: multimaster_filters leaves out {_shorten_list(lost)}, which multimaster_exports of {party.name} "
                             f"has for {receiver.name}; expected filters that take it: correct them in group_vars/{taker.name}.yml, "
                             f"or 'to' in group_vars/{party.name}.yml."
                         )
     return found
 
 
-def _ignored(filters: Mapping[str, Sequence[str]], key: str, name: str, parts: Sequence[str]) -> bool:
+def _is_ignored(filters: Mapping[str, Sequence[str]], key: str, name: str, parts: Sequence[str]) -> bool:
     """Return True if filters surely ignore this name; of an action, the topics `parts` count."""
     if "*" in name:
         return False
@@ -243,12 +244,12 @@ def _ignored(filters: Mapping[str, Sequence[str]], key: str, name: str, parts: S
     return any(matches(ignored, topic) for topic in topics)
 
 
-def _host_ignored(filters: Mapping[str, Sequence[str]], master: str) -> bool:
+def _is_master_ignored(filters: Mapping[str, Sequence[str]], master: str) -> bool:
     wanted = filters.get("sync_hosts", ())
     if not master:
         return False
     return not matches(wanted, master) if wanted else matches(filters.get("ignore_hosts", ()), master)
 
 
-def _some(names: Sequence[str]) -> str:
+def _shorten_list(names: Sequence[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import HOSTS, NAMES
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected, nearest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue, nearest
 
 # The keys of an entry, and the word for one of its names.
 KINDS = {"topics": "topic", "services": "service", "actions": "action"}
@@ -66,15 +66,15 @@ def topics_of(actions: Iterable[str], parts: Sequence[str]) -> tuple[str, ...]:
 
 
 def read(value: Any) -> tuple[Export, ...]:
-    """Read the entries of `multimaster_exports`. Raises Unexpected."""
+    """Read the entries of `multimaster_exports`. Raises UnexpectedValue."""
     if not isinstance(value, (list, tuple)) or not all(isinstance(entry, Mapping) for entry in value):
-        raise Unexpected("a list of entries such as {topics: [/tibi/pose], to: [dabo]}")
+        raise UnexpectedValue("a list of entries such as {topics: [/tibi/pose], to: [dabo]}")
     entries = tuple(_entry(entry) for entry in value)
     said: set[frozenset[tuple[str, str]]] = set()
     for entry in entries:
         content = frozenset([*entry.names(), *(("to", robot) for robot in entry.to)])
         if content in said:
-            raise Unexpected(f"each entry once, but {entry} is there twice")
+            raise UnexpectedValue(f"each entry once, but {entry} is there twice")
         said.add(content)
     _check_size([named for entry in entries for named in entry.names()])
     return entries
@@ -82,11 +82,11 @@ def read(value: Any) -> tuple[Export, ...]:
 
 def _check_size(named: Sequence[tuple[str, str]]) -> None:
     if sum(len(name) for _key, name in named) > MOST_TEXT:
-        raise Unexpected(f"names of at most {MOST_TEXT} characters together: '*' stands for any text")
+        raise UnexpectedValue(f"names of at most {MOST_TEXT} characters together: '*' stands for any text")
     for stars, most in MOST_NAMES_WITH.items():
         count = sum(3 if key == "actions" else 1 for key, name in named if name.count("*") == stars)
         if count > most:
-            raise Unexpected(
+            raise UnexpectedValue(
                 f"at most {most} names with {stars} times '*', an action counting three, but there are {count}"
             )
 
@@ -94,14 +94,14 @@ def _check_size(named: Sequence[tuple[str, str]]) -> None:
 def _entry(entry: Mapping[Any, Any]) -> Export:
     for key in entry:
         if key not in (*KINDS, "to"):
-            raise Unexpected(
+            raise UnexpectedValue(
                 f"entries of {', '.join(KINDS)} and to, but there is '{key}'{nearest(str(key), (*KINDS, 'to'))}"
             )
     read_entry = Export(**{str(key): _texts(str(key), items) for key, items in entry.items()})
     if not any(read_entry.names()):
-        raise Unexpected(f"at least one of {', '.join(KINDS)} in each entry; the list [] exports nothing")
+        raise UnexpectedValue(f"at least one of {', '.join(KINDS)} in each entry; the list [] exports nothing")
     if "to" in entry and not read_entry.to:
-        raise Unexpected("at least one robot in 'to'; without 'to' an entry is for every other robot")
+        raise UnexpectedValue("at least one robot in 'to'; without 'to' an entry is for every other robot")
     for key, name in read_entry.names():
         _check_name(key, name)
     return read_entry
@@ -109,7 +109,7 @@ def _entry(entry: Mapping[Any, Any]) -> Export:
 
 def _texts(key: str, items: Any) -> tuple[str, ...]:
     if not isinstance(items, (list, tuple)) or not all(isinstance(item, str) and item for item in items):
-        raise Unexpected(f"a list of {'robots' if key == 'to' else 'names'} at '{key}', such as " + _SUCH_AS[key])
+        raise UnexpectedValue(f"a list of {'robots' if key == 'to' else 'names'} at '{key}', such as " + _SUCH_AS[key])
     return tuple(str(item) for item in items)
 
 
@@ -118,10 +118,12 @@ _SUCH_AS = {"topics": "[/tibi/pose]", "services": "[/tibi/reset]", "actions": "[
 
 def _check_name(key: str, name: str) -> None:
     if not _NAME.fullmatch(name):
-        raise Unexpected(
+        raise UnexpectedValue(
             f"absolute names of letters, digits, '_', '/' and '*' for any text at '{key}', but there is '{name}'"
         )
     if "//" in name or name.endswith("/"):
-        raise Unexpected(f"names without an empty part at '{key}', such as /tibi or '/tibi/*', but there is '{name}'")
+        raise UnexpectedValue(
+            f"names without an empty part at '{key}', such as /tibi or '/tibi/*', but there is '{name}'"
+        )
     if name.count("*") > MOST_STARS:
-        raise Unexpected(f"names with at most {MOST_STARS} times '*' at '{key}', but there is '{name}'")
+        raise UnexpectedValue(f"names with at most {MOST_STARS} times '*' at '{key}', but there is '{name}'")

@@ -27,7 +27,7 @@ def default_offline_after(rate: float) -> float:
     return max(5.0, math.ceil(200 / _tenths(rate)) / 10) if _tenths(rate) else 65.0
 
 
-def too_few_heartbeats(rate: float | None, after: float | None) -> list[str]:
+def find_slow_heartbeats(rate: float | None, after: float | None) -> list[str]:
     """Return a sentence if `after` seconds have less than two heartbeats, which tell silence from a slow rate."""
     if rate is None or after is None:
         return []
@@ -42,7 +42,7 @@ def too_few_heartbeats(rate: float | None, after: float | None) -> list[str]:
     ]
 
 
-def unreached_masters(fleet: Fleet) -> list[str]:
+def find_unreachable_masters(fleet: Fleet) -> list[str]:
     """Return a sentence for each master that no heartbeat reaches: multicast does not cross a gateway by itself."""
     group, routing = fleet.variables.multicast_group, fleet.variables.multicast_routing
     if routing == "smcroute" and group in LOCAL_GROUPS:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Kinds of values: each function reads one value of an inventory and returns it as a type, or raises Unexpected.
+"""Kinds of values: each function reads one value of an inventory and returns it as a type, or raises UnexpectedValue.
 
 Here a text becomes an address or a network; from here on, both are objects.
 """
@@ -14,7 +14,7 @@ from ipaddress import IPv4Address, IPv4Network, ip_address, ip_network
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected, nearest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue, nearest
 
 FILTERS = tuple(sorted(exports.FILTERS))
 
@@ -24,21 +24,21 @@ _NAME = re.compile(r"(?!-)[a-z0-9-]{1,63}(?<!-)(\.(?!-)[a-z0-9-]{1,63}(?<!-))*",
 def text(value: Any) -> str:
     """Read a text that is not empty."""
     if not isinstance(value, str) or not value:
-        raise Unexpected("a text that is not empty")
+        raise UnexpectedValue("a text that is not empty")
     return str(value)
 
 
 def name(value: Any) -> str:
     """Read a host name (RFC 1123)."""
     if not isinstance(value, str) or not _NAME.fullmatch(value) or value.replace(".", "").isdigit():
-        raise Unexpected("a host name: letters, digits and hyphens (RFC 1123), and no address")
+        raise UnexpectedValue("a host name: letters, digits and hyphens (RFC 1123), and no address")
     return str(value)
 
 
 def names(value: Any) -> list[str]:
     """Read a list of host names."""
     if isinstance(value, str) or not isinstance(value, (list, tuple)):
-        raise Unexpected("a list of host names")
+        raise UnexpectedValue("a list of host names")
     return [name(item) for item in value]
 
 
@@ -47,9 +47,9 @@ def address(value: Any) -> IPv4Address:
     try:
         found = ip_address(text(value))
     except ValueError:
-        raise Unexpected("an IPv4 address such as 192.168.1.229") from None
+        raise UnexpectedValue("an IPv4 address such as 192.168.1.229") from None
     if not isinstance(found, IPv4Address) or found.is_loopback or found.is_multicast or found.is_unspecified:
-        raise Unexpected("the IPv4 address of one computer, such as 192.168.1.229")
+        raise UnexpectedValue("the IPv4 address of one computer, such as 192.168.1.229")
     return found
 
 
@@ -57,12 +57,12 @@ def gateway(value: Any) -> str | IPv4Address:
     """Read the name of a computer, or the address of another device."""
     try:
         return name(value)
-    except Unexpected:
+    except UnexpectedValue:
         pass
     try:
         return address(value)
-    except Unexpected:
-        raise Unexpected("the name of a computer of the robot, or the address of another device") from None
+    except UnexpectedValue:
+        raise UnexpectedValue("the name of a computer of the robot, or the address of another device") from None
 
 
 def network(value: Any) -> IPv4Network:
@@ -70,16 +70,16 @@ def network(value: Any) -> IPv4Network:
     try:
         found = ip_network(text(value))
     except ValueError:
-        raise Unexpected("an IPv4 network such as 192.168.1.0/24, without host bits") from None
+        raise UnexpectedValue("an IPv4 network such as 192.168.1.0/24, without host bits") from None
     if not isinstance(found, IPv4Network) or found.prefixlen > 30:
-        raise Unexpected("an IPv4 network of several addresses, such as 192.168.1.0/24")
+        raise UnexpectedValue("an IPv4 network of several addresses, such as 192.168.1.0/24")
     return found
 
 
 def sources(value: Any) -> tuple[IPv4Network, ...]:
     """Read a list of addresses and networks; an address is a network of one."""
     if isinstance(value, str) or not isinstance(value, (list, tuple)):
-        raise Unexpected("a list of IPv4 addresses and networks, such as [192.168.1.77, 192.168.2.0/24]")
+        raise UnexpectedValue("a list of IPv4 addresses and networks, such as [192.168.1.77, 192.168.2.0/24]")
     return tuple(map(_source, value))
 
 
@@ -87,13 +87,13 @@ def _source(value: Any) -> IPv4Network:
     try:
         found = ip_network(text(value))
     except ValueError:
-        raise Unexpected(
+        raise UnexpectedValue(
             f"IPv4 addresses and networks without host bits, such as [192.168.1.77, 192.168.2.0/24], but '{value}' is neither"
         ) from None
     if not isinstance(found, IPv4Network) or found.is_loopback or found.is_multicast or found.is_unspecified:
-        raise Unexpected(f"IPv4 addresses and networks of computers, but '{value}' is none")
+        raise UnexpectedValue(f"IPv4 addresses and networks of computers, but '{value}' is none")
     if found.prefixlen == 0:
-        raise Unexpected(
+        raise UnexpectedValue(
             f"networks of known computers, but '{value}' is everybody: set multimaster_strangers to 'allow'"
         )
     return found
@@ -106,11 +106,11 @@ def ports(value: Any) -> tuple[str, ...]:
     """Read a list of ports with their protocols."""
     wanted = "a list of ports with their protocols, such as [51820/udp]"
     if isinstance(value, str) or not isinstance(value, (list, tuple)):
-        raise Unexpected(wanted)
+        raise UnexpectedValue(wanted)
     for entry in value:
         found = _PORT.fullmatch(text(entry))
         if not found or int(found[1]) > 65535:
-            raise Unexpected(f"{wanted}, but '{entry}' is none")
+            raise UnexpectedValue(f"{wanted}, but '{entry}' is none")
     return tuple(value)
 
 
@@ -119,9 +119,9 @@ def group(value: Any) -> IPv4Address:
     try:
         found = ip_address(text(value))
     except ValueError:
-        raise Unexpected("an IPv4 multicast group between 224.0.0.0 and 239.255.255.255") from None
+        raise UnexpectedValue("an IPv4 multicast group between 224.0.0.0 and 239.255.255.255") from None
     if not isinstance(found, IPv4Address) or not found.is_multicast or found == IPv4Address("224.0.0.0"):
-        raise Unexpected("an IPv4 multicast group between 224.0.0.1 and 239.255.255.255")
+        raise UnexpectedValue("an IPv4 multicast group between 224.0.0.1 and 239.255.255.255")
     return found
 
 
@@ -129,7 +129,7 @@ def number(kind: type[int] | type[float], low: float, high: float) -> Callable[[
     """Return a reader of numbers of this kind, from `low` to `high`. A text that is a number is read as one."""
 
     def read(value: Any) -> float:
-        expected = Unexpected(f"{'a whole number' if kind is int else 'a number'} from {low} to {high}")
+        expected = UnexpectedValue(f"{'a whole number' if kind is int else 'a number'} from {low} to {high}")
         if isinstance(value, bool) or not isinstance(value, (kind, int, str)):
             raise expected
         try:
@@ -151,7 +151,7 @@ def switch(value: Any) -> bool:
         return True
     if isinstance(value, str) and value.lower() in ("false", "no", "off"):
         return False
-    raise Unexpected("true or false")
+    raise UnexpectedValue("true or false")
 
 
 def choice(*choices: str) -> Callable[[Any], str]:
@@ -159,7 +159,7 @@ def choice(*choices: str) -> Callable[[Any], str]:
 
     def read(value: Any) -> str:
         if value not in choices:
-            raise Unexpected("one of " + ", ".join(choices))
+            raise UnexpectedValue("one of " + ", ".join(choices))
         return str(value)
 
     return read
@@ -170,7 +170,7 @@ def setup(value: Any) -> str:
     if value in ("auto", "debian"):
         return str(value)
     if not isinstance(value, str) or not value.startswith("/") or ".." in value.split("/"):
-        raise Unexpected("auto, debian, or the absolute path of a set-up file such as /opt/ros/noetic/setup.bash")
+        raise UnexpectedValue("auto, debian, or the absolute path of a set-up file such as /opt/ros/noetic/setup.bash")
     return str(value)
 
 
@@ -180,7 +180,7 @@ _FOLDER = re.compile(r"(/[A-Za-z0-9_][A-Za-z0-9._-]*)+")
 def folder(value: Any) -> str:
     """Read the absolute path of a folder, of letters that mean nothing to systemd."""
     if not isinstance(value, str) or not _FOLDER.fullmatch(value):
-        raise Unexpected(
+        raise UnexpectedValue(
             "the absolute path of a folder: letters, digits, '.', '_' and '-', as in /var/lib/prometheus/node-exporter"
         )
     return str(value)
@@ -189,13 +189,15 @@ def folder(value: Any) -> str:
 def filters(value: Any) -> dict[str, list[str]]:
     """Read filters: lists of patterns, by the names in FILTERS."""
     if not isinstance(value, Mapping):
-        raise Unexpected("a mapping of filters, such as {ignore_topics: [/tf]}")
+        raise UnexpectedValue("a mapping of filters, such as {ignore_topics: [/tf]}")
     read = {}
     for key, patterns in value.items():
         if key not in FILTERS:
-            raise Unexpected(f"filters named {', '.join(FILTERS)}, but there is '{key}'{nearest(str(key), FILTERS)}")
+            raise UnexpectedValue(
+                f"filters named {', '.join(FILTERS)}, but there is '{key}'{nearest(str(key), FILTERS)}"
+            )
         if isinstance(patterns, str) or not isinstance(patterns, (list, tuple)):
-            raise Unexpected(f"a list of patterns at '{key}', such as [/tf, '/camera/*']")
+            raise UnexpectedValue(f"a list of patterns at '{key}', such as [/tf, '/camera/*']")
         for pattern in patterns:
             _check_pattern(key, pattern)
         read[str(key)] = [str(pattern) for pattern in patterns]
@@ -204,8 +206,8 @@ def filters(value: Any) -> dict[str, list[str]]:
 
 def _check_pattern(key: str, pattern: Any) -> None:
     if not isinstance(pattern, str) or not pattern.strip():
-        raise Unexpected(f"patterns at '{key}' that are texts and not empty")
+        raise UnexpectedValue(f"patterns at '{key}' that are texts and not empty")
     try:
         re.compile(pattern.strip().replace("*", ".*"))
     except re.error as problem:
-        raise Unexpected(f"regular expressions at '{key}', but '{pattern}' is none ({problem})") from None
+        raise UnexpectedValue(f"regular expressions at '{key}', but '{pattern}' is none ({problem})") from None

@@ -17,7 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model 
 
 
 @dataclass(frozen=True)
-class Addressing:
+class NetworkVariables:
     """A robot's network as its variables have it; None for a variable that is not set."""
 
     hosts: Sequence[str]
@@ -27,7 +27,7 @@ class Addressing:
     unread: frozenset[str] = frozenset()  # variables with a value that is not of its kind
 
     @classmethod
-    def of(cls, hosts: Sequence[str], own: Mapping[str, Any], given: Mapping[str, Any]) -> Addressing:
+    def of(cls, hosts: Sequence[str], own: Mapping[str, Any], given: Mapping[str, Any]) -> NetworkVariables:
         """Return the network of a robot out of its variables, as they were read and as they were given."""
         names = ("multimaster_network", "multimaster_gateway", "multimaster_common_address")
         unread = frozenset(name for name in names if given.get(name) is not None and name not in own)
@@ -39,10 +39,10 @@ class Addressing:
         return self.gateway if isinstance(self.gateway, str) and self.gateway in self.hosts else None
 
 
-def problems(
+def find_network_problems(
     common: IPv4Network | None,
     addresses: Mapping[str, IPv4Address],
-    robots: Mapping[str, Addressing],
+    robots: Mapping[str, NetworkVariables],
     router: Router | None,
 ) -> list[str]:
     """Return what keeps packets from going everywhere and back, one sentence each.
@@ -65,7 +65,7 @@ def _variable_of(router: Router) -> str:
     return "multimaster_address" if router.name else "multimaster_router"
 
 
-def _complete(robot: str, own: Addressing) -> Iterator[str]:
+def _complete(robot: str, own: NetworkVariables) -> Iterator[str]:
     """Check that the three variables of a robot's own network are all set, or none."""
     given = {
         "multimaster_network": own.network,
@@ -88,7 +88,7 @@ def _complete(robot: str, own: Addressing) -> Iterator[str]:
                 )
 
 
-def _members(own: Addressing, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]) -> Iterator[str]:
+def _members(own: NetworkVariables, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]) -> Iterator[str]:
     """Check that every computer is in the network of its robot."""
     if not own.network and (own.gateway or own.common_address):
         return  # among the incomplete ones already
@@ -99,7 +99,7 @@ def _members(own: Addressing, common: IPv4Network | None, addresses: Mapping[str
 
 
 def _gateway(
-    robot: str, own: Addressing, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]
+    robot: str, own: NetworkVariables, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]
 ) -> Iterator[str]:
     """Check that the gateway is in both networks."""
     where = f"group_vars/{robot}.yml"
@@ -137,7 +137,7 @@ def _inside(
         )
 
 
-def _overlaps(common: IPv4Network | None, robots: Mapping[str, Addressing]) -> Iterator[str]:
+def _overlaps(common: IPv4Network | None, robots: Mapping[str, NetworkVariables]) -> Iterator[str]:
     """Check that no address is in two networks. Sorted by their begin, only neighbours can overlap first."""
     named = [(own.network, f"multimaster_network of the robot {robot}") for robot, own in robots.items() if own.network]
     if common:
@@ -157,7 +157,7 @@ def _overlaps(common: IPv4Network | None, robots: Mapping[str, Addressing]) -> I
 
 
 def _unique(
-    addresses: Mapping[str, IPv4Address], robots: Mapping[str, Addressing], router: Router | None
+    addresses: Mapping[str, IPv4Address], robots: Mapping[str, NetworkVariables], router: Router | None
 ) -> Iterator[str]:
     """Check that every address belongs to one computer."""
     claims: list[tuple[str, str, IPv4Address]] = [

@@ -31,7 +31,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model 
     Router,
     master_name,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected, nearest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue, nearest
 
 T = TypeVar("T")
 
@@ -58,7 +58,7 @@ class Inventory:
 
 
 @dataclass(frozen=True)
-class _Reading:
+class _InventoryValues:
     """The values of an inventory, as far as they could be read."""
 
     inventory: Inventory
@@ -86,21 +86,21 @@ def read_fleet(inventory: Inventory) -> Fleet:
     for name, hosts, own in reading.robots():
         problems += _robot_problems(name, hosts, own)
     problems += _ambiguous_names(reading) + _network_problems(reading, router) + _contradictions(reading)
-    problems += heartbeats.too_few_heartbeats(
+    problems += heartbeats.find_slow_heartbeats(
         reading.shared.get("multimaster_heartbeat_hz"), reading.shared.get("multimaster_offline_after")
     )
     if not problems:
-        fleet = _made_fleet(reading, router)
-        problems = heartbeats.unreached_masters(fleet)
+        fleet = _make_fleet(reading, router)
+        problems = heartbeats.find_unreachable_masters(fleet)
     if problems:
-        raise InventoryProblems(_collapsed(problems, [*reading.hosts, *inventory.routers]))
+        raise InventoryProblems(_collapse(problems, [*reading.hosts, *inventory.routers]))
     return fleet
 
 
 # Reading of values
 
 
-def _read_values(inventory: Inventory) -> tuple[_Reading, list[str]]:
+def _read_values(inventory: Inventory) -> tuple[_InventoryValues, list[str]]:
     """Read all values, and find out which ones the computers of the fleet and of each robot agree about."""
     problems: list[str] = []
     hosts = {
@@ -108,12 +108,12 @@ def _read_values(inventory: Inventory) -> tuple[_Reading, list[str]]:
         for of_robot in inventory.robots.values()
         for host in of_robot
     }
-    problems += _several_robots(inventory.robots) + _no_robot(inventory.strays)
-    shared = _agreed(
+    problems += _several_robots(inventory.robots) + _find_strays(inventory.strays)
+    shared = _take_common_values(
         variables.OF_FLEET, list(hosts), hosts, "all computers of the fleet", "group_vars/robots.yml", problems
     )
     own = {
-        name: _agreed(
+        name: _take_common_values(
             variables.OF_ROBOT,
             of_robot,
             hosts,
@@ -124,7 +124,7 @@ def _read_values(inventory: Inventory) -> tuple[_Reading, list[str]]:
         for name, of_robot in inventory.robots.items()
         if of_robot
     }
-    return _Reading(inventory, hosts, shared, own), problems
+    return _InventoryValues(inventory, hosts, shared, own), problems
 
 
 def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> Values:
@@ -143,9 +143,9 @@ def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> Valu
             continue
         try:
             read[variable.name] = variable.read(value)
-        except Unexpected as expected:
+        except UnexpectedValue as expected:
             problems.append(
-                f"{host}: {variable.name} is {_shown(value)}; expected {expected}: correct it in the inventory."
+                f"{host}: {variable.name} is {_quote_value(value)}; expected {expected}: correct it in the inventory."
             )
     if not _is_name(host):
         problems.append(
@@ -167,12 +167,12 @@ def _unknown(host: str, given: Mapping[str, Any]) -> list[str]:
 def _is_name(host: str) -> bool:
     try:
         kinds.name(host)
-    except Unexpected:
+    except UnexpectedValue:
         return False
     return host.lower() != "localhost"
 
 
-def _shown(value: Any) -> str:
+def _quote_value(value: Any) -> str:
     """Return a value as a sentence has it: texts and addresses in quotes."""
     if isinstance(value, (str, IPv4Address, IPv4Network)):
         return f"'{value}'"
@@ -191,14 +191,14 @@ def _several_robots(robots: Mapping[str, Sequence[str]]) -> list[str]:
     ]
 
 
-def _no_robot(strays: Sequence[str]) -> list[str]:
+def _find_strays(strays: Sequence[str]) -> list[str]:
     return [
         f"{host}: is in the group 'robots' but in none of its robots; expected a group of its robot below 'robots': put it there."
         for host in strays
     ]
 
 
-def _agreed(
+def _take_common_values(
     rows: Sequence[variables.Variable],
     hosts: Sequence[str],
     values: Mapping[str, Values],
@@ -215,13 +215,13 @@ def _agreed(
             first, value = agreed.setdefault(name, (host, values[host][name]))
             if values[host][name] != value:
                 problems.append(
-                    f"{host}: {name} is {_shown(values[host][name])}, but {first} has {_shown(value)}; "
+                    f"{host}: {name} is {_quote_value(values[host][name])}, but {first} has {_quote_value(value)}; "
                     f"expected one value for {whom}: set it once, in {where}."
                 )
     return {name: value for name, (_host, value) in agreed.items()}
 
 
-def _read_router(reading: _Reading) -> tuple[Router | None, list[str]]:
+def _read_router(reading: _InventoryValues) -> tuple[Router | None, list[str]]:
     """Return the router and what is wrong with it: the host of the group `routers`, or the device of the variable."""
     inventory = reading.inventory
     given = reading.shared.get("multimaster_router")
@@ -244,8 +244,8 @@ def _read_router(reading: _Reading) -> tuple[Router | None, list[str]]:
     address = of_router.get("multimaster_address")
     try:
         read = kinds.address(address)
-    except Unexpected as expected:
-        found = "is not set" if address is None else f"is {_shown(address)}"
+    except UnexpectedValue as expected:
+        found = "is not set" if address is None else f"is {_quote_value(address)}"
         problems.append(f"{name}: multimaster_address {found}; expected {expected}: set it in the inventory.")
         return None, problems
     if given not in (None, read):
@@ -291,7 +291,7 @@ def _master(hosts: Sequence[str], own: Values) -> str | None:
     return name
 
 
-def _ambiguous_names(reading: _Reading) -> list[str]:
+def _ambiguous_names(reading: _InventoryValues) -> list[str]:
     """Return a sentence for each name that does not mean one computer."""
     problems = []
     owner: dict[str, str] = {}
@@ -313,9 +313,9 @@ def _ambiguous_names(reading: _Reading) -> list[str]:
     return problems
 
 
-def _network_problems(reading: _Reading, router: Router | None) -> list[str]:
+def _network_problems(reading: _InventoryValues, router: Router | None) -> list[str]:
     given = reading.inventory.variables
-    return networks.problems(
+    return networks.find_network_problems(
         common=reading.shared.get("multimaster_common_network"),
         addresses={
             host: values["multimaster_address"]
@@ -323,20 +323,20 @@ def _network_problems(reading: _Reading, router: Router | None) -> list[str]:
             if "multimaster_address" in values
         },
         robots={
-            name: networks.Addressing.of(hosts, own, given.get(hosts[0], {}) if hosts else {})
+            name: networks.NetworkVariables.of(hosts, own, given.get(hosts[0], {}) if hosts else {})
             for name, hosts, own in reading.robots()
         },
         router=router,
     )
 
 
-def _contradictions(reading: _Reading) -> list[str]:
+def _contradictions(reading: _InventoryValues) -> list[str]:
     parties = [_party(name, hosts, reading.hosts, own) for name, hosts, own in reading.robots() if hosts]
     outside = contradictions.strangers_outside(
         reading.shared.get("multimaster_firewall"), reading.shared.get("multimaster_strangers")
     )
     kept = contradictions.diagnostics_kept(parties, reading.shared.get("multimaster_diagnostics"))
-    return contradictions.problems(parties, reading.inventory.robots) + outside + kept
+    return contradictions.find_contradictions(parties, reading.inventory.robots) + outside + kept
 
 
 def _party(name: str, hosts: Sequence[str], values: Mapping[str, Values], own: Values) -> contradictions.Party:
@@ -354,7 +354,7 @@ def _party(name: str, hosts: Sequence[str], values: Mapping[str, Values], own: V
     )
 
 
-def _collapsed(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
+def _collapse(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
     """Return one sentence for a value that is wrong on many hosts, since it stands in one place of the inventory."""
     of: dict[str, list[str]] = {}
     for problem in problems:
@@ -370,22 +370,22 @@ def _collapsed(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
 # The model
 
 
-def _made_fleet(reading: _Reading, router: Router | None) -> Fleet:
+def _make_fleet(reading: _InventoryValues, router: Router | None) -> Fleet:
     """Make the model of values that have no problem."""
     rate = reading.shared["multimaster_heartbeat_hz"]
     computed = {"multimaster_offline_after": heartbeats.default_offline_after(rate)}
     return Fleet(
-        robots=tuple(_made_robot(reading, name, hosts, own) for name, hosts, own in reading.robots()),
+        robots=tuple(_make_robot(reading, name, hosts, own) for name, hosts, own in reading.robots()),
         router=router,
-        variables=_made(variables.FleetVariables, {**computed, **reading.shared}),
+        variables=_make_variables(variables.FleetVariables, {**computed, **reading.shared}),
     )
 
 
-def _made_robot(reading: _Reading, name: str, hosts: Sequence[str], own: Values) -> Robot:
+def _make_robot(reading: _InventoryValues, name: str, hosts: Sequence[str], own: Values) -> Robot:
     computed = {"multimaster_rpc_port": own["multimaster_roscore_port"] + 300}
-    values = _made(variables.RobotVariables, {**computed, **own})
-    gateway = _made_gateway(reading, values)
-    computers = {host: _made_computer(reading, name, host, gateway) for host in hosts}
+    values = _make_variables(variables.RobotVariables, {**computed, **own})
+    gateway = _make_gateway(reading, values)
+    computers = {host: _make_computer(reading, name, host, gateway) for host in hosts}
     return Robot(
         name=name,
         network=values.network or reading.shared["multimaster_common_network"],
@@ -396,7 +396,7 @@ def _made_robot(reading: _Reading, name: str, hosts: Sequence[str], own: Values)
     )
 
 
-def _made_gateway(reading: _Reading, own: variables.RobotVariables) -> Gateway | None:
+def _make_gateway(reading: _InventoryValues, own: variables.RobotVariables) -> Gateway | None:
     if own.gateway is None or own.common_address is None:
         return None
     if isinstance(own.gateway, IPv4Address):
@@ -404,14 +404,14 @@ def _made_gateway(reading: _Reading, own: variables.RobotVariables) -> Gateway |
     return Gateway(own.gateway, reading.hosts[own.gateway]["multimaster_address"], own.common_address)
 
 
-def _made_computer(reading: _Reading, robot: str, host: str, gateway: Gateway | None) -> Computer:
-    values = _made(variables.ComputerVariables, reading.hosts[host])
+def _make_computer(reading: _InventoryValues, robot: str, host: str, gateway: Gateway | None) -> Computer:
+    values = _make_variables(variables.ComputerVariables, reading.hosts[host])
     common = values.address
     if gateway is not None:
         return Computer(host, robot, gateway.common_address if host == gateway.name else None, values)
     return Computer(host, robot, common, values)
 
 
-def _made(kind: type[T], values: Values) -> T:
+def _make_variables(kind: type[T], values: Values) -> T:
     """Make one of the classes of variables; what is not set is None."""
     return kind(**{row.name: values.get(variables.PREFIX + row.name) for row in dataclasses.fields(kind)})  # type: ignore[arg-type]  # a dataclass

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
 
 
-def numbered(problems: Sequence[str]) -> str:
+def number_problems(problems: Sequence[str]) -> str:
     """Return problems as a message: a single one on one line, several as a numbered list."""
     texts = [plain(text, LINE) for text in problems]
     if len(texts) == 1:

@@ -9,7 +9,7 @@ import difflib
 from typing import Any
 
 
-class Unexpected(ValueError):
+class UnexpectedValue(ValueError):
     """A value is not of its kind; the text says what was expected."""
 
 

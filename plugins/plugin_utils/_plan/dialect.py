@@ -53,7 +53,7 @@ class Dialect:
     notes: Mapping[str, str] = field(default_factory=dict)
 
 
-def all_dialects() -> dict[str, Dialect]:
+def load_dialects() -> dict[str, Dialect]:
     """Return every dialect by its name. A file whose name begins with `_` is none."""
     package = f"{__package__}.dialects"
     names = [path.stem for path in pathlib.Path(__file__).with_name("dialects").glob("[!_]*.py")]

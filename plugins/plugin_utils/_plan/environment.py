@@ -84,7 +84,9 @@ def merge(ros: Mapping[str, str], ours: Mapping[str, str]) -> Environment:
     return Environment(dict(sorted(texts.items())), dict(sorted(lists.items())), unset)
 
 
-def reaching(ros: Mapping[str, str], for_root: Mapping[str, str], person: str, ours: Mapping[str, str]) -> Environment:
+def merge_for_users(
+    ros: Mapping[str, str], for_root: Mapping[str, str], person: str, ours: Mapping[str, str]
+) -> Environment:
     """Merge as `merge` does, where not everybody gets all: root must not act on what somebody else can change."""
     whole, others = merge(ros, ours), merge(for_root, ours)
     return whole if whole == others else replace(whole, others=others, person=person)
@@ -101,7 +103,7 @@ def machine(info: Mapping[str, Any]) -> Machine:
     )
 
 
-def files(environment: Environment, machine: Machine) -> list[dict[str, Any]]:
+def render_files(environment: Environment, machine: Machine) -> list[dict[str, Any]]:
     """Return the files that carry an environment and that this machine can use, as managed_files takes them."""
     made = []
     for path, render in CONSUMERS:
@@ -151,7 +153,7 @@ def notes(info: Mapping[str, Any], environment: Environment) -> list[str]:
     return found
 
 
-def differences(
+def find_differences(
     ours: Mapping[str, str],
     seen: Mapping[str, Mapping[str, str] | None],
     rendered: Collection[str],
@@ -202,7 +204,7 @@ def _match_setenv(sshd: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 def _units(environment: Environment, machine: Machine) -> str:
     """Render the file for systemd (systemd.exec(5), EnvironmentFile=): whole values, nothing is expanded."""
-    return _HEADER + "".join(f"{name}={_quoted(value)}\n" for name, value in values(environment).items())
+    return _HEADER + "".join(f"{name}={_quote(value)}\n" for name, value in values(environment).items())
 
 
 def values(environment: Environment) -> dict[str, str]:
@@ -212,16 +214,16 @@ def values(environment: Environment) -> dict[str, str]:
 
 def _profile(environment: Environment, machine: Machine) -> str:
     """Render POSIX sh for /etc/profile and display managers; it works under any options (set -eu) and prints nothing."""
-    return _HEADER + "\n".join(_by_user(environment, _exports)) + "\n"
+    return _HEADER + "\n".join(_render_by_user(environment, _exports)) + "\n"
 
 
 def _exports(environment: Environment) -> list[str]:
     lines = [f"unset {name}" for name in environment.unset]
     lines += [f"export {name}={shlex.quote(value)}" for name, value in environment.texts.items()]
-    return lines + _prepended(environment.lists)
+    return lines + _prepend_folders(environment.lists)
 
 
-def _by_user(environment: Environment, render: Callable[[Environment], list[str]]) -> list[str]:
+def _render_by_user(environment: Environment, render: Callable[[Environment], list[str]]) -> list[str]:
     """Render lines of sh, where not everybody gets the same those for the person and those for others."""
     others = environment.others
     if not others:
@@ -248,10 +250,10 @@ def _hook(environment: Environment, machine: Machine) -> str:
         (name, names if name in NAMES else f"${{{name}-}}") for name in environment.texts if name in (MASTER, *NAMES)
     ]
     lines = [f'[ -n "{test}" ] || export {name}={shlex.quote(environment.texts[name])}' for name, test in tests]
-    return _HEADER + "\n".join(lines + _prepended(merge({}, {}).lists)) + "\n"
+    return _HEADER + "\n".join(lines + _prepend_folders(merge({}, {}).lists)) + "\n"
 
 
-def _prepended(lists: Mapping[str, Sequence[str]]) -> list[str]:
+def _prepend_folders(lists: Mapping[str, Sequence[str]]) -> list[str]:
     lines = []
     for name, entries in lists.items():
         for entry in reversed(entries):  # the first one is put in front last
@@ -268,9 +270,9 @@ def _desktop(environment: Environment, machine: Machine) -> str:
     if environment.others and environment.person:
         return ""  # every user's systemd reads this file, root's too
     environment = environment.others or environment
-    lines = [f"{name}={_quoted(value.replace('$', '$$'))}\n" for name, value in environment.texts.items()]
+    lines = [f"{name}={_quote(value.replace('$', '$$'))}\n" for name, value in environment.texts.items()]
     for name, entries in environment.lists.items():
-        joined = _quoted(":".join(entries).replace("$", "$$"))
+        joined = _quote(":".join(entries).replace("$", "$$"))
         lines.append(f"{name}={joined}${{{name}:+:${name}}}\n")
     return _HEADER + "".join(lines)
 
@@ -283,7 +285,7 @@ def _generator(environment: Environment, machine: Machine) -> str:
     def said(environment: Environment) -> list[str]:
         return [*_exports(environment), f"say {' '.join([*environment.texts, *environment.lists])}"]
 
-    return _GENERATOR_START + "\n".join(_by_user(environment, said)) + "\n"
+    return _GENERATOR_START + "\n".join(_render_by_user(environment, said)) + "\n"
 
 
 _GENERATOR_START = f"""\
@@ -316,7 +318,7 @@ def _setenv(environment: Environment, machine: Machine) -> str:
     values = {**environment.texts, **_whole(environment, machine.ssh_path)}
     # The quotes are around the whole word: OpenSSH before 8.7 knows them only at its start.
     pairs = map("=".join, sorted(values.items()))
-    words = [pair if _PLAIN.fullmatch(pair) else f'"{_escaped(pair)}"' for pair in pairs]
+    words = [pair if _PLAIN.fullmatch(pair) else f'"{_escape(pair)}"' for pair in pairs]
     return f"SetEnv {' '.join(words)}\n"
 
 
@@ -328,12 +330,12 @@ def _whole(environment: Environment, path: str) -> dict[str, str]:
     }
 
 
-def _quoted(value: str) -> str:
+def _quote(value: str) -> str:
     """Return a value as systemd reads it: in double quotes where it is not plain."""
-    return value if _PLAIN.fullmatch(value) else f'"{_escaped(value)}"'
+    return value if _PLAIN.fullmatch(value) else f'"{_escape(value)}"'
 
 
-def _escaped(value: str) -> str:
+def _escape(value: str) -> str:
     return value.replace("\\", "\\\\").replace('"', '\\"')
 
 

@@ -43,7 +43,7 @@ def discovery(fleet: Fleet, robot: Robot) -> Parameters:
     if robot.variables.provider in UPSTREAM:
         return _upstream_discovery(bundled)
     parameters: Parameters = to_plain(bundled)
-    return {**parameters, **_shown(fleet, robot, "discovery")}
+    return {**parameters, **_output_parameters(fleet, robot, "discovery")}
 
 
 def sync(fleet: Fleet, robot: Robot) -> Parameters:
@@ -53,11 +53,11 @@ def sync(fleet: Fleet, robot: Robot) -> Parameters:
     if robot.variables.provider in UPSTREAM:
         return _upstream_sync(bundled)
     who = fleet.variables
-    shown = _shown(fleet, robot, "sync")
+    shown = _output_parameters(fleet, robot, "sync")
     return {**bundled, "strangers": who.strangers, "allow": [str(network) for network in who.allow], **shown}
 
 
-def with_members(parameters: Parameters, members: Sequence[Any]) -> Parameters:
+def add_members(parameters: Parameters, members: Sequence[Any]) -> Parameters:
     """Return the parameters of a node with the robots of the fleet, which all nodes share; upstream's nodes take none."""
     return {**parameters, "members": list(members)} if "strangers" in parameters else parameters
 
@@ -72,7 +72,7 @@ def writes_metrics(robot: Robot) -> bool:
     return robot.variables.metrics == "textfile" and robot.variables.provider == "bundled"
 
 
-def _shown(fleet: Fleet, robot: Robot, service: str) -> dict[str, Any]:
+def _output_parameters(fleet: Fleet, robot: Robot, service: str) -> dict[str, Any]:
     """Return the parameters that differ from the defaults. The file is in memory, in the folder of the service."""
     shown: dict[str, Any] = {"diagnostics": False} if fleet.variables.diagnostics == "none" else {}
     return {**shown, "metrics": f"/run/multimaster-{service}/metrics.prom"} if writes_metrics(robot) else shown
@@ -82,7 +82,7 @@ def _shown(fleet: Fleet, robot: Robot, service: str) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Served:
+class ServedNames:
     """Names that a robot gives to the callers from some addresses; `*` is any caller."""
 
     to: tuple[str, ...]
@@ -107,7 +107,9 @@ class Discovery:
     hide_subscribers: tuple[str, ...]
     strangers: str
     allow: tuple[IPv4Network, ...]
-    exports: tuple[Served, ...] | None = field(default=None, metadata=notation(left_out=True))  # None: not declared
+    exports: tuple[ServedNames, ...] | None = field(
+        default=None, metadata=notation(left_out=True)
+    )  # None: not declared
 
 
 def _discovery(fleet: Fleet, robot: Robot) -> Discovery:
@@ -125,17 +127,17 @@ def _discovery(fleet: Fleet, robot: Robot) -> Discovery:
         send_mcast=multicast,
         listen_mcast=multicast,
         robot_hosts=peers if shared.transport in ("both", "unicast") else (),
-        hide_subscribers=("*",) if restricted(fleet, robot) else (),
+        hide_subscribers=("*",) if is_restricted(fleet, robot) else (),
         strangers=shared.strangers,
         allow=shared.allow,
-        exports=None if robot.variables.exports is None else _served(fleet, robot),
+        exports=None if robot.variables.exports is None else _make_served_names(fleet, robot),
     )
 
 
-def _served(fleet: Fleet, robot: Robot) -> tuple[Served, ...]:
+def _make_served_names(fleet: Fleet, robot: Robot) -> tuple[ServedNames, ...]:
     addresses = {other.name: _addresses(other) for other in fleet.robots}
     return tuple(
-        Served(
+        ServedNames(
             to=tuple(address for other in flow.to for address in addresses[other]) or ("*",),
             topics=(*flow.topics, VERIFICATION_TOPICS),
             services=flow.services,
@@ -154,7 +156,7 @@ def _addresses(robot: Robot) -> list[str]:
 UNRESTRICTING = ("ignore_services", "ignore_subscribers")
 
 
-def restricted(fleet: Fleet, robot: Robot) -> bool:
+def is_restricted(fleet: Fleet, robot: Robot) -> bool:
     """Return True if this robot exchanges no subscribers: a roscore that has another robot's tells it whom to hear."""
     return fleet.declared or any(
         patterns for name, patterns in robot.variables.filters.items() if name not in UNRESTRICTING
@@ -167,12 +169,12 @@ def restricted(fleet: Fleet, robot: Robot) -> bool:
 def _sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
     """Return the robot's filters, and a section with a white list for each master that declares."""
     filters = _filters(robot)
-    if restricted(fleet, robot):
+    if is_restricted(fleet, robot):
         filters["ignore_subscribers"] = ["*"]
     if fleet.variables.diagnostics == "local":
         filters.setdefault("ignore_topics", []).append(DIAGNOSTICS)
     parameters: dict[str, Any] = {**filters}
-    received = _received(fleet.flows, robot.name)
+    received = _make_white_lists(fleet.flows, robot.name)
     for other in fleet.robots:
         if other.variables.exports is None or other == robot:
             continue
@@ -196,7 +198,7 @@ def _filters(robot: Robot) -> Filters:
     return parameters
 
 
-def _received(flows: Sequence[Flow], robot: str) -> dict[str, Filters]:
+def _make_white_lists(flows: Sequence[Flow], robot: str) -> dict[str, Filters]:
     """Return the white lists for each declaring robot that gives this one something."""
     found: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
     for flow in flows:
@@ -222,7 +224,7 @@ def _add_for_upstream(parameters: dict[str, Any], fleet: Fleet, robot: Robot) ->
             continue
         if len(other.computers) > 1:
             parameters["sync_remote_nodes"] = True
-        if restricted(fleet, other) and parameters.get("ignore_subscribers") != ["*"]:
+        if is_restricted(fleet, other) and parameters.get("ignore_subscribers") != ["*"]:
             section = parameters.get(other.master_name, {})
             parameters[other.master_name] = {**section, "ignore_subscribers": ["*"]}
 
@@ -250,7 +252,7 @@ def _upstream_discovery(bundled: Discovery) -> dict[str, Any]:
         "mcast_group": f"{bundled.mcast_group}@{bundled.interface}",
         "timeout_factor": round(silence / (INTERVAL if hz >= 1 else INTERVAL / hz), 3),
         "remove_after": int(silence + 0.999),
-        **_hidden(bundled.exports),
+        **_hide_names(bundled.exports),
     }
 
 
@@ -260,16 +262,16 @@ def _offline_after(bundled: Discovery) -> float:
     return max(bundled.offline_after, BEATS / hz if hz >= COUNTED_HZ else UNCOUNTED)
 
 
-def _hidden(exports: Sequence[Served] | None) -> Filters:
+def _hide_names(exports: Sequence[ServedNames] | None) -> Filters:
     """Hide from everybody what goes to nobody. What goes to some robots, upstream serves to all of them."""
     if exports is None:
         return {}
     topics = (name for entry in exports for name in entry.topics)
     services = (name for entry in exports for name in entry.services)
-    return {"hide_topics": [_all_but(topics)], "hide_services": [_all_but(services)]}
+    return {"hide_topics": [_invert_patterns(topics)], "hide_services": [_invert_patterns(services)]}
 
 
-def _all_but(patterns: Iterable[str]) -> str:
+def _invert_patterns(patterns: Iterable[str]) -> str:
     alternatives = "|".join(dict.fromkeys(patterns))
     return rf"(?!(?:{alternatives})\Z)*" if alternatives else "*"
 
@@ -277,25 +279,25 @@ def _all_but(patterns: Iterable[str]) -> str:
 def _upstream_sync(bundled: Mapping[str, Any]) -> dict[str, Any]:
     sections = {key: value for key, value in bundled.items() if isinstance(value, Mapping)}
     kept = {key: value for key, value in bundled.items() if key not in (*sections, *UPSTREAM_FILTERS, *HOSTS)}
-    everybody = _closed({name: list(bundled.get(name, ())) for name in UPSTREAM_FILTERS}, {})
-    lists: dict[str, list[Any]] = {name: [*_grouped(items)] for name, items in everybody.items()}
+    everybody = _close_white_lists({name: list(bundled.get(name, ())) for name in UPSTREAM_FILTERS}, {})
+    lists: dict[str, list[Any]] = {name: [*_group_alternatives(items)] for name, items in everybody.items()}
     for master, section in sections.items():
-        own = _closed({name: list(section.get(name, ())) for name in UPSTREAM_FILTERS}, everybody)
+        own = _close_white_lists({name: list(section.get(name, ())) for name in UPSTREAM_FILTERS}, everybody)
         for name, items in own.items():
             if items:
-                lists[name].append({master.lower(): _grouped(items)})
+                lists[name].append({master.lower(): _group_alternatives(items)})
     return {**kept, **_hosts(bundled), **{name: items for name, items in lists.items() if items}}
 
 
 def _hosts(bundled: Mapping[str, Any]) -> Filters:
     """Return the filters of hosts. Beside `ignore_hosts`, upstream's `sync_hosts` restricts nothing, unless all are ignored."""
-    wanted, ignored = (_grouped(bundled.get(name, ())) for name in ("sync_hosts", "ignore_hosts"))
+    wanted, ignored = (_group_alternatives(bundled.get(name, ())) for name in ("sync_hosts", "ignore_hosts"))
     if wanted:
         return {"ignore_hosts": ["*"], "sync_hosts": wanted}
     return {"ignore_hosts": ignored} if ignored else {}
 
 
-def _closed(own: Mapping[str, list[str]], everybody: Mapping[str, list[str]]) -> Filters:
+def _close_white_lists(own: Mapping[str, list[str]], everybody: Mapping[str, list[str]]) -> Filters:
     """Close the white lists: where one of any kind is there, an empty one of topics or services lets nothing pass."""
     closed = {name: list(items) for name, items in own.items()}
     if any(own[name] or everybody.get(name) for name in WHITE_LISTS):
@@ -305,7 +307,7 @@ def _closed(own: Mapping[str, list[str]], everybody: Mapping[str, list[str]]) ->
     return closed
 
 
-def _grouped(items: Iterable[str]) -> list[str]:
+def _group_alternatives(items: Iterable[str]) -> list[str]:
     """Put alternatives in a group: upstream anchors the text as it is, so `a|b` would be everything that starts with a."""
     return [f"(?:{item.strip()})" if "|" in item else item.strip() for item in items if item.strip()]
 
@@ -345,7 +347,7 @@ def _limits(robot: Robot, bundled: Discovery) -> list[str]:
             "multimaster_provider to 'bundled'."
         )
     if bundled.exports is not None:
-        said.append(_exported(host, provider, bundled.exports))
+        said.append(_explain_exports(host, provider, bundled.exports))
     if len(robot.computers) > 1:
         others = ", ".join(computer.name for computer in robot.computers if computer != robot.master)
         said.append(
@@ -362,7 +364,7 @@ def _limits(robot: Robot, bundled: Discovery) -> list[str]:
     return said
 
 
-def _exported(host: str, provider: str, exports: Sequence[Served]) -> str:
+def _explain_exports(host: str, provider: str, exports: Sequence[ServedNames]) -> str:
     some = [entry for entry in exports if entry.to != ("*",)]
     topics = dict.fromkeys(name for entry in some for name in entry.topics if name != VERIFICATION_TOPICS)
     names = [*topics, *dict.fromkeys(name for entry in some for name in entry.services)]

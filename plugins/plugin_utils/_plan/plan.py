@@ -142,7 +142,7 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
     is_master = computer == robot.master
     is_gateway = robot.gateway is not None and robot.gateway.name == computer.name
     existing = robot.variables.routes == "existing"
-    expected = _expected_routes(fleet, robot, computer) if existing else ()
+    expected = _list_expected_routes(fleet, robot, computer) if existing else ()
     metrics = parameters.writes_metrics(robot) and is_master
     return ComputerPlan(
         computer=computer.name,
@@ -201,7 +201,7 @@ def _router(fleet: Fleet, router: Router) -> ComputerPlan:
         roscore="existing",
         sysctl=FORWARDING + NO_REDIRECTS,
         routes=tuple(Route(robot.network, robot.gateway.common_address) for robot in fleet.robots if robot.gateway),
-        firewall=_firewall(fleet, _behind_router(fleet)),
+        firewall=_firewall(fleet, _networks_behind_router(fleet)),
         look_at=LookAt(parts=LOOKED_AT),
     )
 
@@ -233,7 +233,7 @@ def _network_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[Rou
     return tuple(Route(network, robot.gateway.address) for network in networks if robot.gateway)
 
 
-def _expected_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[ExpectedRoute, ...]:
+def _list_expected_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[ExpectedRoute, ...]:
     """Return the routes that something else makes: on the common network they may also lead to its router."""
     also = (fleet.router.address,) if computer.common_address and fleet.router else ()
     return tuple(
@@ -276,7 +276,7 @@ def _let_in(fleet: Fleet, belongs: Belonging) -> tuple[IPv4Network, ...]:
     return (*(IPv4Network(address) for address in planned), *belongs.allow)
 
 
-def _behind_router(fleet: Fleet) -> tuple[IPv4Network, ...]:
+def _networks_behind_router(fleet: Fleet) -> tuple[IPv4Network, ...]:
     """Return the robots' networks, and the addresses of the fleet on the common network: others there are no robots."""
     own = [robot.network for robot in fleet.robots if robot.gateway]
     common = [computer.common_address for computer in fleet.computers if computer.common_address]

@@ -71,11 +71,11 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
     problems += (
         _systemd(plan, info) + _folders(plan, info) + _ways(plan, info) + _multicast_routing(plan, info, interfaces)
     )
-    warnings = _own_name(plan, info)
+    warnings = _check_hostname(plan, info)
     services, without = _services(plan, info)
     warnings += without
     filled = replace(
-        _with_interfaces(plan, interfaces),
+        _add_interfaces(plan, interfaces),
         services=services,
         programs=units.NO_PROGRAMS,
         packages=(),
@@ -90,12 +90,12 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
         if not ros:
             warnings += set_up.warnings(plan.computer, info["ros"]["chosen"])
             nodes = providers.find(plan, info["ros"]["chosen"], info)
-            filled, ros = _provided(filled, info, nodes), list(nodes.problems)
+            filled, ros = _add_programs(filled, info, nodes), list(nodes.problems)
             limits += nodes.limits(plan)
         if plan.is_master:
             problems += ros
             holders = _holders(plan, info)
-            warnings += _no_roscore(plan, info) + limits
+            warnings += _find_missing_roscore(plan, info) + limits
         else:
             warnings += ros
     found = AsFound(
@@ -104,11 +104,11 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
         noted=tuple(problems),
         environment=_environment(plan, info),
     )
-    problems += [_refused(plan, holder) for holder in holders]
+    problems += [_refuse_port(plan, holder) for holder in holders]
     return Comparison(tuple(problems), tuple(warnings), replace(filled, found=found))
 
 
-def unseen(computer: str, failed: Mapping[str, Any], version: str) -> str:
+def explain_failure(computer: str, failed: Mapping[str, Any], version: str) -> str:
     """Say what it takes to look at a machine; `failed` is the result of the module that could not, `version` that of ansible-core.
 
     The cause is in the last line of a module that could not start.
@@ -133,7 +133,7 @@ def _environment(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, st
     return environment.values(environment.merge(chosen["environment"], plan.environment))
 
 
-def _provided(plan: ComputerPlan, info: Mapping[str, Any], found: providers.Found) -> ComputerPlan:
+def _add_programs(plan: ComputerPlan, info: Mapping[str, Any], found: providers.Installation) -> ComputerPlan:
     """Return the plan with the nodes' programs and the packages to install."""
     ready = plan.is_master and not found.problems
     python = info["ros"]["chosen"]["python"]
@@ -151,7 +151,7 @@ def _firewall_due(plan: ComputerPlan, info: Mapping[str, Any]) -> bool:
     return plan.firewall is not None or any("firewall" in name for name in info.get("owned", ()))
 
 
-def _with_interfaces(plan: ComputerPlan, interfaces: Mapping[IPv4Address, str]) -> ComputerPlan:
+def _add_interfaces(plan: ComputerPlan, interfaces: Mapping[IPv4Address, str]) -> ComputerPlan:
     """Return the plan with the names of the interfaces."""
     common = interfaces.get(plan.common_address, "") if plan.common_address else ""
     sysctl = tuple(
@@ -351,14 +351,14 @@ class Holder:
     who: str
 
 
-def _refused(plan: ComputerPlan, holder: Holder) -> str:
+def _refuse_port(plan: ComputerPlan, holder: Holder) -> str:
     """Return the sentence for a run that would start the service of the plan."""
     remedy = {
         "roscore": "stop it, or set multimaster_roscore to 'existing' to use it",
         "discovery": "stop it: only one discovery node can answer for a master",
     }[holder.use]
     return (
-        f"{plan.computer}: {_named(holder.port)} is held by {holder.who}; expected it to be free for the {holder.use} of the "
+        f"{plan.computer}: {_port_title(holder.port)} is held by {holder.who}; expected it to be free for the {holder.use} of the "
         f"collection: {remedy}."
     )
 
@@ -367,14 +367,14 @@ def _runs(plan: ComputerPlan, holders: Sequence[Holder]) -> tuple[str, ...]:
     """Return the sentences for a run that only looks, one for each process."""
     ports: dict[tuple[str, str], list[str]] = {}
     for holder in holders:
-        ports.setdefault((holder.who, holder.use), []).append(_named(holder.port))
+        ports.setdefault((holder.who, holder.use), []).append(_port_title(holder.port))
     return tuple(
         f"{plan.computer}: {' and '.join(held)}: {who}, where the plan has multimaster-{use}.service."
         for (who, use), held in ports.items()
     )
 
 
-def _named(port: Port) -> str:
+def _port_title(port: Port) -> str:
     return f"{port.protocol.upper()} port {port.port}"
 
 
@@ -393,7 +393,7 @@ def _holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[Holder]:
     return list(dict.fromkeys(found))
 
 
-def _no_roscore(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
+def _find_missing_roscore(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     listening = {(holder["protocol"], holder["port"]) for holder in info["ports"]}
     if plan.roscore == "managed" or ("tcp", plan.roscore_port) in listening:
         return []
@@ -403,7 +403,7 @@ def _no_roscore(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _own_name(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
+def _check_hostname(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     if info["hostname"].split(".")[0].lower() == plan.computer.split(".")[0].lower():
         return []
     return [

@@ -74,7 +74,7 @@ def _nodes(release: Release) -> tuple[Node, ...]:
 
 
 @dataclass(frozen=True)
-class Found:
+class Installation:
     """Upstream on a machine: the paths of its executables, the packages to install, and the reasons against using it."""
 
     paths: Mapping[str, str]
@@ -93,14 +93,14 @@ class Found:
         ]
 
 
-def find(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str, Any]) -> Found:
+def find(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str, Any]) -> Installation:
     """Find the provider's executables on the machine; `chosen` is its ROS as multimaster_info found it."""
     if plan.provider == "fkie_apt":
-        return _packaged(plan, chosen, info)
-    return _existing(plan, chosen) if plan.provider == "fkie_existing" else Found({})
+        return _find_packages(plan, chosen, info)
+    return _find_existing(plan, chosen) if plan.provider == "fkie_existing" else Installation({})
 
 
-def _packaged(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str, Any]) -> Found:
+def _find_packages(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str, Any]) -> Installation:
     host, distribution = plan.computer, chosen["distro"]
     if distribution not in DISTRIBUTIONS:
         ros = (
@@ -108,7 +108,7 @@ def _packaged(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str, 
             if chosen["kind"] == "debian"
             else f"{quote(chosen['setup'])} ({quote(distribution) or 'of no name'})"
         )
-        return Found(
+        return Installation(
             {},
             problems=[
                 f"{host}: multimaster_provider is 'fkie_apt', but the ROS is {ros}, for which there are no packages of multimaster_fkie; expected "
@@ -131,12 +131,12 @@ def _packaged(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str, 
         "discovery": f"/opt/ros/{distribution}/lib/{release.discovery}/master_discovery",
         "sync": f"/opt/ros/{distribution}/lib/{release.sync}/master_sync",
     }
-    return Found(paths, packages, problems if missing else [], release)
+    return Installation(paths, packages, problems if missing else [], release)
 
 
-def _existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Found:
+def _find_existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Installation:
     if not plan.is_master:
-        return Found({})
+        return Installation({})
     known = {node["package"]: node for node in chosen["nodes"]}
     releases = [(known[release.discovery], known[release.sync]) for release in (NEW, OLD)]
     nodes = max(releases, key=lambda nodes: sum(bool(node["path"]) for node in nodes))  # the new one of equals
@@ -154,7 +154,7 @@ def _existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Found:
     )
     paths = {"discovery": nodes[0]["path"], "sync": nodes[1]["path"]}
     problems = [problem] if wrong else _unusable(plan, paths)
-    return Found(paths, (), problems, OLD if nodes == releases[1] else NEW)
+    return Installation(paths, (), problems, OLD if nodes == releases[1] else NEW)
 
 
 def _unusable(plan: ComputerPlan, paths: Mapping[str, str]) -> list[str]:

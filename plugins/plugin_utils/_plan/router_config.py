@@ -24,11 +24,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.dialect
     ROUTES,
     Block,
     Dialect,
-    all_dialects,
+    load_dialects,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 
-DIALECTS = all_dialects()
+DIALECTS = load_dialects()
 
 
 class RouterConfigProblem(ValueError):
@@ -118,8 +118,8 @@ def files(
     """
     wanted, given = list(dialects), interfaces or {}
     found = devices(plan)
-    _known("router_config_dialects", wanted, DIALECTS)
-    _known("router_config_interfaces", given, [device.folder for device in found])
+    _check_names("router_config_dialects", wanted, DIALECTS)
+    _check_names("router_config_interfaces", given, [device.folder for device in found])
     for device, names in given.items():
         _check_interfaces(f"router_config_interfaces.{device}", names)
     return [
@@ -134,7 +134,7 @@ def _check_interfaces(variable: str, names: Any) -> None:
     """Check the interfaces of one device, by dialect. Raises RouterConfigProblem."""
     if not isinstance(names, Mapping):
         raise RouterConfigProblem(f"{variable} is {names!r}; expected a mapping such as {{openwrt: lan}}: correct it.")
-    _known(variable, names, [name for name in DIALECTS if DIALECTS[name].interfaces])
+    _check_names(variable, names, [name for name in DIALECTS if DIALECTS[name].interfaces])
     for dialect, name in names.items():
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_./:-]*", str(name)):
             raise RouterConfigProblem(
@@ -143,7 +143,7 @@ def _check_interfaces(variable: str, names: Any) -> None:
             )
 
 
-def _known(variable: str, given: Iterable[str], expected: Iterable[str]) -> None:
+def _check_names(variable: str, given: Iterable[str], expected: Iterable[str]) -> None:
     for name in given:
         if name not in expected:
             raise RouterConfigProblem(

@@ -208,7 +208,7 @@ TasksMax=1024
 
 
 @dataclass(frozen=True)
-class Node:
+class NodeService:
     """A node that runs as a service: its name, its task in words, and the ROS service that it has as soon as it works."""
 
     name: str
@@ -217,8 +217,8 @@ class Node:
 
 
 NODES = {
-    "discovery": Node("master_discovery", "discovery of other ROS masters", "list_masters"),
-    "sync": Node("master_sync", "exchange of topics and services with other ROS masters", "get_sync_info"),
+    "discovery": NodeService("master_discovery", "discovery of other ROS masters", "list_masters"),
+    "sync": NodeService("master_sync", "exchange of topics and services with other ROS masters", "get_sync_info"),
 }
 
 #: the services that are no nodes

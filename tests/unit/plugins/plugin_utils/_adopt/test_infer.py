@@ -8,7 +8,7 @@ import random
 import sys
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import found
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import facts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.infer import propose
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import (
     Inventory,
@@ -24,7 +24,7 @@ from tests.simulator import inventories  # noqa: E402
 
 
 def adopted(infos, left_out=None):
-    return propose([found.read(name, info) for name, info in infos.items()], left_out or {})
+    return propose([facts.read_machine(name, info) for name, info in infos.items()], left_out or {})
 
 
 def plan_of(inventory):

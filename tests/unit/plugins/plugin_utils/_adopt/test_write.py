@@ -9,7 +9,7 @@ import sys
 
 import pytest
 import yaml
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import found, write
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import facts, write
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.infer import propose
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import read_fleet
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
@@ -65,7 +65,7 @@ CASES = {
 
 
 def adopted(infos, left_out=None):
-    return propose([found.read(name, info) for name, info in infos.items()], left_out or {})
+    return propose([facts.read_machine(name, info) for name, info in infos.items()], left_out or {})
 
 
 @pytest.mark.parametrize("case", CASES)

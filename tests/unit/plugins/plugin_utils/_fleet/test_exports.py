@@ -15,7 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports as exports_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows as flows_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -141,7 +141,7 @@ def test_a_declaration_is_read():
     ],
 )
 def test_a_wrong_declaration_is_one_sentence(value, expected):
-    with pytest.raises(Unexpected) as caught:
+    with pytest.raises(UnexpectedValue) as caught:
         exports_module.read(value)
     assert expected in str(caught.value)
 
@@ -160,7 +160,7 @@ def test_a_wrong_declaration_is_one_sentence(value, expected):
 def test_whatever_is_declared_the_answer_is_entries_or_a_sentence(value):
     try:
         found = exports_module.read(value)
-    except Unexpected as problem:
+    except UnexpectedValue as problem:
         assert str(problem)
     else:
         assert len(found) == len(value)
@@ -351,7 +351,7 @@ def test_what_may_be_meant_is_no_problem(declared):
 def test_a_hundred_robots_with_one_service_are_a_few_sentences():
     entries = exports_module.read([RESET])
     parties = [contradictions.Party(f"r{number}", f"c{number}", f"c{number}", entries) for number in range(100)]
-    found = contradictions.problems(parties, {party.name: [party.host] for party in parties})
+    found = contradictions.find_contradictions(parties, {party.name: [party.host] for party in parties})
     assert len(found) == 3
     assert any(
         "c0: multimaster_exports gives the service /reset to r2, r3, r4 and 95 more, and so does that of r1;"

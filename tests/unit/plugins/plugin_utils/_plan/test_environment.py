@@ -40,7 +40,7 @@ VALUES = st.text(
 
 
 def rendered(environment, machine=None):
-    made = environment_module.files(environment, machine or environment_module.Machine())
+    made = environment_module.render_files(environment, machine or environment_module.Machine())
     return {file["path"]: file["content"] for file in made}
 
 
@@ -222,12 +222,12 @@ def test_differences_name_variable_found_expected_and_file():
     arrives = {**OURS, "PYTHONPATH": f"{PYTHON}:/x", "ROS_PACKAGE_PATH": SHARE}
     seen = {"login": arrives, "ssh": {**arrives, "ROS_IP": "10.0.0.9"}, "desktop": {}}
     paths = [environment_module.PROFILE, environment_module.SSHD]
-    assert environment_module.differences(OURS, seen, paths) == [
+    assert environment_module.find_differences(OURS, seen, paths) == [
         "ROS_IP is 10.0.0.9 in a command by ssh, expected it not to be set: something is read after "
         "/etc/ssh/sshd_config.d/rosfleet-multimaster.conf."
     ]
-    assert len(environment_module.differences(OURS, seen, [*paths, environment_module.DESKTOP])) == 5
-    assert environment_module.differences(OURS, seen, [environment_module.PROFILE]) == []
+    assert len(environment_module.find_differences(OURS, seen, [*paths, environment_module.DESKTOP])) == 5
+    assert environment_module.find_differences(OURS, seen, [environment_module.PROFILE]) == []
 
 
 def test_differences_leave_known_exports_to_the_preflight():
@@ -240,9 +240,9 @@ def test_differences_leave_known_exports_to_the_preflight():
     }
     seen = {"login": older, "ssh": older, "desktop": None}
     known = ["ROS_MASTER_URI", "ROS_IP"]
-    assert environment_module.differences(OURS, seen, [environment_module.PROFILE], known) == []
-    assert len(environment_module.differences(OURS, seen, [environment_module.SSHD], known)) == 2
-    assert environment_module.differences(OURS, seen, [environment_module.DESKTOP]) == []
+    assert environment_module.find_differences(OURS, seen, [environment_module.PROFILE], known) == []
+    assert len(environment_module.find_differences(OURS, seen, [environment_module.SSHD], known)) == 2
+    assert environment_module.find_differences(OURS, seen, [environment_module.DESKTOP]) == []
 
 
 def test_filter_refuses_a_missing_plan_or_machine():
@@ -254,7 +254,7 @@ def test_filter_refuses_a_missing_plan_or_machine():
 
 def test_a_router_has_no_files_and_was_not_looked_at_for_any():
     assert environment_files({}, {"interfaces": []}) == {"files": [], "notes": [], "digest": ""}
-    assert environment_module.differences({}, {}, []) == []
+    assert environment_module.find_differences({}, {}, []) == []
 
 
 def test_lists_of_both_sides_agree():
@@ -275,7 +275,7 @@ WORKSPACE = {"PYTHONPATH": "/home/robot/ws/python", "PATH": "/home/robot/ws/bin"
 
 
 def reaching(person, for_root=None):
-    return environment_module.reaching(WORKSPACE, for_root or {}, person, OURS)
+    return environment_module.merge_for_users(WORKSPACE, for_root or {}, person, OURS)
 
 
 def as_user(content, monkeypatch, name, uid):
@@ -352,7 +352,7 @@ def test_a_setenv_below_somebody_elses_match_stays_the_first():
 @settings(deadline=None, max_examples=30)
 @given(VALUES, VALUES.filter(lambda text: ":" not in text))
 def test_the_generator_quotes_everything(text, entry):
-    environment = environment_module.reaching({"ROS_NOTE": text, "PYTHONPATH": entry}, {}, "*", OURS)
+    environment = environment_module.merge_for_users({"ROS_NOTE": text, "PYTHONPATH": entry}, {}, "*", OURS)
     program = rendered(environment)[environment_module.GENERATOR].replace("/usr/bin/id -u", "echo 7")
     done = subprocess.run(["sh", "-c", program], env={"PATH": "/usr/bin:/bin"}, capture_output=True, check=True)
     seen = shells.unquoted(done.stdout.decode())

@@ -9,7 +9,7 @@ import random
 import sys
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import found
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import facts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.infer import propose
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent))
@@ -25,7 +25,7 @@ INFO = machine(
 
 
 def test_a_machine_is_read():
-    read = found.read("ana", INFO)
+    read = facts.read_machine("ana", INFO)
     assert str(read.addresses[0].ip) == "192.168.1.10" and read.masters[0].host == "ana"
     assert str(read.roscores[0].discovery[0].group) == "224.0.0.1" and str(read.hops[0].gateway) == "192.168.1.1"
 
@@ -34,7 +34,7 @@ def test_a_machine_is_read():
 def test_networks_inside_a_computer_are_left_aside(name):
     info = copy.deepcopy(INFO)
     info["interfaces"][0]["name"] = name
-    read = found.read("ana", info)
+    read = facts.read_machine("ana", info)
     assert not read.addresses and "inside the computer" in read.aside[0]
 
 
@@ -42,14 +42,14 @@ def test_networks_inside_a_computer_are_left_aside(name):
 def test_addresses_that_nobody_reaches_are_left_aside(change):
     info = copy.deepcopy(INFO)
     info["interfaces"][0].update(change)
-    assert not found.read("ana", info).addresses
+    assert not facts.read_machine("ana", info).addresses
 
 
-@pytest.mark.parametrize("part", found.NEEDED)
+@pytest.mark.parametrize("part", facts.NEEDED)
 def test_a_part_that_is_missing_is_named(part):
     info = {key: value for key, value in INFO.items() if key != part}
-    with pytest.raises(found.Strange, match=f"^{part} could not be read$"):
-        found.read("ana", info)
+    with pytest.raises(facts.StrangeMachine, match=f"^{part} could not be read$"):
+        facts.read_machine("ana", info)
 
 
 def test_assignments_in_files_count_after_the_shells():
@@ -59,7 +59,7 @@ def test_assignments_in_files_count_after_the_shells():
         {"variable": "ROS_IP", "value": "192.168.1.10", "file": "/root/.bashrc", "line": 8},
         {"variable": "ROS_MASTER_URI", "value": "", "file": "/root/.bashrc", "line": 9},
     ]
-    assert [(uri.host, uri.port) for uri in found.read("ana", info).masters] == [("ana", 11311), ("bob", 11321)]
+    assert [(uri.host, uri.port) for uri in facts.read_machine("ana", info).masters] == [("ana", 11311), ("bob", 11321)]
 
 
 def broken(value, randomly):
@@ -80,7 +80,7 @@ def test_whatever_a_machine_answers_it_is_read_or_refused():
     refused = 0
     for _round in range(3000):
         try:
-            propose([found.read("ana", broken(INFO, randomly)), found.read("bob", INFO)], {})
-        except found.Strange:
+            propose([facts.read_machine("ana", broken(INFO, randomly)), facts.read_machine("bob", INFO)], {})
+        except facts.StrangeMachine:
             refused += 1
     assert 100 < refused < 2500

@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import kinds
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain, quote
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import Unexpected
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue
 
 Info = Mapping[str, Any]
 
@@ -29,7 +29,7 @@ MOST_ROUTES = 2000
 INSIDE = ("docker", "virbr", "veth", "br-", "lxcbr", "lxdbr", "cni", "podman")
 
 
-class Strange(ValueError):
+class StrangeMachine(ValueError):
     """The answer of a machine cannot be understood."""
 
 
@@ -100,15 +100,15 @@ class Machine:
     ours: bool = False  # the collection runs services there
 
 
-def read(name: str, info: Info) -> Machine:
-    """Return a machine by what was read on it. Raises Strange."""
+def read_machine(name: str, info: Info) -> Machine:
+    """Return a machine by what was read on it. Raises StrangeMachine."""
     missing = [part for part in NEEDED if part not in info] if isinstance(info, Mapping) else ["everything"]
     if missing:
-        raise Strange(f"{', '.join(missing)} could not be read")
+        raise StrangeMachine(f"{', '.join(missing)} could not be read")
     try:
         return _machine(name, info)
     except (LookupError, TypeError, ValueError, AttributeError) as problem:
-        raise Strange(f"what it answered cannot be understood ({quote(problem)})") from None
+        raise StrangeMachine(f"what it answered cannot be understood ({quote(problem)})") from None
 
 
 def _machine(name: str, info: Info) -> Machine:
@@ -121,7 +121,7 @@ def _machine(name: str, info: Info) -> Machine:
         hops=tuple(_hops(info["routing"]["routes"])),
         forwards=info["forwarding"]["ip_forward"] == 1,
         roscores=tuple(_roscore(entry) for entry in info["masters"][:MOST] if not entry["error"]),
-        masters=tuple(_named_masters(info)),
+        masters=tuple(_read_masters(info)),
         ours=any(str(record).startswith("services-") for record in info.get("owned") or ()),
     )
 
@@ -133,7 +133,7 @@ def _addresses(interfaces: Sequence[Info]) -> tuple[list[Address], list[str]]:
             if address["family"] != "inet" or entry["loopback"]:
                 continue
             found = Address(IPv4Interface(f"{address['address']}/{address['prefix']}"), quote(entry["name"], 32))
-            why = _not_usable(found, entry["up"])
+            why = _explain_aside(found, entry["up"])
             if why:
                 aside.append(f"{found.interface} of {found.device}, {why}")
             else:
@@ -141,7 +141,7 @@ def _addresses(interfaces: Sequence[Info]) -> tuple[list[Address], list[str]]:
     return usable, aside
 
 
-def _not_usable(address: Address, up: Any) -> str:
+def _explain_aside(address: Address, up: Any) -> str:
     if address.device.startswith(INSIDE):
         return "a network inside the computer"
     if not up:
@@ -187,7 +187,7 @@ def _group(text: Any) -> IPv4Address | None:
     """Return a multicast group; upstream's may say for which robots it is (`name@226.0.0.0`), or be anything."""
     try:
         return kinds.group(text)
-    except Unexpected:
+    except UnexpectedValue:
         return None
 
 
@@ -195,7 +195,7 @@ def _port(number: Any) -> int:
     return int(number) if 0 < int(number) < 65536 else 0
 
 
-def _named_masters(info: Info) -> Iterable[Uri]:
+def _read_masters(info: Info) -> Iterable[Uri]:
     """Find the values of ROS_MASTER_URI: what arrives in shells first, then what files say."""
     for kind, variables in sorted((info.get("environment") or {}).items(), key=lambda item: item[0] != "login"):
         found = uri((variables or {}).get("ROS_MASTER_URI", ""), f"its shells ({quote(kind, 16)})")
@@ -228,7 +228,7 @@ def is_name(text: str) -> bool:
     """Say if a text is a host name (RFC 1123), and no address."""
     try:
         kinds.name(text)
-    except Unexpected:
+    except UnexpectedValue:
         return False
     return True
 
