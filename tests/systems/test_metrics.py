@@ -134,7 +134,7 @@ spec = importlib.util.spec_from_file_location("classes", path)
 classes = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(classes)
 assert classes.messages() is msg
-made = classes.made()
+made = classes.generate_messages()
 for name in ("DiagnosticArray", "DiagnosticStatus", "KeyValue"):
     one, other = getattr(made, name), getattr(msg, name)
     assert one is not other and one._md5sum == other._md5sum and one._type == other._type, name

@@ -30,9 +30,6 @@ LATER = set(
     plugins/plugin_utils/_watch
     plugins/plugin_utils/_world
     roles/nodes/files/python/rosfleet_multimaster/discovery
-    roles/nodes/files/python/rosfleet_multimaster
-    roles/nodes/files/python/rosfleet_multimaster/edge
-    roles/nodes/files/python/rosfleet_multimaster/edge/process
     roles/nodes/files/python/rosfleet_multimaster/roscore
     roles/nodes/files/python/rosfleet_multimaster/roscore/core
     roles/nodes/files/python/rosfleet_multimaster/sync

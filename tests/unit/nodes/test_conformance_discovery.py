@@ -18,7 +18,7 @@ from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.pace import SAMPLES, SLOWEST, PollPace
 from rosfleet_multimaster.discovery.core.peer import Contact
 from rosfleet_multimaster.discovery.rpc_server import PerCaller, Refused, RpcServer
-from rosfleet_multimaster.edge import own_roscore
+from rosfleet_multimaster.edge import local_roscore
 from rosfleet_multimaster.edge.process import program
 from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.protocol.filters import NAMES, Filters, InvalidPattern, Rules
@@ -511,5 +511,5 @@ def test_a_filter_of_the_importing_side_comes_on_top():
 def test_a_roscore_that_answers_geturi_with_nonsense_is_waited_for(answer):
     made = RpcServer("127.0.0.1", 0, {"getUri": lambda caller: answer}, lambda host, why: None)
     with pytest.raises(program.Fatal, match="does not answer"):
-        own_roscore.wait_for_roscore(f"http://127.0.0.1:{made.server_address[1]}", timeout=0.1)
+        local_roscore.wait_for_roscore(f"http://127.0.0.1:{made.server_address[1]}", timeout=0.1)
     made.stop()

@@ -174,7 +174,7 @@ class Lab:
         ros.master_uri = lambda: self.roscore.uri
         ros.node_name = lambda default: SYNC
         ros.start = lambda default: (SYNC, "http://own:1/")
-        ros.ended_by = ros.stop = lambda reason: None
+        ros.on_shutdown = ros.stop = lambda reason: None
         ros.md5sum = lambda name: None
         self.diagnostics = Diagnostics()
         ros.Diagnostics = lambda: self.diagnostics
@@ -477,14 +477,14 @@ def test_a_hung_service_of_discovery_does_not_stop_the_exchange_for_ever():
     forever, started = threading.Event(), time.monotonic()
     for _count in range(6):
         with pytest.raises(TimeoutError):
-            patience.within(0.05, forever.wait)
+            patience.run_with_limit(0.05, forever.wait)
     assert time.monotonic() - started < 10
     assert sum(1 for thread in threading.enumerate() if thread in patience._hanging) == 4
     forever.set()
     until(lambda: not any(thread.is_alive() for thread in patience._hanging))
-    assert patience.within(1.0, lambda: "answer") == "answer"
+    assert patience.run_with_limit(1.0, lambda: "answer") == "answer"
     with pytest.raises(ZeroDivisionError):
-        patience.within(1.0, lambda: 1 / 0)
+        patience.run_with_limit(1.0, lambda: 1 / 0)
 
 
 def test_while_a_slow_roscore_is_waited_for_nothing_spins(lab):

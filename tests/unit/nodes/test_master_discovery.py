@@ -13,8 +13,8 @@ from rosfleet_multimaster.discovery.core.actions import Event, Send
 from rosfleet_multimaster.discovery.core.peer import Contact
 from rosfleet_multimaster.edge.addresses import Network
 from rosfleet_multimaster.edge.clock import monotonic
-from rosfleet_multimaster.edge.loop import Ended, Loop
-from rosfleet_multimaster.edge.own_roscore import Start
+from rosfleet_multimaster.edge.local_roscore import Start
+from rosfleet_multimaster.edge.loop import EndFlag, Loop
 from rosfleet_multimaster.protocol import parameters
 from rosfleet_multimaster.protocol.graph import State
 from rosfleet_multimaster.protocol.heartbeat import Kind, decode
@@ -59,7 +59,7 @@ class Lab:
         roscore = types.SimpleNamespace(
             ask=lambda *calls: [0], rpc=types.SimpleNamespace(uri=URI), caller="/master_discovery"
         )
-        start = Start(Loop(), Ended(), roscore, URI, "/master_discovery", "http://robot1:1/", values)
+        start = Start(Loop(), EndFlag(), roscore, URI, "/master_discovery", "http://robot1:1/", values)
         self.program = self.module.MasterDiscovery(start)
 
     def udp(self, *arguments):
@@ -72,7 +72,7 @@ class Lab:
         self.made.append(([master.name for master in masters()], len(self.sent)))
         return types.SimpleNamespace(
             service_uri=lambda: ("", ""),
-            changed=lambda *event: None,
+            publish_change=lambda *event: None,
             links=lambda *links: None,
         )
 
@@ -116,14 +116,14 @@ def test_what_is_to_be_sent_goes_before_the_sockets_close(lab, look):
     if look == "of the second":
         lab.program.address_looks.due = 0.0
     else:
-        lab.program._contacted(("192.168.1.2", 11511, 11611), CONTACT, "", False, False)
+        lab.program._on_contact(("192.168.1.2", 11511, 11611), CONTACT, "", False, False)
     lab.program._tick(monotonic())
     assert b"x" in lab.sent
 
 
 def test_diagnostics_tell_links_and_the_roscore_and_metrics_the_same(lab, tmp_path):
     lab.program.display._path = str(tmp_path / "metrics.prom")
-    lab.program._polled(STATE)
+    lab.program._on_state(STATE)
     for _answer in range(3):
         lab.program.served.changes.add(1)
     lab.program._report()
@@ -132,7 +132,7 @@ def test_diagnostics_tell_links_and_the_roscore_and_metrics_the_same(lab, tmp_pa
     lab.program.masters = (OTHER,)
     lab.program._report()
     assert lab.diagnosed[-1]["multimaster: link to robot2"].message == "online"
-    lab.program._no_roscore("refused", monotonic() - 10.0)
+    lab.program._on_roscore_failure("refused", monotonic() - 10.0)
     lab.program.display._write_due = 0.0
     lab.program._report()
     assert lab.diagnosed[-1]["multimaster: roscore"].level == 2
@@ -145,7 +145,7 @@ def test_diagnostics_tell_links_and_the_roscore_and_metrics_the_same(lab, tmp_pa
 
 
 def test_ready_is_said_when_the_own_master_is_listed_and_announced(lab):
-    lab.program._polled(STATE)
+    lab.program._on_state(STATE)
     (masters, sent), ready = lab.made
     assert masters == ["robot1"] and sent > 0 and ready == "READY=1"
     assert Kind.STATE in [decode(data).kind for data in lab.sent]
@@ -158,7 +158,7 @@ def test_without_a_network_the_node_is_ready_for_its_own_robot(lab, monkeypatch)
     udp = datagrams.Udp
     monkeypatch.setattr(datagrams, "Udp", no_interface)
     lab.start({"interface": "192.168.1.1"})
-    lab.program._polled(STATE)
+    lab.program._on_state(STATE)
     (masters, sent), ready = lab.made
     assert masters == ["robot1"] and sent == 0 and ready == "READY=1"
     assert "192.168.1.1" in lab.program.datagrams.own_addresses, "else own nodes would be told what others are told"
@@ -173,7 +173,7 @@ def test_without_a_network_the_node_is_ready_for_its_own_robot(lab, monkeypatch)
 def test_a_change_of_the_network_is_looked_at_at_once_but_not_for_ever(lab):
     lab.program._tick(monotonic())
     looked = lab.program.looked
-    lab.program._network_changed()
+    lab.program._on_network_change()
     assert lab.program.address_looks.due == pytest.approx(looked + 0.1)
-    lab.program._network_changed()
+    lab.program._on_network_change()
     assert lab.program.address_looks.due == pytest.approx(looked + 0.1)

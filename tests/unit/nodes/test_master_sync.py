@@ -9,8 +9,8 @@ from time import monotonic
 
 import pytest
 import rosfleet_multimaster.edge
-from rosfleet_multimaster.edge.loop import Ended, Loop
-from rosfleet_multimaster.edge.own_roscore import Start
+from rosfleet_multimaster.edge.local_roscore import Start
+from rosfleet_multimaster.edge.loop import EndFlag, Loop
 from rosfleet_multimaster.protocol import parameters
 from rosfleet_multimaster.protocol.messages import Master
 
@@ -30,7 +30,7 @@ def _program(monkeypatch):
     ros.Diagnostics = lambda: types.SimpleNamespace(has_listeners=lambda: False, publish=lambda *entries: None)
     ros.SyncNode = lambda held: types.SimpleNamespace(service_uri=lambda: ("", ""))
     roscore = types.SimpleNamespace(ask=lambda *calls: [None] * len(calls))
-    start = Start(Loop(), Ended(), roscore, "http://own:11311/", "/master_sync", "http://own:1/", values)
+    start = Start(Loop(), EndFlag(), roscore, "http://own:11311/", "/master_sync", "http://own:1/", values)
     return module.MasterSync(start)
 
 
@@ -46,17 +46,17 @@ def test_each_news_of_a_master_is_looked_at_for_a_loss(program, ending):
     if ending:
         program.ended.set()
     for online in (True, False, True):  # between two passes of the loop
-        program._announced("changed", announced(online))
-    program._listed([announced(False)], False, monotonic())
+        program._on_announcement("changed", announced(online))
+    program._on_list([announced(False)], False, monotonic())
     assert seen == [True, False, True, False]
 
 
 def test_a_list_that_was_asked_for_before_the_news_does_not_undo_them(program):
     asked = monotonic()
-    program._announced("changed", announced(True))
-    program._listed([announced(False)], False, asked)
+    program._on_announcement("changed", announced(True))
+    program._on_list([announced(False)], False, asked)
     assert program._online() == {URI: True}
-    program._listed([announced(False)], False, monotonic())
+    program._on_list([announced(False)], False, monotonic())
     assert program._online() == {URI: False}
 
 
@@ -64,7 +64,7 @@ def test_a_list_that_was_asked_for_before_the_news_does_not_undo_them(program):
     ("listed", "round_due"), [([True], False), ([False], True), ([], False)], ids=["comes", "goes", "missing"]
 )
 def test_a_list_asks_for_a_round_where_a_master_was_lost_and_not_where_one_comes(program, listed, round_due):
-    program._listed([announced(True)] if listed != [True] else [], False, monotonic())
+    program._on_list([announced(True)] if listed != [True] else [], False, monotonic())
     program.rounds._due = None
-    program._listed([announced(online) for online in listed], False, monotonic())
+    program._on_list([announced(online) for online in listed], False, monotonic())
     assert (program.rounds._due is not None) is round_due

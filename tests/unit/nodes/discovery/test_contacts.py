@@ -14,7 +14,7 @@ def test_what_is_said_of_a_master_that_is_not_known_is_not_kept():
     contacts = Contacts(
         loop,
         Workers(loop, 1),
-        program.Limited(),
+        program.LimitedLog(),
         errors,
         lambda uri: uri in known,
         lambda address: True,

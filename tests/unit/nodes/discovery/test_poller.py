@@ -7,7 +7,7 @@ import types
 
 import pytest
 from rosfleet_multimaster.discovery import poller as module
-from rosfleet_multimaster.edge.own_roscore import Identity
+from rosfleet_multimaster.edge.local_roscore import Identity
 from rosfleet_multimaster.edge.process import program
 
 URI, R2 = "http://robot1:11311/", "http://robot2:11311/"

@@ -14,8 +14,8 @@ import pytest
 from rosfleet_multimaster.discovery import source as source_module
 from rosfleet_multimaster.discovery.poller import Poller
 from rosfleet_multimaster.discovery.source import Follower, Source, in_own_thread
-from rosfleet_multimaster.edge.loop import Ended
-from rosfleet_multimaster.edge.own_roscore import Identity
+from rosfleet_multimaster.edge.local_roscore import Identity
+from rosfleet_multimaster.edge.loop import EndFlag
 from rosfleet_multimaster.edge.process import program
 from rosfleet_multimaster.edge.roscore import Roscore as Master
 from rosfleet_multimaster.protocol.differences import Stamps
@@ -196,7 +196,7 @@ def test_rosmaster_tells_no_changes():
 
 def test_nobody_is_woken_for_a_poll_that_brought_nothing():
     one, two = State(URI, "one"), State(URI, "two")
-    told, ended = [], Ended()
+    told, ended = [], EndFlag()
     polls = iter([one, one, OSError(), one, one, two, two])
 
     def following():

@@ -53,19 +53,19 @@ def names(monkeypatch):
 
 
 def test_uris_that_lead_to_this_computer(names):
-    found = module.here([*URIS.values(), "nonsense", "http://[::", ""], 2.0)
+    found = module.local_uris([*URIS.values(), "nonsense", "http://[::", ""], 2.0)
     assert found == {URIS[name] for name in ("mine", "alias", "127.0.0.9", "192.168.1.5")}
 
 
 def test_the_name_that_ros_was_given_leads_here_too(names, monkeypatch):
     monkeypatch.setenv("ROS_HOSTNAME", "Theirs")
-    assert URIS["theirs"] in module.here(URIS.values(), 2.0)
+    assert URIS["theirs"] in module.local_uris(URIS.values(), 2.0)
 
 
 def test_a_name_server_that_does_not_answer_is_waited_for_no_longer(names, monkeypatch):
     monkeypatch.setattr(module, "address_of", lambda _host: time.sleep(5))
     began = time.monotonic()
-    assert module.here(URIS.values(), 0.2) == {URIS[name] for name in ("mine", "127.0.0.9", "192.168.1.5")}
+    assert module.local_uris(URIS.values(), 0.2) == {URIS[name] for name in ("mine", "127.0.0.9", "192.168.1.5")}
     assert time.monotonic() - began < 3
 
 
@@ -74,4 +74,4 @@ def test_without_a_network_the_own_names_are_known(names, monkeypatch):
         raise OSError("the kernel is busy")
 
     monkeypatch.setattr(module, "network", fails)
-    assert module.own_hosts() == {"mine", "localhost"}
+    assert module.local_hosts() == {"mine", "localhost"}

@@ -39,7 +39,7 @@ def shown(**values):
         URI,
         "/master_sync",
         Loop(),
-        program.Limited(),
+        program.LimitedLog(),
         lambda: [Diagnosis("multimaster: x", "OK", [])],
         lambda: metrics.scalar_samples(round_seconds=0.25),
     )
@@ -55,7 +55,7 @@ def looks(it, topic, at, seconds):
 def test_without_listeners_only_what_is_new_is_published(at):
     it, topic = shown(), Topic()
     assert looks(it, topic, at, 10) == 1 and topic.published == [("tibi", ["multimaster: x"])]
-    it.changed()
+    it.mark_stale()
     assert looks(it, topic, at, 10) == 2
 
 
@@ -67,7 +67,7 @@ def test_with_listeners_it_is_published_before_an_aggregator_calls_it_stale_and_
 
 def test_switched_off_nothing_is_published_or_written(at, tmp_path):
     it, topic = shown(diagnostics=False), Topic()
-    assert not it.diagnoses and not it.wanted
+    assert not it.diagnoses and not it.has_outputs
     it.look(None)
     it.end()
     assert topic.published == []
@@ -76,7 +76,7 @@ def test_switched_off_nothing_is_published_or_written(at, tmp_path):
 def test_the_file_is_written_now_and_then_and_goes_at_the_end(at, tmp_path):
     path = tmp_path / "metrics.prom"
     it = shown(metrics=str(path), diagnostics=False)
-    assert it.wanted
+    assert it.has_outputs
     times = []
     for _second in range(60):
         at[0] += 1.0

@@ -109,10 +109,10 @@ def test_the_traceback_of_a_thread_begins_with_words_of_ours(monkeypatch):
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     monkeypatch.setenv("JOURNAL_STREAM", "1:2")
     journal.plain_streams()
-    behind = sys.stderr.behind
+    output = sys.stderr.stream
     traceback.print_exception(*failure(FORGED))
     sys.__excepthook__(*failure(FORGED))
-    lines = behind.getvalue().split("\n")[:-1]
+    lines = output.getvalue().split("\n")[:-1]
     assert len(lines) >= 6 and all(line.startswith("<4>printed: ") and is_plain(line) for line in lines)
 
 

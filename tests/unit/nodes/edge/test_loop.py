@@ -7,7 +7,7 @@ import threading
 import time
 
 import pytest
-from rosfleet_multimaster.edge.loop import InLoop, Loop, Recurring, Workers
+from rosfleet_multimaster.edge.loop import DirectRunner, Loop, RecurringJob, Workers
 
 
 def test_the_loop_runs_what_workers_and_threads_hand_it():
@@ -59,7 +59,9 @@ def test_a_recurring_job_has_one_run_at_a_time():
             done.append(lambda: ended(job(), None))
 
     results, wanted = [], [True]
-    job = Recurring(Later(), lambda: 5.0, lambda: 42, lambda result, problem: results.append(result), lambda: wanted[0])
+    job = RecurringJob(
+        Later(), lambda: 5.0, lambda: 42, lambda result, problem: results.append(result), lambda: wanted[0]
+    )
     assert job.tick(10.0) is None and job.tick(20.0) is None and len(done) == 1, "it runs"
     done.pop()()
     assert results == [42] and job.tick(12.0) == 15.0 and not done
@@ -77,13 +79,13 @@ def test_runs_of_an_overlapping_job_start_while_an_earlier_one_hangs():
         def submit(self, job, ended):
             started.append(job)
 
-    job = Recurring(Hangs(), lambda: 5.0, lambda: 42, overlapping=True)
+    job = RecurringJob(Hangs(), lambda: 5.0, lambda: 42, overlapping=True)
     assert job.tick(10.0) == 15.0 and job.tick(12.0) == 15.0 and job.tick(15.0) == 20.0 and len(started) == 2
 
 
 def test_a_recurring_job_in_the_loop_has_ended_when_it_returns():
     seen = []
-    job = Recurring(InLoop(), lambda: 1.0, lambda: seen.append(1))
+    job = RecurringJob(DirectRunner(), lambda: 1.0, lambda: seen.append(1))
     assert job.tick(7.0) == 8.0 and job.tick(7.5) == 8.0 and job.tick(8.0) == 9.0 and len(seen) == 2
 
 

@@ -542,7 +542,7 @@ def test_one_multicall_does_not_end_the_node_of_another_robot(roscore, monkeypat
     ]
     roscore.master.answer("system.multicall", ([{"methodName": name, "params": rest} for name, *rest in calls],))
     monkeypatch.setattr(module.addresses, "addresses_of_all", lambda hosts: {"far": "192.0.2.9", "new": "192.0.2.7"})
-    monkeypatch.setattr(module.addresses, "here", lambda _uris, _seconds: set())
+    monkeypatch.setattr(module.addresses, "local_uris", lambda _uris, _seconds: set())
     ends = [call for call in roscore.told.since() if call[1] == "shutdown"]
     assert [call[:3] for call in ends] == [(FAR, "shutdown", "/other")]
     assert not any(may_end(roscore, *call[:3]) for call in ends)
@@ -563,10 +563,10 @@ def may_end(roscore, uri, method, name):
 )
 def test_a_node_of_this_robot_is_ended_as_before(roscore, monkeypatch, first, second, ended):
     monkeypatch.setattr(module.addresses, "addresses_of_all", lambda hosts: dict.fromkeys(hosts, "192.0.2.7"))
-    monkeypatch.setattr(module.addresses, "here", lambda _uris, _seconds: set())
+    monkeypatch.setattr(module.addresses, "local_uris", lambda _uris, _seconds: set())
     for address, uri in ((first, A), (second, NEW)):
         roscore.master.calls.caller = module.Caller(address, "192.0.2.1")
         roscore.call("registerPublisher", "/a", "/chatter", "x/Y", uri)
     assert may_end(roscore, A, "shutdown", "/a") == ended
-    monkeypatch.setattr(module.addresses, "here", lambda uris, _seconds: set(uris))
+    monkeypatch.setattr(module.addresses, "local_uris", lambda uris, _seconds: set(uris))
     assert may_end(roscore, A, "shutdown", "/a") == (ended or first == "127.0.0.1")

@@ -22,7 +22,7 @@ OTHER, TALKER = "http://robot2:11311/", ("/talker", "http://robot2:40000/")
 def test_leftovers_wait_from_the_first_pass_of_the_loop(monkeypatch, after, kept):
     now, record = [100.0], imports.write("/master_sync", "http://own:1/", {TALKER: OTHER})
     monkeypatch.setattr(module, "monotonic", lambda: now[0])
-    loop, limited = Loop(), program.Limited()
+    loop, limited = Loop(), program.LimitedLog()
     roscore = types.SimpleNamespace(ask=lambda *calls: [record if calls[0][0] == "getParam" else 0])
     core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, None)
     workers = Workers(loop, 1)
@@ -114,7 +114,7 @@ def rounds_of(begun, last):
     core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, None)
     node = ("/master_sync", "http://own:1/")
     lost, questions = types.SimpleNamespace(registered=lambda *seen: None), types.SimpleNamespace(guard=TypeGuard())
-    return module.Rounds(graph, node, core, questions, lost, workers, workers, program.Limited(), CALLBACKS)
+    return module.Rounds(graph, node, core, questions, lost, workers, workers, program.LimitedLog(), CALLBACKS)
 
 
 def test_who_is_refused_for_his_place_or_no_longer_is_told_by_a_round_at_once(monkeypatch):

@@ -24,11 +24,11 @@ from .discovery.served import OwnMaster, Served, callers, serve
 from .discovery.source import Follower, Source, in_own_thread
 from .discovery.told import Told
 from .discovery.udp import Datagram
-from .edge import own_roscore, ros
+from .edge import local_roscore, ros
 from .edge.addresses import networks
 from .edge.clock import monotonic, wall_clock
 from .edge.display import Display
-from .edge.loop import InLoop, Recurring, Workers
+from .edge.loop import DirectRunner, RecurringJob, Workers
 from .edge.process import memory, program
 from .edge.process.systemd import notify
 from .edge.roscore import Roscore
@@ -50,9 +50,9 @@ LOOK_AGAIN = 0.1  # seconds between two looks at the addresses at least, however
 class MasterDiscovery:
     """The program: what its parts hear goes to the core, and what the core wants done to the parts."""
 
-    def __init__(self, start: own_roscore.Start) -> None:
+    def __init__(self, start: local_roscore.Start) -> None:
         values, self.loop, self.ended, self.roscore = start.values, start.loop, start.ended, start.roscore
-        self.limited = program.Limited()
+        self.limited = program.LimitedLog()
         self.clock_questions = Workers(self.loop, 1)
         self.errors: Dict[str, str] = {}  # what masterErrors tells
         self.node: Optional[ros.DiscoveryNode] = None
@@ -67,30 +67,32 @@ class MasterDiscovery:
         self.network_problem = ""
         self.malformed_requests = 0
         self.members = Members.from_parameters(values)
-        self.own = _own(start)
+        self.own = _make_own_master(start)
         self.roscore.ask(("setParam", "/mastername", self.own.name))
         resolvers = Workers(self.loop, 2)
-        heard = Callbacks(self._received, self._moved, self._opened, self._network_changed)
+        heard = Callbacks(self._on_datagram, self._on_address_change, self._on_sockets_open, self._on_network_change)
         self.datagrams = Datagrams(values, self.loop, resolvers, self.limited, self.errors, heard)
         settings = {name: value for name, value in values.items() if name in Settings.__dataclass_fields__}
         self.core = Discovery(Settings(**settings), (), self.own.rpc_port, self.members)
-        asking = (self._is_told, self.core.may_ask, self._contacted)
+        asking = (self._is_told, self.core.may_ask, self._on_contact)
         self.contacts = Contacts(self.loop, resolvers, self.limited, self.errors, *asking)
-        self.address_looks = Recurring(InLoop(), self._pause_of_looks, self._look_at_addresses)
+        self.address_looks = RecurringJob(DirectRunner(), self._pause_of_looks, self._look_at_addresses)
         self.health = Health(self.own.uri, self.members)
         node, shown = (self.own.uri, self.own.node), (self._entries, self._samples)
         self.display = Display(values, *node, self.loop, self.limited, *shown)
-        self.reports = Recurring(InLoop(), lambda: 1.0, self._report, early=0.5)
-        self.identity = own_roscore.Identity()
+        self.reports = RecurringJob(DirectRunner(), lambda: 1.0, self._report, early=0.5)
+        self.identity = local_roscore.Identity()
         self.source = _source(start, self.own, self.identity)
         self.changes = Told(self.own.current, Ready)
-        self.served = self._served(values)
+        self.served = self._make_served(values)
         self.datagrams.start()  # there may be no network yet
         self._look_at_networks()
         who = callers(self.members, self.own.uri, lambda: self.datagrams.own_addresses)
-        self.server = serve(values["rpc_addr"], self.own.rpc_port, self.served.methods(), self._malformed, who)
+        self.server = serve(
+            values["rpc_addr"], self.own.rpc_port, self.served.methods(), self._on_malformed_request, who
+        )
 
-    def _served(self, values: Dict[str, Any]) -> Served:
+    def _make_served(self, values: Dict[str, Any]) -> Served:
         return Served(
             self.own,
             Policy.from_parameters(values),
@@ -108,8 +110,8 @@ class MasterDiscovery:
         in_own_thread(
             self.source,
             self.ended,
-            lambda state, do_not_sync: self.loop.post(self._polled, state, do_not_sync),
-            lambda why, since: self.loop.post(self._no_roscore, why, since),
+            lambda state, do_not_sync: self.loop.post(self._on_state, state, do_not_sync),
+            lambda why, since: self.loop.post(self._on_roscore_failure, why, since),
             lambda why: self.loop.post(program.give_up, why),
         )
         self.loop.run(self._tick)
@@ -157,7 +159,7 @@ class MasterDiscovery:
         master, before = event.master, self.told.get(event.master.uri)
         self.told[master.uri] = master
         self.health.take_event(event.change, before, master)
-        self.display.changed()
+        self.display.mark_stale()
         if event.change == "removed":
             del self.told[master.uri]
             self.errors.pop(master.uri, None)
@@ -173,7 +175,7 @@ class MasterDiscovery:
         elif before is not None and before.online != master.online:
             program.LOG.info("%s is %s", master.name, "online again" if master.online else "offline")
         if self.node is not None:
-            self.node.changed(event.change, master)
+            self.node.publish_change(event.change, master)
 
     def _say_status(self) -> None:
         online = [master.name for master in self.masters if master.online]
@@ -190,11 +192,11 @@ class MasterDiscovery:
         if self.node is None:
             return
         self.node.links(self.own.name, lambda: self.core.links(monotonic()), wall_clock())
-        asked = self.health.question(self.masters, monotonic()) if self.display.wanted else None
+        asked = self.health.question(self.masters, monotonic()) if self.display.has_outputs else None
         if asked is not None:
             times.ask(asked, self.clock_questions, self.health)
         if self.outsiders != before:
-            self.display.changed()
+            self.display.mark_stale()
         self.display.look(self.diagnostics)
 
     def _links(self) -> LinkList:
@@ -237,33 +239,33 @@ class MasterDiscovery:
         except OSError:  # the kernel is busy: in a second again
             pass
 
-    def _network_changed(self) -> None:
+    def _on_network_change(self) -> None:
         """Look soon, but not more often than the kernel can be asked without harm."""
         self.address_looks.due = min(self.address_looks.due, self.looked + LOOK_AGAIN)
 
     # What the parts hear
 
-    def _received(self, datagram: Datagram, now: float) -> None:
+    def _on_datagram(self, datagram: Datagram, now: float) -> None:
         self.core.datagram(datagram.data, datagram.source, datagram.multicast, now)
 
-    def _moved(self) -> None:
+    def _on_address_change(self) -> None:
         self.core.take_addresses(self.datagrams.own_addresses)
         self._carry_out()
 
-    def _opened(self, now: float) -> None:
-        self._moved()
+    def _on_sockets_open(self, now: float) -> None:
+        self._on_address_change()
         self.core.greet(now)
         self._show_own(now)
 
     def _is_told(self, uri: str) -> bool:
         return uri in self.told
 
-    def _contacted(self, key: Key, contact: Optional[Contact], problem: str, gone: bool, fault: bool) -> bool:
+    def _on_contact(self, key: Key, contact: Optional[Contact], problem: str, gone: bool, fault: bool) -> bool:
         if contact is not None and contact.uri == self.own.uri:  # perhaps this node itself, at a new address
             self._look_at_addresses()
         return self.core.take_contact(key, contact, problem, monotonic(), gone=gone, fault=fault)
 
-    def _polled(self, state: State, do_not_sync: Any = None) -> None:
+    def _on_state(self, state: State, do_not_sync: Any = None) -> None:
         if self.own.away and self.own.state is not None:
             program.LOG.info("the roscore answers again")
         self.own.state, self.own.away = state, ""
@@ -277,7 +279,7 @@ class MasterDiscovery:
             self.node = ros.DiscoveryNode(lambda: self.masters, lambda: self.loop.post(self._refresh))
             self.diagnostics = ros.Diagnostics() if self.display.diagnoses else None
             self.identity.service = self.node.service_uri()
-            memory.settled()
+            memory.freeze()
             notify("READY=1")
             self.loop.post(self._say_status)
 
@@ -289,7 +291,7 @@ class MasterDiscovery:
             self.core.take_own_state(master, now)
             self._carry_out()  # at once: who sees READY=1 or the node finds the own master
 
-    def _no_roscore(self, problem: str, since: float) -> None:
+    def _on_roscore_failure(self, problem: str, since: float) -> None:
         """Nothing of a dead roscore is announced or served; but one that fails once is not dead."""
         if self.core.note_silent_roscore(since, monotonic()):
             if not self.own.away:
@@ -298,12 +300,12 @@ class MasterDiscovery:
                 self.status = ""
             self.shown = None
             self.own.away = f"its roscore does not answer: {problem}"
-            self.display.changed()
+            self.display.mark_stale()
 
     def _refresh(self) -> None:
         self.core.refresh(monotonic())
 
-    def _malformed(self, host: str, why: str) -> None:
+    def _on_malformed_request(self, host: str, why: str) -> None:
         def count() -> None:
             self.malformed_requests += 1
             self.limited.say("warning", "malformed request", f"a request from {host} is ignored: {why}")
@@ -328,12 +330,12 @@ class MasterDiscovery:
         return 0
 
 
-def _own(start: own_roscore.Start) -> OwnMaster:
+def _make_own_master(start: local_roscore.Start) -> OwnMaster:
     port = start.values["rpc_port"] or (urllib.parse.urlsplit(start.roscore.rpc.uri).port or 11311) + 300
     return OwnMaster(start.uri, start.values["name"] or ros.master_name(start.uri), start.name, ros.hostname, port)
 
 
-def _source(start: own_roscore.Start, own: OwnMaster, identity: own_roscore.Identity) -> Source:
+def _source(start: local_roscore.Start, own: OwnMaster, identity: local_roscore.Identity) -> Source:
     """The states of the own master, by connections of their own."""
     stamps, of, (uri, caller) = Stamps(), (own.uri, own.name), (start.roscore.rpc.uri, start.roscore.caller)
     poller = Poller(Roscore(uri, caller), *of, identity, ros.sync_info, stamps)
@@ -343,7 +345,7 @@ def _source(start: own_roscore.Start, own: OwnMaster, identity: own_roscore.Iden
 
 def main() -> int:
     """Start, run, end."""
-    return MasterDiscovery(own_roscore.begin(ros, "master_discovery", parameters.DISCOVERY, __doc__ or "")).run()
+    return MasterDiscovery(local_roscore.begin(ros, "master_discovery", parameters.DISCOVERY, __doc__ or "")).run()
 
 
 if __name__ == "__main__":

@@ -8,10 +8,10 @@
 from collections import Counter
 from typing import Dict, List, Optional, Set
 
-from .edge import own_roscore, ros
+from .edge import local_roscore, ros
 from .edge.clock import monotonic
 from .edge.display import PUBLISH, Display
-from .edge.loop import InLoop, Recurring, Workers
+from .edge.loop import DirectRunner, RecurringJob, Workers
 from .edge.process import memory, program
 from .edge.process.systemd import notify
 from .protocol import metrics, parameters
@@ -38,8 +38,8 @@ OWN_SHARE, OWN_SLOWEST = 4, 2.0  # times as long as a round took, and seconds, i
 class MasterSync:
     """The program: what its parts hear goes to the core, and a change is followed by a round."""
 
-    def __init__(self, start: own_roscore.Start) -> None:
-        values, loop, self.limited = start.values, start.loop, program.Limited()
+    def __init__(self, start: local_roscore.Start) -> None:
+        values, loop, self.limited = start.values, start.loop, program.LimitedLog()
         self.loop, self.ended = loop, start.ended
         self.uri, self.node_name = start.uri, start.name
         self.refused: Set[Refusal] = set()
@@ -55,14 +55,16 @@ class MasterSync:
         self.core = _core(start)
         online, graph, limited = self._online, OwnGraph(start.roscore), self.limited
         self.lost = Lost(loop, updaters, limited, values["end_lost_connections"], self.core.members, online)
-        questions = TypeQuestions(loop, TypeGuard(), self._monitor_of, ros.md5sum, self._changed)
+        questions = TypeQuestions(loop, TypeGuard(), self._monitor_of, ros.md5sum, self._request_round)
         node, callbacks = (start.name, start.node_uri), Callbacks(self._has_list, self._report, self._round_over)
         self.rounds = Rounds(graph, node, self.core, questions, self.lost, roscore_calls, updaters, limited, callbacks)
         self.rounds.take_over()  # before the service says that this node synchronises
         self.node = ros.SyncNode(lambda: self.rounds.held)
-        identity = own_roscore.Identity()
+        identity = local_roscore.Identity()
         identity.service = self.node.service_uri()
-        self.health = own_roscore.Health(loop, start.roscore, identity, roscore_calls, program.give_up, self._changed)
+        self.health = local_roscore.Health(
+            loop, start.roscore, identity, roscore_calls, program.give_up, self._request_round
+        )
         self.finder = Finder(
             loop,
             graph,
@@ -71,14 +73,17 @@ class MasterSync:
             lambda: self.rounds.claims,
             ros.ListMasters(),
             self._subscribe,
-            self._listed,
+            self._on_list,
         )
-        self.fetcher = Fetcher(loop, self.core, limited, self._fetched, self._touched, values["differences"])
-        self.states = Recurring(InLoop(), lambda: STATUS, self._say_status, wanted=lambda: self.status_stale)
+        self.fetcher = Fetcher(loop, self.core, limited, self._on_fetch, self._on_touch, values["differences"])
+        self.states = RecurringJob(DirectRunner(), lambda: STATUS, self._say_status, wanted=lambda: self.status_stale)
         self.display = Display(values, self.uri, self.node_name, loop, limited, self._entries, self._samples)
         self.diagnostics = ros.Diagnostics() if self.display.diagnoses else None
-        self.looks = Recurring(
-            InLoop(), lambda: PUBLISH, lambda: self.display.look(self.diagnostics), wanted=lambda: self.display.wanted
+        self.looks = RecurringJob(
+            DirectRunner(),
+            lambda: PUBLISH,
+            lambda: self.display.look(self.diagnostics),
+            wanted=lambda: self.display.has_outputs,
         )
 
     def run(self) -> int:
@@ -107,31 +112,31 @@ class MasterSync:
         ]
         return min([now + ROUND, *(time for time in due if time is not None)])
 
-    def _changed(self) -> None:
+    def _request_round(self) -> None:
         """Have a round, since something is another."""
         self.rounds.soon(monotonic())
 
     # Discovery
 
     def _subscribe(self, topic: str) -> None:
-        self.node.subscribe(topic, lambda change, master: self.loop.post(self._announced, change, master))
+        self.node.subscribe(topic, lambda change, master: self.loop.post(self._on_announcement, change, master))
 
-    def _listed(self, masters: List[Master], first: bool, asked: float) -> None:
+    def _on_list(self, masters: List[Master], first: bool, asked: float) -> None:
         now, before = monotonic(), self._online()
         self.news = {uri: at for uri, at in self.news.items() if at >= asked}
         self.core.listed(masters, now, self.news.keys())
         self.lost.look(now)
         after = self._online()
         if first or any(uri not in after or online > after[uri] for uri, online in before.items()):
-            self._changed()  # who comes needs none: what he has is looked at when it is fetched
+            self._request_round()  # who comes needs none: what he has is looked at when it is fetched
 
-    def _announced(self, change: str, master: Master) -> None:
+    def _on_announcement(self, change: str, master: Master) -> None:
         """A message of `~changes`."""
         self.news[master.uri] = monotonic()
         if change == "removed":
             self.rounds.met.add(master.uri)
             self.core.removed(master.uri)
-            self._changed()
+            self._request_round()
             return
         now, known = monotonic(), self.core.remotes.get(master.uri)
         was_online = known.announced.online if known is not None else None
@@ -141,16 +146,16 @@ class MasterSync:
             self.lost.look(now)
         own_changed = master.uri == self.uri and master.local_stamp != self.own_local_stamp
         if not master.online:
-            self._changed()
+            self._request_round()
         if own_changed:  # a name that was taken may be free now, and one that was free be taken
             self.own_local_stamp = master.local_stamp
             self.rounds.soon(now + min(self.rounds.took * OWN_SHARE, OWN_SLOWEST))
 
-    def _fetched(self, uri: str, items: Set[Registration]) -> None:
+    def _on_fetch(self, uri: str, items: Set[Registration]) -> None:
         self.status_stale = True
         self.rounds.touch_all(uri, items)
 
-    def _touched(self, uri: str, items: Set[Registration]) -> None:
+    def _on_touch(self, uri: str, items: Set[Registration]) -> None:
         self.rounds.met.add(uri)
         self.rounds.touch(items)
 
@@ -179,7 +184,7 @@ class MasterSync:
         self.refused_total.update(item.kind for item in new)
         before, self.refused, self.refusals = self.refused, now_refused, refused
         if now_refused != before:
-            self.display.changed()
+            self.display.mark_stale()
             self.display.look(self.diagnostics)
 
     def _entries(self) -> List[Diagnosis]:
@@ -204,7 +209,7 @@ class MasterSync:
     def _round_over(self, problem: Optional[Exception]) -> None:
         if problem is None and self.finder.listed_once and not self.ready:
             self.ready = True
-            memory.settled()
+            memory.freeze()
             notify("READY=1")
         self.status_stale = True
 
@@ -244,15 +249,15 @@ class MasterSync:
         self.ended.set()
         notify("STOPPING=1", "STATUS=withdrawing the registrations of other masters")
         program.leave_after(8.0)
-        self.rounds.withdraw(self._withdrawn)
+        self.rounds.withdraw(self._on_withdrawal)
 
-    def _withdrawn(self, farewell: str) -> None:
+    def _on_withdrawal(self, farewell: str) -> None:
         self.farewell = farewell
         self.display.end()
         self.loop.stop()
 
 
-def _core(start: own_roscore.Start) -> Sync:
+def _core(start: local_roscore.Start) -> Sync:
     values = start.values
     keep = values["resync_on_reconnect_timeout"] if values["resync_on_reconnect"] else None
     remote, on_demand = values["sync_remote_nodes"], values["sync_topics_on_demand"]
@@ -261,7 +266,7 @@ def _core(start: own_roscore.Start) -> Sync:
 
 def main() -> int:
     """Start, run, end."""
-    return MasterSync(own_roscore.begin(ros, "master_sync", parameters.SYNC, __doc__ or "")).run()
+    return MasterSync(local_roscore.begin(ros, "master_sync", parameters.SYNC, __doc__ or "")).run()
 
 
 if __name__ == "__main__":

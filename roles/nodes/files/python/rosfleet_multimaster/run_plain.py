@@ -25,7 +25,7 @@ def main(command: Sequence[str]) -> int:
     plain_streams()
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda *_about: None)  # a function: what is ignored would be ignored by the program too
-    child = Child(partial(_told, os.path.basename(command[0])))
+    child = Child(partial(_say_line, os.path.basename(command[0])))
     try:
         child.start(command)
     except OSError as problem:
@@ -44,7 +44,7 @@ def _end_by(number: int) -> None:
     os.kill(os.getpid(), number)
 
 
-def _told(name: str, line: str) -> None:
+def _say_line(name: str, line: str) -> None:
     say(f"{name} says: {line}", logging.INFO)
 
 

@@ -21,7 +21,7 @@ CALLER = "/rosfleet_multimaster"
 PAUSE = 0.2  # seconds between two looks
 
 
-class NotYet(Exception):
+class Unavailable(Exception):
     """The awaited thing is not there yet."""
 
 
@@ -35,22 +35,22 @@ class Transport(xmlrpc.client.Transport):
 
 
 def ask(uri: str, method: str, *arguments: Any) -> Any:
-    """The value that a roscore answers with. Raises NotYet where it gives none."""
+    """The value that a roscore answers with. Raises Unavailable where it gives none."""
     try:
         code, text, value = getattr(xmlrpc.client.ServerProxy(uri, Transport()), method)(CALLER, *arguments)
     except Exception as problem:  # the network's, HTTP's and XML's own: whatever it is, not a roscore's answer
-        raise NotYet(f"the roscore at {uri} does not answer: {problem}") from None
+        raise Unavailable(f"the roscore at {uri} does not answer: {problem}") from None
     if code != 1:
-        raise NotYet(f"the roscore at {uri} says: {quote(text)}")
+        raise Unavailable(f"the roscore at {uri} says: {quote(text)}")
     return value
 
 
-def until(end: float, look: Callable[..., Any], *arguments: Any) -> Any:
-    """Return what `look` returns, as soon as it does. Raises NotYet when the time is over."""
+def wait_for(end: float, look: Callable[..., Any], *arguments: Any) -> Any:
+    """Return what `look` returns, as soon as it does. Raises Unavailable when the time is over."""
     while True:
         try:
             return look(*arguments)
-        except NotYet:
+        except Unavailable:
             if time.monotonic() > end:
                 raise
             time.sleep(PAUSE)
@@ -68,14 +68,14 @@ def main() -> int:
     options = parser.parse_args()
     uri, end = os.environ.get("ROS_MASTER_URI", "http://localhost:11311"), time.monotonic() + options.timeout
     try:
-        until(end, ask, uri, "getUri")
+        wait_for(end, ask, uri, "getUri")
         if options.set:
             namespace, path = options.set
             with open(path, encoding="utf-8") as stream:
-                until(end, ask, uri, "setParam", namespace, json.load(stream))
+                wait_for(end, ask, uri, "setParam", namespace, json.load(stream))
         if options.service:
-            until(end, ask, uri, "lookupService", options.service)
-    except NotYet as problem:
+            wait_for(end, ask, uri, "lookupService", options.service)
+    except Unavailable as problem:
         say(f"{problem} (after {options.timeout:g} s)")
         return 1
     return 0

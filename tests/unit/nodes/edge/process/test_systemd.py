@@ -9,7 +9,7 @@ import subprocess
 import sys
 
 import pytest
-from rosfleet_multimaster.edge.process.systemd import keep, kept, notify, watchdog
+from rosfleet_multimaster.edge.process.systemd import notify, restore_sockets, store_socket, watchdog
 
 
 def test_systemd_is_told(tmp_path, monkeypatch):
@@ -48,16 +48,16 @@ def test_systemd_is_given_a_socket_which_is_the_same_one(tmp_path, monkeypatch):
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
         systemd.bind(str(tmp_path / "notify"))
         monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
-        keep("roscore", held)
+        store_socket("roscore", held)
         text, numbers, _flags, _address = socket.recv_fds(systemd, 100, 4)
     assert text.split(b"\n") == [b"FDSTORE=1", b"FDNAME=roscore"]
     address = held.getsockname()
     held.close()
     with socket.socket(fileno=numbers[0]) as again, socket.create_connection(address, 2):
         assert again.getsockname() == address and again.accept()
-    keep("roscore", socket.socket())  # nobody listens any more: no error
+    store_socket("roscore", socket.socket())  # nobody listens any more: no error
     monkeypatch.delenv("NOTIFY_SOCKET")
-    keep("roscore", socket.socket())  # no service
+    store_socket("roscore", socket.socket())  # no service
 
 
 #: A program that systemd starts with sockets from 3 on: it says which of them are its own, and what its children would have.
@@ -65,10 +65,10 @@ STARTED = """
 import os, sys
 os.environ["LISTEN_PID"] = sys.argv[1].replace("own", str(os.getpid()))
 sys.path.insert(0, sys.argv[2])
-from rosfleet_multimaster.edge.process.systemd import kept
-found = kept("roscore")
+from rosfleet_multimaster.edge.process.systemd import restore_sockets
+found = restore_sockets("roscore")
 print([held.getsockname()[1] for held in found], [os.get_inheritable(held.fileno()) for held in found])
-print(kept("roscore"), [name for name in os.environ if name.startswith("LISTEN")])
+print(restore_sockets("roscore"), [name for name in os.environ if name.startswith("LISTEN")])
 """
 
 
@@ -78,7 +78,7 @@ print(kept("roscore"), [name for name in os.environ if name.startswith("LISTEN")
     ids=["one", "both", "without names", "of another process"],
 )
 def test_the_sockets_that_systemd_held(pid, names, own):
-    nodes = str(pathlib.Path(sys.modules[kept.__module__].__file__).parents[3])
+    nodes = str(pathlib.Path(sys.modules[restore_sockets.__module__].__file__).parents[3])
     sockets = [socket.create_server(("127.0.0.1", 0)) for _number in range(2)]
     ports = [held.getsockname()[1] for held in sockets]
 

@@ -24,7 +24,7 @@ class Contacts:
         self,
         loop: Loop,
         resolvers: Workers,
-        limited: program.Limited,
+        limited: program.LimitedLog,
         errors: Dict[str, str],
         known: Callable[[str], bool],
         may_ask: Callable[[str], bool],

@@ -9,7 +9,7 @@ from typing import Any, Callable, Dict, Mapping, NamedTuple, Optional, Set, Tupl
 
 from ..edge.addresses import Changes, addresses_of_all, network, resolve, source_address
 from ..edge.clock import monotonic
-from ..edge.loop import Loop, Recurring, Workers
+from ..edge.loop import Loop, RecurringJob, Workers
 from ..edge.process import program
 from .core.actions import Send
 from .udp import Datagram, Socket, Udp
@@ -44,7 +44,7 @@ class Datagrams:
         values: Mapping[str, Any],
         loop: Loop,
         resolvers: Workers,
-        limited: program.Limited,
+        limited: program.LimitedLog,
         errors: Dict[str, str],
         callbacks: Callbacks,
     ) -> None:
@@ -63,7 +63,7 @@ class Datagrams:
         self._open_due = 0.0
         self._hosts: Dict[str, str] = {}  # ~robot_hosts -> address
         hosts = values["robot_hosts"]
-        self._lookups = Recurring(  # a name server knows no time limit, and the next look may be answered
+        self._lookups = RecurringJob(  # a name server knows no time limit, and the next look may be answered
             resolvers,
             lambda: RESOLVE,
             lambda: addresses_of_all(hosts),

@@ -6,7 +6,7 @@ import math
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from ..edge.clock import monotonic, wall_clock
-from ..edge.own_roscore import Identity
+from ..edge.local_roscore import Identity
 from ..edge.process import program
 from ..edge.roscore import Roscore
 from ..edge.rpc_client import Last

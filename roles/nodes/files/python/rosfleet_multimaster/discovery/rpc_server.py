@@ -12,7 +12,7 @@ from http.server import BaseHTTPRequestHandler
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple, Union
 
 from ..edge.clock import monotonic
-from ..edge.counting import Count
+from ..edge.counter import Count
 from ..protocol.plain_text import LINE, plain
 from ..protocol.xml_rpc import MAX_REQUEST, loads
 

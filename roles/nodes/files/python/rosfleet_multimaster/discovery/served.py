@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, Callable, Dict, Iterable, List, Optional, Set, Tuple
 
 from ..edge.clock import sleep, wall_clock
-from ..edge.counting import Count
+from ..edge.counter import Count
 from ..edge.process import program
 from ..edge.process.systemd import notify
 from ..protocol import json_text

@@ -10,8 +10,8 @@ from typing import Any, Callable, Optional
 from xmlrpc.client import Fault
 
 from ..edge.clock import monotonic, wall_clock
-from ..edge.loop import Ended, in_thread
-from ..edge.own_roscore import Identity
+from ..edge.local_roscore import Identity
+from ..edge.loop import EndFlag, start_thread
 from ..edge.process import program
 from ..edge.roscore import KNOWN
 from ..edge.rpc_client import Rpc
@@ -138,7 +138,7 @@ class Source:
 
 def in_own_thread(
     source: Source,
-    ended: Ended,
+    ended: EndFlag,
     told: Callable[[State, Any], None],
     failed: Callable[[str, float], None],
     give_up: Callable[[str], None],
@@ -173,4 +173,4 @@ def in_own_thread(
                 failed(str(problem) or type(problem).__name__, failing)
             ended.wait(RETRY if failing is not None else source.pause)
 
-    in_thread("source", follow)
+    start_thread("source", follow)

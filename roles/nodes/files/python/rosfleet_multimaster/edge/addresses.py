@@ -9,7 +9,7 @@ from functools import partial
 from typing import Dict, Iterable, List, NamedTuple, Set, Tuple
 from urllib.parse import urlsplit
 
-from .patience import within
+from .patience import run_with_limit
 
 # linux/rtnetlink.h, linux/if_link.h, linux/if_addr.h and net/if.h
 _RTM_NEWLINK, _RTM_GETLINK, _RTM_NEWADDR, _RTM_GETADDR, _RTM_NEWROUTE, _RTM_GETROUTE = 16, 18, 20, 22, 24, 26
@@ -30,11 +30,13 @@ def network() -> Network:
     """The network of this computer as the kernel tells it now. Raises OSError."""
     of = dict(addresses())
     own, running = set(of), set()
-    for head, parts in _listed(_RTM_GETROUTE, _RTM_NEWROUTE, struct.pack("=BBBBBBBBI", socket.AF_INET, *[0] * 8), 12):
+    for head, parts in _dump_table(
+        _RTM_GETROUTE, _RTM_NEWROUTE, struct.pack("=BBBBBBBBI", socket.AF_INET, *[0] * 8), 12
+    ):
         length, kind = head[1], head[7]
         if kind == _RTN_LOCAL and length == 32 and len(parts.get(_RTA_DST, b"")) == 4:
             own.add(socket.inet_ntoa(parts[_RTA_DST]))
-    for head, _parts in _listed(_RTM_GETLINK, _RTM_NEWLINK, bytes(16), 16):
+    for head, _parts in _dump_table(_RTM_GETLINK, _RTM_NEWLINK, bytes(16), 16):
         index, flags = struct.unpack_from("=iI", head, 4)
         if flags & _IFF_RUNNING:
             running.add(index)
@@ -44,7 +46,7 @@ def network() -> Network:
 def networks() -> List[str]:
     """The networks of this computer's interfaces, as 192.168.1.2/24; not the loopback's."""
     found = []
-    for head, parts in _listed(_RTM_GETADDR, _RTM_NEWADDR, struct.pack("=BBBBI", socket.AF_INET, 0, 0, 0, 0), 8):
+    for head, parts in _dump_table(_RTM_GETADDR, _RTM_NEWADDR, struct.pack("=BBBBI", socket.AF_INET, 0, 0, 0, 0), 8):
         address = parts.get(_IFA_ADDRESS, b"")  # the other end's, on a point-to-point link
         if len(address) == 4 and address[0] != 127:
             found.append(f"{socket.inet_ntoa(address)}/{head[1]}")
@@ -54,14 +56,14 @@ def networks() -> List[str]:
 def addresses() -> List[Tuple[str, int]]:
     """(IPv4 address, index of its interface) of this computer."""
     found: List[Tuple[str, int]] = []
-    for head, parts in _listed(_RTM_GETADDR, _RTM_NEWADDR, struct.pack("=BBBBI", socket.AF_INET, 0, 0, 0, 0), 8):
+    for head, parts in _dump_table(_RTM_GETADDR, _RTM_NEWADDR, struct.pack("=BBBBI", socket.AF_INET, 0, 0, 0, 0), 8):
         address = parts.get(_IFA_LOCAL, parts.get(_IFA_ADDRESS, b""))
         if len(address) == 4:
             found.append((socket.inet_ntoa(address), struct.unpack_from("=I", head, 4)[0]))
     return found
 
 
-def _listed(request: int, answer: int, head: bytes, size: int) -> List[Tuple[bytes, Dict[int, bytes]]]:
+def _dump_table(request: int, answer: int, head: bytes, size: int) -> List[Tuple[bytes, Dict[int, bytes]]]:
     """What the kernel lists (rtnetlink(7)): of each entry the head, which has this size, and the attributes."""
     found: List[Tuple[bytes, Dict[int, bytes]]] = []
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, 0) as kernel:
@@ -138,7 +140,7 @@ def source_address(group: str, port: int, own: Set[str]) -> str:
         )
 
 
-def own_hosts() -> Set[str]:
+def local_hosts() -> Set[str]:
     """Names, in small letters, and addresses of this computer."""
     names = {socket.gethostname(), "localhost", os.environ.get("ROS_IP", ""), os.environ.get("ROS_HOSTNAME", "")}
     own = {name.lower() for name in names if name}
@@ -148,12 +150,12 @@ def own_hosts() -> Set[str]:
         return own
 
 
-def here(uris: Iterable[str], seconds: float) -> Set[str]:
+def local_uris(uris: Iterable[str], seconds: float) -> Set[str]:
     """Those URIs that lead to this computer, as far as their names can be resolved in this time."""
-    own, hosts = own_hosts(), {uri: host_of(uri) for uri in uris}
+    own, hosts = local_hosts(), {uri: host_of(uri) for uri in uris}
     others = {host for host in hosts.values() if host and host not in own}
     try:
-        known = within(seconds, partial(addresses_of_all, others))
+        known = run_with_limit(seconds, partial(addresses_of_all, others))
     except TimeoutError:  # a name server that does not answer
         known = {}
     own |= {host for host in others if host.startswith("127.") or known.get(host) in own}

@@ -41,13 +41,13 @@ def messages() -> Any:
     try:
         from diagnostic_msgs import msg
     except ImportError:
-        return made()
+        return generate_messages()
     return msg
 
 
-def made() -> Any:
+def generate_messages() -> Any:
     """The same, as genpy makes them."""
     from genpy.dynamic import generate_dynamic
 
-    found = generate_dynamic("diagnostic_msgs/DiagnosticArray", _DEFINITIONS)
-    return SimpleNamespace(**{name.rpartition("/")[2]: made for name, made in found.items()})
+    classes = generate_dynamic("diagnostic_msgs/DiagnosticArray", _DEFINITIONS)
+    return SimpleNamespace(**{name.rpartition("/")[2]: kind for name, kind in classes.items()})

@@ -27,7 +27,7 @@ class Display:
         of: str,
         node: str,
         loop: Loop,
-        limited: program.Limited,
+        limited: program.LimitedLog,
         entries: Callable[[], List[Diagnosis]],
         samples: Callable[[], metrics.Samples],
     ) -> None:
@@ -41,11 +41,11 @@ class Display:
         self._publish_due = self._write_due = 0.0
 
     @property
-    def wanted(self) -> bool:
+    def has_outputs(self) -> bool:
         """True where anybody is shown anything."""
         return bool(self.diagnoses or self._path)
 
-    def changed(self) -> None:
+    def mark_stale(self) -> None:
         """Publish with the next look."""
         self._stale = True
 
@@ -63,7 +63,7 @@ class Display:
         return self._stale or (now >= self._publish_due and bool(topic.has_listeners()))
 
     def _write(self) -> None:
-        common = metrics.node_samples(self._node, wall_clock(), self._loop.waiting, rpc_client.RECEIVED.value)
+        common = metrics.node_samples(self._node, wall_clock(), self._loop.queue_length, rpc_client.RECEIVED.value)
         try:
             textfile.write(self._path, metrics.text({**common, **self._samples()}))
         except OSError as problem:

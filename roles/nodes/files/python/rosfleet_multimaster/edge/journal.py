@@ -54,7 +54,7 @@ class Handler(logging.StreamHandler):  # type: ignore[type-arg]  # a class of Py
     """Writes the lines of a record one by one: to the stream, several in one piece are one line."""
 
     def __init__(self, stream: Any = None) -> None:
-        super().__init__(_behind(stream or sys.stderr))
+        super().__init__(_unwrap(stream or sys.stderr))
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a record."""
@@ -84,7 +84,7 @@ class RospyHandler(Handler):
 
 def say(text: str, level: int = logging.WARNING) -> None:
     """Write a sentence of a program that has no log."""
-    stream = _behind(sys.stderr)
+    stream = _unwrap(sys.stderr)
     stream.write(_line(level, plain(text, LINE), "") + "\n")
     stream.flush()
 
@@ -96,13 +96,13 @@ class PlainStream:
     """
 
     def __init__(self, stream: TextIO, level: int = logging.INFO) -> None:
-        self.behind, self._level = stream, level
-        self._begun = threading.local()
+        self.stream, self._level = stream, level
+        self._piece = threading.local()
 
     def write(self, text: str) -> int:
         """Write a piece: a line break counts at its end only."""
-        self._begun.text = getattr(self._begun, "text", "") + text[: 2 * LINE]
-        if text.endswith("\n") or len(self._begun.text) > LINE:
+        self._piece.text = getattr(self._piece, "text", "") + text[: 2 * LINE]
+        if text.endswith("\n") or len(self._piece.text) > LINE:
             self._end_line()
         return len(text)
 
@@ -114,19 +114,19 @@ class PlainStream:
     def flush(self) -> None:
         """Write what waits."""
         self._end_line()
-        self.behind.flush()
+        self.stream.flush()
 
     def _end_line(self) -> None:
-        text, self._begun.text = getattr(self._begun, "text", ""), ""
+        text, self._piece.text = getattr(self._piece, "text", ""), ""
         if text.strip():
-            self.behind.write(_line(self._level, plain(f"printed: {text}", LINE), "") + "\n")
+            self.stream.write(_line(self._level, plain(f"printed: {text}", LINE), "") + "\n")
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self.behind, name)
+        return getattr(self.stream, name)
 
 
-def _behind(stream: Any) -> Any:
-    return stream.behind if isinstance(stream, PlainStream) else stream
+def _unwrap(stream: Any) -> Any:
+    return stream.stream if isinstance(stream, PlainStream) else stream
 
 
 def plain_streams() -> None:

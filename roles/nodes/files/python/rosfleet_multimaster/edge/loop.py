@@ -43,7 +43,7 @@ class Loop:
         self.wake()
 
     @property
-    def waiting(self) -> int:
+    def queue_length(self) -> int:
         """How many calls wait."""
         return self._posted.qsize()
 
@@ -102,7 +102,7 @@ class Workers:
             waiting
         )
         for number in range(threads):
-            in_thread(f"worker-{number}", self._work)
+            start_thread(f"worker-{number}", self._work)
 
     def submit(self, job: Callable[[], Any], done: Callable[[Any, Optional[Exception]], Any]) -> None:
         """Run a job in a thread, then `done(result, exception)` in the loop."""
@@ -124,7 +124,7 @@ class Workers:
             del job, done, result, problem  # else they are held until the next job has ended
 
 
-class InLoop:
+class DirectRunner:
     """Runs jobs at once, in the loop: for jobs that do not block."""
 
     def submit(self, job: Callable[[], Any], done: Callable[[Any, Optional[Exception]], Any]) -> None:
@@ -132,7 +132,7 @@ class InLoop:
         done(job(), None)
 
 
-class Recurring:
+class RecurringJob:
     """A job that recurs. It has one run at a time, unless its runs may overlap.
 
     The program asks `tick` on each pass of its loop. `due` (a time of the monotonic clock) may be changed at any time.
@@ -140,7 +140,7 @@ class Recurring:
 
     def __init__(
         self,
-        runner: Union[Workers, InLoop],
+        runner: Union[Workers, DirectRunner],
         every: Callable[[], float],
         job: Callable[[], Any],
         done: Callable[[Any, Optional[Exception]], Any] = lambda _result, _problem: None,
@@ -164,30 +164,30 @@ class Recurring:
         """
         if self._may_start() and now >= self.due - self._early:
             self.due, self._running = now + self._every(), True
-            self._runner.submit(self._job, self._ended)
+            self._runner.submit(self._job, self._on_end)
         return self.due if self._may_start() else None
 
     def _may_start(self) -> bool:
         return (self._overlapping or not self._running) and self._wanted()
 
-    def _ended(self, result: Any, problem: Optional[Exception]) -> None:
+    def _on_end(self, result: Any, problem: Optional[Exception]) -> None:
         self._running = False
         self._done(result, problem)
 
 
-def in_thread(name: str, job: Callable[[], Any]) -> None:
+def start_thread(name: str, job: Callable[[], Any]) -> None:
     """Run a job in a thread of its own, which does not keep the process from ending."""
     threading.Thread(target=job, name=name, daemon=True).start()
 
 
-def after(seconds: float, job: Callable[[], Any]) -> None:
+def run_later(seconds: float, job: Callable[[], Any]) -> None:
     """Run a job in a thread after a while, unless the process has ended before."""
     timer = threading.Timer(seconds, job)
     timer.daemon = True
     timer.start()
 
 
-class Ended:
+class EndFlag:
     """A flag that is set once, from any thread."""
 
     def __init__(self) -> None:

@@ -9,7 +9,7 @@ _HANGING = 4  # jobs that may hang at once
 _hanging: List[threading.Thread] = []
 
 
-def within(seconds: float, job: Callable[[], Any]) -> Any:
+def run_with_limit(seconds: float, job: Callable[[], Any]) -> Any:
     """The result of a job that knows no time limit, such as a call of rospy.
 
     Raises TimeoutError, at once too where several earlier jobs still hang; and what the job raises.

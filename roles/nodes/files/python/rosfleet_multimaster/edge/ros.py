@@ -32,7 +32,7 @@ from ..protocol.messages import (  # noqa: E402
 )
 from ..protocol.plain_text import LINE, plain  # noqa: E402
 from . import diagnostic_classes  # noqa: E402
-from .patience import within  # noqa: E402
+from .patience import run_with_limit  # noqa: E402
 
 _log = logging.getLogger("rosfleet.ros")
 
@@ -60,7 +60,7 @@ def start(default_name: str) -> Tuple[str, str]:
     return rospy.get_name(), str(rospy.get_node_uri())
 
 
-def ended_by(callback: Callable[[str], None]) -> None:
+def on_shutdown(callback: Callable[[str], None]) -> None:
     """Call back with the reason when somebody else ends the node (another node with its name, `rosnode kill`)."""
     rospy.core.add_preshutdown_hook(lambda reason: callback(str(reason)))
 
@@ -147,21 +147,21 @@ class DiscoveryNode:
         self._changes = rospy.Publisher("~changes", msg.MasterState, queue_size=100)
         self._links = rospy.Publisher("~linkstats", msg.LinkStatesStamped, queue_size=1)
 
-        def listed(_request: Any) -> Any:
+        def list_masters(_request: Any) -> Any:
             return srv.DiscoverMastersResponse([_to_ros_master(master) for master in masters()])
 
-        def refreshed(_request: Any) -> Any:
+        def handle_refresh(_request: Any) -> Any:
             refresh()
             return std_srvs.srv.EmptyResponse()
 
-        self.list_masters = rospy.Service("~list_masters", srv.DiscoverMasters, listed)
-        rospy.Service("~refresh", std_srvs.srv.Empty, refreshed)
+        self.list_masters = rospy.Service("~list_masters", srv.DiscoverMasters, list_masters)
+        rospy.Service("~refresh", std_srvs.srv.Empty, handle_refresh)
 
     def service_uri(self) -> Tuple[str, str]:
         """Name and URI of a service of this node: what the roscore must know."""
         return str(self.list_masters.resolved_name), str(self.list_masters.uri)
 
-    def changed(self, change: str, master: Master) -> None:
+    def publish_change(self, change: str, master: Master) -> None:
         """Publish that a master is new, changed or removed."""
         self._changes.publish(msg.MasterState(state=change, master=_to_ros_master(master)))
 
@@ -182,7 +182,7 @@ def _call(service: str, kind: Any, seconds: float) -> Any:
     """The answer of a service. rospy waits for ever: after the time limit its connection is cut. May raise anything."""
     proxy = rospy.ServiceProxy(service, kind, persistent=True)  # persistent: only then its connection is known
     try:
-        return within(seconds, proxy)
+        return run_with_limit(seconds, proxy)
     finally:
         _end(proxy)
 
@@ -249,7 +249,7 @@ class ListMasters:
             self._drop()
             self._service, self._proxy = service, rospy.ServiceProxy(service, srv.DiscoverMasters, persistent=True)
         try:
-            return [_from_ros_master(master) for master in within(LIST_TIMEOUT, self._proxy).masters]
+            return [_from_ros_master(master) for master in run_with_limit(LIST_TIMEOUT, self._proxy).masters]
         except Exception:
             self._drop()
             raise

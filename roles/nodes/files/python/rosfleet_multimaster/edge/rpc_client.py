@@ -17,7 +17,7 @@ from typing import Any, Callable, List, Optional, Sequence, Tuple
 from ..protocol.plain_text import plain, quote
 from ..protocol.xml_rpc import ANSWER, DocumentTooLarge, loads
 from .clock import monotonic
-from .counting import Count
+from .counter import Count
 
 SMALL = 1 << 19  # bytes of an answer, as it is sent: a larger one waits for those before it
 _HEAD = 1 << 15  # bytes of all lines of the head of an answer, and of those between its chunks
@@ -134,7 +134,7 @@ class Rpc:
     def _post(self, body: bytes) -> Tuple[bytearray, bool]:
         kept = self._connection is not None
         try:
-            return self._timed(body)
+            return self._post_in_time(body)
         except Exception as problem:
             self.close()
             if kept and not self._over and isinstance(problem, (http.client.HTTPException, ConnectionError)):
@@ -143,7 +143,7 @@ class Rpc:
                 raise OSError(f"{self.uri} does not answer as an XML-RPC server") from None
             raise
 
-    def _timed(self, body: bytes) -> Tuple[bytearray, bool]:
+    def _post_in_time(self, body: bytes) -> Tuple[bytearray, bool]:
         if self._connection is None:
             self._connection = _Connection(self._host, self._port, timeout=self._timeout)
             self._connection.connect()

@@ -17,7 +17,7 @@ from functools import partial
 from typing import Any, List, Optional
 
 from ..edge import addresses, journal
-from ..edge.loop import Loop, Workers, in_thread
+from ..edge.loop import Loop, Workers, start_thread
 from ..edge.process import memory, program, systemd
 from ..protocol import imports
 from ..protocol.plain_text import quote
@@ -62,7 +62,7 @@ class Roscore:
         journal.quiet("rosmaster", "rosgraph", "xmlrpc")
         found = store.read(self._options.store) if self._options.store else None
         before = self._restored(found)
-        memory.settled()
+        memory.freeze()
         self._keep_from_now_on(found)
         core_services.run_id(self._call)
         self._serve()
@@ -71,7 +71,7 @@ class Roscore:
             self._survivors.begin(before.without(self._is_import))
         if self._late is not None:
             self._survivors.wait_for(self._late)
-        in_thread("versions", partial(core_services.versions, self._call))
+        start_thread("versions", partial(core_services.versions, self._call))
         program.on_signals(self._loop, self._end)
         program.on_request(self._loop, self._forget)
         self._loop.run(self._tick)
@@ -158,7 +158,7 @@ class Roscore:
         There may be no network yet: who answers later is registered again then.
         """
         claims = imports.claims_of(registry.parameter(imports.IMPORTS))
-        here = addresses.here(registry.nodes.values(), BOOT_PATIENCE)
+        here = addresses.local_uris(registry.nodes.values(), BOOT_PATIENCE)
         others = registry.without(lambda node, uri: (node, uri) in claims or uri in here)
         alive = alive_of(others, BOOT_PATIENCE)
         self._late = others.without(lambda node, uri: (node, uri) in alive)
@@ -176,14 +176,14 @@ class Roscore:
             self._store.start(found)
 
     def _serve(self) -> None:
-        held = systemd.kept(SOCKET)
+        held = systemd.restore_sockets(SOCKET)
         more = {"rosfleetChanges": self._changes.answer, **core_services.roslaunch_methods(self._rosout)}
         try:
             uri, listening = master.serve(self._master, self._options.port, held, more)
         except OSError as problem:
             raise program.Fatal(f"the roscore cannot listen at port {self._options.port}: {problem}") from None
         if listening not in held:
-            systemd.keep(SOCKET, listening)
+            systemd.store_socket(SOCKET, listening)
         core_services.parameters(self._call, uri)
         self._uri = uri
         systemd.notify("READY=1")

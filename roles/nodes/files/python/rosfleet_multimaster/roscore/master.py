@@ -463,7 +463,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         if call.method != "shutdown":
             return True
         callers = self._enders.get((call.uri, call.key[1]), set())
-        if any(own for _address, own in callers) and addresses.here([call.uri], RESOLVE):
+        if any(own for _address, own in callers) and addresses.local_uris([call.uri], RESOLVE):
             return True
         host = addresses.host_of(call.uri)
         if addresses.addresses_of_all([host]).get(host) in {address for address, _own in callers}:

@@ -8,7 +8,7 @@ Who follows the roscore (roscore/changes.py) is told the counts as if they were 
 import threading
 from typing import Any, Callable, Dict, List, Tuple
 
-from ..edge.counting import Count
+from ..edge.counter import Count
 from ..edge.process import program
 from ..protocol.mirror import REFUSED
 from .core.registry import Record
@@ -21,7 +21,7 @@ class Refusals:
 
     def __init__(self, tell: Callable[[List[Record]], None]) -> None:
         """`tell(records)`: tell who follows."""
-        self._tell, self._limited = tell, program.Limited()
+        self._tell, self._limited = tell, program.LimitedLog()
         self._counts: Dict[str, Count] = {}
         self._saying = threading.Lock()
         self._told: Dict[str, int] = {}

@@ -16,7 +16,7 @@ from functools import partial
 from typing import Callable, Dict, List, NamedTuple, Optional, Protocol, Set
 
 from ..edge.clock import monotonic
-from ..edge.loop import Loop, Workers, after
+from ..edge.loop import Loop, Workers, run_later
 from ..edge.rpc_client import Rpc
 from ..protocol.xml_rpc import NODE
 from .core.registry import Of, Record, Registry
@@ -176,12 +176,12 @@ class Survivors:
         of = (name, uri)
         if of not in self._leaving:
             self._leaving.add(of)
-            after(AGAIN, partial(self._ask, of, Had({}, {}), partial(self._bury, of)))
+            run_later(AGAIN, partial(self._ask, of, Had({}, {}), partial(self._bury, of)))
 
     def _ask(self, of: Of, held: Had, judge: Callable[[Found], bool], pause: float = AGAIN) -> None:
         def answered(found: Optional[Found], _problem: Optional[Exception]) -> None:
             if judge(Found(State.SILENT) if found is None else found):
-                after(pause, partial(self._ask, of, held, judge, min(2 * pause, LATEST)))
+                run_later(pause, partial(self._ask, of, held, judge, min(2 * pause, LATEST)))
 
         self._workers.submit(partial(ask, *of, held), answered)
 

@@ -39,7 +39,7 @@ class Fetcher:
         self,
         loop: Loop,
         core: Sync,
-        limited: program.Limited,
+        limited: program.LimitedLog,
         fetched: Callable[[str, Set[Registration]], None],
         changed: Callable[[str, Set[Registration]], None],
         differences: bool = True,

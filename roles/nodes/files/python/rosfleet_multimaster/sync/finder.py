@@ -6,7 +6,7 @@ from typing import Callable, List, NamedTuple, Optional, Set, Tuple
 
 from ..edge.clock import monotonic
 from ..edge.lifeline import Lifeline, Socket, lifeline
-from ..edge.loop import Loop, Recurring, Workers
+from ..edge.loop import Loop, RecurringJob, Workers
 from ..edge.process import program
 from ..edge.process.systemd import notify
 from ..protocol.imports import Claims
@@ -37,7 +37,7 @@ class Finder:
         loop: Loop,
         graph: OwnGraph,
         roscore_calls: Workers,
-        limited: program.Limited,
+        limited: program.LimitedLog,
         claims: Callable[[], Claims],
         list_masters: Callable[[str], List[Master]],
         subscribe: Callable[[str], None],
@@ -49,8 +49,10 @@ class Finder:
         self._subscribe, self._on_list = subscribe, listed
         self._service = ""
         self._line = Lifeline(loop, self._ended)
-        self._finds = Recurring(roscore_calls, lambda: FIND if self._service else LIST_FIRST, self._find, self._found)
-        self._lists = Recurring(
+        self._finds = RecurringJob(
+            roscore_calls, lambda: FIND if self._service else LIST_FIRST, self._find, self._found
+        )
+        self._lists = RecurringJob(
             Workers(loop, 2),
             lambda: LIST if self.listed_once else LIST_FIRST,
             lambda: (monotonic(), list_masters(self._service)),

@@ -7,7 +7,7 @@ from typing import Any, Callable, Dict, List, Optional
 
 from ..edge.addresses import address_of, network, networks
 from ..edge.clock import monotonic, processor_time
-from ..edge.loop import Ended, in_thread
+from ..edge.loop import EndFlag, start_thread
 from ..edge.rpc_client import Rpc
 from ..protocol import json_text
 from ..protocol.differences import apply_difference, digest
@@ -115,7 +115,7 @@ class Follower:
         self.fetch, self._method = fetch, method
         self._rpc, self._view, self._taken, self._state = rpc, view, taken, state
         self._epoch, self._revision = answer.epoch, answer.revision
-        self._pace, self._ended = Pace(), Ended()
+        self._pace, self._ended = Pace(), EndFlag()
 
     def start(
         self, told: Callable[["Follower", State, Misplaced], None], over: Callable[["Follower", Exception], None]
@@ -133,7 +133,7 @@ class Follower:
             finally:
                 self._rpc.close()
 
-        in_thread("follow", follow)
+        start_thread("follow", follow)
 
     def stop(self) -> None:
         """Ask no more."""

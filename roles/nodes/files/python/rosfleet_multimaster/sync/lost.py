@@ -10,7 +10,7 @@ from typing import Callable, Dict, FrozenSet, List, Mapping, Optional, Set, Tupl
 
 from ..edge import connections
 from ..edge.clock import monotonic
-from ..edge.loop import Loop, Recurring, Workers
+from ..edge.loop import Loop, RecurringJob, Workers
 from ..edge.process import program
 from ..edge.rpc_client import Rpc
 from ..protocol.imports import Claims
@@ -34,7 +34,7 @@ class Lost:
         self,
         loop: Loop,
         askers: Workers,
-        limited: program.Limited,
+        limited: program.LimitedLog,
         wanted: bool,
         members: Members,
         online: Callable[[], Dict[str, bool]],
@@ -49,7 +49,9 @@ class Lost:
         self._endpoints: Set[Tuple[str, int]] = set()  # what leads there is ended
         self._latest: Optional[Tuple[Mapping[Registration, str], View, Claims]] = None  # registered, not noted yet,
         self._note_due = 0.0  # and when it is
-        self._sweeps = Recurring(self._enders, lambda: SWEEP, self._sweep, self._swept, lambda: bool(self._endpoints))
+        self._sweeps = RecurringJob(
+            self._enders, lambda: SWEEP, self._sweep, self._swept, lambda: bool(self._endpoints)
+        )
 
     def look(self, now: float) -> None:
         """See which masters were lost or have come back. Called after each news of them: two may come in one pass."""

@@ -71,7 +71,7 @@ class Rounds:
         lost: Lost,
         roscore_calls: Workers,
         updaters: Workers,
-        limited: program.Limited,
+        limited: program.LimitedLog,
         callbacks: Callbacks,
     ) -> None:
         """`node`: name and URI of this node. `roscore_calls`: one thread, in which everything is asked of the roscore."""

@@ -20,10 +20,10 @@ _COLOUR = re.compile(rb"\x1b\[[0-9;]*m")
 class Child:
     """A program that is started again when it has ended."""
 
-    def __init__(self, told: Callable[[str], None]) -> None:
+    def __init__(self, on_line: Callable[[str], None]) -> None:
         """`told(line)`: it has written this; called in a thread, the line is still as it was written."""
         self._process: Optional[subprocess.Popen[bytes]] = None
-        self._told = told
+        self._on_line = on_line
         self._reader: Optional[threading.Thread] = None
 
     def runs(self) -> bool:
@@ -52,7 +52,7 @@ class Child:
     def _hand_on(self, stream: IO[bytes]) -> None:
         with stream:
             for line in _lines(stream):
-                self._told(line)
+                self._on_line(line)
 
     def end(self, seconds: float) -> None:
         """End it, and wait."""

@@ -22,7 +22,7 @@ def give_back() -> None:
         pass
 
 
-def settled() -> None:
+def freeze() -> None:
     """What there is now stays. Whoever is called while Python looks for cycles waits: 14 ms with 20,000 registrations."""
     gc.collect()
     gc.freeze()

@@ -17,7 +17,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 from ...protocol import parameters
 from .. import journal
 from ..clock import monotonic
-from ..loop import Loop, after
+from ..loop import Loop, run_later
 from ..roscore import Roscore
 from . import memory
 from .systemd import notify
@@ -45,7 +45,7 @@ def start_log(level: str = "INFO") -> None:
     LOG.setLevel(_LEVELS.get(level, level))
 
 
-class Limited:
+class LimitedLog:
     """A log that says one thing once a minute, and then how often it has not said it; and not too many things at all."""
 
     def __init__(self) -> None:
@@ -169,7 +169,7 @@ def leave_process(status: int) -> None:
 
 def leave_after(seconds: float) -> None:
     """End the process after a while, whatever still hangs then."""
-    after(seconds, partial(leave_process, 0))
+    run_later(seconds, partial(leave_process, 0))
 
 
 def give_up(reason: str) -> None:

@@ -37,7 +37,7 @@ def watchdog() -> Optional[float]:
     return microseconds / 1e6 if meant and microseconds > 0 else None
 
 
-def keep(name: str, held: socket.socket) -> None:
+def store_socket(name: str, held: socket.socket) -> None:
     """Have systemd hold a socket while this service is started again (sd_pid_notify_with_fds(3), FDSTORE=1)."""
     path = os.environ.get("NOTIFY_SOCKET", "")
     if path:
@@ -50,7 +50,7 @@ def keep(name: str, held: socket.socket) -> None:
                 _log.warning("systemd cannot be given the socket: %s", problem)
 
 
-def kept(name: str) -> List[socket.socket]:
+def restore_sockets(name: str) -> List[socket.socket]:
     """The sockets of this name that systemd held (sd_listen_fds(3))."""
     if os.environ.pop("LISTEN_PID", "") != str(os.getpid()):
         return []

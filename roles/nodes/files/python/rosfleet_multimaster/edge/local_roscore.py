@@ -8,7 +8,7 @@ from ..protocol.parameters import Parameter
 from ..protocol.plain_text import quote
 from .clock import monotonic, sleep
 from .lifeline import Lifeline, Socket, lifeline
-from .loop import Ended, Loop, Recurring, Workers
+from .loop import EndFlag, Loop, RecurringJob, Workers
 from .process import program
 from .process.systemd import notify
 from .roscore import Roscore
@@ -53,7 +53,7 @@ class Start(NamedTuple):
     """A node that has begun: its loop, its roscore, its names and its parameters."""
 
     loop: Loop
-    ended: Ended  # it ends by itself: that ROS ends it, too, is nothing to tell of
+    ended: EndFlag  # it ends by itself: that ROS ends it, too, is nothing to tell of
     roscore: Roscore
     uri: str  # that the roscore calls itself
     name: str  # of the node
@@ -70,14 +70,14 @@ def begin(ros: Any, default_name: str, table: Mapping[str, Parameter], descripti
     name = ros.node_name(default_name)
     roscore = Roscore(env_uri, name)
     refuse_second(roscore, name)
-    loop, ended = Loop(), Ended()
+    loop, ended = Loop(), EndFlag()
     node_name, node_uri = ros.start(default_name)
-    ros.ended_by(lambda reason: loop.post(_ended_by_ros, ended, reason))
+    ros.on_shutdown(lambda reason: loop.post(_on_shutdown, ended, reason))
     values = program.settle_parameters(roscore, name, read, table)
     return Start(loop, ended, roscore, uri, node_name, node_uri, values)
 
 
-def _ended_by_ros(ended: Ended, reason: str) -> None:
+def _on_shutdown(ended: EndFlag, reason: str) -> None:
     if not ended:
         program.give_up(f"somebody ended this node: {quote(reason)}")
 
@@ -127,7 +127,7 @@ class Health:
         self._unanswered = 0
         self._line = Lifeline(loop, self._cut)
         self._checked_at = 0.0
-        self._checks = Recurring(workers, lambda: WATCHED if self._line else HEALTH, self._check, self._checked)
+        self._checks = RecurringJob(workers, lambda: WATCHED if self._line else HEALTH, self._check, self._on_check)
 
     def tick(self, now: float) -> Optional[float]:
         """Check where that is due; the time of the next check."""
@@ -141,7 +141,7 @@ class Health:
         service, line = self._identity.service, None if self._line else lifeline(self._roscore.rpc.uri)
         return self._identity.check(service, *self._roscore.ask(*self._identity.calls())), line
 
-    def _checked(self, found: Optional[Tuple[bool, Optional[Socket]]], problem: Optional[Exception]) -> None:
+    def _on_check(self, found: Optional[Tuple[bool, Optional[Socket]]], problem: Optional[Exception]) -> None:
         self._checked_at = monotonic()
         if isinstance(problem, program.Fatal):
             self._give_up(str(problem))
