@@ -20,8 +20,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
     quote,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import task_results
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch import watched
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch.watched import Event, Lost, Watched
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch import progress
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch.progress import Event, LostValue, WatchAnswer
 
 OPTIONS = ("watched", "duration", "known")
 
@@ -38,8 +38,8 @@ class ActionModule(ActionBase):
         task_vars = task_vars or {}
         name, duration, known = (self._task.args.get(option) or "" for option in OPTIONS)
         try:
-            seconds = watched.planned(duration).seconds
-        except watched.Unreadable as problem:
+            seconds = progress.plan_rounds(duration).seconds
+        except progress.Unreadable as problem:
             result.update(failed=True, msg=str(problem))
             return result
         hosts = frozenset(task_vars["ansible_play_hosts_all"])
@@ -49,29 +49,29 @@ class ActionModule(ActionBase):
             if name in task_vars["hostvars"][host]
         }
         before = known if isinstance(known, Mapping) else {}
-        Display().display(plain_lines(watched.progress(reports, seconds, before)))
-        events = watched.events_of(reports)
+        Display().display(plain_lines(progress.describe_progress(reports, seconds, before)))
+        events = progress.list_events(reports)
         lost = sum(len(report.lost) for report in reports.values())
-        first = plain(watched.first_loss(events), LINE)
+        first = plain(progress.describe_first_loss(events), LINE)
         result.update(
             changed=False,
             lost=lost,
             first_loss=first,
             events=plain_data([{"observer": host, **vars(event)} for host, event in events]),
             known={host: len(report.events) for host, report in reports.items()},
-            msg=first or f"Nothing was lost in {watched.clock(seconds)}.",
+            msg=first or f"Nothing was lost in {progress.format_duration(seconds)}.",
         )
         return result
 
 
-def read_watch(variables: Mapping[str, Any], name: str, hosts: Collection[str] = ()) -> Watched:
+def read_watch(variables: Mapping[str, Any], name: str, hosts: Collection[str] = ()) -> WatchAnswer:
     """Read the report of a computer, in which the names of the `hosts` are planned. A computer without a report is lost itself."""
     report = task_results.quote_texts(variables[name], names=hosts)
     try:
         if "events" in report:
-            return from_plain(Watched, report)
+            return from_plain(WatchAnswer, report)
         why = str(report.get("msg", "no result"))
     except Mismatch as problem:
         why = f"its results cannot be read: {quote(problem, LINE)}"
     gone = Event("computer", "", False, "an answer", why, time.time(), 0.0)
-    return Watched(watched=0, events=(gone,), lost=(Lost("computer", ""),))
+    return WatchAnswer(watched=0, events=(gone,), lost=(LostValue("computer", ""),))

@@ -39,13 +39,13 @@ _value:
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch.watched import Unreadable, planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch.progress import Unreadable, plan_rounds
 
 
 def watch_rounds(duration: Any) -> dict[str, Any]:
     """Return the duration and the ends of the rounds; see DOCUMENTATION. Raises AnsibleFilterError."""
     try:
-        plan = planned(str(duration))
+        plan = plan_rounds(str(duration))
     except Unreadable as problem:
         raise AnsibleFilterError(str(problem)) from problem
     return {"seconds": plan.seconds, "ends": list(plan.ends)}

@@ -27,7 +27,6 @@ LATER = set(
     plugins/plugin_utils/_judgement
     plugins/plugin_utils/_plan
     plugins/plugin_utils/_report
-    plugins/plugin_utils/_watch
     plugins/plugin_utils/_world
     roles/nodes/files/python/rosfleet_multimaster/discovery
     roles/nodes/files/python/rosfleet_multimaster/roscore

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A watch over a fleet: what all computers told of it in, progress lines and the first loss out.
+"""A watch over a fleet: the answers of all computers in, progress lines and the first loss out.
 
-Pure: see the module multimaster_watch for what a computer tells. Times are those of the computers' clocks, which the
-verification has compared before.
+Pure. The module multimaster_watch documents the answer of a computer. Times are those of the computers' clocks. The
+verification has compared these clocks before.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ LEAST, MOST = 10, 7 * 86400  # seconds
 SHORTEST, LONGEST, ROUNDS = 15, 300, 60  # seconds, seconds, number of them
 
 TOGETHER = 10.0  # seconds: losses that have one reason are seen so close to each other
-LINES = 6  # events that are told in one round; the result has all
+LINES = 6  # events in the progress line of one round; the result has all
 
 GROUP, MASTER = "group", "master"
-# Kind -> what is said of a loss. In the order in which one is nearer to the reason than another.
+# Kind -> the sentence of a loss. The kinds that are nearest to the reason stand first.
 SENTENCES = {
     "computer": "{observer} does not answer: {found}",
     "link": "the link {name} of {observer} is {found}, and was {expected}",
@@ -47,7 +47,7 @@ SNOOPING = (
 
 
 class Unreadable(ValueError):
-    """The duration is none; the text says what was expected."""
+    """A text that is not a duration. The message says what was expected."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Lost:
+class LostValue:
     """A value that is lost now."""
 
     kind: str
@@ -72,25 +72,25 @@ class Lost:
 
 
 @dataclass(frozen=True)
-class Watched:
+class WatchAnswer:
     """The answer of one computer's watch."""
 
     watched: int = 0
     seconds: float = 0.0
     events: tuple[Event, ...] = ()
-    lost: tuple[Lost, ...] = ()
+    lost: tuple[LostValue, ...] = ()
     dropped: int = 0
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How long is watched, and when progress is told: the ends of the rounds, in seconds after the start."""
+    """The length of the watch, and the ends of its rounds in seconds after the start. Progress is shown at each end."""
 
     seconds: int
     ends: tuple[int, ...] = field(default=())
 
 
-def planned(duration: str) -> Plan:
+def plan_rounds(duration: str) -> Plan:
     """Read a duration such as 90, 90s, 15m, 2h or 1d, and split it into rounds. Raises Unreadable."""
     match = re.fullmatch(r"\s*(\d{1,6})\s*([smhd]?)\s*", str(duration))
     seconds = int(match[1]) * UNITS[match[2]] if match else 0
@@ -100,46 +100,48 @@ def planned(duration: str) -> Plan:
     return Plan(seconds, tuple(min(end, seconds) for end in range(length, seconds + length, length)))
 
 
-def events_of(told: Mapping[str, Watched]) -> list[tuple[str, Event]]:
+def list_events(answers: Mapping[str, WatchAnswer]) -> list[tuple[str, Event]]:
     """List all events with their computers, in the order of time."""
-    return sorted(((name, event) for name, seen in told.items() for event in seen.events), key=lambda one: one[1].time)
+    return sorted(
+        ((name, event) for name, answer in answers.items() for event in answer.events), key=lambda one: one[1].time
+    )
 
 
-def progress(told: Mapping[str, Watched], seconds: int, known: Mapping[str, int]) -> str:
-    """Tell how far the watch is, and what has happened since; `known` are the events told before, by computer."""
-    lost = sum(len(seen.lost) for seen in told.values())
-    values = sum(seen.watched for seen in told.values())
+def describe_progress(answers: Mapping[str, WatchAnswer], seconds: int, known: Mapping[str, int]) -> str:
+    """Say how far the watch is, and what is new. `known` has the number of events that were shown before, by computer."""
+    lost = sum(len(answer.lost) for answer in answers.values())
+    values = sum(answer.watched for answer in answers.values())
     state = f"{lost} lost now" if lost else "nothing is lost"
-    last = min(max((seen.seconds for seen in told.values()), default=0.0), seconds)
-    head = f"watched {clock(last)} of {clock(seconds)}: {values} values on {len(told)} computers, {state}"
-    new = events_of({name: _without(seen, known.get(name, 0)) for name, seen in told.items()})
+    last = min(max((answer.seconds for answer in answers.values()), default=0.0), seconds)
+    head = f"watched {format_duration(last)} of {format_duration(seconds)}: {values} values on {len(answers)} computers, {state}"
+    new = list_events({name: _drop_known(answer, known.get(name, 0)) for name, answer in answers.items()})
     more = [f"  and {len(new) - LINES} more"] if len(new) > LINES else []
-    return "\n".join([head, *(f"  {sentence(*event)}" for event in new[:LINES]), *more])
+    return "\n".join([head, *(f"  {describe_event(*event)}" for event in new[:LINES]), *more])
 
 
-def _without(seen: Watched, known: int) -> Watched:
-    return Watched(seen.watched, seen.seconds, seen.events[known:], seen.lost)
+def _drop_known(answer: WatchAnswer, known: int) -> WatchAnswer:
+    return WatchAnswer(answer.watched, answer.seconds, answer.events[known:], answer.lost)
 
 
-def sentence(observer: str, event: Event) -> str:
-    """Say when and what."""
+def describe_event(observer: str, event: Event) -> str:
+    """Say when an event was, and what it was."""
     text = SENTENCES.get(event.kind, "{name} on {observer} is {found}")
-    said = text.format(observer=observer, name=event.name, found=event.found, expected=event.expected)
-    when = f"{_time(event.time)} ({clock(event.after)} after the start)"
-    return f"{when}: it is over that {said}" if event.well else f"{when}: {said}"
+    sentence = text.format(observer=observer, name=event.name, found=event.found, expected=event.expected)
+    when = f"{_time(event.time)} ({format_duration(event.after)} after the start)"
+    return f"{when}: it is over that {sentence}" if event.well else f"{when}: {sentence}"
 
 
-def first_loss(events: Sequence[tuple[str, Event]]) -> str:
+def describe_first_loss(events: Sequence[tuple[str, Event]]) -> str:
     """Say when and where the first loss was; empty where nothing was lost.
 
-    Of what was lost together, the part that is nearest to the reason is named: a link before the heartbeats that come by it.
+    Several values may be lost together. The one nearest to the reason is named: a link before the heartbeats that come by it.
     """
     losses = [(observer, event) for observer, event in events if not event.well]
     if not losses:
         return ""
     begin = losses[0][1]
     together = [entry for entry in losses if entry[1].time <= begin.time + TOGETHER]
-    when = f"First loss at {_time(begin.time)}, {clock(begin.after)} after the start"
+    when = f"First loss at {_time(begin.time)}, {format_duration(begin.after)} after the start"
     observers = {observer for observer, event in together}
     kinds = {event.kind for _observer, event in together}
     if GROUP in kinds and kinds <= {GROUP, MASTER} and len(observers) > 1 and len(_masters(together)) > 1:
@@ -153,11 +155,11 @@ def _masters(losses: Iterable[tuple[str, Event]]) -> set[str]:
 
 
 def _place(observer: str, event: Event, together: Sequence[tuple[str, Event]]) -> str:
-    """Say what is lost; of heartbeats the one computer that all losses have in common."""
-    said = SENTENCES.get(event.kind, "{name} on {observer} is {found}")
+    """Say what is lost. For heartbeats, name the one computer that all losses have in common."""
+    template = SENTENCES.get(event.kind, "{name} on {observer} is {found}")
     same = [entry for entry in together if entry[1].kind == event.kind]
     others = len(together) - 1
-    text = said.format(observer=observer, name=event.name, found=event.found, expected=event.expected)
+    text = template.format(observer=observer, name=event.name, found=event.found, expected=event.expected)
     masters, observers = _masters(same), {name for name, _event in same}
     if event.kind in (GROUP, MASTER, "port"):
         if len(masters) == 1 < len(observers):
@@ -167,7 +169,7 @@ def _place(observer: str, event: Event, together: Sequence[tuple[str, Event]]) -
     return text + (f"; {others} more losses within {TOGETHER:g} s" if others else "")
 
 
-def clock(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Write a duration as 4:21, or as 1:04:21."""
     whole = int(seconds)
     hours, rest = divmod(whole, 3600)

@@ -4,8 +4,8 @@
 """What a watch over the fleet tells: progress, and the moment and place of the first loss."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch import watched
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch.watched import Event, Lost, Watched
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch import progress
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch.progress import Event, LostValue, WatchAnswer
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,52 +15,58 @@ def event(kind, name, after, well=False, expected="heard", found="silent"):
 
 
 def test_durations_are_read_with_and_without_a_unit():
-    assert [watched.planned(text).seconds for text in ("90", "90s", "15m", " 2h ", "1d")] == [90, 90, 900, 7200, 86400]
+    assert [progress.plan_rounds(text).seconds for text in ("90", "90s", "15m", " 2h ", "1d")] == [
+        90,
+        90,
+        900,
+        7200,
+        86400,
+    ]
 
 
 @pytest.mark.parametrize("text", ["", "0", "5s", "1w", "8d", "-3m", "15 min", "1e3"])
 def test_another_text_is_refused_in_one_sentence(text):
-    with pytest.raises(watched.Unreadable, match="expected a time from 10s to 7d, such as 90s, 15m or 2h"):
-        watched.planned(text)
+    with pytest.raises(progress.Unreadable, match="expected a time from 10s to 7d, such as 90s, 15m or 2h"):
+        progress.plan_rounds(text)
 
 
-@given(st.integers(watched.LEAST, watched.MOST))
+@given(st.integers(progress.LEAST, progress.MOST))
 def test_rounds_end_with_the_watch_and_grow_with_it(seconds):
-    ends = watched.planned(str(seconds)).ends
+    ends = progress.plan_rounds(str(seconds)).ends
     lengths = [end - begin for begin, end in zip((0, *ends), ends, strict=False)]
     assert ends[-1] == seconds
-    assert all(0 < length <= watched.LONGEST for length in lengths)
-    assert len(ends) <= max(watched.ROUNDS + 1, seconds // watched.LONGEST + 1)
+    assert all(0 < length <= progress.LONGEST for length in lengths)
+    assert len(ends) <= max(progress.ROUNDS + 1, seconds // progress.LONGEST + 1)
 
 
 def test_progress_tells_only_what_is_new():
     told = {
-        "a": Watched(
+        "a": WatchAnswer(
             20,
             200.0,
             (event("link", "eth0", 60.0, expected="up", found="down"), event("group", "b", 64.0)),
-            (Lost("group", "b"),),
+            (LostValue("group", "b"),),
         ),
-        "b": Watched(22, 199.0),
+        "b": WatchAnswer(22, 199.0),
     }
-    text = watched.progress(told, 900, {"a": 1})
+    text = progress.describe_progress(told, 900, {"a": 1})
     head, line = text.splitlines()
     assert head == "watched 3:20 of 15:00: 42 values on 2 computers, 1 lost now"
     assert line.endswith("(1:04 after the start): a hears no heartbeat of b on the group")
-    assert "\n" not in watched.progress(told, 900, {"a": 2})
+    assert "\n" not in progress.describe_progress(told, 900, {"a": 2})
 
 
 def test_what_returned_is_told():
-    told = {"a": Watched(3, 30.0, (event("port", "b", 9.0, well=True, expected="open", found="open"),))}
-    assert "it is over that a cannot connect to the discovery node of b" in watched.progress(told, 60, {})
+    told = {"a": WatchAnswer(3, 30.0, (event("port", "b", 9.0, well=True, expected="open", found="open"),))}
+    assert "it is over that a cannot connect to the discovery node of b" in progress.describe_progress(told, 60, {})
 
 
 def loss(*entries):
-    return watched.first_loss(sorted(entries, key=lambda entry: entry[1].time))
+    return progress.describe_first_loss(sorted(entries, key=lambda entry: entry[1].time))
 
 
 def test_nothing_lost_is_no_loss():
-    assert not watched.first_loss([])
+    assert not progress.describe_first_loss([])
     assert not loss(("a", event("group", "b", 9.0, well=True)))
 
 
@@ -98,7 +104,7 @@ def test_a_computer_that_does_not_answer_any_more():
 
 
 def test_every_kind_has_a_sentence_without_gaps():
-    for kind in watched.SENTENCES:
-        text = watched.sentence("pc", event(kind, "name", 3.0))
+    for kind in progress.SENTENCES:
+        text = progress.describe_event("pc", event(kind, "name", 3.0))
         assert "{" not in text
         assert "pc" in text
