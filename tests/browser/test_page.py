@@ -88,7 +88,7 @@ def test_a_script_that_came_in_would_not_run(browser, pages, tmp_path):
 
 
 @pytest.mark.parametrize("width", [1280, 390])
-def test_what_is_wrong_is_seen_first_and_the_page_is_as_wide_as_the_window(browser, pages, width):
+def test_failures_come_first_and_the_page_fits_the_window(browser, pages, width):
     browser.open(pages / "wrong.html", width=width)
     box = browser.js(
         "(r => [r.top, r.bottom, r.left, r.right])(document.querySelector('#finding-1').getBoundingClientRect())"
@@ -97,7 +97,7 @@ def test_what_is_wrong_is_seen_first_and_the_page_is_as_wide_as_the_window(brows
     assert browser.js("document.documentElement.scrollWidth") <= width
 
 
-def test_the_keyboard_leads_from_the_picture_to_the_finding_and_its_evidence(browser, pages):
+def test_the_keyboard_leads_from_the_picture_to_the_evidence(browser, pages):
     browser.open(pages / "wrong.html")
     for _key in range(60):
         browser.press("Tab", 9)

@@ -31,7 +31,7 @@ def lab():
             yield lab
 
 
-def test_robots_that_talk_pass_and_what_differs_from_the_plan_is_told(lab):
+def test_robots_that_talk_pass_and_drift_is_named(lab):
     status, output = lab.play("playbooks/verify.yml", variables=WORKSPACE)
     assert status == 0, output
     assert "PASSED: none of" in output

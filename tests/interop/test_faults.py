@@ -111,7 +111,7 @@ def test_who_is_killed_is_offline_and_then_removed(robot, own, others, seconds):
     exchange("after_kill")
 
 
-def test_a_name_that_both_have_is_refused_here_and_our_node_survives():
+def test_a_name_that_both_have_is_refused_and_our_node_survives():
     """Nobody can keep upstream's roscore from ending the node of the same name on its own robot, when it imports ours.
 
     The other robots take no part: one that imports both names by upstream's master_sync makes its roscore end the first.

@@ -77,7 +77,7 @@ def test_a_stranger_finds_nothing(fleet):
     fleet.leaves_ssh_and_pings()
 
 
-def test_forged_packets_in_the_name_of_a_robot_itself_reach_no_port(fleet):
+def test_packets_forged_in_a_robots_name_reach_no_port(fleet):
     fleet.takes_nothing_in_its_own_name()
 
 

@@ -171,7 +171,7 @@ def udp(lab):
 
 
 @pytest.mark.parametrize("kind", ["leave of a stranger", "leave of the peer"])
-def test_a_thousand_spoofed_leaves_in_thirty_seconds_remove_nobody(lab, watch, kind):
+def test_a_thousand_spoofed_leaves_in_30_seconds_remove_no_robot(lab, watch, kind):
     with unchanged(lab, kind):
         started, since = time.monotonic(), time.time()
         running = attack("fuzz_datagrams.py", *ADDRESSES, GROUP, SEED, 1000, 1000 / 30, kind)

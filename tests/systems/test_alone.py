@@ -40,7 +40,7 @@ def test_every_robot_works_alone_at_once(lab, booted, slack):
         assert "address" not in found
 
 
-def test_the_services_wait_for_no_network_and_do_not_complain_again_and_again(lab):
+def test_services_wait_for_no_network_and_log_once(lab):
     for robot in ROBOTS:
         for unit in ("discovery", "sync"):
             wait_until(lambda: moments(lab, robot, f"multimaster-{unit}")[1], 20, f"{robot}: {unit} is there")  # noqa: B023
@@ -71,7 +71,7 @@ def asked_for(lab, address):
     )
 
 
-def test_in_a_foreign_network_a_robot_works_alone_and_answers_for_nobody_else(lab):
+def test_a_robot_works_alone_in_a_foreign_network(lab):
     plug(lab, "dan")
     lab.run("dan-pc", f"ip address add {FOREIGN}/24 dev eth0")
     wait_until(lambda: "lladdr" in asked_for(lab, FOREIGN), 10, "dan is in the network, with another address")
@@ -112,7 +112,7 @@ def test_no_service_was_started_again(lab):
         assert shown.split() == ["NRestarts=0", "ActiveState=active"] * 3
 
 
-def test_another_planned_address_replaces_the_route_and_a_stop_removes_it(lab):
+def test_another_planned_address_replaces_a_route_until_a_stop(lab):
     """As managed_services does it: when the unit stops, systemd has read the new text already."""
     unit, route = "multimaster-address.service", "ip route show table local proto 84"
     change = f"sed -i 's/{ROBOTS['ana']}/192.168.24.99/g' /etc/systemd/system/{unit}"

@@ -73,7 +73,7 @@ def slow(lab, host, mbit_s):
         lab.run(host, "tc qdisc del dev eth0 root")
 
 
-def test_throughput_is_measured_and_a_slow_link_is_named_where_somebody_expects_more(lab, tmp_path):
+def test_throughput_is_measured_and_a_slow_link_named(lab, tmp_path):
     wanted = {"verify_throughput": 0.3, "verify_throughput_least": 20, "verify_patience": 10}
     with slow(lab, "kobuki1computer", 8):
         here = json.loads(bundled(lab, tmp_path / "slow.zip", **wanted)["report.json"])
@@ -87,7 +87,7 @@ def test_throughput_is_measured_and_a_slow_link_is_named_where_somebody_expects_
     assert there["throughput"] == here["throughput"] and there["findings"] == here["findings"]
 
 
-def test_a_throughput_that_is_no_length_is_refused_before_anything_starts(lab):
+def test_a_throughput_without_a_length_is_refused_at_the_start(lab):
     status, output = lab.play("playbooks/verify.yml", variables={"verify_throughput": 60})
     assert status != 0 and "verify_throughput is 60, expected 0, or the seconds of a stream" in output, output
     assert "Look at the machine, listen" not in output

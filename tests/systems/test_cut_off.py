@@ -157,7 +157,7 @@ def test_a_good_run_from_inside_changes_nothing(fleet):
 
 
 @pytest.mark.usefixtures("way")
-def test_a_wrong_default_gateway_and_a_wrong_setting_on_inner_computers(fleet):
+def test_a_wrong_default_gateway_and_setting_inside_a_robot(fleet):
     """Two ways to be cut off in one play; one of them as a person with sudo, and without pipelining."""
     before = {host: fleet.state(host) for host in (INNER, OTHER, GATEWAY)}
     no_way = [{"name": "net.ipv4.ip_default_ttl", "value": "1"}]  # no packet gets past the gateway
@@ -209,7 +209,7 @@ def connections(fleet, host, since):
     return set(re.findall(r"Accepted publickey for root from 192\.168\.77\.10 port (\d+)", log))
 
 
-def test_a_good_change_is_confirmed_over_a_new_connection_and_lasts(fleet):
+def test_a_good_change_is_confirmed_by_a_new_connection(fleet):
     before = fleet.state(INNER)
     assert "pong" in fleet._ansible(f"adhoc {INNER} -m ansible.builtin.ping", {})  # the connection that is kept
     since = fleet.run(INNER, "sleep 1; date '+%F %T'").strip()
@@ -359,7 +359,7 @@ def by_port(fleet, port):
     return fleet._ansible(f"adhoc {INNER} -m rosfleet.multimaster.firewall -a '{arguments}'", {"tibi_nav": way})
 
 
-def test_a_controller_that_is_no_member_passes_the_packet_filters_by_ssh(fleet):
+def test_a_controller_outside_the_fleet_passes_filters_by_ssh(fleet):
     """Its way leads through the filters of the router and of the gateway to that of the inner computer."""
     hosts = (INNER, OTHER, GATEWAY, ROUTER)
     for variables, there in ((FILTERED, True), ({}, False)):
@@ -371,7 +371,7 @@ def test_a_controller_that_is_no_member_passes_the_packet_filters_by_ssh(fleet):
             assert ("hook forward" in rules) is (there and host in (GATEWAY, ROUTER)), host
 
 
-def test_a_packet_filter_that_closes_the_controllers_way_is_taken_back(fleet):
+def test_a_packet_filter_that_cuts_the_controller_is_taken_back(fleet):
     before = fleet.state(INNER)
     fleet.run(INNER, "cat >/run/relay.py; systemd-run --quiet --unit relay python3 /run/relay.py", stdin=RELAY)
     try:
@@ -399,7 +399,7 @@ while data := connection.recv(65536):
 """
 
 
-def test_a_way_in_that_is_no_ssh_is_refused_before_anything_changes(fleet):
+def test_a_way_in_that_is_no_ssh_is_refused_before_any_change(fleet):
     before = fleet.state(INNER)
     fleet.run(
         INNER, "cat >/run/agent.py; systemd-run --quiet --collect --unit agent python3 /run/agent.py", stdin=AGENT
@@ -412,7 +412,7 @@ def test_a_way_in_that_is_no_ssh_is_refused_before_anything_changes(fleet):
     assert fleet.state(INNER) == before
 
 
-def test_a_teardown_goes_no_further_where_the_controller_needs_the_routes(fleet):
+def test_a_teardown_stops_when_the_controller_needs_the_routes(fleet):
     """The gateway and the router go on forwarding, or nobody would reach the inner computers again."""
     quick = {"routes_confirm_within": WITHIN, "sysctl_confirm_within": WITHIN, "firewall_confirm_within": WITHIN}
     hosts = dict.fromkeys((INNER, OTHER, GATEWAY, ROUTER), quick)

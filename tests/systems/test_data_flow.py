@@ -179,7 +179,7 @@ def without_differences(lab, host, words):
     lab.run(host, f"{words} {parameters} && systemctl restart multimaster-discovery multimaster-sync")
 
 
-def test_what_is_declared_arrives_and_nothing_else_where_whole_states_travel(declared):
+def test_declared_topics_arrive_alone_with_whole_states_too(declared):
     """As above, on the way that upstream takes: bob neither asks for differences nor tells any."""
     here = declared.run("bob-pc", "cp -a /etc/rosfleet-multimaster /root/kept; ss -tn state established dport = :11611")
     assert ":11611" in here, "bob waits for what is new"
@@ -222,14 +222,14 @@ def test_a_roscpp_subscriber_keeps_its_local_publisher(declared, slack):
 @pytest.mark.parametrize(
     ("robot", "filters"), [("bob", {"ignore_publishers": ["/mixed"]}), ("ana", {"ignore_hosts": ["cid-pc"]})]
 )
-def test_a_roscpp_subscriber_keeps_its_local_publisher_beside_filters_of_one_side(lab, slack, tmp_path, robot, filters):
+def test_a_roscpp_subscriber_keeps_its_publisher_beside_filters(lab, slack, tmp_path, robot, filters):
     status, output = apply(lab, tmp_path, **{robot: {"multimaster_filters": filters}})
     assert status == 0, output
     mixed(lab)
     keeps_its_local_publisher(lab, slack)
 
 
-def test_a_declaration_that_cannot_be_meant_stops_before_any_change(lab, tmp_path):
+def test_a_meaningless_declaration_stops_before_any_change(lab, tmp_path):
     status, output = apply(lab, tmp_path, ana={"multimaster_exports": [{"topics": ["/ana/pose"], "to": ["bobb"]}]})
     assert status != 0
     assert "'bobb'" in output and "did you mean bob" in output, output

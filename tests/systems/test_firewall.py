@@ -32,7 +32,7 @@ def test_a_stranger_finds_nothing_and_a_member_everything(fleet):
     fleet.leaves_ssh_and_pings()
 
 
-def test_forged_packets_in_the_name_of_the_robot_itself_reach_a_port_without_the_filter_alone(fleet):
+def test_forged_packets_reach_a_port_only_without_the_filter(fleet):
     """Without it they do, or the test could not fail."""
     fleet.takes_nothing_in_its_own_name()
     fleet.run("ana-pc", "nft delete table inet rosfleet_multimaster")
@@ -44,7 +44,7 @@ def test_forged_packets_in_the_name_of_the_robot_itself_reach_a_port_without_the
     fleet.takes_nothing_in_its_own_name()
 
 
-def test_rules_of_an_earlier_version_are_replaced_by_the_next_run(fleet):
+def test_rules_of_an_earlier_version_are_replaced(fleet):
     """Those without the chain against forged packets, as they were; verify tells until then, on that computer alone."""
     file = "/etc/rosfleet-multimaster/firewall.nft"
     fleet.run("bob-pc", f"sed -i '/chain prerouting/,/}}/d' {file} && nft -f {file}")
@@ -56,7 +56,7 @@ def test_rules_of_an_earlier_version_are_replaced_by_the_next_run(fleet):
     fleet.takes_nothing_in_its_own_name()
 
 
-def test_verify_names_what_the_next_boot_would_miss_and_nothing_else(fleet):
+def test_verify_names_what_the_next_boot_would_miss(fleet):
     fleet.run("ana-pc", "systemctl disable multimaster-firewall")
     status, output = fleet.play("playbooks/verify.yml")
     assert status != 0 and "Findings: 1. the packet filter of ana-pc is not as planned" in output, output
@@ -73,7 +73,7 @@ def test_without_the_variable_nothing_of_it_is_left(fleet):
     fleet.has_nothing_of_ours()
 
 
-def test_what_prevents_it_on_one_computer_stops_all_before_anything_changes(fleet):
+def test_an_obstacle_on_one_computer_stops_all(fleet):
     inactive = "{{ 'ufw' if inventory_hostname == 'bob-pc' else 'auto' }}"
     status, output = fleet.play("site.yml", variables={"firewall_backend": inactive})
     assert status != 0 and "backend is ufw, which is not active here, expected it to filter packets" in output, output

@@ -56,7 +56,7 @@ def losses(lab, *folders):
     return found
 
 
-def test_a_publisher_that_comes_later_must_wait_until_the_connections_rest(lab):
+def test_a_later_publisher_must_wait_until_the_connections_rest(lab):
     """Both roscores tell the subscriber of it, one a little later; or its own one alone."""
     lab.run(
         SPEAKER, f"cp -a {PARAMETERS} /root/kept && python3 - && systemctl restart multimaster-sync", stdin=LEAVE_OUT

@@ -181,7 +181,7 @@ def test_an_image_goes_with_its_last_user(world, seed):
     assert {way.split()[0] for way in done} >= {"use", "down", "delete", "hold"}
 
 
-def test_the_last_name_of_a_deleted_checkout_goes_after_the_container_that_held_it(world):
+def test_a_deleted_checkouts_image_goes_after_its_container(world):
     go(world, [("use", "one", "robot"), ("hold", "robot"), ("delete", "one"), ("down", "two")])
     assert world.present() == {"robot"}
     go(world, [("release",), ("down", "two")])

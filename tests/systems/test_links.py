@@ -198,7 +198,7 @@ def test_no_false_removal_while_a_third_of_the_frames_is_lost(lab, watches):
 
 
 @pytest.mark.parametrize(("host", "unit"), [("ana-pc", "multimaster-roscore"), ("cid-pc", "foreign-roscore")])
-def test_both_nodes_are_registered_again_after_a_restart_of_the_roscore(lab, slack, host, unit):
+def test_both_nodes_register_again_after_a_roscore_restart(lab, slack, host, unit):
     watch, seconds, began = Watch(lab, host, looks=50), [], time.monotonic()
     for restart in ("systemctl kill --signal=KILL", "systemctl restart", "systemctl restart"):
         since = time.monotonic()

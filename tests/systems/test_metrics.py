@@ -50,7 +50,7 @@ def measured(lab):
     assert status == 0, output
 
 
-def test_a_folder_that_is_missing_is_one_sentence_before_anything_changes(lab):
+def test_a_missing_folder_is_one_sentence_before_any_change(lab):
     status, output = lab.play("site.yml", variables={**ON, "multimaster_metrics_folder": "/srv/not-there"})
     assert (
         status != 0 and f"{FIRST}: multimaster_metrics is 'textfile', but there is no folder /srv/not-there" in output

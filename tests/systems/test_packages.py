@@ -54,7 +54,7 @@ def test_packages_are_installed_and_taken_back_by_apt(lab):
     assert "absent" in lab.run(HOST, "test -e /etc/rosfleet-multimaster/packages || echo absent")
 
 
-def test_a_package_that_no_source_has_is_a_sentence_and_nothing_stays_behind(lab):
+def test_a_package_without_a_source_is_a_sentence_and_no_rest(lab):
     status, output = brought(lab, "ros-test-of-nobody", OURS)
     assert status != 0 and "E: Unable to locate package ros-test-of-nobody" in output, output
     assert "run it on this computer by hand" in output

@@ -89,7 +89,7 @@ def test_root_and_others_keep_the_ros_of_root_that_is_below(robbed):
     lab.run(FIRST, "userdel -r guest 2>/dev/null")
 
 
-def test_the_workspace_goes_on_working_for_its_person_and_the_services(robbed):
+def test_the_workspace_works_for_its_person_and_the_services(robbed):
     lab, _output = robbed
     lab.run(FIRST, f"systemctl restart user@{UID}")
     for seen in (lab.ssh(FIRST, SESSION, user=PERSON), lab.run(FIRST, f'su - {PERSON} -c "{SESSION}"')):

@@ -192,7 +192,7 @@ def test_subscribers_that_say_nothing_delay_no_other(lab, slack):
     assert median < 0.05 + slack(began) and worst < 1.0 + slack(began)
 
 
-def test_an_own_node_takes_the_name_of_an_import_and_the_other_robots_node_lives(lab):
+def test_an_own_node_takes_an_imported_name_and_both_live(lab):
     lab.start(SECOND, "camera", "python3 {script} camera", "programs/sample_node.py")
     wait(lab, "/camera/serve")
     uri = lab.run(FIRST, "rosnode info /camera | grep -m 1 -o 'http://[^ ]*'")
@@ -347,7 +347,7 @@ def test_no_call_of_anybody_makes_a_roscore_worse(lab):
 PYTEST = "pytest _pytest pluggy iniconfig packaging pygments py.py"
 
 
-def test_the_unit_tests_of_its_core_pass_with_the_rosmaster_of_ros(lab):
+def test_the_cores_unit_tests_pass_with_rosmaster(lab):
     """Where ROS is not installed, they have a model of rosmaster."""
     library, inside = Path(pytest.__file__).parents[1], containers.container(lab.name, FIRST)
     lab.run(FIRST, "mkdir -p /tmp/checkout /tmp/pytest")
@@ -371,7 +371,7 @@ open(path, "wb").write(remembered.head("an earlier boot") + rest)
 """
 
 
-def test_after_a_boot_a_node_of_another_computer_is_back_and_dead_ones_are_not(lab):
+def test_after_a_boot_a_node_elsewhere_is_back_and_dead_ones_not(lab):
     """A container has the boot id of its host, which stays: so another one is written into the store before."""
     lab.start(FIRST, "near", "python3 {script} near", "programs/sample_node.py")
     lab.start(

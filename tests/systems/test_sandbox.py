@@ -91,7 +91,7 @@ except OSError as problem:
 """
 
 
-def test_only_sync_may_have_connections_ended_and_only_those_of_nodes(lab):
+def test_only_sync_may_have_connections_ended(lab):
     lab.start(SECOND, "told", "rostopic pub -r 5 /told std_msgs/String here")
     lab.start(FIRST, "hears", "rostopic echo /told")
     lab.run(FIRST, "timeout 30 bash -c 'until grep -q here /run/hears.out; do sleep 0.2; done'")

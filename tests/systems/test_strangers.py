@@ -46,7 +46,7 @@ def fleet(lab):
 
 
 @pytest.mark.parametrize("who", IDENTITIES)
-def test_whoever_does_not_belong_to_the_fleet_is_named_and_ignored(fleet, who):
+def test_strangers_are_named_and_ignored(fleet, who):
     uri, name, why = IDENTITIES[who]
     before = masters(fleet)
     fleet.run(VICTIM, "systemctl restart multimaster-discovery")  # what it knows of strangers is of this test alone

@@ -269,7 +269,7 @@ def test_any_text_leaves_as_plain_text(through, text):
         assert is_plain(shown), ascii(shown)
 
 
-def test_a_fault_of_the_server_is_plain_and_so_is_one_that_is_read():
+def test_a_fault_of_the_server_is_plain_when_sent_and_when_read():
     def refuse():
         raise Refused("no\nstate\x1b[2J\u202e")
 

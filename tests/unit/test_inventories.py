@@ -102,7 +102,7 @@ def test_declared_data_flow_is_in_the_plan(changed):
     }
 
 
-def test_declarations_that_contradict_each_other_are_named_before_any_host_is_reached(changed):
+def test_contradicting_exports_are_named_before_any_change(changed):
     given = {
         "tibi": [{"services": ["/reset"]}, {"topics": ["/pose"], "to": ["dabbo"]}],
         "dabo": [{"services": ["/reset"], "to": ["car"]}],

@@ -189,7 +189,7 @@ def is_pure(name):
 
 
 @pytest.mark.parametrize("path", [path for path in sources(NODES) if is_pure(in_the_nodes(path))], ids=in_the_nodes)
-def test_protocol_and_core_have_no_sockets_no_threads_no_clock_and_no_ros(path):
+def test_protocol_and_core_have_no_io_and_no_ros(path):
     found = imports(path)
     allowed = FORMATS.get(in_the_nodes(path), set())
     assert not {name.split(".")[0] for name in found} & (INPUT_AND_OUTPUT | ROS) - allowed

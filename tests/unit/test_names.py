@@ -43,6 +43,7 @@ FUNCTION_WORDS, PARTICIPLES, OTHERS = (
 DEEDS = {"from", "to", "as", "on"}
 #: folders of programs, which have nothing in common
 PROGRAMS = "lab/nodes"
+LONGEST = 60  # letters of the name of a test
 #: contracts of a table, the entry of each program, and the classes that Ansible looks for
 SHARED = {"main", "BackEnd", "CallbackModule", "ActionModule", "FilterModule", "ModuleDocFragment"}
 #: the file of a plugin has the name that users write in their plays
@@ -115,3 +116,12 @@ def test_names_are_things_and_deeds(room):
 )
 def test_a_word_decides(name, is_class, wrong):
     assert refused(name, is_class) is wrong
+
+
+def test_names_of_tests_are_short_and_there_once():
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        names = [
+            node.name for node in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(node, ast.FunctionDef)
+        ]
+        assert all(len(name) <= LONGEST for name in names if name.startswith("test_")), path
+        assert len(names) == len(set(names)), path

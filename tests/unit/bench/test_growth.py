@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench" / "site"))
 import growth  # noqa: E402
 
 
-def test_an_inventory_has_as_many_computers_each_with_its_own_address():
+def test_an_inventory_has_all_computers_with_their_own_addresses():
     for computers in growth.COMPUTERS:
         robots = growth.inventory(computers)["robots"]["children"]
         hosts = {host: values for robot in robots.values() for host, values in robot["hosts"].items()}

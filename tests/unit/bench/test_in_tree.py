@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 import in_tree  # noqa: E402
 
 
-def test_a_report_has_three_digits_and_a_line_for_each_list_of_numbers(tmp_path):
+def test_a_report_has_three_digits_and_a_line_for_each_list(tmp_path):
     report = {"text": "[1, 2]", "new": [0.011550285, 1e-7, 3], "rows": [{"masters": 10, "there": 1.5123}], "none": []}
     in_tree.write(report, tmp_path / "report.json")
     written = (tmp_path / "report.json").read_text()

@@ -42,7 +42,7 @@ def test_a_file_names_parts_and_places_that_exist(fault):
     assert set(fault.at) & (COMPUTERS | ROBOTS | {words.COMMON, words.STRANGERS_ADDRESS})
 
 
-def test_steps_are_of_computers_or_words_of_the_lab_and_bash_reads_them():
+def test_steps_are_of_known_places_and_valid_bash():
     for name, step in SHELL:
         if step.where == catalogue.LAB:
             assert step.what in words.WORDS, name

@@ -52,7 +52,7 @@ def check(verdict, because="", cause="why"):
     }
 
 
-def test_before_there_were_parts_the_first_cause_is_told_and_is_no_part():
+def test_first_cause_is_named_without_parts():
     rows = [check("ok"), check("warning", cause="small"), check("failed", because="another"), check("failed")]
     found = judge.named({"findings": rows})
     assert found.text == "ping_name a -> b: why" and found.findings == 2

@@ -59,7 +59,7 @@ def test_the_command_line():
 
 
 @pytest.mark.parametrize("manager, full", [("ifupdown", 0), ("networkd", 0), ("networkmanager", 1), ("netplan", 1)])
-def test_the_full_image_is_taken_where_a_manager_or_a_fault_needs_it(manager, full):
+def test_the_full_image_is_for_a_manager_or_a_fault(manager, full):
     hosts = [Host("a", ()), Host("b", (), manager)]
     fault = Fault("clock", "", (), (), (), (), (), quick=False)
     assert rehearse.Preparation(Rehearsable({}, (), {}, {}), hosts, []).full == bool(full)
@@ -74,7 +74,7 @@ def test_what_cannot_go_on_ends_the_steps(monkeypatch):
     assert played == ["site.yml"] and run.wrong == ["site.yml: make the fleet talk"]
 
 
-def test_a_step_of_the_lab_that_fails_is_told_and_the_others_go_on(monkeypatch, capsys):
+def test_a_failed_step_of_the_lab_is_told_and_others_go_on(monkeypatch, capsys):
     run, steps = rehearsal(), []
 
     def reboot(self):

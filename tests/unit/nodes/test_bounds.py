@@ -90,7 +90,7 @@ def test_the_loop_never_waits_for_itself(running):
     assert done.wait(5)
 
 
-def test_what_workers_have_to_do_is_bounded_and_everybody_gets_an_answer(running):
+def test_workers_tasks_are_bounded_and_all_are_answered(running):
     gate, answers = threading.Event(), queue.Queue()
     workers = Workers(running.loop, 2, waiting=10)
     for _count in range(100):
@@ -271,7 +271,7 @@ def test_a_hostile_argument_is_a_fault_in_few_words(server, caplog, arguments, a
     assert server.running.longest_pause() < 2.0
 
 
-def test_a_request_of_one_byte_a_second_is_ended_and_the_others_are_answered(server, monkeypatch):
+def test_a_request_of_one_byte_a_second_is_ended(server, monkeypatch):
     monkeypatch.setattr(rpc_server, "_MAX_SECONDS", 2.0)
     with server.connect(wait=10.0) as slow:
         started, data = monotonic(), iter(post(CALL))
@@ -297,7 +297,7 @@ def test_an_answer_that_nobody_reads_does_not_stay(server, monkeypatch):
         connection.close()
 
 
-def test_idle_connections_are_bounded_and_one_address_cannot_take_all(server):
+def test_idle_connections_of_one_address_are_bounded(server):
     before = threading.active_count()
     idle = [server.connect("127.0.0.9") for _count in range(100)]
     with server.connect("127.0.0.10") as other:
@@ -355,7 +355,7 @@ def asked(made, source):
     return b""
 
 
-def test_idle_connections_of_many_addresses_leave_room_for_members():
+def test_idle_connections_of_many_leave_room_for_members():
     """The attack of the review: eight addresses with eight idle connections each. A member is served meanwhile."""
     with fleet_server(strangers="allow") as made:
         idle = [made.connect(f"127.0.2.{number}") for number in range(8) for _count in range(8)]
@@ -369,7 +369,7 @@ def test_idle_connections_of_many_addresses_leave_room_for_members():
             connection.close()
 
 
-def test_who_does_not_belong_to_the_fleet_has_no_connection_and_who_comes_by_another_address_neither():
+def test_strangers_have_no_connection_by_any_address():
     with fleet_server() as made:
         assert b"200 OK" in asked(made, "127.0.0.10")
         assert b"200 OK" in asked(made, "127.0.5.7")
@@ -388,7 +388,7 @@ def test_this_computer_itself_may_always_call():
     assert who.is_member("172.17.0.1")
 
 
-def test_without_a_plan_everybody_may_call_and_nothing_is_kept_free():
+def test_anybody_may_call_without_a_plan():
     who = callers(Members.from_parameters({}), "http://own:11311/", set)
     assert not who.reserved
     assert who.objection("10.9.9.9", "10.0.0.1") == ""
@@ -496,7 +496,7 @@ def test_a_hostile_answer_is_a_failure_like_any_other(answer):
     assert len(str(failure.value)) < 500
 
 
-def test_one_large_answer_is_held_at_a_time_and_small_ones_do_not_wait():
+def test_one_large_answer_is_held_and_small_ones_do_not_wait():
     large, small = response("<value>" + " " * (2 << 20) + "</value>"), response("<value>a</value>")
     half, results = len(large) // 2, []
 
@@ -538,7 +538,7 @@ def test_an_answer_that_is_too_long_is_not_read_to_its_end():
         Rpc(uri, 5.0, most=1_000_000).call("masterInfo")
 
 
-def test_a_kept_connection_that_the_other_side_has_closed_is_opened_again():
+def test_a_kept_connection_that_was_closed_is_opened_again():
     body = response("<value>a</value>")
     kept = f"HTTP/1.1 200 OK\r\nContent-Length: {len(body)}\r\n\r\n".encode() + body
     with answering(kept) as uri:

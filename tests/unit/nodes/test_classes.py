@@ -127,7 +127,7 @@ def test_no_attribute_is_born_outside_the_constructor(path):
 
 
 @pytest.mark.parametrize("path", FILES, ids=in_the_nodes)
-def test_no_constructor_has_more_parameters_than_are_read_at_once(path):
+def test_no_constructor_has_too_many_parameters(path):
     made = {kind.name: methods(kind).get("__init__") for kind in classes(read(path))}
     counts = {name: len(parameters(method)) - 1 for name, method in made.items() if method is not None}
     assert all(count <= MOST_PARAMETERS for count in counts.values()), counts

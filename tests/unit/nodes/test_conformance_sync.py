@@ -248,7 +248,7 @@ def _lab(monkeypatch, tmp_path):
 # The checklist
 
 
-def test_16_b1_the_service_that_discovery_asks_ends_with_get_sync_info():
+def test_16_b1_the_service_for_discovery_ends_with_get_sync_info():
     tree = ast.parse((FOLDER / "edge/ros.py").read_text(encoding="utf-8"))
     calls = [
         node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "Service"
@@ -257,7 +257,7 @@ def test_16_b1_the_service_that_discovery_asks_ends_with_get_sync_info():
     assert "~get_sync_info" in names  # rospy makes its URI from ROS_HOSTNAME, as the roscore does
 
 
-def test_16_b2_registrations_are_reported_and_claimed_before_the_roscore_has_them(lab):
+def test_16_b2_registrations_are_reported_before_they_are_made(lab):
     seen = []
 
     def before(method, arguments):
@@ -271,7 +271,7 @@ def test_16_b2_registrations_are_reported_and_claimed_before_the_roscore_has_the
     assert seen == [(True, True)]
 
 
-def test_16_b3_the_callers_are_the_remote_nodes_and_only_the_own_roscore_is_called(lab):
+def test_16_b3_callers_are_remote_nodes_at_the_own_roscore_only(lab):
     lab.other.subscribers = {"/heard": ["/hearer"]}
     lab.start()
     until(lambda: lab.has("Subscriber", "/heard", "/hearer"))
@@ -281,7 +281,7 @@ def test_16_b3_the_callers_are_the_remote_nodes_and_only_the_own_roscore_is_call
     assert lab.other.roscore_calls == {}
 
 
-def test_16_b4_an_imported_subscriber_is_told_who_publishes_by_the_name_master(lab):
+def test_16_b4_master_tells_an_imported_subscriber_publishers(lab):
     lab.roscore.call("registerPublisher", "/own", "/heard", "std_msgs/String", "http://127.0.0.1:9/")
     lab.other.subscribers = {"/heard": ["/hearer"]}
     lab.start()
@@ -289,7 +289,7 @@ def test_16_b4_an_imported_subscriber_is_told_who_publishes_by_the_name_master(l
     assert lab.other.updates == [("/master", "/heard", ["http://127.0.0.1:9/"])]
 
 
-def test_16_c_discovery_is_known_by_the_end_of_its_type_and_of_its_services_name(lab):
+def test_16_c_discovery_is_known_by_its_type_and_service_names(lab):
     for table in lab.roscore.tables.values():
         table.clear()
     lab.discovered("/zeroconf", "/zeroconf/news", "old_msgs/MasterState")
@@ -298,7 +298,7 @@ def test_16_c_discovery_is_known_by_the_end_of_its_type_and_of_its_services_name
     assert lab.nodes[0].topic == "/zeroconf/news" and set(lab.asked_list) == {"/zeroconf/list_masters"}
 
 
-def test_a_discovery_that_ends_is_asked_nothing_until_there_is_another_one(lab):
+def test_a_discovery_that_ends_is_asked_again_when_it_returns(lab):
     lab.start()
     until(lambda: lab.asked_list)
     line, _address = lab.discovery.accept()
@@ -328,7 +328,7 @@ def test_15_3_a_fault_instead_of_a_state_changes_nothing(lab):
     until(lambda: not lab.has("Publisher", "/chatter", "/talker"))
 
 
-def test_15_4_what_the_roscore_did_not_take_is_tried_again_at_once(lab):
+def test_15_4_a_call_that_the_roscore_refused_is_repeated(lab):
     lab.roscore.fail = 2
     started = time.monotonic()
     lab.start()
@@ -370,7 +370,7 @@ def test_15_5_a_subscriber_that_hangs_delays_no_other(lab):
     server.stop()
 
 
-def test_15_6_a_node_with_the_name_of_an_own_one_shuts_nobody_down(lab):
+def test_15_6_a_node_with_the_name_of_an_own_one_ends_no_node(lab):
     lab.roscore.call("registerPublisher", "/talker", "/own_topic", "std_msgs/String", "http://own:3/")
     lab.start()
     until(lab.warnings)
@@ -380,7 +380,7 @@ def test_15_6_a_node_with_the_name_of_an_own_one_shuts_nobody_down(lab):
     assert names[2][0][0] == "node /talker" and kinds[2] == []
 
 
-def test_15_6_a_state_that_comes_while_a_round_looks_at_the_roscore_waits_for_the_next(lab):
+def test_15_6_a_state_that_comes_during_a_round_waits(lab):
     """Nobody has looked yet whether the names in it are free."""
     lab.roscore.call("registerPublisher", "/talker", "/mine", "std_msgs/String", "http://127.0.0.1:9/")
     answer, waited = lab.roscore.call, []
@@ -399,14 +399,14 @@ def test_15_6_a_state_that_comes_while_a_round_looks_at_the_roscore_waits_for_th
     assert [call[2] for call in lab.roscore.made("/talker")] == ["/mine"]
 
 
-def test_15_7_a_node_on_another_computer_of_the_robot_is_exchanged(lab):
+def test_15_7_a_node_on_a_second_computer_is_exchanged(lab):
     lab.other.nodes = {"/talker": "http://robot2-arm:40000/"}
     lab.start()
     until(lambda: lab.has("Publisher", "/chatter", "/talker"))
     assert lab.roscore.nodes["/talker"] == "http://robot2-arm:40000/"
 
 
-def test_15_8_what_is_registered_is_recorded_where_a_dead_master_sync_cannot_take_it_along(lab):
+def test_15_8_registrations_are_recorded_outside_of_master_sync(lab):
     lab.start()
     until(lambda: lab.has("Publisher", "/chatter", "/talker"))
     assert lab.other.uri in lab.roscore.parameters[IMPORTS]
@@ -436,7 +436,7 @@ def test_15_9_masters_of_one_name_do_not_take_each_other_away():
     assert core.wanted(3.0 + MISSING / 2)
 
 
-def test_15_10_and_13_no_wall_clock_and_no_process_wide_time_limit():
+def test_15_10_and_13_no_wall_clock_and_no_process_wide_limit():
     for name in (
         "sync/core/sync",
         "sync/core/message_types",
@@ -473,7 +473,7 @@ def test_15_16_on_demand_releases_what_nobody_wants_any_more():
     assert core.wanted(2.0, []) == []
 
 
-def test_a_hung_service_of_discovery_does_not_stop_the_exchange_for_ever():
+def test_a_hung_service_of_discovery_does_not_stop_the_exchange():
     forever, started = threading.Event(), time.monotonic()
     for _count in range(6):
         with pytest.raises(TimeoutError):

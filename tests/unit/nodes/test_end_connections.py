@@ -88,7 +88,7 @@ IN_A_NAMESPACE = textwrap.dedent(
 
 
 @needs_root
-def test_only_connections_of_nodes_with_the_fleet_are_ended_and_not_all_at_once(tmp_path):
+def test_only_connections_with_the_fleet_are_ended(tmp_path):
     robot = {
         "robot": "robot2",
         "name": "robot2",

@@ -153,7 +153,7 @@ def test_one_address_cannot_fill_the_table():
 
 
 @pytest.mark.parametrize(("rate", "flooded", "patience"), [(500, 12, 0), (3000, 3, 8)])
-def test_a_newcomer_is_met_during_a_flood_of_strangers_or_soon_after_it(rate, flooded, patience):
+def test_a_newcomer_is_met_during_or_after_a_flood_of_strangers(rate, flooded, patience):
     """(More strangers in a second than are remembered leave no room for him while they come.)"""
     robot = Bystander()
     new = Contact(1.0, "http://new:11311/", "new", "/master_discovery")
@@ -169,7 +169,7 @@ def test_a_newcomer_is_met_during_a_flood_of_strangers_or_soon_after_it(rate, fl
 
 
 @pytest.mark.parametrize("problem", ["too much to do at once", "timed out"])
-def test_a_leave_is_not_believed_because_one_check_of_it_came_to_nothing(problem):
+def test_a_leave_is_not_believed_after_one_check_without_result(problem):
     robot = Bystander()
     robot.core.datagram(encode(Heartbeat(Kind.LEAVE, RPC)), (PEER_ADDRESS, PORT), False, robot.now)
     robot.core.tick(robot.now + 0.9)
@@ -261,7 +261,7 @@ def test_a_strangers_pattern_is_cheap_or_refused(text):
 
 
 @given(st.lists(texts, max_size=5))
-def test_any_list_of_patterns_is_usable_or_refused_with_a_sentence(items):
+def test_any_list_of_patterns_is_usable_or_has_a_sentence(items):
     try:
         pattern = Pattern.from_items(items, "ignore_topics")
     except InvalidPattern as problem:
@@ -302,7 +302,7 @@ def test_any_value_is_a_filter_or_refused_with_a_sentence(value):
 
 
 @pytest.mark.parametrize("element", [nested(5000), ["x"] * 100_000, "x" * 100_000, {"a": nested(3000)}])
-def test_a_filter_that_is_too_big_or_too_deep_is_refused_in_few_words(element):
+def test_a_filter_too_big_or_too_deep_is_refused_in_few_words(element):
     for value in (element, [False] + [element] * 10):
         with pytest.raises(InvalidPattern) as refused:
             Rules.from_wire(value)
@@ -362,7 +362,7 @@ def test_a_gigantic_document_costs_little_or_is_refused(where):
 
 @slow
 @given(hostile, st.booleans())
-def test_whatever_a_master_says_the_own_nodes_stay_and_no_nonsense_is_called(value, remote_nodes):
+def test_own_nodes_stay_whatever_a_master_says(value, remote_nodes):
     try:
         state = parse(value)
     except InvalidDocument:

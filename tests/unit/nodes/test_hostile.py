@@ -123,7 +123,7 @@ def test_a_loss_is_seen_in_time_whatever_was_sent_before(datagrams):
     assert offline and offline[0] - lost <= 5.0
 
 
-def test_without_a_list_a_lost_rate_does_not_delay_that_a_loss_is_seen():
+def test_a_loss_is_seen_in_time_without_a_list():
     fleet = Fleet({}, None)
     fleet.go(20.0, [(at, ADDRESS, 11511, beat(rate=0.0)) for at in (5.0, 10.05, 15.3, 19.95)])
     fleet.alive, lost = False, fleet.now
@@ -132,7 +132,7 @@ def test_without_a_list_a_lost_rate_does_not_delay_that_a_loss_is_seen():
     assert offline - lost <= 5.1
 
 
-def test_nobody_is_asked_at_an_own_address_also_one_that_no_interface_has_yet():
+def test_own_addresses_are_never_asked():
     own = {**TIBI, "robot": "own", "name": "own", "uris": ["http://own:11311/"], "hosts": ["own"]}
     own["addresses"] = ["192.168.1.202", "192.168.1.203"]
     core = running({**MEMBERS, "members": [TIBI, ROUTER, own], "allow": ["192.168.1.202", "192.168.1.66"]})
@@ -150,7 +150,7 @@ def test_a_rogue_is_named_once():
     assert [outsider.name for outsider in fleet.core.outsiders.list_ignored()] == ["rogue"]
 
 
-def test_a_member_with_another_port_than_the_planned_one_is_named_with_the_reason():
+def test_a_member_at_an_unplanned_port_is_named_with_the_reason():
     fleet = Fleet(MEMBERS, None)
     fleet.core.datagram(beat(port=11999), (ADDRESS, 11511), True, 0.0)
     fleet.core.tick(0.1)
@@ -195,7 +195,7 @@ def test_spoofed_stamps_cost_one_fetch_a_second():
 
 
 @pytest.mark.parametrize(("own", "wanted"), [(8, 1), (4100, 5)], ids=["between_its_own", "alone"])
-def test_spoofed_stamps_of_a_master_that_is_followed_cost_one_fetch_in_ten_seconds(own, wanted):
+def test_spoofed_stamps_of_a_followed_master_cost_one_fetch(own, wanted):
     """It tells its changes itself, so a stamp that it has not told is somebody else's, or its connection is dead.
 
     Its own next heartbeat says that there is nothing to fetch. `own`: each of so many steps it sends one.
@@ -213,7 +213,7 @@ def test_spoofed_stamps_of_a_master_that_is_followed_cost_one_fetch_in_ten_secon
     assert len(fetched) == wanted and min(pauses, default=10.0) > 9.99
 
 
-def test_whatever_discovery_lists_a_master_is_taken_at_its_planned_address_alone():
+def test_a_master_is_taken_at_its_planned_address_alone():
     sync = Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0, Members.from_parameters(MEMBERS))
     sync.listed([announced(5.0, address=ROGUE), announced(5.0, "rogue", "http://rogue:11311/", ROGUE)], 0.0)
     assert not sync.remotes

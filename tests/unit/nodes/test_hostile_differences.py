@@ -153,7 +153,7 @@ MANY = [[f"/flood/{number}", ["/one"]] for number in range(followed.MOST + 1)]
     ],
     ids=lambda answer: getattr(answer, "__name__", repr(answer)[:40]),
 )
-def test_what_is_no_difference_ends_the_following_and_takes_nothing(following, answer):
+def test_a_malformed_difference_ends_the_following(following, answer):
     _peer, states, over = following(lambda _asked: answer)
     problem = over.get(timeout=10)
     assert states.empty() and len(str(problem)) < 500
@@ -185,7 +185,7 @@ def test_however_fast_it_answers_it_is_asked_at_the_pace(following, unhurried, k
     assert over.empty() and asked <= most
 
 
-def test_a_digest_that_never_fits_costs_one_whole_after_the_other_and_no_more(following, unhurried):
+def test_a_digest_that_never_fits_costs_single_whole_states(following, unhurried):
     def answer(asked):
         for_all = asked[-1][1] == ""
         return ["e", 1, True, document(TRUE), NOTHING, ""] if for_all else ["e", 1, False, rows(), NOTHING, "0" * 32]
@@ -210,7 +210,7 @@ documents = st.tuples(*[st.just("2.0")] * 2, st.sampled_from([URI, OWN]), texts,
 
 @settings(max_examples=200, deadline=None)
 @given(st.one_of(values, documents.map(list)), st.one_of(values, st.lists(st.lists(values, max_size=2), max_size=4)))
-def test_any_difference_is_a_state_of_the_same_master_or_malformed(told_rows, gone):
+def test_any_difference_is_a_state_of_its_master_or_malformed(told_rows, gone):
     try:
         state = Answer(["e", 1, False, told_rows, gone, ""]).state(TRUE)
     except InvalidDocument:

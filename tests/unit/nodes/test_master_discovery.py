@@ -121,7 +121,7 @@ def test_what_is_to_be_sent_goes_before_the_sockets_close(lab, look):
     assert b"x" in lab.sent
 
 
-def test_diagnostics_tell_links_and_the_roscore_and_metrics_the_same(lab, tmp_path):
+def test_diagnostics_and_metrics_tell_the_same(lab, tmp_path):
     lab.program.display._path = str(tmp_path / "metrics.prom")
     lab.program._on_state(STATE)
     for _answer in range(3):
@@ -144,7 +144,7 @@ def test_diagnostics_tell_links_and_the_roscore_and_metrics_the_same(lab, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ready_is_said_when_the_own_master_is_listed_and_announced(lab):
+def test_ready_is_said_when_the_own_master_is_announced(lab):
     lab.program._on_state(STATE)
     (masters, sent), ready = lab.made
     assert masters == ["robot1"] and sent > 0 and ready == "READY=1"
@@ -170,7 +170,7 @@ def test_without_a_network_the_node_is_ready_for_its_own_robot(lab, monkeypatch)
     assert Kind.STATE in [decode(data).kind for data in lab.sent] and lab.made[-1] == "STATUS=1 master: robot1"
 
 
-def test_a_change_of_the_network_is_looked_at_at_once_but_not_for_ever(lab):
+def test_a_change_of_the_network_is_looked_at_once_not_for_ever(lab):
     lab.program._tick(monotonic())
     looked = lab.program.looked
     lab.program._on_network_change()

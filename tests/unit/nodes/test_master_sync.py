@@ -51,7 +51,7 @@ def test_each_news_of_a_master_is_looked_at_for_a_loss(program, ending):
     assert seen == [True, False, True, False]
 
 
-def test_a_list_that_was_asked_for_before_the_news_does_not_undo_them(program):
+def test_a_list_asked_for_before_the_news_does_not_undo_it(program):
     asked = monotonic()
     program._on_announcement("changed", announced(True))
     program._on_list([announced(False)], False, asked)
@@ -63,7 +63,7 @@ def test_a_list_that_was_asked_for_before_the_news_does_not_undo_them(program):
 @pytest.mark.parametrize(
     ("listed", "round_due"), [([True], False), ([False], True), ([], False)], ids=["comes", "goes", "missing"]
 )
-def test_a_list_asks_for_a_round_where_a_master_was_lost_and_not_where_one_comes(program, listed, round_due):
+def test_a_list_asks_for_a_round_for_a_lost_master_alone(program, listed, round_due):
     program._on_list([announced(True)] if listed != [True] else [], False, monotonic())
     program.rounds._due = None
     program._on_list([announced(online) for online in listed], False, monotonic())

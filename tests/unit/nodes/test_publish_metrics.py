@@ -22,7 +22,7 @@ def _place(tmp_path):
     return Publisher(str(folder), {"a.prom": str(tmp_path / "source")}), tmp_path / "source", folder / "a.prom"
 
 
-def test_a_file_is_copied_whole_for_everybody_to_read_and_goes_with_its_source(place):
+def test_a_file_is_copied_whole_and_goes_with_its_source(place):
     publisher, source, copy = place
     publisher.look()
     assert not copy.exists()
@@ -65,7 +65,7 @@ def _link(source):
     ],
     ids=["link", "fifo", "folder", "large", "no text", "empty", "endless"],
 )
-def test_what_is_no_file_of_metrics_is_not_copied_and_the_old_copy_goes(place, make):
+def test_a_file_without_metrics_is_not_copied(place, make):
     publisher, source, copy = place
     source.write_text(TEXT)
     publisher.look()

@@ -51,7 +51,7 @@ def lines_until(process, end):
     return lines
 
 
-def test_each_line_is_one_of_ours_and_the_end_is_that_of_the_program(start):
+def test_each_line_is_ours_and_the_exit_code_the_programs(start):
     process = start(sys.executable, "-u", "-c", PROGRAM)
     name = f"<6>{os.path.basename(sys.executable)} says: "
     assert lines_until(process, "ready") == [

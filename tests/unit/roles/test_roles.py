@@ -128,7 +128,7 @@ def plays():
 
 
 @pytest.mark.parametrize(("path", "local"), list(plays()), ids=lambda value: getattr(value, "stem", None))
-def test_what_runs_on_a_robot_answers_by_the_door_of_the_collection(path, local):
+def test_a_robots_program_answers_by_the_collections_door(path, local):
     actions = ROLES[0].parent.parent / "plugins" / "action"
     for task in tasks_of(read(path)):
         (module,) = [name for name in task if name not in WORDS]

@@ -25,20 +25,20 @@ def pins(lines):
 
 
 @pytest.mark.parametrize("name", [LAB, DEV])
-def test_every_package_that_is_asked_for_is_locked_in_that_version(name):
+def test_every_requested_package_is_locked_in_its_version(name):
     asked, locked = pins(text(f"{name}.in")), pins(text(f"{name}.txt"))
     assert asked and not {name: version for name, version in asked.items() if locked.get(name) != version}, "make lock"
 
 
 @pytest.mark.parametrize("name, least", [(LAB, 6), (DEV, 50)])
-def test_every_locked_package_has_hashes_and_no_line_names_a_place(name, least):
+def test_every_locked_package_has_hashes_and_no_place(name, least):
     packages = [block for block in re.split(r"\n(?=\S)", text(f"{name}.txt")) if not block.startswith("#")]
     assert len(packages) > least
     assert not [block for block in packages if not re.search(r" --hash=sha256:[0-9a-f]{64}", block)]
     assert not re.findall(r"(?i)://|--index|--find-links|--extra|@ ", text(f"{name}.txt"))
 
 
-def test_the_tests_have_the_packages_of_the_lab_in_the_same_versions():
+def test_tests_have_the_labs_packages_in_the_same_versions():
     assert pins(text(f"{LAB}.txt")).items() < pins(text(f"{DEV}.txt")).items(), "make lock"
 
 
@@ -56,7 +56,7 @@ def imports(path):
             yield (node.module or "").partition(".")[0]
 
 
-def test_the_lab_and_the_plugins_of_the_controller_import_packages_of_the_lab_alone():
+def test_lab_and_plugins_import_packages_of_the_lab_alone():
     of_faults = [
         ROOT / "tests/faults" / name for name in ("catalogue.py", "judge.py")
     ]  # lab/rehearsals/cast.py reads these

@@ -33,7 +33,7 @@ def reports(tmp_path, monkeypatch):
     (tmp_path / "reports").mkdir()
 
 
-def test_all_tests_on_real_systems_are_in_a_suite_with_the_lab_that_they_use():
+def test_all_tests_on_real_systems_are_in_a_suite_with_their_lab():
     folder = runner.ROOT / "tests" / "systems"
     quick = [suite for suite in runner.systems() if "not costly" in suite.command]
     files = [file for suite in quick for file in suite.command if file.startswith("tests/systems/")]

@@ -29,14 +29,14 @@ def test_each_image_has_a_name_of_its_own():
     "table, changed",
     [("ROBOT", {False, True}), ("FULL", {True}), ("ROBOT_HOOKS", {False, True}), ("FULL_HOOKS", {True})],
 )
-def test_a_change_gives_new_names_to_the_image_and_to_the_one_above(monkeypatch, table, changed):
+def test_a_change_gives_new_names_to_an_image_and_the_one_above(monkeypatch, table, changed):
     before = names()
     monkeypatch.setattr(image, table, [*getattr(image, table), "more"])
     after = names()
     assert {key[1] for key in before if before[key] != after[key]} == changed
 
 
-def test_no_package_is_in_both_and_what_a_release_lacks_is_in_one():
+def test_no_package_is_in_both_lists():
     assert not set(image.ROBOT) & set(image.FULL)
     assert {name for release in image.RELEASES.values() for name in release.without} <= {*image.ROBOT, *image.FULL}
 

@@ -33,7 +33,7 @@ def udp(send=lambda *arguments: None):
     return types.SimpleNamespace(sockets=[], close=lambda: None, send=send)
 
 
-def test_sockets_are_opened_again_where_the_kernel_did_not_list_the_addresses(monkeypatch):
+def test_sockets_are_opened_again_after_a_lost_address_list(monkeypatch):
     def busy():
         raise OSError("timed out")
 
@@ -119,7 +119,7 @@ class Lines(logging.Handler):
         self.records.append(record)
 
 
-def test_the_wait_for_an_address_is_one_line_in_the_log_however_long_it_takes(monkeypatch):
+def test_the_wait_for_an_address_is_one_line_of_the_log(monkeypatch):
     log = Lines(monkeypatch)
     played = Played(monkeypatch, ALONE)
     for second in range(600):
@@ -130,7 +130,7 @@ def test_the_wait_for_an_address_is_one_line_in_the_log_however_long_it_takes(mo
 
 
 @pytest.mark.parametrize("before, after", [(ALONE, PLUGGED), (UNPLUGGED, PLUGGED), (PLUGGED, ON_WIFI)])
-def test_sockets_are_opened_at_once_where_the_address_or_the_link_comes(monkeypatch, before, after):
+def test_sockets_are_opened_when_the_link_comes(monkeypatch, before, after):
     monkeypatch.setattr(module, "monotonic", lambda: 100.2)
     played = Played(monkeypatch, before)
     played.node.tick(100.0)

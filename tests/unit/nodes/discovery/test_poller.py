@@ -30,7 +30,7 @@ class Roscore:
         return [nodes.get(call[1]) if call[0] == "lookupNode" else answers.get(call[0]) for call in calls]
 
 
-def test_the_first_state_waits_too_until_it_is_known_what_is_from_where():
+def test_the_first_state_waits_until_origins_are_known():
     answers = []
     poller = module.Poller(Roscore(), URI, "robot1", Identity(), lambda service: answers[0])
     with pytest.raises(OSError):
@@ -97,7 +97,7 @@ def test_an_answer_that_is_the_last_one_again_is_not_read(clock):
     assert sorted(poller.poll().publishers) == ["/one"]
 
 
-def test_what_is_no_registration_is_looked_at_now_and_then_and_read_where_it_is_another(clock):
+def test_odd_registrations_are_looked_at_now_and_then(clock):
     roscore, poller = quiet()
     first = poller.poll()
     roscore.types, roscore.uris = [["/one", "x/Y"]], {"/a": "http://robot1:7/"}
@@ -130,7 +130,7 @@ def test_what_costs_much_is_looked_at_seldom(clock):
     assert 12 <= len(rests) <= 16, "one part in a hundred of the time"
 
 
-def test_a_roscore_that_forgot_this_node_ends_it_though_its_answer_is_read_late(clock):
+def test_a_roscore_that_forgot_this_node_ends_it_late_too(clock):
     roscore, poller = quiet()
     poller._identity.service = ("/own/service", "rosrpc://robot1:3")
     with pytest.raises(program.Fatal):

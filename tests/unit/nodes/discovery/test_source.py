@@ -81,7 +81,7 @@ def source_of(roscore, identity=None, tells=True):
     return Source(poller, lambda: Follower(roscore.uri, "/master_discovery", Mirror(URI, "own"), identity, stamps), 0.5)
 
 
-def test_what_the_roscore_tells_is_the_state_and_nothing_is_polled(roscore):
+def test_a_bundled_roscores_feed_replaces_polling(roscore):
     source = source_of(roscore)
     roscore.tell("e", 7, True, WHOLE)
     state = source.next()
@@ -139,7 +139,7 @@ def test_after_a_start_of_sync_it_is_listened_to_again_soon(roscore, monkeypatch
     assert source.do_not_sync == ["/secret"] and len(roscore.asked) == 2
 
 
-def test_a_roscore_that_remembers_goes_on_and_one_that_forgot_ends_this_node(roscore):
+def test_this_node_goes_on_unless_the_roscore_forgot_it(roscore):
     identity = Identity()
     source = source_of(roscore, identity)
     roscore.tell("e", 7, True, WHOLE)
@@ -163,7 +163,7 @@ def test_an_answer_that_is_none_is_no_end(roscore):
     assert source.next().name == "polled"
 
 
-def test_after_a_connection_that_broke_it_is_asked_anew_what_it_can(roscore):
+def test_after_a_broken_connection_it_is_asked_what_it_can(roscore):
     source = source_of(roscore)
     roscore.tell("e", 7, True, WHOLE)
     source.next()

@@ -44,7 +44,7 @@ def topics(answer):
     return [name for name, _nodes in answer[3][4]]
 
 
-def test_a_whole_state_is_made_once_for_all_who_ask_at_the_same_time():
+def test_a_whole_state_is_made_once_for_requests_at_once():
     asked, found = Asked(), []
     threads = [threading.Thread(target=lambda at=at: found.append(asked.ask(f"10.0.0.{at}"))) for at in range(20)]
     for thread in threads:

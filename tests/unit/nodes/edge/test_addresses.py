@@ -62,7 +62,7 @@ def test_the_name_that_ros_was_given_leads_here_too(names, monkeypatch):
     assert URIS["theirs"] in module.local_uris(URIS.values(), 2.0)
 
 
-def test_a_name_server_that_does_not_answer_is_waited_for_no_longer(names, monkeypatch):
+def test_a_name_server_without_an_answer_is_not_waited_for(names, monkeypatch):
     monkeypatch.setattr(module, "address_of", lambda _host: time.sleep(5))
     began = time.monotonic()
     assert module.local_uris(URIS.values(), 0.2) == {URIS[name] for name in ("mine", "127.0.0.9", "192.168.1.5")}

@@ -59,7 +59,7 @@ def of(client):
     return found[0] if found else None
 
 
-def test_a_connection_is_listed_with_its_addresses_and_since_when_it_is_silent(pair):
+def test_a_connection_is_listed_with_addresses_and_its_silence(pair):
     client, server = pair
     server.send(b"x")
     client.recv(1)

@@ -59,7 +59,7 @@ def test_without_listeners_only_what_is_new_is_published(at):
     assert looks(it, topic, at, 10) == 2
 
 
-def test_with_listeners_it_is_published_before_an_aggregator_calls_it_stale_and_at_1_hz_at_most(at):
+def test_diagnostics_are_published_at_1_hz_at_most(at):
     it, topic = shown(), Topic()
     topic.listened = True
     assert 20 / 4 <= looks(it, topic, at, 20) <= 20 / 2 + 1
@@ -92,7 +92,7 @@ def test_the_file_is_written_now_and_then_and_goes_at_the_end(at, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_that_cannot_be_written_is_a_line_of_the_log_and_nothing_else(at, tmp_path, caplog, monkeypatch):
+def test_a_file_that_cannot_be_written_is_one_line_of_the_log(at, tmp_path, caplog, monkeypatch):
     monkeypatch.setattr(program.LOG, "propagate", True)
     it = shown(metrics=str(tmp_path / "not-there" / "metrics.prom"))
     for _try in range(5):

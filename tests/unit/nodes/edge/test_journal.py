@@ -43,7 +43,7 @@ def test_a_record_is_one_line(monkeypatch, journal_stream):
 
 
 @given(st.text(st.characters(), max_size=300))
-def test_the_text_of_an_exception_is_the_last_line_of_its_traceback(text):
+def test_an_exceptions_text_is_its_tracebacks_last_line(text):
     lines = journal.Format().format(record("it broke", exc_info=failure(text))).split("\n")
     assert all(map(is_plain, lines))
     assert lines[-1].endswith("...") or "ValueError:" in lines[-1]
@@ -78,7 +78,7 @@ def test_pieces_of_a_line_stay_together():
 
 @pytest.mark.parametrize("journal_stream", ["1:2", ""])
 @given(st.lists(st.one_of(st.text(st.characters(), max_size=50), st.just(FORGED), st.just("<0>forged\n")), max_size=6))
-def test_each_line_begins_with_words_of_ours_however_it_is_printed(journal_stream, pieces):
+def test_each_printed_line_begins_with_words_of_ours(journal_stream, pieces):
     behind = io.StringIO(newline="")
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("JOURNAL_STREAM", journal_stream)

@@ -72,7 +72,7 @@ def test_a_recurring_job_has_one_run_at_a_time():
     assert job.tick(99.0) is None and not done, "there is nothing to run for"
 
 
-def test_runs_of_an_overlapping_job_start_while_an_earlier_one_hangs():
+def test_overlapping_runs_start_while_an_earlier_one_hangs():
     started = []
 
     class Hangs:

@@ -39,7 +39,7 @@ def _roscore(server):
 
 
 @pytest.mark.parametrize("more", [[], [("getParam", "/x")]])
-def test_an_answer_that_is_the_last_one_again_is_no_values_at_all(server, roscore, more):
+def test_an_answer_that_repeats_the_last_one_has_no_values(server, roscore, more):
     last, calls = Last(), [("getPid",), *more]
     first = roscore.ask(*calls, last=last)
     assert first == [7, "x"][: len(calls)] and roscore.ask(*calls, last=last) == []

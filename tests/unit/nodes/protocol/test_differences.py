@@ -137,7 +137,7 @@ def test_one_new_topic_is_one_row():
     assert left == after and left.types is before.types and left.nodes is before.nodes, "what did not change is shared"
 
 
-def test_a_node_that_moved_is_told_to_who_sees_it_and_to_nobody_else():
+def test_a_moved_node_is_told_to_the_robots_that_see_it():
     before = first()
     moved = before.nodes["/b/one"]._replace(uri="http://own:2/")
     after = State(**{**before.__dict__, "nodes": {**before.nodes, "/b/one": moved}})

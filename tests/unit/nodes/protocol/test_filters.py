@@ -87,7 +87,7 @@ def test_ordinary_patterns_of_others_are_not_costly(text):
         {"ignore_topics": ["(?P<n>a)", {"robot2": ["(?P<n>b)"]}]},
     ],
 )
-def test_patterns_that_are_wrong_only_together_are_refused_at_the_start(values):
+def test_patterns_that_are_wrong_together_are_refused_at_start(values):
     with pytest.raises(InvalidPattern, match="ignore_topics"):
         Filters(values).check()
 
@@ -127,7 +127,7 @@ def test_a_name_that_is_too_long_is_not_exchanged():
     assert rules().topic("/n", "/" + "a" * 254, "t", True)
 
 
-def test_everything_is_exchanged_by_default_but_not_what_belongs_to_the_exchange():
+def test_all_but_the_exchange_itself_is_exchanged_by_default():
     default = rules()
     assert default.topic("/talker", "/chatter", "std_msgs/String", True)
     assert default.service("/adder", "/add")
@@ -194,7 +194,7 @@ def upstream_server(wire, names, kind):
     names,
     names,
 )
-def test_an_upstream_server_applies_the_white_lists_in_the_same_way(values, node, name):
+def test_an_upstream_server_applies_white_lists_the_same_way(values, node, name):
     found = rules(**values)
     wire = found.to_wire(False)
     assert upstream_server(wire, (node, name), "topic") == found.topic(node, name, "std_msgs/String", True)
@@ -281,7 +281,7 @@ def test_a_name_that_no_pattern_matches_is_ignored_too():
     assert not Filters({"ignore_hosts": ["*"]}).wants_host("r" * 256)
 
 
-def test_a_pattern_that_others_would_refuse_is_applied_here_alone():
+def test_a_pattern_that_others_refuse_is_applied_here_alone():
     """Else a robot with such a filter would get nothing at all from the other one."""
     costly = "/(front|rear)_(left|right)/camera_[0-9]+/.*"
     with pytest.raises(InvalidPattern):
@@ -293,7 +293,7 @@ def test_a_pattern_that_others_would_refuse_is_applied_here_alone():
     assert not there.topic("/loud", "/map", "x/Y", True)
 
 
-def test_a_white_list_that_others_would_refuse_takes_the_other_white_lists_along():
+def test_a_white_list_that_others_refuse_takes_others_along():
     """Without its topics, a white list of nodes would leave out there what is wanted here."""
     costly = "/(front|rear)_(left|right)/camera_[0-9]+/.*"
     rules = Filters({"sync_topics": [costly], "sync_nodes": ["/driver"], "sync_services": ["/reset"]}).rules("robot2")

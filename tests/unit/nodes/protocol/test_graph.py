@@ -54,7 +54,7 @@ def test_locality_is_decided_by_origin_and_not_by_the_host():
     }
 
 
-def test_a_node_that_came_back_with_another_uri_is_not_the_imported_one():
+def test_a_node_that_came_back_with_another_uri_is_not_imported():
     assert state(nodes={**NODES, "/far": "http://kobuki1computer:9/"}).nodes["/far"].locality == "local"
 
 
@@ -66,7 +66,7 @@ def test_the_document_comes_back():
 @pytest.mark.parametrize(
     "name", ["/chatter \x1b[2J", "/two words", "/caf\u00e9", "/x\u202e", "chatter", "/" + "x" * 255]
 )
-def test_a_name_of_other_characters_than_visible_ones_is_left_out(name):
+def test_a_name_with_invisible_characters_is_left_out(name):
     value = document(add_stamps(state(), None, 1700000000.25))
     for at, entry in ((4, [name, ["/talker"]]), (5, [name, ["/listener"]]), (7, [name, "x/Y"])):
         value[at] = [*value[at], entry]
@@ -99,7 +99,7 @@ def test_stamps_move_with_what_changes():
     assert typed.stamp == 400.0
 
 
-def test_a_clock_that_steps_back_to_the_old_stamp_still_changes_it():
+def test_a_clock_that_steps_to_the_old_stamp_still_changes_it():
     first = add_stamps(state(), None, 100.0)
     second = add_stamps(state([[], [], []]), first, 100.0)
     assert second.stamp != first.stamp
@@ -126,7 +126,7 @@ def test_any_value_is_a_state_or_malformed(value):
     | st.text(max_size=3)
     | st.lists(st.lists(st.none() | st.text(max_size=3) | st.lists(st.integers(), max_size=2), max_size=5), max_size=3),
 )
-def test_a_document_with_one_wrong_element_is_a_state_or_malformed(position, value):
+def test_a_document_with_a_wrong_element_is_state_or_malformed(position, value):
     whole = document(state())
     whole[position] = value
     try:

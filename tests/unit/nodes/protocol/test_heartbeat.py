@@ -78,13 +78,13 @@ def test_what_is_no_record_is_named(data, why):
         decode(data)
 
 
-def test_version_3_with_a_stamp_is_a_heartbeat_and_version_2_without_one_is_no_request():
+def test_a_stamp_tells_a_heartbeat_from_a_request():
     assert decode(bytes.fromhex(STATE.replace("5202", "5203"))).kind is Kind.STATE
     assert decode(bytes.fromhex(REQUEST.replace("5203", "5202"))).kind is Kind.STATE
 
 
 @given(st.floats(1.0e9, 2.0e9, allow_nan=False))
-def test_a_stamp_is_the_same_double_in_heartbeat_message_and_document(seconds):
+def test_a_stamp_is_the_same_double_in_beat_message_and_document(seconds):
     stamp = Stamp.from_seconds(seconds)
     assert stamp.seconds == float(f"{seconds:.9f}") == seconds
     assert decode(encode(Heartbeat(Kind.STATE, 1, 0.0, stamp, stamp))).stamp.seconds == seconds

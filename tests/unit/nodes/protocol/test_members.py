@@ -40,7 +40,7 @@ def test_a_stranger_is_ignored_unless_it_is_allowed():
     assert Members().objection(*rogue) == ""
 
 
-def test_a_second_master_on_the_computer_of_a_member_is_a_stranger():
+def test_a_second_master_on_a_members_computer_is_a_stranger():
     said = members().objection("http://tibi-visio:11411/", "tibi-visio_11411", "192.168.1.201")
     assert said == "it is on the computer of tibi-visio, whose master is not http://tibi-visio:11411/"
 

@@ -77,7 +77,7 @@ def test_what_did_not_change_is_the_same_object():
     assert mirror.state().publishers is before.publishers and mirror.state().nodes is before.nodes
 
 
-def test_what_is_not_known_is_left_out_and_what_is_malformed_refused():
+def test_unknown_is_left_out_and_malformed_refused():
     mirror = Mirror(URI, "own")
     mirror.take(True, [["refused", "/a", "http://other:1/", "why"], ["parameter", "/do_not_sync", ["/secret"]], []])
     assert mirror.parameters == {"/do_not_sync": ["/secret"]}

@@ -51,7 +51,7 @@ def test_a_wrong_value_is_a_sentence(table, given, words):
     assert words in str(caught.value)
 
 
-def test_the_interface_may_follow_the_group_and_a_host_may_have_its_own_filters():
+def test_the_interface_may_follow_the_group():
     assert overlay(DISCOVERY, {"mcast_group": "226.0.0.0@192.168.1.201"})[1] == []
     values, warnings = overlay(SYNC, {"robot2": {"ignore_topics": ["/a"]}})
     assert warnings == [] and values["robot2"] == {"ignore_topics": ["/a"]}

@@ -73,7 +73,7 @@ def test_what_nobody_is_told_of_is_no_revision():
     assert roscore.ask()[1] == 0
 
 
-def test_a_refused_import_is_told_once_and_is_no_part_of_the_whole():
+def test_a_refused_import_is_told_once_and_left_out_of_the_whole():
     roscore = Roscore()
     roscore.change(["refused", "/a", "http://far:1/", "why"])
     assert roscore.ask() == ["now", 1, False, [["refused", "/a", "http://far:1/", "why"]]]

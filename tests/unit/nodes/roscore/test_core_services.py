@@ -39,7 +39,7 @@ def test_the_run_id_is_new_once_and_then_stays():
         ("http://192.168.1.5:11311/", "host_192_168_1_5__11311"),
     ],
 )
-def test_roslaunch_finds_this_program_under_a_name_that_is_a_parameter(uri, name):
+def test_roslaunch_finds_the_program_by_its_parameter(uri, name):
     roscore = Roscore()
     module.parameters(roscore, uri)
     assert roscore.parameters == {f"/roslaunch/uris/{name}": uri}
@@ -131,7 +131,7 @@ def test_tools_see_the_processes_of_a_roscore(rosout):
     assert not rosout._child.runs()
 
 
-def test_what_rosout_prints_is_one_record_of_the_log_whatever_is_in_it(rosout, caplog):
+def test_a_rosout_message_is_one_record_whatever_is_in_it(rosout, caplog):
     with caplog.at_level("INFO", "rosfleet.roscore"):
         rosout._child.told("<0>shut down\r\x1b[2J")
     (record,) = caplog.records

@@ -207,7 +207,7 @@ def test_a_connection_that_breaks_breaks_nothing_else(server):
     assert server.door.under_way._used == 0
 
 
-def test_where_there_are_too_many_connections_the_one_ends_that_was_idle_longest(server, monkeypatch):
+def test_the_longest_idle_connection_ends_when_too_many(server, monkeypatch):
     lines = server.door.lines = door.Lines(3)
     clients = []
     for number in range(5):

@@ -132,7 +132,7 @@ def test_what_is_handed_on_makes_what_there_is(roscore, changes):
     assert plain(roscore.registry) == roscore.without_order()
 
 
-def test_all_changes_of_a_call_are_handed_on_together_and_before_its_answer(roscore):
+def test_all_changes_of_a_call_are_handed_on_before_its_answer(roscore):
     lists = []
     roscore.hear(handed_on=lists.append)
     roscore.call("registerPublisher", "/a", "/chatter", "x/Y", A)
@@ -168,7 +168,7 @@ def test_subscribers_are_told(roscore):
     assert roscore.told.since() == [(B, "paramUpdate", "/speed/most/", 4)]
 
 
-def test_who_loses_its_name_is_ended_and_its_subscribers_hear_of_it(roscore):
+def test_a_node_that_loses_its_name_is_ended(roscore):
     some(roscore)
     roscore.call("registerPublisher", "/a", "/other", "x/Y", NEW)
     told = roscore.told.since()
@@ -241,7 +241,7 @@ def test_a_later_life_has_all_and_tells_everybody(roscore):
     assert second.master.guard.is_import("/camera", FAR)
 
 
-def test_a_dead_node_goes_with_all_it_had_but_not_with_what_it_has_said_since(roscore):
+def test_a_dead_node_goes_with_all_but_its_later_words(roscore):
     some(roscore)
     second = later(roscore)
     second.call("registerPublisher", "/a", "/news", "x/Y", A)
@@ -260,7 +260,7 @@ def test_a_node_that_has_another_uri_by_now_is_not_ended(roscore):
     assert second.master.call("lookupNode", "/test", "/a")[2] == NEW
 
 
-def test_what_a_node_has_no_more_goes_unless_it_has_said_it_again(roscore):
+def test_a_nodes_old_registration_goes_unless_repeated(roscore):
     some(roscore)
     second = later(roscore)
     assert second.master.end_registration(["publisher", "/chatter", "/a", A])
@@ -272,7 +272,7 @@ def test_what_a_node_has_no_more_goes_unless_it_has_said_it_again(roscore):
     assert second.master.call("lookupNode", "/test", "/a")[0] == -1
 
 
-def test_after_a_boot_a_node_is_registered_again_and_hears_what_it_would_hear(roscore):
+def test_after_a_boot_a_node_is_registered_and_hears_again(roscore):
     some(roscore)
     second = Roscore()
     second.call("registerSubscriber", "/viewer", "/chatter", "x/Y", NEW)
@@ -302,7 +302,7 @@ def test_after_a_boot_names_that_others_have_by_now_stay_theirs(roscore):
 # A node that leaves
 
 
-def test_a_node_that_has_withdrawn_everything_but_its_parameters_is_looked_after(roscore):
+def test_a_node_with_parameters_alone_is_looked_after(roscore):
     some(roscore)
     roscore.call("unregisterSubscriber", "/b", "/chatter", B)
     assert roscore.left == [("/b", B)] and roscore.master.call("lookupNode", "/test", "/b")[0] == 1
@@ -375,7 +375,7 @@ def test_programs_of_another_computer_make_no_changes_together(roscore):
     assert roscore.master.call("rosfleetTogether", "/me", ["[]"])[0] == -1
 
 
-def test_the_lock_may_be_taken_again_and_hands_on_when_it_is_free():
+def test_the_lock_may_be_taken_again_by_its_holder():
     seen = []
     lock = module.Lock(lambda: seen.append("changed"))
     with lock:
@@ -458,7 +458,7 @@ def test_what_is_beyond_a_bound_is_refused_and_changes_nothing(roscore):
     assert counted == ["depth", "parameter", "watched", "name", "name", "name", "name"]
 
 
-def test_the_registrations_have_a_bound_and_one_that_is_there_may_be_said_again(roscore, monkeypatch):
+def test_registrations_are_bounded_and_may_be_repeated(roscore, monkeypatch):
     some(roscore)
     most = bounds.Bound(roscore.master.room.registrations + 2000, "bytes")
     monkeypatch.setitem(bounds.BOUNDS, "registrations", most)
@@ -475,7 +475,7 @@ def test_the_registrations_have_a_bound_and_one_that_is_there_may_be_said_again(
     roscore.call("registerPublisher", "/b", "/other", "x/Y", B)
 
 
-def test_types_of_topics_that_nobody_has_go_where_there_is_no_room(roscore, monkeypatch):
+def test_types_of_unknown_topics_go_when_room_is_short(roscore, monkeypatch):
     for number in range(50):
         roscore.call("registerPublisher", "/a", f"/topic_{number}", "x/Y", A)
         roscore.call("unregisterPublisher", "/a", f"/topic_{number}", A)

@@ -40,7 +40,7 @@ def test_an_end_that_is_not_of_this_computer_is_not_own(server):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root has processes of other users")
-def test_a_connection_of_another_user_is_own_where_that_is_the_user_of_the_service(server, tmp_path, monkeypatch):
+def test_a_connection_of_the_user_of_the_service_is_own(server, tmp_path, monkeypatch):
     monkeypatch.setattr(programs, "SERVICE", str(tmp_path))
     words = ["/usr/bin/python3" if os.path.exists("/usr/bin/python3") else sys.executable, "-c", CONNECT]
     words.append(str(server.getsockname()[1]))

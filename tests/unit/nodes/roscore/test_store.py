@@ -248,7 +248,7 @@ def test_the_thread_syncs_and_writes_anew(tmp_path, monkeypatch):
     assert vars(store.read(str(tmp_path)).registry) == state(499)
 
 
-def test_a_full_disk_is_a_warning_and_the_file_is_right_again_when_there_is_room(tmp_path, monkeypatch, caplog):
+def test_a_full_disk_is_a_warning_until_there_is_room(tmp_path, monkeypatch, caplog):
     roscore, real = Roscore(tmp_path), os.write
     roscore.store._renew(rest=False)
     roscore.change(1)
@@ -363,7 +363,7 @@ def test_after_five_starts_that_come_to_nothing_it_is_put_aside(tmp_path):
     assert store.read(str(tmp_path)) is None and os.listdir(tmp_path) == [f"{remembered.FILE}.damaged"]
 
 
-def test_a_value_that_cannot_be_kept_is_said_once_and_all_else_is_kept(tmp_path, caplog):
+def test_a_value_that_cannot_be_kept_is_said_once(tmp_path, caplog):
     roscore = Roscore(tmp_path)
     roscore.store._renew(rest=False)
     deep = []
@@ -402,7 +402,7 @@ def test_its_thread_never_ends(tmp_path, monkeypatch, caplog):
     assert store.read(str(tmp_path)).registry.parameters == {"count": 500}
 
 
-def test_who_changes_much_in_a_short_time_waits_until_it_is_written_anew(tmp_path, monkeypatch):
+def test_frequent_changes_wait_for_a_new_file(tmp_path, monkeypatch):
     """Else the file, or what waits for the new one, would take all there is."""
     monkeypatch.setattr(store.remembered, "MOST", 1 << 20)
     monkeypatch.setattr(store, "PATIENCE", 0.2)

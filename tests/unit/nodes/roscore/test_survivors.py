@@ -151,7 +151,7 @@ def test_all_are_asked_and_a_silent_one_again(node, survey):
     assert sorted(done.ended) == ["/dead", "/slow"] and done.removed == [["publisher", "/out", "/less", uris["less"]]]
 
 
-def test_a_silent_node_stays_and_is_asked_for_as_long_as_it_is_registered(survey, caplog):
+def test_a_silent_node_stays_as_long_as_it_is_registered(survey, caplog):
     asked = []
     with socket.create_server(("127.0.0.1", 0)) as slow:
         uri = f"http://127.0.0.1:{slow.getsockname()[1]}/"
@@ -166,7 +166,7 @@ def test_a_silent_node_stays_and_is_asked_for_as_long_as_it_is_registered(survey
     assert sum("does not answer" in record.message for record in caplog.records) == 1
 
 
-def test_after_a_boot_a_node_comes_back_when_it_answers_and_a_dead_one_never(node, survey, monkeypatch):
+def test_after_a_boot_a_node_comes_back_when_it_answers(node, survey, monkeypatch):
     monkeypatch.setattr(module, "provider", lambda uri, _service, _timeout: "/late" if uri.endswith(":1") else "/x")
     uris = {"dead": "http://127.0.0.1:1/", "late": node()}
     answers = iter([module.Found(State.SILENT)] * 2)
@@ -195,7 +195,7 @@ def test_those_that_answer_within_a_time(node):
     assert module.alive_of(Registry(), 0.5) == set()
 
 
-def test_a_node_that_has_withdrawn_everything_is_asked_until_it_is_dead(node, survey):
+def test_a_node_with_nothing_left_is_asked_until_it_is_dead(node, survey):
     with socket.create_server(("127.0.0.1", 0)) as slow:
         uris = {"/alive": node([], []), "/dead": "http://127.0.0.1:1/"}
         uris["/slow"] = f"http://127.0.0.1:{slow.getsockname()[1]}/"

@@ -78,7 +78,7 @@ MANY = b"[" + b",".join([b'[["192.168.1.1",1],["192.168.1.2",2]]'] * (ending.MOS
         MANY,
     ],
 )
-def test_a_request_that_is_none_is_not_answered_and_hinders_nobody(tmp_path, request_text):
+def test_a_wrong_request_has_no_answer_and_hinders_no_other(tmp_path, request_text):
     path = str(tmp_path / "socket")
     with answering(path, lambda pairs: ending.Answer(pairs, ""), 2) as counts:
         with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as asking:

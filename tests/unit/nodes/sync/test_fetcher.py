@@ -63,7 +63,7 @@ def fixture_other_program():
         thread.join()
 
 
-def test_a_master_that_is_another_program_by_now_is_asked_from_the_beginning(other_program):
+def test_a_master_that_is_a_new_program_is_asked_from_the_start(other_program):
     uri, asked = other_program
     fetch = SimpleNamespace(uri="http://b:11311/", monitor_uri=uri, quick=True)
     view = SimpleNamespace(wanted=[], taken=lambda state, before: state, places=lambda state: None)

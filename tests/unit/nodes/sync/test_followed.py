@@ -122,7 +122,7 @@ def test_what_becomes_secret_is_gone_at_once(there):
 
 
 @pytest.mark.parametrize("has", [PACKED, DIFFERENCES, ""])
-def test_each_way_is_found_and_who_told_its_way_is_not_asked_for_it_again(there, has):
+def test_each_way_is_asked_for_once(there, has):
     """Also where another program has come in its place, which has not that way."""
     there.has({"/a": "/one"})
     asked, methods = [], there.server.methods
@@ -157,7 +157,7 @@ def test_where_the_quick_way_is_off_the_whole_is_fetched(monkeypatch):
     there.server.stop()
 
 
-def test_a_discovery_that_goes_ends_it_and_one_that_stops_following_is_quiet(there):
+def test_a_discovery_that_goes_ends_it_and_a_stop_is_quiet(there):
     here, other = Here(there), Here(there)
     other.found.follower.stop()
     time.sleep(0.1)
@@ -178,7 +178,7 @@ def test_a_question_that_is_none_is_refused(there, asked):
         Rpc(there.uri, 5.0).call(DIFFERENCES, *asked)
 
 
-def test_one_address_keeps_few_connections_and_the_others_are_answered_at_once(there):
+def test_one_address_keeps_few_connections(there):
     rpcs = [Rpc(there.uri, 5.0) for _count in range(rpc_server._KEPT_PER_ADDRESS + 2)]
     known = rpcs[0].call(DIFFERENCES, ASK, "", 0, 0)[:2]
     answers = []
@@ -245,7 +245,7 @@ def test_the_document_of_a_whole_answer_is_that_of_the_old_way(there):
     assert quick[2] is True and quick[3] == old == document(there.own.state, [Rules(), Rules(do_not_sync=Pattern())])
 
 
-def test_what_came_from_a_third_robot_is_not_told_but_to_whom_own_subscribers_hear_it(there):
+def test_a_third_robots_topics_are_told_to_subscribers_alone(there):
     there.has({"/a": "/one"})
     there.own.state = replace(there.own.state, subscribers={"/heard": ("/one",)}, stamp=3.0, local_stamp=3.0)
     there.told.news(there.own.state, there.secret)

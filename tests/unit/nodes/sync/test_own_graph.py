@@ -81,7 +81,7 @@ def shown(view):
     )
 
 
-def test_one_that_tells_is_asked_for_what_changed_and_both_ways_show_the_same():
+def test_a_feed_and_whole_states_show_the_same():
     roscore = Roscore(
         [["e", 3, True, WHOLE], ["e", 4, False, [["publisher", "/two", "/a", True]]], ["e", 4, False, []]]
     )
@@ -94,7 +94,7 @@ def test_one_that_tells_is_asked_for_what_changed_and_both_ways_show_the_same():
 
 
 @pytest.mark.parametrize("answer", [xmlrpc.client.Fault(1, "8 callers"), ["e", 3, True, [["publisher"]]], ["e"], 7])
-def test_where_it_does_not_tell_all_is_read_and_it_is_asked_again_later(clock, answer):
+def test_one_run_does_all_when_nothing_waits(clock, answer):
     roscore = Roscore([answer, ["e", 3, True, WHOLE]])
     graph = OwnGraph(roscore)
     assert shown(graph.read(everything)) == shown(graph.read(everything))
@@ -104,7 +104,7 @@ def test_where_it_does_not_tell_all_is_read_and_it_is_asked_again_later(clock, a
     assert roscore.asked[-2:] == ["has", ("", 0, 0)]
 
 
-def test_after_a_roscore_that_does_not_answer_the_next_one_is_asked_what_it_can():
+def test_after_a_roscore_without_answer_the_next_one_is_asked():
     roscore = Roscore([["e", 3, True, WHOLE], OSError("refused")])
     graph = OwnGraph(roscore)
     graph.read(everything)
@@ -114,7 +114,7 @@ def test_after_a_roscore_that_does_not_answer_the_next_one_is_asked_what_it_can(
     assert sorted(graph.read(everything).publishers) == ["/one"] and roscore.asked.count("has") == 2
 
 
-def test_one_that_tells_makes_calls_together_and_any_other_one_by_one():
+def test_a_bundled_roscore_gets_calls_together():
     calls = [("registerPublisher", "/a", "/one", "*", "http://own:1/")]
     roscore, other = Roscore([["e", 3, True, WHOLE]]), Roscore([], tells=False)
     for asked, way in ((roscore, "together"), (other, "multicall")):
@@ -123,7 +123,7 @@ def test_one_that_tells_makes_calls_together_and_any_other_one_by_one():
         assert graph.carry_out(calls) == ["done"] and asked.asked[-1] == (way, calls)
 
 
-def test_after_calls_that_failed_the_next_one_is_asked_what_it_can():
+def test_after_failed_calls_the_next_one_is_asked_what_it_can():
     roscore = Roscore([["e", 3, True, WHOLE], ["f", 1, True, WHOLE]])
     graph = OwnGraph(roscore)
     graph.read(everything)

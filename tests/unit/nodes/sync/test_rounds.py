@@ -38,7 +38,7 @@ def test_leftovers_wait_from_the_first_pass_of_the_loop(monkeypatch, after, kept
     assert bool(todo.held) is kept
 
 
-def test_after_a_round_the_next_one_waits_so_that_news_come_together(monkeypatch):
+def test_after_a_round_the_next_one_waits_for_more_news(monkeypatch):
     now, began = [100.0], []
     monkeypatch.setattr(module, "monotonic", lambda: now[0])
     made = rounds_of(lambda: began.append(now[0]), lambda seconds: now.__setitem__(0, now[0] + seconds))
@@ -51,7 +51,7 @@ def test_after_a_round_the_next_one_waits_so_that_news_come_together(monkeypatch
     assert len(began) == 2
 
 
-def test_what_an_earlier_life_registered_of_a_master_is_looked_at_with_its_state(monkeypatch):
+def test_registrations_of_an_earlier_life_are_compared(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(module, "monotonic", lambda: now[0])
     made = rounds_of(lambda: None, lambda _seconds: None)
@@ -66,7 +66,7 @@ def test_what_an_earlier_life_registered_of_a_master_is_looked_at_with_its_state
     assert made.tick(now[0]) == now[0] + module.SETTLED, "a round looks at everything soon"
 
 
-def test_the_regular_round_waits_while_whole_states_come_one_by_one_but_not_for_ever(monkeypatch):
+def test_the_round_waits_for_whole_states_within_a_bound(monkeypatch):
     now, began = [100.0], []
     monkeypatch.setattr(module, "monotonic", lambda: now[0])
     made = rounds_of(lambda: began.append(now[0]), lambda _seconds: None)
@@ -82,7 +82,7 @@ def test_the_regular_round_waits_while_whole_states_come_one_by_one_but_not_for_
     assert made.tick(now[0]) == now[0] + module.ROUND
 
 
-def test_a_state_that_comes_while_a_round_is_under_way_is_looked_at_by_the_next_one_soon(monkeypatch):
+def test_a_state_that_comes_during_a_round_has_the_next_one(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(module, "monotonic", lambda: now[0])
     made = rounds_of(lambda: made.touch_all(OTHER, set()), lambda _seconds: None)
@@ -117,7 +117,7 @@ def rounds_of(begun, last):
     return module.Rounds(graph, node, core, questions, lost, workers, workers, program.LimitedLog(), CALLBACKS)
 
 
-def test_who_is_refused_for_his_place_or_no_longer_is_told_by_a_round_at_once(monkeypatch):
+def test_a_refused_peer_is_told_by_the_next_round(monkeypatch):
     made = rounds_of(lambda: None, lambda _seconds: None)
     refusal = Refusal("place", "/liar", "robot2", "http://127.0.0.1:9001/", "it is on this computer itself")
     misplaced = [refusal]

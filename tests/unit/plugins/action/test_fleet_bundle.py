@@ -216,7 +216,7 @@ def rewritten(path, name, change):
         ("about.json", lambda about: about.update(computers={"x": 3}, pairs="x", time="\x1b[2J" * 5000)),
     ],
 )
-def test_a_bundle_that_contradicts_itself_ends_in_a_report_or_a_sentence(tmp_path, name, change):
+def test_a_contradictory_bundle_ends_in_a_report_or_a_sentence(tmp_path, name, change):
     path = tmp_path / "x.zip"
     bundle(fleets.fig12(), path)
     rewritten(path, name, change)

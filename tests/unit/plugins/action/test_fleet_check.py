@@ -69,7 +69,7 @@ def test_what_fails_is_sentences_without_the_plan():
     assert len(str(result)) < 1000
 
 
-def test_what_would_be_refused_is_noted_where_nothing_is_to_be_changed():
+def test_check_mode_notes_a_later_refusal():
     result = check(ROUTER, {**MACHINE, "systemd": {"running": False}}, refuse=False)
     assert not result.get("failed") and result["problems"] == []
     (noted,) = result["noted"]

@@ -86,7 +86,7 @@ def test_all_is_well_is_told_in_few_lines(shown):
     assert (lines[1], "green") in shown and lines[1].startswith("PASSED: none of ")
 
 
-def test_what_is_wrong_is_told_in_colour_and_in_the_width_of_the_terminal(shown, monkeypatch):
+def test_failures_are_coloured_and_fit_the_terminal(shown, monkeypatch):
     monkeypatch.setenv("COLUMNS", "90")
     result = judge(fleets.wall)
     lines = [text for text, _color in shown]
@@ -139,7 +139,7 @@ def test_the_last_twenty_runs_are_kept_and_what_is_of_others(home, clock):
     assert len(names) == 41 and "notes.txt" in names and names[0] == "2026-11-22T080005.html"
 
 
-def test_a_folder_that_cannot_be_made_is_told_and_the_run_goes_on(home, shown):
+def test_a_folder_that_cannot_be_made_is_told_in_passing(home, shown):
     home.parent.parent.mkdir()
     home.parent.write_text("")  # a file where the folder is to be
     result = judge(path="auto")
@@ -209,6 +209,6 @@ def test_durations(marks, told):
     ("rivals", "told"),
     [([], "a link is down"), ([{"sentence": "a switch is off"}], "one of these: a link is down; or a switch is off")],
 )
-def test_a_finding_that_is_told_alone_says_what_it_may_be_instead(rivals, told):
+def test_a_finding_told_alone_says_what_it_may_be_instead(rivals, told):
     found = fleet_report.join_rivals({"sentence": "a link is down", "rivals": rivals, "verdict": "failed"})
     assert (found["sentence"], found["verdict"]) == (told, "failed")

@@ -87,7 +87,7 @@ def test_the_second_run_confirms_and_does_the_rest(play):
     assert (result["changed"], result["diff"], result["msg"]) == (True, [1, 2], "Waits. Right. Done.")
 
 
-def test_where_nothing_waits_one_run_does_all_over_the_same_connection(play):
+def test_a_reader_without_a_feed_reads_all(play):
     result, runs, connection = play(answer(sysctl=RIGHT, routes=RIGHT, managed_files=RIGHT))
     assert [set(run) for run in runs] == [{"sysctl", "routes", "managed_files"}]
     assert (connection.resets, result["changed"]) == (0, False)
@@ -134,7 +134,7 @@ def test_what_was_taken_back_is_no_change(play):
     assert (result["failed"], result["changed"], result["msg"]) == (True, False, "Taken back.")
 
 
-def test_a_failure_after_the_confirmation_leaves_what_was_confirmed(play):
+def test_a_failure_after_the_confirmation_leaves_the_change(play):
     failed = {
         "failed": True,
         "msg": "No.",
@@ -171,7 +171,7 @@ def test_what_shells_see_is_compared_with_the_plan(play, found, wrong):
     assert result["warnings"] == ["No ssh."] and result["changed"] is True
 
 
-def test_where_nothing_was_written_shells_see_what_they_saw_before(play):
+def test_shells_see_the_same_when_nothing_was_written(play):
     result, _runs, _connection = play(answer(managed_files=RIGHT), sysctl=None, routes=None, shells=SHELLS)
     assert result["failed"]
     seen = {**SHELLS, "before": {"login": LOGIN}}

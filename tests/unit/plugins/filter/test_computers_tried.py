@@ -20,7 +20,7 @@ def test_a_small_fleet_tries_all_others():
     assert computers_tried(fleet(4), "router") == ["pc0", "pc1", "pc2", "pc3"]
 
 
-def test_a_large_one_tries_one_of_each_network_and_two_neighbours():
+def test_a_large_fleet_tries_each_network_and_two_neighbours():
     chosen = computers_tried(fleet(40), "pc1")
     assert len(chosen) == 9 + 2
     assert {"pc2", "pc3"} <= set(chosen)

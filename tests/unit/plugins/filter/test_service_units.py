@@ -32,7 +32,7 @@ def test_units():
     assert "\n# sync\n\n[Service]\n" in units[1]["content"] and "\nExecStart=/sync\n" in units[1]["content"]
 
 
-def test_the_code_restarts_the_roscore_that_is_of_it_and_no_other():
+def test_changed_code_restarts_the_bundled_roscore_alone():
     def inputs(programs, code):
         (unit,) = service_units(
             ["roscore"],

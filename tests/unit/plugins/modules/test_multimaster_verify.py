@@ -91,7 +91,7 @@ def test_check_mode_refuses_the_same():
     assert result["failed"] and "the address of kobuki1computer is 'x'" in result["msg"]
 
 
-def test_a_variable_that_the_file_has_lost_is_wanted_all_the_same(tmp_path):
+def test_a_variable_that_the_file_has_lost_is_still_wanted(tmp_path):
     file = tmp_path / "environment"
     file.write_text("ROS_MASTER_URI=http://one:11311\nROS_PACKAGE_PATH=/opt\n")
     ros = multimaster_verify.Ros(str(file), {})

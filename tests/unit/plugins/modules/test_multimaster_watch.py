@@ -43,7 +43,7 @@ def lost(result):
     return {(entry["kind"], entry["name"]) for entry in result["lost"]}
 
 
-def test_a_master_that_falls_silent_and_a_route_that_goes_are_told_with_their_moment(two):
+def test_a_silent_master_and_a_lost_route_are_told_with_the_time(two):
     one, other = two.hosts
     hearts = [a.popen(sys.executable, "-c", HEART, a.address, b.address) for a, b in ((one, other), (other, one))]
     one.run("ip", "route", "add", "10.9.0.0/16", "via", other.address)

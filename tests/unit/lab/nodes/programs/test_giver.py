@@ -69,7 +69,7 @@ def test_a_giver_whose_port_is_taken_is_not_ready(giver, tmp_path):
             Lab(process, tmp_path / "out").wait_until_ready("here", "giver")
 
 
-def test_no_fixed_port_is_one_that_the_kernel_gives_to_any_program():
+def test_no_fixed_port_is_in_the_kernels_own_range():
     """A connection of a node may have such a port, and then nothing can listen there: one of twenty robots in one set-up of twelve."""
     first, last = 32768, 60999  # net.ipv4.ip_local_port_range
     found = {

@@ -130,7 +130,7 @@ def test_a_change_is_announced_at_once_and_twice_again():
 
 
 @pytest.mark.parametrize(("rate", "local", "beats"), [(1.0, 1000.0, 2), (0.5, 1000.0, 3), (1.0, 1001.0, 3)])
-def test_what_is_of_others_is_told_with_the_next_beat_where_that_comes_soon(rate, local, beats):
+def test_others_changes_travel_with_the_next_heartbeat(rate, local, beats):
     core = started(heartbeat_hz=rate)
     run(core, 0.25, 20.25)
     core.take_own_state(OWN._replace(stamp=1001.0, local_stamp=local), 20.4)
@@ -139,7 +139,7 @@ def test_what_is_of_others_is_told_with_the_next_beat_where_that_comes_soon(rate
     assert len(told) == beats
 
 
-def test_the_copy_of_a_beat_counts_as_one_and_is_a_sign_of_life_only_where_one_is_needed():
+def test_a_copy_of_a_heartbeat_counts_once():
     core = met()
     core.datagram(state(2001, rate=1.0), PEER, True, 11.0)
     core.datagram(state(2001, rate=1.0), PEER, False, 11.01)
@@ -219,7 +219,7 @@ def test_leave_and_refresh():
 # Who is there
 
 
-def test_the_own_master_is_listed_first_and_its_own_datagrams_change_nothing():
+def test_the_own_master_is_listed_first():
     core = met()
     for datagram in (state(5), request(), leave()):
         core.datagram(datagram, ("192.168.1.229", 11511), True, 11.0)
@@ -238,7 +238,7 @@ def test_a_new_master_is_asked_who_it_is():
     assert changes(core) == [("new", "kobuki2computer", True)]
 
 
-def test_it_is_asked_again_where_it_does_not_answer_or_has_no_state_yet():
+def test_a_node_without_an_answer_or_a_state_is_asked_again():
     core = started()
     core.datagram(state(), PEER, True, 10.0)
     take(core)
@@ -273,7 +273,7 @@ def test_what_many_datagrams_change_is_told_once():
     assert [master.stamp for master in core.masters()][1] == 2003
 
 
-def test_empty_datagrams_are_ignored_silently_and_malformed_ones_counted():
+def test_empty_datagrams_are_ignored_and_malformed_ones_counted():
     core = met()
     core.datagram(b"", PEER, True, 11.0)
     assert take(core) == [] and core.malformed == 0
@@ -347,7 +347,7 @@ def heard_from_two_addresses(answers):
     return shown
 
 
-def test_a_master_heard_from_two_addresses_is_shown_at_the_one_that_lives():
+def test_a_master_heard_at_two_addresses_is_shown_where_it_lives():
     shown = heard_from_two_addresses(answers=False)
     assert [line[1:] for line in shown] == [("changed", "http://10.0.0.2:11611", True)], "once, and it stays there"
     assert 12.0 < shown[0][0] < 15.5, "when nobody answers at the first one"
@@ -452,7 +452,7 @@ def test_strangers_are_forgotten():
     assert not core.strangers.table
 
 
-def test_one_address_has_few_masters_and_the_one_that_is_heard_stays():
+def test_one_address_has_few_masters_and_the_live_one_stays():
     core = met()
     for port in range(20000, 20100):  # false ports; who is asked answers truly
         now = 11.0 + port / 1000
@@ -560,7 +560,7 @@ def test_any_answer_is_a_sign_of_life():
     assert [round(at, 1) for at, _change, _online in events] == [26.5]
 
 
-def test_an_answer_brings_a_change_whose_datagrams_were_lost_but_no_old_state():
+def test_an_answer_brings_a_change_with_lost_datagrams():
     core = met()
     core.datagram(state(2000, rate=1.0), PEER, True, 10.0)
     wait(core, 10.25, 13.0)
@@ -616,7 +616,7 @@ def test_a_link_that_is_back_is_used_at_once():
         assert online and now - back <= 1.1
 
 
-def test_a_master_that_only_answers_over_tcp_stays_and_its_changes_are_known():
+def test_a_master_that_answers_over_tcp_alone_stays():
     """A firewall that began to drop the datagrams."""
     one, two = Robot("one", "10.0.0.1"), Robot("two", "10.0.0.2")
     world = World([one, two], 4)
@@ -628,7 +628,7 @@ def test_a_master_that_only_answers_over_tcp_stays_and_its_changes_are_known():
     assert one.core.masters()[1].stamp == 2000.0
 
 
-def test_silence_without_a_promised_rate_is_offline_after_65_s_and_removed_after_300_s():
+def test_silence_is_offline_after_65_s_and_removed_after_300_s():
     core = met()
     out, events = run(core, 10.0, 320.0)
     requests = [now for now, kind, host in out if kind is Kind.REQUEST and host == PEER[0]]
@@ -648,7 +648,7 @@ def test_back_online_is_a_change_and_it_is_asked_again_who_it_is():
     assert actions[1].master.online
 
 
-def test_a_robot_at_its_planned_place_is_asked_again_who_it_is_once_its_topics_had_their_time():
+def test_a_robot_at_its_planned_place_is_asked_its_name_again():
     there, contact = (TIBI["addresses"][0], 11511), CONTACT._replace(uri=URI, name=TIBI["name"])
     core = Discovery(Settings(), ["192.168.1.229"], 11611, Members.from_parameters({"members": [TIBI]}))
     core.take_own_state(OWN, 0.0)
@@ -803,5 +803,5 @@ def looks(monkeypatch, masters):
     return len(seen)
 
 
-def test_what_beats_cost_grows_with_the_masters_and_not_with_their_square(monkeypatch):
+def test_heartbeats_cost_grows_with_the_masters(monkeypatch):
     assert looks(monkeypatch, 80) <= 6 * looks(monkeypatch, 20)

@@ -29,7 +29,7 @@ def health(members=()):
     return Health(OWN, Members.from_parameters({"members": list(members)}))
 
 
-def test_each_loss_is_counted_also_where_the_master_is_removed_at_once():
+def test_each_loss_is_counted_when_the_master_is_removed_too():
     seen = health()
     seen.take_event("new", None, master())
     for before, now in ((True, False), (False, True), (True, False), (False, False)):
@@ -40,14 +40,14 @@ def test_each_loss_is_counted_also_where_the_master_is_removed_at_once():
     assert seen.links([master()], []).links[0].losses == 0, "who belongs to nobody is forgotten"
 
 
-def test_the_losses_of_a_robot_of_the_fleet_stay_while_it_is_gone():
+def test_losses_of_a_robot_stay_while_it_is_gone():
     seen = health([TIBI])
     seen.take_event("removed", master(uri=URI), master(uri=URI, online=False))
     (link,) = seen.links([], []).links
     assert (link.name, link.online, link.losses) == ("tibi-visio", False, 1)
 
 
-def test_who_is_missing_is_listed_and_the_own_master_and_the_router_are_not():
+def test_missing_robots_are_listed_without_master_and_router():
     own = {**TIBI, "robot": "own", "name": "own", "uris": [OWN.upper()]}
     shown = health([TIBI, own, ROUTER]).links([master(uri=OWN), master(uri=URI, name="tibi-visio")], [])
     assert [(link.name, link.online) for link in shown.links] == [("tibi-visio", True)]
@@ -61,7 +61,7 @@ def test_of_two_addresses_of_a_robot_the_better_one_counts():
     assert (link.quality, link.silent) == (90.0, 0.5)
 
 
-def test_a_flood_of_masters_and_of_names_is_bounded_and_the_fleet_comes_first():
+def test_a_flood_of_masters_is_bounded_and_the_fleet_is_first():
     flood = [master(number, name=f"{'x' * 2000}{number}") for number in range(50)]
     flood += [master(number) for number in range(1000, 1500)]
     shown = health([TIBI]).links(flood, [])
@@ -70,7 +70,7 @@ def test_a_flood_of_masters_and_of_names_is_bounded_and_the_fleet_comes_first():
     assert len({link.name for link in shown.links}) == MOST
 
 
-def test_one_master_is_asked_at_a_time_in_turns_and_none_too_often():
+def test_masters_are_asked_in_turns_and_none_too_often():
     seen, masters, asked = health(), [master(0, uri=OWN), master(1), master(2), master(3, online=False)], []
     for now in range(300):
         chosen = seen.question(masters, float(now))

@@ -71,7 +71,7 @@ def test_the_silent_are_forgotten():
     assert outsiders.list_ignored() == []
 
 
-def test_two_connections_and_later_two_more_for_one_that_may_be_allowed():
+def test_two_more_connections_for_an_allowed_address():
     budget = Budget()
     assert budget.free("a", 0.0) == 0.0
     budget.spend("a", 0.0)

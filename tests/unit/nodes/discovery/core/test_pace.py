@@ -31,7 +31,7 @@ def test_after_a_change_the_next_ones_are_awaited_for_a_while():
     assert dear.pause(100.0, 0.1, changed=True) == pytest.approx(0.1 * QUICK_POLLS - 0.1)
 
 
-def test_what_idle_polls_take_is_bounded_however_large_the_graph_is():
+def test_idle_polls_are_bounded_for_any_graph():
     """By what the asked and the asking side take together: an answer is waited for that long."""
     for cost in (0.0005, 0.0008, 0.002, 0.008, 0.04):
         polls, now, spent = PollPace(0.08), 100.0, 0.0

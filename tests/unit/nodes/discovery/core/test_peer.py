@@ -36,7 +36,7 @@ def test_a_listed_peer_takes_every_sign_that_can_come(state):
 
 
 @pytest.mark.parametrize("state", LEAVING)
-def test_only_a_peer_that_is_to_leave_is_removed_by_what_it_answers(state):
+def test_only_a_leaving_peer_is_removed_by_its_answer(state):
     removing = {sign for sign, (after, _act) in LIFE[state].items() if after is State.REMOVED}
     assert removing == {Sign.LAST_NO_ANSWER, Sign.REFUSAL, Sign.FOREIGN, Sign.LONG_SILENCE}
 

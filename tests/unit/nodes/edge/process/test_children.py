@@ -13,7 +13,7 @@ SLEEPS = [sys.executable, "-c", "import time; time.sleep(60)"]
 DEAF = [sys.executable, "-c", "import signal, time; signal.signal(15, signal.SIG_IGN); print('deaf'); time.sleep(60)"]
 
 
-def test_a_program_runs_until_it_is_ended_and_can_be_started_again():
+def test_a_program_runs_until_it_is_ended_and_can_start_again():
     child = module.Child(print)
     assert not child.runs()
     child.end(1.0)  # nothing to end
@@ -52,7 +52,7 @@ sys.exit(3)
 """
 
 
-def test_what_a_program_writes_is_handed_on_line_by_line_and_nothing_of_it_goes_to_the_own_streams(capfd):
+def test_a_programs_output_is_handed_on_line_by_line(capfd):
     lines = []
     child = module.Child(lines.append)
     child.start([sys.executable, "-c", FORGES])
@@ -61,7 +61,7 @@ def test_what_a_program_writes_is_handed_on_line_by_line_and_nothing_of_it_goes_
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_program_that_leaves_another_one_behind_is_not_waited_for_for_ever():
+def test_a_program_that_leaves_a_child_behind_is_not_waited_for():
     child = module.Child(print)
     child.start(["/bin/sh", "-c", "sleep 5 & echo here"])
     began = time.monotonic()
@@ -94,7 +94,7 @@ def test_no_output_of_a_program_that_is_not_there():
     assert module.output(["/nowhere/program"], 1.0) == ""
 
 
-def test_a_node_is_started_from_the_first_prefix_that_has_it_and_else_by_rosrun(tmp_path, monkeypatch):
+def test_a_node_starts_from_the_first_prefix_or_by_rosrun(tmp_path, monkeypatch):
     for prefix in ("one", "two", "three"):
         folder = tmp_path / prefix / "lib" / "example"
         folder.mkdir(parents=True)

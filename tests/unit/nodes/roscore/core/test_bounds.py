@@ -34,7 +34,7 @@ def some(rng, depth=0):
 
 
 @pytest.mark.parametrize("seed", range(200))
-def test_a_value_counts_no_less_than_it_costs_in_a_file_and_in_an_answer(seed):
+def test_a_value_counts_what_it_costs_in_files_and_answers(seed):
     value = some(random.Random(seed))
     found = weight(value)
     assert found >= len(json.dumps(value, ensure_ascii=False).encode())
@@ -97,7 +97,7 @@ def test_what_is_beyond_is_refused_with_a_sentence(name, value, bound):
     assert refusal.value.bound == bound and str(refusal.value).startswith(name[:10])
 
 
-def test_all_parameters_together_have_a_bound_and_what_is_there_may_get_smaller():
+def test_all_parameters_together_have_a_bound_and_may_shrink():
     room, tree = Room(), {}
     for number in range(3):
         room.parameters += room.set(tree, f"/p{number}", "x" * (20 << 20))

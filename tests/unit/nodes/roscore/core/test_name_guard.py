@@ -19,7 +19,7 @@ def test_a_name_that_is_free_and_a_node_that_registers_again():
     assert found.judge("/arm", "", FAR, 0.0) == GRANTED
 
 
-def test_of_two_own_nodes_the_newer_one_has_the_name_and_the_older_one_is_shut_down():
+def test_the_newer_of_two_own_nodes_has_the_name():
     verdict = guard().judge("/camera", OWN, NEWER, 0.0)
     assert verdict.takes_over and not verdict.spared and not verdict.refused
 
@@ -38,7 +38,7 @@ def test_a_replaced_node_may_have_a_name_that_is_free_again():
     assert found.judge("/camera", "", OWN, 1.0) == GRANTED
 
 
-def test_an_own_node_takes_the_name_of_an_import_which_is_not_shut_down():
+def test_an_own_node_takes_an_imported_name_without_its_end():
     found = guard(FAR)
     found.judge("/camera", "", FAR, 0.0)
     verdict = found.judge("/camera", FAR, OWN, 1.0)

@@ -38,14 +38,14 @@ def test_a_first_change_is_told_at_once_and_only_once():
     assert plan.next(100.0) == (None, None)
 
 
-def test_what_waits_is_replaced_by_what_is_newer_and_the_order_is_that_of_the_last_changes():
+def test_waiting_changes_keep_the_newest_in_order():
     plan = Notifications()
     for topic, value in (("/a", 1), ("/b", 1), ("/a", 2)):
         told(plan, topic=topic, value=value)
     assert [call.arguments for call in all_of(plan, 0.0)] == [("/b", 1), ("/a", 2)]
 
 
-def test_a_burst_of_ten_thousand_changes_of_one_topic_is_a_few_calls():
+def test_a_burst_of_ten_thousand_changes_is_a_few_calls():
     plan, calls, now = Notifications(), [], 0.0
     for value in range(10000):  # two seconds
         now += 0.0002
@@ -56,7 +56,7 @@ def test_a_burst_of_ten_thousand_changes_of_one_topic_is_a_few_calls():
 
 
 @pytest.mark.parametrize("takes", [0.001, 0.05, 0.2])
-def test_a_burst_is_a_few_calls_for_a_slow_subscriber_too_and_nothing_waits_longer(takes):
+def test_a_burst_is_a_few_calls_for_a_slow_subscriber_too(takes):
     """A subscriber that is slow to answer is told less often, and not more often."""
     plan, calls, ends, now, waits = Notifications(), [], 0.0, 0.0, 0.0
     current, oldest = None, 0.0
@@ -128,7 +128,7 @@ def begun(plan, now):
     return found
 
 
-def test_a_lost_robot_has_few_workers_and_an_own_node_waits_for_none_of_them():
+def test_a_lost_robot_has_few_workers_and_own_nodes_do_not_wait():
     plan = Notifications()
     for port in range(50):
         told(plan, f"http://lost:{port}/", "lost")
@@ -149,7 +149,7 @@ def test_a_lost_robot_has_few_workers_and_an_own_node_waits_for_none_of_them():
     assert len(begun(plan, 100.0)) <= SLOW, "those that were silent have few workers together"
 
 
-def test_silent_nodes_of_the_own_computer_keep_the_others_there_waiting_for_a_moment_only():
+def test_silent_own_nodes_delay_the_others_only_for_a_moment():
     plan = Notifications()
     for port in range(20):
         told(plan, f"http://own:{port}/", "own")
@@ -169,7 +169,7 @@ def test_who_waits_for_room_is_told_when_there_is_some():
     assert len(begun(plan, due + 0.001)) == QUICK
 
 
-def test_a_silent_node_is_asked_again_with_what_is_newest_and_given_up_in_the_end():
+def test_a_silent_node_is_asked_with_the_newest_and_given_up():
     plan = Notifications()
     told(plan, value=1)
     call, _due = plan.next(0.0)

@@ -89,7 +89,7 @@ def test_a_registry_without_some_nodes():
     assert left.parameters == {"speed": 3} and left.types
 
 
-def test_the_feed_has_no_uris_of_topics_and_no_parameters_but_those_named():
+def test_the_feed_has_no_topic_uris_and_few_parameters():
     assert told(["publisher", "/chatter", *A, True]) == ["publisher", "/chatter", "/a", True]
     assert told(["service", "/stop", "/a", "rosrpc://robot:3", "", False]) == ["service", "/stop", "/a", ""]
     assert told(["set", "/speed", 3]) is None and told(["listener", "/speed/", *B, True]) is None

@@ -59,7 +59,7 @@ def test_a_file_without_a_first_line_is_none():
     assert read(remembered.line(0, {"format": remembered.FORMAT + 1})) is None
 
 
-def test_a_changed_byte_ends_the_file_there_and_never_makes_another_state():
+def test_a_changed_byte_ends_the_file_and_makes_no_other_state():
     data, first = file_of(CHANGES), len(remembered.head("boot"))
     states = [state_of(CHANGES[:count]) for count in range(len(CHANGES) + 1)]
     for at in range(first, len(data)):
@@ -115,7 +115,7 @@ def test_a_line_that_is_whole_and_says_nothing_is_left_out_alone():
     assert vars(found.registry) == state_of(CHANGES[:3]) and not found.torn and found.left_out == len(wrong) + 1
 
 
-def test_what_is_beyond_the_bounds_of_a_roscore_is_left_out_alone():
+def test_entries_beyond_a_roscores_bounds_are_left_out_alone():
     data = file_of([[["set", f"/p{number}", "x" * (10 << 20)]] for number in range(35)] + [[["set", "/last", 1]]])
     found = read(data)
     assert set(found.registry.parameters) == {*(f"p{number}" for number in range(6)), "last"} and found.left_out == 29

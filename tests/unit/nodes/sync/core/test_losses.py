@@ -57,7 +57,7 @@ def test_while_a_master_is_lost_what_leads_to_its_nodes_is_ended():
     assert losses.endpoints() == set()
 
 
-def test_at_the_loss_the_own_nodes_that_share_topics_are_asked_and_at_the_return_the_noted_ones_end():
+def test_at_a_loss_own_nodes_are_asked_and_ended_at_the_return():
     losses = known()
     (look,), endings = losses.seen({R2: False}, 10.0)
     assert look == Look(R2, frozenset([OWN]), frozenset(TALKER)) and endings == []
@@ -167,7 +167,7 @@ def lost(members, master, claims):
     return endpoints, ending.addresses
 
 
-def test_the_claims_of_a_stranger_that_is_lost_end_nothing_of_others():
+def test_claims_of_a_lost_stranger_end_nothing_of_others():
     """It registers nodes at another robot, at its roscore and at its discovery, and goes silent."""
     claims = {f"http://robot2:{port}/": {ADDRESS} for port in (40000, 11311, 11611, 22)}
     claims["http://rogue:40000/"] = {"192.168.1.66"}
@@ -175,13 +175,13 @@ def test_the_claims_of_a_stranger_that_is_lost_end_nothing_of_others():
         assert lost(members, "http://rogue:11311/", claims) == ({("192.168.1.66", 40000)}, {"192.168.1.66"})
 
 
-def test_a_stranger_whose_master_has_another_robots_host_ends_nothing_there():
+def test_a_stranger_with_the_host_of_a_robot_ends_nothing_there():
     claims = {"http://robot2:40000/": {ADDRESS}}
     for uri in ("http://robot2:11999/", f"http://{ADDRESS}:11999/"):
         assert lost([ROBOT2], uri, claims) == (set(), frozenset())
 
 
-def test_a_member_that_is_lost_is_believed_for_its_own_computers_alone():
+def test_a_lost_member_is_believed_for_its_own_computers_alone():
     claims = {
         "http://robot2:40000/": {ADDRESS},
         "http://robot2-arm:40001/": {"192.168.12.7"},

@@ -62,7 +62,7 @@ def test_a_topic_without_own_nodes_is_nobodys_business():
     assert (verdict.wanted, verdict.refused, robot.asked) == ([want(INT)], [], [])
 
 
-def test_a_shared_topic_of_the_same_type_is_registered_when_both_sides_were_asked():
+def test_a_shared_topic_is_registered_when_both_types_are_known():
     robot = Robot()
     view = roscore()
     assert robot.judge([want(STRING)], view, answer=False).wanted == []
@@ -80,13 +80,13 @@ def test_another_type_is_refused_with_both_types_and_nodes(own, item):
     assert refusal == ("type", TOPIC, "robot2", "std_msgs/Int32 (of /talker)", "std_msgs/String (of /listener)")
 
 
-def test_the_type_of_an_own_subscriber_that_came_after_the_import_is_known_too():
+def test_a_later_own_subscribers_type_is_known_too():
     view = roscore(held=[CHATTER], kind=INT)  # the roscore keeps what the import said
     verdict = Robot(own=STRING).settled([want(INT)], view, {TALKER: R2})
     assert verdict.wanted == [] and len(verdict.refused) == 1
 
 
-def test_what_the_roscore_still_calls_a_topic_is_not_what_the_own_nodes_do():
+def test_old_topics_of_the_roscore_are_not_the_nodes():
     first = Robot(own=INT).judge([want(INT)], roscore(kind=STRING), answer=False)
     assert (first.wanted, first.refused) == ([], [])
     verdict = Robot(own=INT).settled([want(INT)], roscore(kind=STRING))
@@ -100,11 +100,11 @@ def test_another_md5_sum_is_refused_with_both():
 
 
 @pytest.mark.parametrize("robot", [Robot(there=None), Robot(here="")])
-def test_a_master_that_knows_no_md5_sums_or_a_type_that_is_not_installed_here_is_skipped(robot):
+def test_a_master_without_md5_sums_or_types_is_skipped(robot):
     assert robot.settled([want(STRING)], roscore()).wanted == [want(STRING)]
 
 
-def test_an_own_node_that_does_not_answer_is_asked_again_later_and_the_roscore_speaks_for_it():
+def test_an_own_node_without_an_answer_is_asked_again_later():
     robot = Robot(own=None)
     assert robot.settled([want(STRING)], roscore()).wanted == [want(STRING)]
     assert robot.settled([want(INT)], roscore()).refused
@@ -133,7 +133,7 @@ def test_what_is_registered_stays_while_it_is_asked_for():
     assert Robot().judge([want(STRING)], held, {TALKER: R2}, answer=False).wanted == [want(STRING)]
 
 
-def test_another_state_of_the_master_is_asked_about_again_and_nothing_waits_for_it():
+def test_another_state_of_the_master_is_asked_without_a_wait():
     robot, view = Robot(), roscore()
     robot.settled([want(STRING)], view)
     robot.there = "2"
@@ -155,7 +155,7 @@ def test_services_have_no_type_here():
     assert Robot().judge([service], roscore()).wanted == [service]
 
 
-def test_a_topic_that_an_own_node_left_may_come_back_with_another_type():
+def test_a_topic_that_an_own_node_left_may_change_its_type():
     """rviz and the like: the node goes on and shares other topics meanwhile."""
     other = Registration("publisher", "/other", *TALKER)
     both, alone = roscore(), roscore(own=None)
@@ -178,6 +178,6 @@ def test_a_type_that_changed_unseen_is_found_by_asking_again():
     assert robot.settled([want(INT)], roscore()).wanted == [want(INT)]
 
 
-def test_who_takes_whatever_comes_contradicts_nobody_whatever_the_roscore_still_calls_the_topic():
+def test_any_type_subscribers_contradict_no_type():
     """rosbag: the roscore keeps the type of an import for ever, so this would never end."""
     assert Robot(own="*").settled([want(INT)], roscore(kind=STRING)).wanted == [want(INT)]

@@ -14,7 +14,7 @@ def test_whoever_streams_changes_has_so_many_a_second():
         assert answers <= most + 1
 
 
-def test_whoever_costs_much_is_asked_less_and_who_has_no_room_too():
+def test_costly_masters_are_asked_less():
     assert Pace().next(100.0, 0.5, False, False) == 102.0
     assert Pace().next(100.0, 0.0, False, True) == 101.0
     assert Pace().next(100.0, 0.001, False, False) == pytest.approx(100.004)

@@ -38,7 +38,7 @@ HERE, OWN = ("192.168.1.1", 41000), {"192.168.1.1", "127.0.0.1", "192.168.1.97"}
         (HERE, ("robot2", 40000), ""),  # no connection has a name for an address, so nothing is ended
     ],
 )
-def test_connections_of_nodes_with_computers_of_the_fleet_may_be_ended(local, remote, why):
+def test_connections_with_computers_of_the_fleet_may_be_ended(local, remote, why):
     assert PERMISSION.refusal(local, remote, OWN) == why
 
 

@@ -96,7 +96,7 @@ def test_what_is_simple_is_planned_and_its_names_are_asked_for():
     assert names(stepped(SERVICE), {}, False).free == [("lookupNode", "/a"), ("lookupService", "/get")]
 
 
-def test_a_roscore_that_guards_the_names_of_nodes_is_asked_for_services_alone():
+def test_a_roscore_that_guards_names_is_asked_for_services_alone():
     assert not any(names(stepped(ONE), {}, True))
     assert not any(names(stepped(ONE, claims=[(ONE.node_key, MASTER)]), {ONE.node_key: MASTER}, True))
     assert names(stepped(SERVICE), {}, True) == ([("lookupService", "/get")], {})
@@ -128,7 +128,7 @@ def test_a_name_that_another_master_has_too_takes_a_round(item, name):
     assert stepped_beside(name) is None and stepped_beside("/other") is not None
 
 
-def test_what_is_gone_and_was_refused_takes_a_round_which_takes_the_refusal_back():
+def test_a_refused_and_gone_topic_takes_a_round():
     known = Known(EMPTY, {}, {}, {"/one"})
     assert step({ONE}, {}, known, lambda name, master: False) is None
 

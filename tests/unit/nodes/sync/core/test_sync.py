@@ -73,7 +73,7 @@ def settle(roscore, items, claims):
     return todo
 
 
-def test_what_is_wanted_is_registered_with_the_remote_nodes_name_and_uri():
+def test_a_wanted_topic_has_the_remote_nodes_name_and_uri():
     todo = plan(wanted(CHATTER, HEARD, ADD), view(), {})
     assert calls(todo) == [
         ("registerPublisher", "/talker", "/chatter", "std_msgs/String", "http://robot2:40000/"),
@@ -90,7 +90,7 @@ def test_what_is_there_is_not_registered_again():
     assert set(todo.held) == {CHATTER, ADD}
 
 
-def test_what_is_no_longer_wanted_is_unregistered_and_then_no_longer_claimed():
+def test_an_unwanted_topic_is_unregistered_then_unclaimed():
     todo = plan([], view(CHATTER, HEARD, ADD), {TALKER: R2})
     assert calls(todo) == [
         ("unregisterPublisher", "/talker", "/chatter", "http://robot2:40000/"),
@@ -122,7 +122,7 @@ def test_a_lost_registration_is_made_again():
 # The collision guard
 
 
-def test_a_node_with_the_name_of_an_own_one_is_refused_and_nobody_is_shut_down():
+def test_a_node_with_the_name_of_an_own_one_is_refused():
     own = Registration("publisher", "/other", "/talker", "http://robot1:1/")
     roscore = Roscore(own)
     todo = settle(roscore, wanted(CHATTER, HEARD, ADD), {})
@@ -136,7 +136,7 @@ def test_it_is_registered_when_the_own_node_has_gone():
     assert todo.refused == [] and roscore.items == {CHATTER}
 
 
-def test_an_own_node_seen_through_another_master_is_left_alone_silently():
+def test_an_own_node_seen_through_another_master_is_left_alone():
     own = Registration("publisher", "/chatter", *TALKER)
     todo = plan(wanted(CHATTER), view(own), {})
     assert (calls(todo), todo.refused, todo.claims) == ([], [], {})
@@ -168,7 +168,7 @@ def test_of_two_masters_that_offer_a_service_one_is_registered():
     assert [(refusal.kind, refusal.master) for refusal in todo.refused] == [("service", "robot3")]
 
 
-def test_a_restarted_remote_node_is_withdrawn_before_it_is_registered_again():
+def test_a_restarted_remote_node_is_withdrawn_before_it_returns():
     again = CHATTER._replace(node_uri="http://robot2:40001/")
     roscore = Roscore(CHATTER, HEARD)
     settle(roscore, wanted(again), {TALKER: R2})
@@ -274,7 +274,7 @@ def test_stamps_that_never_match_do_not_make_a_loop():
     assert sync.next_due() is None
 
 
-def test_a_stamp_that_the_next_heartbeat_corrects_ends_no_connection_of_who_is_followed():
+def test_a_stamp_that_the_next_beat_corrects_ends_no_connection():
     """Who was silent is asked over TCP. The answer has one stamp, of own nodes and of others', until the next heartbeat."""
     sync = core()
     sync.announced(announced(1.0), 0.0)
@@ -287,7 +287,7 @@ def test_a_stamp_that_the_next_heartbeat_corrects_ends_no_connection_of_who_is_f
     assert fetch(sync, 2.0 + PATIENCE), "one that stays is fetched"
 
 
-def test_a_failed_fetch_keeps_the_old_state_and_is_tried_again_less_and_less_often():
+def test_a_failed_fetch_keeps_the_old_state_and_slows_down():
     sync = synced()
     sync.announced(announced(2.0), 10.0)
     now, pauses = 10.1, []
@@ -339,7 +339,7 @@ def test_a_list_that_is_incomplete_for_a_moment_removes_nobody():
     assert not sync.remotes
 
 
-def test_a_list_says_nothing_of_masters_of_which_there_was_news_meanwhile():
+def test_a_list_says_nothing_of_masters_with_newer_news():
     sync = synced()
     sync.listed([announced(online=False)], 10.0, {R2})
     assert sync.wanted(10.0)
@@ -391,7 +391,7 @@ def test_a_type_that_nobody_knows_is_not_told_to_the_roscore(kind):
     assert {item.type for item in sync.wanted(1.0)} == {"*"}
 
 
-def test_a_subscriber_is_told_who_publishes_here_and_on_its_own_robot():
+def test_a_subscriber_is_told_the_publishers_here_and_at_home():
     sync = synced()
     hearing = CHATTER._replace(kind="subscriber")
     here = ["http://robot1:1/", "http://robot2:40000/"]
@@ -400,7 +400,7 @@ def test_a_subscriber_is_told_who_publishes_here_and_on_its_own_robot():
     assert sync.publishers_for(hearing, R2, []) == sync.publishers_for(hearing, R3, here) == []
 
 
-def test_a_subscriber_whose_own_roscore_has_all_publishers_is_told_nothing():
+def test_a_subscriber_whose_roscore_has_all_is_told_nothing():
     """rospy that is told twice of a publisher connects twice, and loses what came by the first connection."""
     sync = synced()
     hearing, there = CHATTER._replace(kind="subscriber"), "http://robot2:40000/"
@@ -408,7 +408,7 @@ def test_a_subscriber_whose_own_roscore_has_all_publishers_is_told_nothing():
     assert sync.publishers_for(hearing, R2, ["http://robot1:1/"]) == ["http://robot1:1/", there]
 
 
-def test_a_subscriber_of_a_member_keeps_the_publishers_that_are_not_registered_here():
+def test_a_subscriber_of_a_member_keeps_publishers_elsewhere():
     """A node of its robot at an address that the plan does not have, or one of a third robot: roscpp would leave it."""
     sync = synced()
     sync.remotes[R2].misplaced = {"http://robot2:40000/": "it is elsewhere"}
@@ -420,14 +420,14 @@ def test_a_subscriber_of_a_member_keeps_the_publishers_that_are_not_registered_h
 
 
 @pytest.mark.parametrize("filters", [{"ignore_publishers": ["/chatter"]}, {"do_not_sync": ["/chatter"]}])
-def test_a_subscriber_whose_own_publishers_are_not_seen_is_told_nothing(filters):
+def test_a_subscriber_with_unseen_publishers_is_told_nothing(filters):
     sync = core(**filters)
     sync.announced(announced(), 0.0)
     sync.fetched(fetch(sync, 0.1), state(), "", 0.2)
     assert sync.publishers_for(CHATTER._replace(kind="subscriber"), R2, ["http://robot1:1/"]) == []
 
 
-def test_a_master_that_is_no_longer_wanted_under_its_new_name_goes():
+def test_a_master_unwanted_under_its_new_name_goes():
     sync = Sync(Filters({"ignore_hosts": ["other"]}), OWN, "/master_sync", False, False, 0.0)
     sync.announced(announced(), 0.0)
     sync.announced(announced(2.0, name="other"), 1.0)

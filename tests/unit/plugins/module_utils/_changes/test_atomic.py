@@ -60,7 +60,7 @@ def test_what_the_kernel_computes_from_the_content_is_not_kept(path, monkeypatch
     assert "security.ima" not in atomic.attributes(str(path))
 
 
-def test_an_attribute_that_cannot_be_kept_is_named_and_nothing_changes(path, monkeypatch):
+def test_an_attribute_that_cannot_be_kept_stops_the_change(path, monkeypatch):
     def refused(*words, **more):
         raise OSError(errno.EPERM, "Operation not permitted")
 

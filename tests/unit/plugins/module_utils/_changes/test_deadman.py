@@ -475,7 +475,7 @@ def test_a_run_time_that_is_refused_leaves_no_switch(play):
     ("breaks", "said"),
     [("slow", "took longer than the 1 s of confirm_within"), ("slow and refused", "The kernel refuses the rest.")],
 )
-def test_a_change_that_goes_on_beside_its_way_back_is_taken_back_whole(play, breaks, said):
+def test_a_change_beside_its_way_back_is_taken_back_whole(play, breaks, said):
     failed = play(confirm_within=1, confirmation="t", breaks=breaks)
     assert said in failed.msg
     assert (failed.failed, failed.unconfirmed, failed.rolled_back) == (True, False, breaks == "slow")

@@ -81,7 +81,7 @@ def _systemctl(monkeypatch):
     return said, run
 
 
-def test_a_service_reads_its_files_again_where_one_of_them_changed(machine, systemctl):
+def test_a_service_reads_its_files_again_when_one_changes(machine, systemctl):
     told = systemctl[0]
     reload = {"service": "x.service", "folder": str(machine.root / "etc/"), "due": False}
 
@@ -235,7 +235,7 @@ def test_owner_and_group_are_given_kept_and_changed(machine):
     assert state_of(owned(machine, {"group": "9"}, mode="u=rw,g=r,o=")) == ("written", (0, 9), [])
 
 
-def test_a_file_of_somebody_else_with_another_owner_than_planned_is_in_the_way(machine):
+def test_a_file_of_others_with_another_owner_is_in_the_way(machine):
     (machine.root / "a").write_text("A")
     (machine.root / "a").chmod(0o640)
     with pytest.raises(Problem, match="with mode 0640 and owner 1234:5678"):
@@ -243,7 +243,7 @@ def test_a_file_of_somebody_else_with_another_owner_than_planned_is_in_the_way(m
     assert owned(machine, {}).plan.items[0].state == "foreign"
 
 
-def test_a_user_who_is_not_root_cannot_give_files_away_and_is_told_before(machine, monkeypatch):
+def test_a_user_without_root_cannot_give_files_away(machine, monkeypatch):
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     said = owned(machine, {"owner": "1234"}).refusals
     assert said[-1] == "Nothing was changed." and "another owner or group" in said[0] and "become: true" in said[0]

@@ -120,7 +120,7 @@ def snapshot(folder):
 @as_root
 @pytest.mark.parametrize("theirs", ["home/prefix/etc", "home"])
 @pytest.mark.parametrize("wanted", [{}, {"etc__other": "B"}])
-def test_nothing_is_removed_by_a_way_that_somebody_else_can_change(place, theirs, wanted):
+def test_nothing_is_removed_by_a_path_that_others_can_change(place, theirs, wanted):
     """The owner of the folder above puts a link in the place of ours, which leads to a file of root's with the same name."""
     place.run(home__prefix__etc__hook="A", etc__other="B")
     (place.root / "secret").mkdir()
@@ -141,7 +141,7 @@ def test_nothing_is_removed_by_a_way_that_somebody_else_can_change(place, theirs
 
 
 @as_root
-def test_nothing_is_written_where_somebody_else_can_lead_it_elsewhere(place):
+def test_nothing_is_written_where_others_can_redirect_it(place):
     os.mkdir(place.path("home"))
     os.chown(place.path("home"), 65534, 65534)
     with pytest.raises(
@@ -290,7 +290,7 @@ def test_a_failure_puts_everything_back(place):
     assert place.tree() == before and (place.records / "files-b.json").read_text() == memory
 
 
-def test_a_path_that_cannot_be_put_back_is_named_and_stays_in_the_record(place, monkeypatch):
+def test_a_path_that_cannot_be_put_back_is_named_and_recorded(place, monkeypatch):
     place.run(a="A")
     _planned, _machine, steps = place.steps({"a": ("A2", "0644")})
     transaction.carry_out(steps[:-1])

@@ -63,7 +63,7 @@ def records(tmp_path):
     return tmp_path / "var/lib/records"
 
 
-def test_runs_at_once_go_one_after_the_other_also_where_the_folder_comes_and_goes(tmp_path):
+def test_runs_at_once_go_one_after_the_other(tmp_path):
     number = tmp_path / "number"
     number.write_text("0")
     running = [process(COUNT, tmp_path / "records", number, 50, seed) for seed in range(4)]

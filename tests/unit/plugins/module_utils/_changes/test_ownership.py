@@ -40,7 +40,7 @@ def test_a_mode_is_what_chmod_makes_of_it(tmp_path, text):
     assert parse_mode(text) == path.stat().st_mode & 0o7777
 
 
-def test_the_number_that_yaml_makes_of_an_octal_is_taken_and_a_decimal_one_is_not():
+def test_an_octal_number_of_yaml_is_taken():
     assert parse_mode(0o644) == 0o644
     assert [parse_mode(given) for given in (644, 755, -1, True)] == [None] * 4
 

@@ -32,7 +32,7 @@ def test_failed_write_leaves_the_old_file(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["target"]
 
 
-def test_killed_writer_leaves_old_or_new_and_no_leftover_after_the_next_run(tmp_path):
+def test_a_killed_writer_leaves_the_old_file_or_the_new_one(tmp_path):
     path = tmp_path / "file"
     versions = [b"a" * 200_000, b"b" * 200_000]
     path.write_bytes(versions[0])

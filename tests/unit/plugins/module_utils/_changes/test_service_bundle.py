@@ -199,7 +199,7 @@ def test_units_come_and_change_and_go(computer):
     assert (computer.running(), computer.files(), computer.records.exists()) == ({}, {}, False)
 
 
-def test_a_unit_that_does_not_start_brings_the_previous_state_back(computer):
+def test_a_unit_that_does_not_start_brings_the_old_state_back(computer):
     first = {CORE: text(1), SYNC: text(1)}
     computer.apply(first)
     record = computer.record()
@@ -217,7 +217,7 @@ def test_a_unit_that_does_not_start_brings_the_previous_state_back(computer):
     ]
 
 
-def test_a_restored_file_counts_for_the_process_that_has_read_the_former_one(computer):
+def test_a_restored_file_counts_for_a_process_that_read_before(computer):
     units = {CORE: text(1), SYNC: text(1, "behind /etc/robots/sync.json")}
     computer.apply(units)
     run = computer.apply(units)
@@ -246,7 +246,7 @@ def test_a_former_unit_that_does_not_start_again_is_told(computer, monkeypatch):
     assert run.failure(caught.value) == {"changed": True, "previous_state_is_back": False}
 
 
-def test_a_machine_without_systemd_and_a_folder_of_no_use_are_sentences(computer, monkeypatch):
+def test_a_machine_without_systemd_or_folder_is_a_sentence(computer, monkeypatch):
     monkeypatch.setattr(computer.systemd, "unit_path", lambda: ["/a", "/b"])
     with pytest.raises(Problem, match="is none that systemd reads; expected one of: /a, /b."):
         computer.run({CORE: text(1)})

@@ -92,7 +92,7 @@ def test_a_defect_of_the_program_is_no_sentence():
 
 
 @pytest.mark.parametrize("before", [{}, {"old": 1}])
-def test_the_record_holds_the_intent_then_what_is_owned_and_after_a_failure_what_was_before(tmp_path, before):
+def test_the_record_holds_intent_owner_and_earlier_state(tmp_path, before):
     record = Record("x", str(tmp_path / "records"))
     record.save(before)
     seen = []

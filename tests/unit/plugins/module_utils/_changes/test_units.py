@@ -97,7 +97,7 @@ def test_what_runs_decides(changed, run, why):
     assert step.run == run and why in step.why
 
 
-def test_a_file_that_was_written_after_the_start_has_not_been_read():
+def test_a_file_written_after_the_start_has_not_been_read():
     written = {SYNC: "/etc/robots/sync.json"}
     assert plan(written=written)[2][2:] == ("restart", "/etc/robots/sync.json was written after its start")
     assert plan([state(SYNC, pid="0")], written=written)[2].run == ""

@@ -35,7 +35,7 @@ def flagged(request, tmp_path):
         subprocess.run(["chattr", f"-{request.param}", str(path)], check=True)
 
 
-def test_a_usual_file_a_missing_one_and_a_missing_folder_are_no_obstacle(tmp_path):
+def test_a_usual_or_missing_file_or_folder_is_no_obstacle(tmp_path):
     (tmp_path / "file").write_bytes(b"")
     os.mkfifo(str(tmp_path / "pipe"))
     for name in ("file", "missing", "a/b/c", "pipe"):
@@ -79,7 +79,7 @@ def test_a_view_into_the_kernel_is_no_place_for_files(path):
     assert "is no place for files" in obstacle(path)
 
 
-def test_a_name_that_leaves_no_room_for_its_neighbour_is_too_long(tmp_path):
+def test_a_name_without_room_for_its_neighbour_is_too_long(tmp_path):
     assert obstacle(str(tmp_path / ("x" * 200))) == ""
     for length in (240, 255, 300):
         path = tmp_path / ("x" * length)

@@ -45,7 +45,7 @@ def test_a_talker_is_heard_also_one_that_comes_later(made, master):
     }
 
 
-def test_an_older_talker_does_not_count_and_a_newer_one_beside_it_does(made, master):
+def test_an_older_talker_does_not_count_and_a_newer_one_does(made, master):
     roscore, uri = master
     with talking(uri, "/older", ONE, "yesterday one"):
         until(lambda: roscore.of(ONE))

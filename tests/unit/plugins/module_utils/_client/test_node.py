@@ -63,7 +63,7 @@ def test_a_talker_waits_for_its_roscore_and_says_when_it_refuses():
         assert process.stdout.read().strip() == "the roscore refuses the talker: 'no more topics'"
 
 
-def test_a_talker_that_has_no_answer_takes_its_registration_back_too():
+def test_a_talker_without_an_answer_takes_its_registration_back():
     class Busy(Roscore):
         def registerPublisher(self, caller, topic, kind, uri):
             super().registerPublisher(caller, topic, kind, uri)
@@ -164,7 +164,7 @@ def stream(own, seconds, name="/x"):
     return tcpros.streamed(place(own), TOPIC, name, seconds)
 
 
-def test_a_stream_is_counted_where_it_comes_and_has_bounds_of_time_and_bytes(own, monkeypatch):
+def test_a_stream_is_counted_where_it_comes_and_is_bounded(own, monkeypatch):
     began = time.monotonic()
     came, took = stream(own, 0.2)
     assert time.monotonic() - began < 5 and took > 0
@@ -190,7 +190,7 @@ def opened(own, seconds):
     return connection, node.fields_of(connection.recv(size, socket.MSG_WAITALL))
 
 
-def test_of_two_streams_the_second_one_is_refused_until_the_first_has_ended(own):
+def test_a_second_stream_is_refused_until_the_first_ends(own):
     connection, told = opened(own, "1")
     with connection:
         assert told["stream"] == "1"

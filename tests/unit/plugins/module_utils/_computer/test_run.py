@@ -142,7 +142,7 @@ def test_all_is_done_in_order_where_nothing_is_to_be_confirmed(carry_out, tmp_pa
     assert carry_out((SETTINGS, {"name": "a"}), *REST)["changed"] is False
 
 
-def test_what_can_cut_off_is_tried_together_and_confirmed_together(carry_out, tmp_path):
+def test_risky_changes_are_tried_and_confirmed_together(carry_out, tmp_path):
     assert carry_out(*TRIED)["unconfirmed"] is True
     assert there(tmp_path) == {"a-now", "b-now", "rollback-sysctl", "rollback-routes"}
     result = carry_out(*CONFIRMING, *REST)
@@ -150,7 +150,7 @@ def test_what_can_cut_off_is_tried_together_and_confirmed_together(carry_out, tm
     assert there(tmp_path) == {f"{name}-{kind}" for name in "abcd" for kind in ("now", "boot")}
 
 
-def test_where_a_change_waits_the_rest_is_left_to_the_run_that_confirms(carry_out, tmp_path):
+def test_a_waiting_change_leaves_the_rest_to_the_second_run(carry_out, tmp_path):
     result = carry_out(*TRIED, *REST)
     assert result["unconfirmed"] is True and "managed_files" not in result["concerns"]
     assert there(tmp_path) == {"a-now", "b-now", "rollback-sysctl", "rollback-routes"}
@@ -172,7 +172,7 @@ def test_a_trial_that_fails_takes_the_one_before_it_back(carry_out, tmp_path):
 
 
 @pytest.mark.parametrize("rung", [("sysctl",), ("sysctl", "routes")])
-def test_what_was_taken_back_by_the_machine_takes_the_others_along(carry_out, tmp_path, rung):
+def test_a_rollback_by_the_machine_takes_the_others_along(carry_out, tmp_path, rung):
     carry_out(*TRIED)
     for name in rung:
         deadman.Switch(name, str(tmp_path / "run")).roll_back_now()
@@ -199,7 +199,7 @@ def test_what_shells_see_is_read_after_files_were_written(carry_out, monkeypatch
     assert "shells" not in carry_out(REST[1], read_back=True), "nothing was written"
 
 
-def test_shells_that_cannot_be_asked_are_no_failure_of_the_module(carry_out, monkeypatch):
+def test_a_shell_that_cannot_be_asked_is_no_failure(carry_out, monkeypatch):
     monkeypatch.setattr(shells, "seen", lambda: 1 / 0)
     assert carry_out(REST[0], read_back=True)["shells"] == {"login": None, "ssh": None, "desktop": None}
 

@@ -41,7 +41,7 @@ def test_a_way_that_would_be_closed_is_refused():
     )
 
 
-def test_a_process_that_serves_a_connection_is_found_among_the_ancestors():
+def test_a_process_with_a_connection_is_found_among_ancestors():
     """This process serves a real connection, and starts one that looks."""
     program = f"import sys; sys.path[:0] = {sys.path!r}\n" + (
         "from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import access\n"
@@ -162,7 +162,7 @@ def test_ports_on_which_systemd_listens_for_ssh(monkeypatch):
     assert 2300 not in access.read_access().ssh
 
 
-def test_a_program_of_a_user_that_calls_itself_sshd_opens_nothing(monkeypatch):
+def test_a_users_program_with_the_name_sshd_opens_nothing(monkeypatch):
     holders = [
         {"port": 2222, "user": "root", "pid": 10},
         {"port": 4444, "user": "robot", "pid": 11},

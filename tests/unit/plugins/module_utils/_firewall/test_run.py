@@ -189,7 +189,7 @@ def test_kill_at_any_moment_leaves_what_the_next_run_mends(computer, first, then
 
 
 @pytest.mark.parametrize(("first", "then"), [({}, GATEWAY), (FLEET, GATEWAY), (GATEWAY, {})])
-def test_the_run_time_alone_is_taken_back_by_the_commands_of_the_switch(computer, first, then):
+def test_the_switch_takes_the_run_time_back(computer, first, then):
     computer.runs((first, 0))
     files, rules = computer.state()
     undo = computer.runs((then, 0, True))[0][2]

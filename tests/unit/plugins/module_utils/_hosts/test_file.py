@@ -124,7 +124,7 @@ def test_apply_again_and_take_back(machine):
     assert machine.left() == (["hosts"], None)
 
 
-def test_a_conflict_changes_nothing_unless_it_is_only_to_be_reported(machine):
+def test_a_conflict_changes_nothing_unless_only_reported(machine):
     machine.hosts.write_bytes(OLD + b"192.168.1.99 kobuki1computer\n")
     failed = machine.run()
     assert failed["failed"] and not failed["changed"]
@@ -210,7 +210,7 @@ def replace_in_place_until(hosts, records, content, bytes_left):
 
 
 @pytest.mark.parametrize(("before", "after"), [(OLD, NEW), (NEW, OLD)])
-def test_a_write_in_place_killed_after_any_byte_is_known_and_repaired(tmp_path, before, after):
+def test_a_write_in_place_killed_at_any_byte_is_repaired(tmp_path, before, after):
     hosts, records = tmp_path / "hosts", tmp_path / "records"
     torn = 0
     for position in range(1, len(after) + 1):
@@ -251,7 +251,7 @@ def test_a_refused_write_in_place_is_taken_back(tmp_path, monkeypatch):
     assert not records.exists()
 
 
-def test_a_refused_write_that_cannot_be_taken_back_is_said_and_repaired_later(tmp_path, monkeypatch):
+def test_a_refused_write_without_a_way_back_is_repaired_later(tmp_path, monkeypatch):
     hosts, records = tmp_path / "hosts", tmp_path / "records"
     hosts.write_bytes(NEW)
     fill_up(monkeypatch, times=2)
@@ -407,7 +407,7 @@ def test_no_name_is_asked_for_after_the_time():
     assert list(hosts_file.resolve(bindings, seconds=0)) == [{}, {}]
 
 
-def test_a_pipe_in_the_place_of_the_file_is_named_and_does_not_hang(machine):
+def test_a_pipe_in_the_place_of_the_file_is_named_without_a_hang(machine):
     machine.hosts.unlink()
     os.mkfifo(str(machine.hosts))
     assert f"{machine.hosts} cannot be read (Is a pipe (FIFO))" in machine.run()["msg"]
@@ -432,7 +432,7 @@ def test_extended_attributes_are_kept(machine):
 
 
 @pytest.mark.parametrize("check", [True, False])
-def test_an_immutable_file_is_refused_with_the_command_in_check_mode_too(machine, check):
+def test_an_immutable_file_is_refused_with_the_command_in_checks(machine, check):
     if subprocess.run(["chattr", "+i", str(machine.hosts)], capture_output=True, check=False).returncode:
         pytest.skip("no flags on this file system")
     try:

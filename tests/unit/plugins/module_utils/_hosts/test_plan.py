@@ -84,7 +84,7 @@ def test_history_is_reported():
     assert plan.replaced[1]["before"] == "127.0.1.1 kobuki2computer.example kobuki2computer printer"
 
 
-def test_a_line_of_the_users_that_is_already_right_is_kept_and_ours_goes():
+def test_a_right_line_of_the_user_is_kept_and_ours_goes():
     wanted = bindings(("192.168.1.229", "kobuki1computer k1"))
     ours = b"192.168.1.229\tkobuki1computer k1 # rosfleet.multimaster\n"
     assert hosts_module.plan(b"192.168.1.229 K1 Kobuki1Computer other # mine\n", wanted).entries[0]["ours"] is False
@@ -104,7 +104,7 @@ def test_a_line_without_its_mark_is_the_users():
     assert (conflict["line"], conflict["found"], conflict["effect"]) == (1, "192.168.1.229", "shadows")
 
 
-def test_conflicts_name_line_and_effect_and_families_do_not_conflict():
+def test_conflicts_name_line_and_effect_of_one_family():
     content = (
         b"192.168.1.99 elsewhere Kobuki1computer\n"
         b"fd00::1 kobuki1computer\n"
@@ -129,7 +129,7 @@ def test_changed_address_and_alias_stay_in_their_line():
     assert plan.content == first.replace(b".229\tkobuki1computer", b".230\tkobuki1computer k1")
 
 
-def test_a_file_that_did_not_exist_goes_again_unless_somebody_else_uses_it():
+def test_a_file_that_did_not_exist_goes_unless_others_use_it():
     made = hosts_module.plan(None, bindings(*KOBUKI)).content
     assert made.startswith(b"# rosfleet.multimaster created this file\n192.168.1.229\t")
     assert hosts_module.plan(made, bindings(*KOBUKI)).content == made
@@ -284,7 +284,7 @@ def test_any_file_with_marks_settles_and_names_get_their_address(content, entrie
             assert {str(answer) for answer in answers} - conflicts == {str(binding.address)}
 
 
-def test_the_time_grows_with_the_lines_and_the_entries_and_not_with_their_product():
+def test_the_time_grows_with_lines_plus_entries():
     """Their product took 24 s at this size; the limit is that of a slow machine."""
     lines = b"".join(b"10.200.%d.%d host%d alias%d\n" % (n // 250 % 250, n % 250, n, n) for n in range(50_000))
     pairs = [(f"10.1.{n // 250}.{n % 250 + 1}", f"robot{n}") for n in range(1000)]
@@ -294,7 +294,7 @@ def test_the_time_grows_with_the_lines_and_the_entries_and_not_with_their_produc
     assert time.process_time() - begun < 8
 
 
-def test_lines_of_megabytes_and_marks_in_marks_cost_no_more_than_their_length():
+def test_long_lines_and_nested_marks_cost_their_length():
     begun = time.process_time()
     for content in (
         b"x" * 3_000_000 + b" # rosfleet.multimaster no mark\n",

@@ -186,7 +186,7 @@ def test_cloud_init_that_comes_later_or_goes_is_noticed(guarded, tmp_path):
     assert not (tmp_path / "computer" / CONFIGURATION).exists()
 
 
-def test_another_file_than_that_of_the_system_has_nothing_to_do_with_cloud_init(guarded, tmp_path, monkeypatch):
+def test_a_file_that_is_not_the_systems_skips_cloud_init(guarded, tmp_path, monkeypatch):
     machine = guarded("computer")
     machine.apply(FIRST)
     monkeypatch.setattr(run_module, "SYSTEM", "/etc/hosts.of.somebody")
@@ -214,7 +214,7 @@ def test_kill_at_any_call_with_cloud_init(guarded, killed_at, first, wanted):
         step += 1
 
 
-def test_a_hosts_file_that_cannot_be_written_takes_the_guard_back(guarded, monkeypatch):
+def test_a_hosts_file_that_cannot_be_written_removes_the_guard(guarded, monkeypatch):
     machine = guarded("computer")
     before, write = machine.found(), atomic.write_by_rename
 
@@ -229,7 +229,7 @@ def test_a_hosts_file_that_cannot_be_written_takes_the_guard_back(guarded, monke
     assert machine.found() == before
 
 
-def test_a_record_that_cannot_be_written_at_the_end_takes_the_hosts_file_back(guarded, monkeypatch):
+def test_a_record_that_fails_at_the_end_restores_the_hosts_file(guarded, monkeypatch):
     machine = guarded("computer")
     before, save, calls = machine.found(), Record.save, []
 

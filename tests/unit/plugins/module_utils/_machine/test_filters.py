@@ -93,7 +93,7 @@ def test_a_circle_of_contradicting_jumps_ends():
     assert (chains[0]["rules"], chains[0]["unread"]) == ([{"verdict": "drop", "incoming": "eth0"}], 1)
 
 
-def test_what_drops_nothing_and_what_is_the_collections_is_left_out():
+def test_rules_that_drop_nothing_are_left_out():
     own = "add table inet rosfleet_multimaster; add chain inet rosfleet_multimaster input { type filter hook input priority 0; policy drop; }; "
     assert read(own + HEAD + "add chain ip t c { type filter hook input priority 0; }") == []
 

@@ -292,7 +292,7 @@ def test_an_installed_node_comes_first(opt):
     assert found == (f"{opt}/lib/some_sync/sync", "")
 
 
-def test_what_is_ignored_and_what_is_inside_a_package_is_no_package(opt):
+def test_ignored_folders_are_no_packages(opt):
     package(opt / "src/.hidden")
     package(opt / "src/left_out")
     (opt / "src/left_out/CATKIN_IGNORE").touch()

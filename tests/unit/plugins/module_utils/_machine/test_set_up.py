@@ -77,7 +77,7 @@ def reach(tree, **variables):
 
 
 @as_root
-def test_a_set_up_with_ten_thousand_folders_is_no_code_for_the_services(tree):
+def test_a_set_up_of_ten_thousand_folders_is_no_service_code(tree):
     found = reach(tree, PATH=":".join(f"/{number}" for number in range(trust.MOST + 1)))
     assert (found.for_root, found.person) == ({}, "")
     assert found.refusal == "its paths have more than 10000 parts, so it is not known who can change them"
@@ -116,7 +116,7 @@ def test_a_persons_set_up_reaches_the_person(tree, theirs):
 
 
 @as_root
-def test_roots_file_that_names_a_persons_folder_is_not_roots_alone(tree):
+def test_a_file_that_names_a_persons_folder_is_not_roots_alone(tree):
     (tree / "theirs").mkdir()
     os.chown(tree / "theirs", NOBODY.pw_uid, NOBODY.pw_gid)
     assert reach(tree, PYTHONPATH=f"{tree}/theirs")[:2] == ({}, "nobody")

@@ -20,7 +20,7 @@ def test_a_regular_file_is_read_whole_or_its_beginning(tmp_path):
     assert read_regular("/proc/self/stat")
 
 
-def test_a_pipe_a_socket_a_device_a_folder_and_a_huge_file_are_refused_at_once(tmp_path):
+def test_a_special_or_huge_file_is_refused_at_once(tmp_path):
     os.mkfifo(str(tmp_path / "pipe"))
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "socket"))
@@ -40,6 +40,6 @@ def test_a_pipe_a_socket_a_device_a_folder_and_a_huge_file_are_refused_at_once(t
     assert text(str(tmp_path / "huge"), 10) == "\0" * 10
 
 
-def test_a_pipe_in_the_place_of_the_list_of_packages_does_not_hang(tmp_path):
+def test_a_pipe_in_the_place_of_the_package_list_does_not_hang(tmp_path):
     os.mkfifo(str(tmp_path / "packages"))
     assert within(5.0, packages, [], str(tmp_path / "packages")) == []

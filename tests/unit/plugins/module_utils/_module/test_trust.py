@@ -55,7 +55,7 @@ def test_what_is_not_there_is_in_the_hands_of_its_folder(tree):
 
 
 @as_root
-def test_the_right_to_write_of_a_group_counts_if_somebody_is_in_it(tree):
+def test_group_write_counts_when_the_group_has_members(tree):
     (tree / "ws").chmod(0o775)
     assert words(tree / "ws/devel") == []  # root's own group
     os.chown(tree / "ws", 0, NOBODY.pw_gid)

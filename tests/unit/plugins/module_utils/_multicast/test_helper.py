@@ -116,7 +116,7 @@ def test_a_master_behind_a_gateway_is_measured_by_unicast_alone(forks):
     assert all(air.ended)
 
 
-def test_a_master_behind_a_gateway_that_no_unicast_reaches_is_missing():
+def test_a_master_behind_a_gateway_without_unicast_is_missing():
     air = Air(3, passes=lambda sender, receiver, group: 2 not in (sender, receiver), apart=[2])
     air.run(1)
     result = air.measure([0, 1, 2])[0]
@@ -264,7 +264,7 @@ def test_probes_are_empty_and_slow_while_nobody_measures():
     assert len(unicast) == 2 * m.TELLS
 
 
-def test_lifetime_ends_a_helper_but_not_in_the_middle_of_a_measurement():
+def test_lifetime_ends_a_helper_between_measurements():
     one = helper()
     assert not one.over(99) and one.over(100)
     one.measure(99, 1, 0.1, False)

@@ -24,7 +24,7 @@ def test_a_command_answers_with_its_status_and_its_output():
     assert answer == commands.Answer(3, b"given", "said")
 
 
-def test_the_end_of_a_command_is_waited_for_without_looking_again_and_again(monkeypatch):
+def test_a_command_is_waited_for_without_polling(monkeypatch):
     def no_sleep(seconds):
         raise AssertionError(f"slept {seconds} s")
 

@@ -106,7 +106,7 @@ def test_an_item_that_cannot_be_meant_is_one_sentence(given, words):
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
 
-def test_the_same_item_twice_is_one_and_two_ways_of_one_key_are_refused():
+def test_the_same_item_twice_is_one():
     one = {"destination": "default", "gateway": "192.168.11.101"}
     assert len(items(one, {**one, "destination": "0.0.0.0/0"})) == 1
     assert len(items(one, {**one, "metric": 5})) == 2
@@ -130,7 +130,7 @@ def test_what_the_kernel_would_refuse_is_said_before(wanted, words):
         route_options.check_usable([route_options.RouteRequest(wanted, "eth0", "auto")], INTERFACES, [])
 
 
-def test_a_gateway_behind_a_route_of_the_list_or_on_link_is_usable():
+def test_a_gateway_behind_a_listed_route_or_on_link_is_usable():
     behind = route("0.0.0.0/0", "172.16.0.1")
     near = route("172.16.0.0/24")
     route_options.check_usable([route_options.RouteRequest(r, "eth0", "auto") for r in (behind, near)], INTERFACES, [])

@@ -60,7 +60,7 @@ def test_a_new_route_a_right_one_and_another_way():
 
 
 @pytest.mark.parametrize("change", [{"metric": 7}, {"table": 100}])
-def test_what_moves_to_another_metric_or_table_comes_before_the_old_goes(change):
+def test_a_moved_routes_new_entry_comes_before_the_old_goes(change):
     old, new = route("10.1.0.0/16", "192.168.11.1"), route("10.1.0.0/16", "192.168.11.1")._replace(**change)
     current = holding("unicast 10.1.0.0/16 via 192.168.11.1 dev eth0 proto static scope global")
     plan = planned([new], current, {old.key: Entry((old,), ())})
@@ -77,7 +77,7 @@ def test_a_foreign_route_that_is_right_is_adopted_and_stays():
     assert planned([], current, plan.final).changes == []
 
 
-def test_a_foreign_route_in_its_place_is_a_conflict_or_comes_back_later():
+def test_a_foreign_route_in_its_place_conflicts_or_comes_back():
     wanted = route("0.0.0.0/0", "192.168.11.101")
     current = holding("unicast default via 192.168.11.1 dev eth0 proto boot scope global mtu 1400")
     refused = planned([wanted], current)
@@ -104,7 +104,7 @@ def test_a_route_whose_interface_is_gone_does_not_come_back():
     assert commands(plan.changes) == ["del default via 192.168.11.101 dev eth0 proto static"]
 
 
-def test_connected_routes_and_what_cannot_be_given_back_are_never_replaced():
+def test_unrestorable_routes_are_never_replaced():
     connected = holding("unicast 192.168.11.0/24 dev eth0 proto kernel scope link src 192.168.11.100")
     refused = planned([route("192.168.11.0/24")], connected, replace=True).results[0]
     assert (refused.state, "kernel itself" in refused.problem) == ("refused", True)
@@ -147,7 +147,7 @@ def test_several_routes_of_one_key_become_one():
     assert [change.verb for change in plan.undo] == ["replace", "append"]
 
 
-def test_ours_beside_somebody_elses_is_not_among_what_is_given_back():
+def test_a_foreign_item_is_not_given_back():
     wanted = route("0.0.0.0/0", "192.168.11.101")
     both = holding(
         "unicast default via 192.168.11.1 dev eth0 proto boot scope global",

@@ -192,7 +192,7 @@ def others(computer):
     computer.ip("route add fd00:99::/64 via fd00:11::7")
 
 
-def test_made_now_and_at_boot_found_again_and_removed_without_a_trace(computer):
+def test_routes_are_found_again_and_removed_without_a_trace(computer):
     others(computer)
     files = computer.files()
     planned = computer.run(FOUR, SIX, HOLE, _ansible_check_mode=True)
@@ -244,7 +244,7 @@ def test_after_a_reboot_the_hook_brings_them_back(computer):
     assert not computer.run(*listed)["changed"]
 
 
-def test_the_hook_is_for_its_interface_and_silent_where_it_cannot_work(computer):
+def test_the_hook_acts_for_its_interface_alone(computer):
     computer.run(FOUR)
     computer.ip("route delete default")
     for interface in ("eth1", "lo", "--all", ""):
@@ -314,7 +314,7 @@ def test_a_right_route_of_somebody_else_is_adopted_and_stays(computer):
         ["::/0 dev eth0 metric 1024"],
     ],
 )
-def test_another_way_of_somebody_else_is_a_conflict_or_given_back(computer, before):
+def test_another_way_of_others_is_a_conflict_or_given_back(computer, before):
     for words in before:
         computer.ip(f"route append {words}")
     listed = SIX if "::" in before[0] else FOUR
@@ -366,7 +366,7 @@ def test_a_second_default_route_is_reported(computer):
     assert computer.run({"destination": "10.0.0.0/8", "gateway": "192.168.11.1"})["other_defaults"] == []
 
 
-def test_a_run_that_the_kernel_refuses_half_way_puts_everything_back(computer):
+def test_a_run_that_the_kernel_refuses_half_way_is_undone(computer):
     computer.run(FOUR, HOLE)
     routes, files = computer.routes(), computer.files()
     moved = {**FOUR, "gateway": "192.168.11.102"}
@@ -432,7 +432,7 @@ def test_two_runs_at_once_leave_no_route_without_an_owner(computer, seed):
     assert (computer.routes(), computer.files()) == (routes, files)
 
 
-def test_an_interface_of_nobody_is_one_sentence_before_anything_changes(computer):
+def test_an_unknown_interface_is_one_sentence_before_a_change(computer):
     (computer.root / "run/network/ifstate").write_text("")
     failed = computer.run(FOUR, SIX)
     assert "manages eth0" in failed["msg"]
@@ -457,7 +457,7 @@ def test_wrong_options_are_one_sentence(computer, options, words):
     assert computer.routes() == []
 
 
-def test_the_commands_of_the_switch_bring_the_kernel_back_from_half_way_too(computer):
+def test_the_switch_brings_the_kernel_back_from_half_way(computer):
     computer.ip("route add default via 192.168.11.1")
     before = computer.routes()
     program = """
@@ -475,7 +475,7 @@ for half in range(len(run.plan.changes) + 1):
     assert computer.routes() == before
 
 
-def test_the_run_time_alone_writes_no_file_and_the_next_run_knows_what_is_ours(computer):
+def test_the_run_time_alone_writes_no_file(computer):
     files = computer.files()
     program = """
 import json, sys
@@ -503,7 +503,7 @@ run.apply()
     assert (computer.routes(), computer.files()) == ([], files)
 
 
-def test_the_way_back_makes_a_network_on_the_link_before_what_is_behind_it(computer):
+def test_the_way_back_makes_the_link_network_first(computer):
     """A default route sorts first, and its gateway is in a network that is ours too."""
     listed = (
         {"destination": "172.16.0.0/24", "device": "eth0"},
@@ -524,7 +524,7 @@ for argv in run.undo_commands():
     assert computer.routes() == before
 
 
-def test_a_route_that_cannot_be_given_back_keeps_nothing_from_being_removed(computer):
+def test_a_route_that_cannot_be_given_back_blocks_no_removal(computer):
     """The robot's network has another address since."""
     files = computer.files()
     computer.ip("route add default via 192.168.11.1")
@@ -657,7 +657,7 @@ def test_the_finer_points_of_a_way_are_made_changed_and_removed(computer):
     assert computer.routes() == [] and HOOK not in computer.files()
 
 
-def test_a_route_of_somebody_else_may_say_more_and_comes_back_with_it(computer):
+def test_a_route_of_others_with_options_comes_back_with_them(computer):
     theirs = "default via 192.168.11.101 dev eth0 mtu lock 1400"
     computer.ip(f"route add {theirs}")
     assert computer.run(FOUR)["routes"][0]["state"] == "changed"  # at boot alone

@@ -122,7 +122,7 @@ def test_key_of(name, key):
     assert sysctl_boot.key_of(name) == key
 
 
-def test_lines_that_are_no_assignment_are_left_out_and_the_others_keep_their_numbers():
+def test_foreign_lines_are_left_out_and_numbers_stay():
     text = "# c\n\n;c\nnonsense\n a.b = 1 \n-c.d=2\n-e.*.f\r\n.g = \nx/y.z=a=b # c\n"
     assert [tuple(found) for found in sysctl_boot.parse(text, "f")] == [
         ("a/b", "1", "f", 5),

@@ -74,7 +74,7 @@ def test_the_other_name_of_a_key_is_the_same_setting():
     assert other.text.endswith("net.ipv4.conf.all.forwarding = 1\n")
 
 
-def test_a_key_that_forwarding_changes_is_set_after_it_in_one_run():
+def test_a_key_that_forwarding_changes_is_set_after_it():
     settings = settings_of(**{"conf.eth0.forwarding": "0", "ip_forward": "1"})
     assert [setting.key for setting in settings] == [FORWARD, ETH0]
     done = plan(settings, {FORWARD: "0", ETH0: "0", LO: "0"})
@@ -130,7 +130,7 @@ def test_two_ways_to_say_one_limit():
     assert (back.after, dict(back.goals)) == (start, {"vm/dirty_ratio": "20"})
 
 
-def test_settings_are_taken_back_in_the_reverse_order_of_the_list_also_from_an_old_record():
+def test_settings_are_taken_back_in_reverse_order():
     settings = settings_of(ip_unprivileged_port_start="80", ip_local_port_range="600 60000", ip_forward="1")
     start = {FORWARD: "0", "net/ipv4/ip_local_port_range": "1 2", "net/ipv4/ip_unprivileged_port_start": "1"}
     done = plan(settings, start)
@@ -165,7 +165,7 @@ some_settings = st.dictionaries(
 
 
 @given(values, st.lists(some_settings, min_size=1, max_size=4))
-def test_any_runs_reach_the_settings_do_nothing_twice_and_can_be_taken_back(before, runs):
+def test_any_runs_reach_the_settings_and_can_be_taken_back(before, runs):
     current, record = before, SettingsRecord()
     for wanted in runs:
         settings = settings_of(**wanted)

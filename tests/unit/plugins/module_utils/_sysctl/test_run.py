@@ -240,7 +240,7 @@ def test_a_value_of_somebody_else_that_is_enough_stays(machine, file):
     assert machine.state() == untouched
 
 
-def test_a_value_of_somebody_else_that_is_not_enough_is_a_conflict_as_ever(machine):
+def test_a_value_of_others_that_is_not_enough_is_a_conflict(machine):
     machine.hold(conf__all__arp_ignore="0").write("/etc/sysctl.d/99-own.conf", f"{ARP} = 0\n")
     assert "expected 3" in machine.run([{"name": ARP, "value": "3", "enough": ["1"]}])["msg"]
     machine.write("/etc/sysctl.d/99-own.conf", "")
@@ -256,7 +256,7 @@ def test_a_masked_service_is_a_conflict(machine):
     assert result["settings"][0]["conflict"]["masks"]
 
 
-def test_an_excluded_key_is_a_conflict_with_the_file_that_excludes_it(machine):
+def test_an_excluded_key_is_a_conflict_with_the_excluding_file(machine):
     machine.write("/etc/sysctl.d/95-x.conf", "\n-net.ipv4.ip_forward\n")
     result = machine.run(REPORT)
     conflict = result["settings"][0]["conflict"]
@@ -652,7 +652,7 @@ def test_check_mode_asks_the_kernel_what_it_makes_of_a_value(namespace, name, va
 
 
 @as_root
-def test_check_mode_takes_values_that_depend_on_others_as_the_run_does(namespace):
+def test_check_mode_takes_dependent_values_as_the_run_does(namespace):
     namespace.held("net/ipv4/ip_unprivileged_port_start", 80)
     settings = [{"name": "net.ipv4.ip_local_port_range", "value": "100 200"}]
     assert [namespace.run(settings, check=check).get("failed") for check in (True, False)] == [None, None]
@@ -944,7 +944,7 @@ def test_kernel_reads_a_value_otherwise(namespace):
 
 @as_root
 @pytest.mark.parametrize("value", ["01", "many", "1 2", "", "0x1"])
-def test_kernel_a_value_that_is_no_whole_number_is_refused_in_check_mode_too(namespace, value):
+def test_a_wrong_kernel_value_is_refused_in_check_mode_too(namespace, value):
     untouched = namespace.state()
     for check in (True, False):
         result = namespace.run([REPORT[1], {"name": BROADCASTS, "value": value}], check=check)

@@ -18,7 +18,7 @@ def write(path, when):
     os.utime(path, (0, when))
 
 
-def test_of_the_files_of_a_group_the_last_one_that_was_changed_is_told(tmp_path):
+def test_the_last_changed_file_of_a_group_is_named(tmp_path):
     write(tmp_path / "etc" / "hosts", 1_000_000_000)
     write(tmp_path / "etc" / "sysctl.d" / "1.conf", 1_000_000_000)
     write(tmp_path / "etc" / "sysctl.conf", 900_000_000)

@@ -143,7 +143,7 @@ def test_what_is_of_whom(ros, served):
     ]
 
 
-def test_an_own_node_that_took_the_name_of_an_import_is_an_own_one(ros, served):
+def test_an_own_node_that_took_an_imported_name_is_own(ros, served):
     made, master = ros
     master.uris["/planner"] = served(Node())
     found = looked_at(made)

@@ -124,7 +124,7 @@ def test_a_neighbour_that_was_set_by_hand_is_told(tmp_path):
 
 @root
 @pytest.mark.skipif(not shutil.which("nft"), reason="needs nft")
-def test_whoever_is_there_and_drops_pings_is_silent_and_nobody_says_why(hosts):
+def test_a_host_that_drops_pings_is_silent_without_a_cause(hosts):
     rules = "table ip t { chain c { type filter hook input priority 0; icmp type echo-request drop; }; }"
     subprocess.run(["ip", "netns", "exec", hosts[1], "nft", rules], check=True)
     output = subprocess.run(

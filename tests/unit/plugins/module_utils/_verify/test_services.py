@@ -18,13 +18,13 @@ def test_differing_names_what_the_process_lacks():
 @pytest.mark.parametrize(
     ("files", "differing"), [("/etc/rosfleet-multimaster/environment (ignore_errors=no)", ["NOT_HERE"]), ("", [])]
 )
-def test_a_service_without_the_file_of_the_environment_differs_in_nothing(monkeypatch, files, differing):
+def test_a_service_without_the_environment_file_is_the_same(monkeypatch, files, differing):
     seen = {"ActiveState": "active", "MainPID": str(os.getpid()), "EnvironmentFiles": files}
     monkeypatch.setattr(services, "states_of", lambda units: [seen for unit in units])
     assert services.services(["connections"], {"NOT_HERE": "1"})[0]["differing"] == differing
 
 
-def test_a_drop_in_file_that_sets_variables_is_named_where_some_differ(monkeypatch, tmp_path):
+def test_a_drop_in_file_with_other_variables_is_named(monkeypatch, tmp_path):
     for name, text in (("a", "[Service]\n  EnvironmentFile=/run/one\n"), ("b", "[Service]\nNice=5\n")):
         (tmp_path / f"{name}.conf").write_text(text)
     paths = " ".join(str(tmp_path / f"{name}.conf") for name in "abc")

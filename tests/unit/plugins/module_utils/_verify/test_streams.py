@@ -17,7 +17,7 @@ def asking(tmp_path, uri):
     return Ros(str(path), {})
 
 
-def test_each_talker_gets_a_stream_and_one_that_is_not_there_is_a_sentence(tmp_path):
+def test_each_talker_gets_a_stream_and_a_missing_one_a_sentence(tmp_path):
     roscore = Roscore()
     with served(roscore) as uri:
         name = NAMES[0]

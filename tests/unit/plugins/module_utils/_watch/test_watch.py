@@ -25,7 +25,7 @@ def test_the_first_value_is_the_one_to_keep():
     assert watch.report(9.0)["lost"] == []
 
 
-def test_a_service_that_is_down_at_the_first_look_is_lost_at_once():
+def test_a_service_down_at_the_first_look_is_lost_at_once():
     watch = Watch(0.0, WALL)
     assert watch.read(WALL + 1, {("service", "a.service"): "failed", ("port", "pc"): "open"})
     assert watch.report(1.0)["lost"] == [{"kind": "service", "name": "a.service"}]

@@ -127,7 +127,7 @@ def test_a_network_for_administration_is_no_common_network():
     assert list(proposal.left_out) == ["laptop"]
 
 
-def test_a_sensor_network_of_the_same_addresses_in_each_robot_is_inside_it():
+def test_a_sensor_network_in_each_robot_is_inside_it():
     infos = fleet(cid=machine("cid", "192.168.1.50/24", masters=[roscore("cid", "192.168.1.50")]))
     for info in infos.values():
         info["interfaces"] += machine("", "192.168.2.1/24")["interfaces"]
@@ -172,7 +172,7 @@ def test_default_routes_that_lead_elsewhere_stay():
     assert valid(proposal) == ROBOTS
 
 
-def test_of_two_roscores_in_a_network_the_one_that_most_name_counts():
+def test_the_roscore_that_most_nodes_name_counts():
     infos = fleet()
     infos["ana-arm"]["masters"] = [roscore("ana-arm", "192.168.10.2")]
     proposal = adopted(infos)
@@ -198,7 +198,7 @@ def test_the_master_uri_that_ros_is_delivered_with_says_nothing():
     assert not [text for text in proposal.guesses() if "ROS_MASTER_URI" in text]
 
 
-def test_a_second_computer_in_the_common_network_belongs_to_the_roscore_that_it_names():
+def test_a_second_computer_belongs_to_the_roscore_that_it_names():
     infos = {
         "ana-nav": machine("ana-nav", "192.168.1.10/24", masters=[roscore("ana-nav", "192.168.1.10")]),
         "ana-arm": machine("ana-arm", "192.168.1.11/24", uri="http://192.168.1.10:11311"),

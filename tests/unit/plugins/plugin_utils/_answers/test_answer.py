@@ -75,7 +75,7 @@ def test_a_documented_answer_is_taken_whole(kinds, module):
 
 
 @pytest.mark.parametrize("module", ON_ROBOTS)
-def test_a_drawn_answer_is_plain_data_of_documented_keys_or_refused(kinds, module):
+def test_a_drawn_answer_is_documented_plain_data_or_refused(kinds, module):
     drawn = random.Random(module)
     true = {name: drawn_value(drawn, kind) for name, kind in kinds[module].items()}
     refused = 0

@@ -81,6 +81,6 @@ def test_nothing_of_the_old_names_and_addresses_is_left(fleet):
     assert "kobuki" not in text and "tibi" not in text
 
 
-def test_a_robot_with_a_word_of_the_verification_as_its_name_leaves_our_own_names(other):
+def test_a_robot_named_like_a_word_of_ours_leaves_our_names(other):
     fleet = fleets.plan(2)
     assert "master_discovery" in Anonymous(fleet, {"kobuki1computer": ["master"]}).text("master_discovery of master")

@@ -44,7 +44,7 @@ def test_what_is_read_again_is_what_was_written(changes):
 @pytest.mark.parametrize(
     "changes", [(fleets.wall,), (fleets.second_default_route,), (fleets.wall, fleets.second_default_route)]
 )
-def test_with_other_names_and_without_secrets_the_findings_are_of_the_same_kinds(changes):
+def test_findings_are_the_same_without_names_and_secrets(changes):
     bundle = bundled(fleets.fig12(), *changes, logs={"tibi-nav": "tibi-nav: at 192.168.11.100 password=x1y2\n"})
     assert len(kinds(bundle)) == len(changes)
     other = bundles.renamed(bundles.without(bundle, Secrets()), {}, set())
@@ -61,7 +61,7 @@ def test_logs_have_the_last_lines_and_a_file_each():
     assert "logs/kobuki2computer.txt" not in files and "0.1.0" in files["README.txt"]
 
 
-def test_a_service_that_writes_much_takes_no_room_from_the_others():
+def test_a_service_that_writes_much_takes_no_room_from_others():
     quiet, loud = "== roscore\nstarted\n", "== sync\n" + "synchronised\n" * 40_000 + "the last\n"
     bundle = bundled(fleets.plan(2), logs={"kobuki1computer": quiet + loud + "== discovery\nready\n"})
     log = bundles.without(bundle, Secrets()).logs["kobuki1computer"]
@@ -96,7 +96,7 @@ def test_what_somebody_changed(name, text, said):
     assert said in str(problem.value)
 
 
-def test_computers_that_the_plan_does_not_have_are_left_out_and_texts_are_plain():
+def test_unplanned_computers_are_left_out_and_texts_plain():
     files = bundles.texts(bundled(fleets.plan(2)), "", {})
     seen = json.loads(files["observations.json"])
     seen["stranger"] = {}

@@ -67,7 +67,7 @@ def test_values_that_are_known_are_taken_out_wherever_they_stand():
     assert Secrets(known).text(text) == f"said {REMOVED}, {REMOVED} and {REMOVED}; {REMOVED}; three3; one12"
 
 
-def test_variables_that_are_not_listed_are_taken_out_whatever_their_names():
+def test_unlisted_variables_are_taken_out_by_any_name():
     variables = {
         "multimaster_address": "192.168.1.229",
         "verify_report": "report",
@@ -88,7 +88,7 @@ def test_variables_that_are_not_listed_are_taken_out_whatever_their_names():
     assert secrets.data(["abracadabra", "it is abracadabra"]) == ["abracadabra", f"it is {REMOVED}"]
 
 
-def test_a_name_of_the_fleet_is_no_secret_and_neither_is_a_word_of_three_letters():
+def test_a_name_of_the_fleet_or_a_short_word_is_no_secret():
     assert Secrets(["kobuki1", "ros"], ["Kobuki1"]).text("kobuki1 has ros") == "kobuki1 has ros"
 
 

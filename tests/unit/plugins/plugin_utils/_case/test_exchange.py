@@ -165,7 +165,7 @@ def test_only_the_declared_flow_passes():
     )
 
 
-def test_beside_a_declaring_robot_the_others_give_everything_but_subscribers():
+def test_robots_without_exports_give_all_but_subscribers():
     flows = Flows(plan(exports={"a": []}))
     assert [item for item in (TALK, EAR, CALL) if flows.rules("b", "c").passes(item, "std_msgs/String")] == [TALK, CALL]
 
@@ -208,7 +208,7 @@ def test_what_is_missing_and_what_is_there_against_the_plan():
     assert texts(found.superfluous("a", "b")) == ["the publisher /odom of /base", "the subscriber /chat of /ear"]
 
 
-def test_a_publisher_without_a_type_and_the_verification_itself_are_not_missed():
+def test_publishers_without_a_type_and_our_own_are_not_missed():
     own = part([("/x", ("*", ""), "/n", ""), ("/multimaster_verify/a1", STRING, "/multimaster_verify_talker_a1", "")])
     assert Exchanges(plan("ab"), {"a": holds(own), "b": holds(B)}).find_missing("a", "b") == []
 
@@ -287,7 +287,7 @@ def test_connections_that_nothing_explains():
     assert found.find_crossing_links([heard, hears, backwards], "a", "c") == [hears]
 
 
-def test_who_listens_to_a_topic_of_a_node_that_never_passes_is_exchanged():
+def test_subscribers_of_a_hidden_nodes_topic_are_exchanged():
     """Somebody echoes /diagnostics: the subscriber passes, and hears the discovery node of the other robot, too."""
     seen = {"a": holds(part([("/diagnostics", STRING, "/master_discovery", "/echo")])), "b": holds(B)}
     hears = link("in", "/diagnostics", "/echo", "/master_discovery", "b")

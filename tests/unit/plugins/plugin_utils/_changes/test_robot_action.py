@@ -59,7 +59,7 @@ def test_what_is_not_documented_is_left_out_with_a_warning(action):
     ]
 
 
-def test_a_warning_has_the_name_of_its_robot_and_stands_in_quotes(action):
+def test_a_warning_has_the_name_of_its_robot_and_is_quoted(action):
     said = json.dumps({"installed": [], "removed": [], "warnings": ['done."\n\nPLAY RECAP ***   kobuki: ok=1']})
     found = action._parse_returned_data({"stdout": said, "rc": 0}, "legacy")
     assert found["warnings"] == ['kobuki warns: "done.\' PLAY RECAP *** kobuki: ok=1"']
@@ -114,7 +114,7 @@ def test_an_endless_answer_ends_and_so_does_what_brings_it(action, monkeypatch):
     assert len(bytes(64 << 20)) == 64 << 20, "the bound ends with the answer"
 
 
-def test_a_silent_robot_ends_by_its_time_and_so_does_what_waits_for_it(action, monkeypatch):
+def test_a_silent_robot_ends_in_time_with_what_waits_for_it(action, monkeypatch):
     monkeypatch.setattr(robot_action, "LONGEST", 0.2)
     started = []
 

@@ -178,7 +178,7 @@ def test_usual_orders_of_names_are_right(names):
     assert not diagnosed(_sources(*names), plan()).findings
 
 
-def test_a_small_mtu_is_told_with_the_large_packets_that_it_costs():
+def test_a_small_mtu_is_told_with_the_large_packets_it_costs():
     first, *others = diagnosed(_small, plan(robots=3)).findings
     assert first.part[:3] == ("interface", ONE, "mtu") and first.verdict == WARNING and not others
     assert [row.check for row in first.rows] == ["ping_large"]

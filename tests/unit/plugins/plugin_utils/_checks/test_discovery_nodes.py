@@ -174,15 +174,13 @@ def test_the_group_that_a_network_does_not_carry_is_told_once():
         ([Membership("eth7", "226.0.0.0"), Membership("eth0", "224.0.0.1")], "interface", "multicast"),
     ],
 )
-def test_a_node_that_somebody_started_with_another_group_is_named_though_nobody_knows_its_parameters(
-    joined, kind, mode
-):
+def test_a_node_of_another_group_is_named_without_parameters(joined, kind, mode):
     assert_told(
         lambda seen: update(seen[ONE].multicast, memberships=tuple(joined)), "membership", WARNING, kind, ONE, mode
     )
 
 
-def test_nobody_has_to_join_the_group_of_all_hosts_or_one_that_is_not_used():
+def test_unused_groups_need_no_member():
     for fleet in (plan(multimaster_multicast_group="224.0.0.1"), plan(multimaster_transport="unicast")):
         assert not {row for row in evaluate(fleet=fleet) if row.check == "membership"}
 
@@ -261,7 +259,7 @@ def test_by_plan_nobody_answers_a_ping_of_the_group():
     assert not notable(findings) and "icmp_rounds" not in {finding.check for finding in findings}
 
 
-def test_a_refused_port_tells_a_dead_roscore_from_a_hung_one_where_nobody_of_its_robot_could_be_looked_at():
+def test_a_refused_port_tells_a_dead_roscore_from_a_hung_one():
     def change(seen):
         update(seen[TWO], unreachable=True, probe=None, multicast=None)
         listed = seen[ONE].probe.list_masters

@@ -208,6 +208,6 @@ def test_the_work_for_a_pair_does_not_grow_with_the_fleet():
         assert later <= 1.2 * first, per_finding
 
 
-def test_the_work_for_a_computers_plan_does_not_grow_with_the_fleet():
+def test_a_computers_plan_costs_the_same_in_any_fleet():
     per_computer = [work(lambda robots=robots: plan(robots, 4))[1] / robots for robots in (10, 40)]
     assert per_computer[1] <= 1.5 * per_computer[0], per_computer

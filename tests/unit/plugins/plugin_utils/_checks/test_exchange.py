@@ -111,7 +111,7 @@ def test_each_fault_is_named(change, check, verdict, kind, place, mode):
     assert_told(change, check, verdict, kind, place, mode)
 
 
-def test_a_registration_that_is_missing_alone_may_be_left_out_by_either_side():
+def test_a_registration_missing_alone_may_be_left_out_by_a_side():
     (found,) = diagnosed(_not_registered).findings
     assert ("sync", ONE) in {part[:2] for part in found.candidates}
 
@@ -143,7 +143,7 @@ def _leak(seen):
     )
 
 
-def test_what_is_not_declared_and_there_nevertheless_is_told_with_its_names():
+def test_an_undeclared_topic_is_told_by_its_name():
     found = notable(evaluate(_leak, plan(robots=3, exports=DECLARED)))
     assert set(found) == {("flow", THREE, ONE), ("cross_link", THREE, ONE)}
     flow, link = found["flow", THREE, ONE], found["cross_link", THREE, ONE]

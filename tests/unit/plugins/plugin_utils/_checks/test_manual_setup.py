@@ -24,7 +24,7 @@ def _found(**values):
     return change
 
 
-def test_nodes_that_were_started_by_hand_are_told_and_what_site_yml_makes_is_not_judged():
+def test_nodes_started_by_hand_are_named_before_site_yml():
     found = notable(evaluate(_found(set_up=False, runs=(HELD,))))
     assert {check: finding.verdict for (check, _observer, _target), finding in found.items()} == {
         **dict.fromkeys(OURS, UNKNOWN),
@@ -38,13 +38,13 @@ def test_nodes_that_were_started_by_hand_are_told_and_what_site_yml_makes_is_not
     assert "stop them on kobuki1computer" in told.findings[0].remedy()
 
 
-def test_a_new_computer_on_which_nothing_runs_is_not_taken_for_one_set_up_by_hand():
+def test_a_new_idle_computer_does_not_count_as_set_up_by_hand():
     found = notable(evaluate(_found(set_up=False)))
     assert found["services", ONE, ONE].verdict == FAILED
     assert parts(diagnosed(_found(set_up=False))) == [("service", ONE, "missing")]
 
 
-def test_a_computer_that_the_collection_set_up_is_judged_whoever_holds_the_ports():
+def test_a_computer_of_the_collection_is_judged_at_any_ports():
     found = notable(evaluate(_found(set_up=True, runs=(HELD,))))
     assert found["services", ONE, ONE].verdict == FAILED
     assert found["as_planned", ONE, ONE].verdict == WARNING
@@ -61,7 +61,7 @@ def test_what_site_yml_would_refuse_is_a_warning():
     assert parts(diagnosed(change)) == [("set_up", ONE, "refused")]
 
 
-def test_a_second_computer_is_of_a_robot_that_was_set_up_by_hand_where_its_master_is():
+def test_a_second_computer_is_of_the_robot_of_its_master():
     inner = "tibi-nav"
     master = fig12().master_of["tibi"].computer
 

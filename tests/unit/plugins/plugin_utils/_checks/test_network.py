@@ -72,7 +72,7 @@ def test_lost_pings_are_a_loss():
 @pytest.mark.parametrize(
     ("tcp", "expected"), [(Outcome.REFUSED, ("filter", "icmp")), (Outcome.NO_ANSWER, ("computer", "off"))]
 )
-def test_a_refused_connection_tells_that_a_computer_without_pings_is_there(tcp, expected):
+def test_a_refused_connection_shows_a_computer_without_pings(tcp, expected):
     """tibi-monitor is no master, so no port of it is asked otherwise; nobody of the run could look at it."""
 
     def change(seen):
@@ -257,7 +257,7 @@ def test_of_a_computer_that_nobody_looked_at_two_have_to_answer(macs, twice):
 
 
 @pytest.mark.parametrize("silence", [False, True])
-def test_of_who_is_off_somebody_says_so_and_nobody_says_that_a_gateway_drops(silence):
+def test_a_computer_that_is_off_is_no_gateway_that_drops(silence):
     """From the outside, behind a gateway that nobody looked at."""
     fleet = fig12()
 
@@ -285,7 +285,7 @@ def test_a_route_to_the_other_address_of_a_gateway(hop, mode):
     assert first.part == ("route", "tibi-nav", mode, "the common network") and first.proof[0].check == "outer_route"
 
 
-def test_lost_large_pings_beside_lost_small_ones_say_nothing_of_their_size():
+def test_lost_pings_of_both_sizes_say_nothing_of_the_size():
     def change(seen):
         for one, other in ((ONE, TWO), (TWO, ONE)):
             update(of(seen[one].probe.members, other), ping_large=no_answer(), loss=0.4)
@@ -301,7 +301,7 @@ def test_who_answers_some_pings_drops_none():
     assert {part.mode for entry in diagnosed(change).findings for part in entry.candidates} == {"loss"}
 
 
-def test_a_single_ping_that_fails_beside_all_else_is_not_explained():
+def test_a_single_ping_that_fails_alone_is_not_explained():
     found = diagnosed(
         lambda seen: update(of(seen["car-nav"].probe.members, "tibi-nav"), ping_address=no_answer(), loss=1.0), fig12()
     )
@@ -370,7 +370,7 @@ def test_a_route_that_only_the_router_misses_is_told_too():
 
 
 @pytest.mark.parametrize(("hop", "mode"), [("192.168.1.254", "missing"), ("192.168.1.77", "other")])
-def test_a_route_that_is_gone_is_missing_though_the_default_route_takes_what_it_was_for(hop, mode):
+def test_a_lost_route_is_missing_beside_a_default_route(hop, mode):
     def change(seen):
         for target in INNER_TIBI:
             update(of(seen["car-visio"].probe.members, target).route, gateway=hop)
@@ -378,7 +378,7 @@ def test_a_route_that_is_gone_is_missing_though_the_default_route_takes_what_it_
     assert parts(diagnosed(change, fig12())) == [("route", "car-visio", mode)]
 
 
-def test_a_gateway_without_a_route_looks_for_the_target_in_a_network_of_its_own():
+def test_a_gateway_without_a_route_looks_in_its_own_networks():
     def change(seen):
         for target in INNER_TIBI:
             update(of(seen["car-visio"].probe.members, target).route, gateway="192.168.1.254")

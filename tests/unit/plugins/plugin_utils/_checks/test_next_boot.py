@@ -24,7 +24,7 @@ def test_each_kind_is_a_part(kind, computer, fleet):
     assert_told(_undone(kind, computer), f"next_boot_{kind}", FAILED, "boot", computer, kind, fleet=fleet)
 
 
-def test_the_row_says_what_was_found_and_the_finding_names_the_thing():
+def test_the_row_tells_the_reading_and_the_finding_the_thing():
     (row,) = notable(evaluate(_undone("sysctl"))).values()
     assert (row.found, row.expected) == (f"the thing: {LATER}", "1")
     (finding,) = diagnosed(_undone("sysctl")).findings
@@ -32,7 +32,7 @@ def test_the_row_says_what_was_found_and_the_finding_names_the_thing():
 
 
 @pytest.mark.parametrize(("runs", "verdicts"), [((), set()), (("a roscore",), {UNKNOWN})])
-def test_a_computer_that_the_collection_did_not_set_up_is_not_judged(runs, verdicts):
+def test_a_computer_without_the_collection_is_not_judged(runs, verdicts):
     def change(seen):
         _undone("sysctl")(seen)
         update(seen[ONE], found=AsFound(set_up=False, runs=runs))

@@ -52,7 +52,7 @@ def test_files_that_are_not_counted_are_enough():
     assert not notable(evaluate(_disk(10**9, None)))
 
 
-def test_two_masters_that_do_not_find_each_other_the_one_with_another_group_is_named():
+def test_the_one_with_a_foreign_group_is_named():
     """Without its parameters, each of the two might be the one."""
 
     def apart(seen):

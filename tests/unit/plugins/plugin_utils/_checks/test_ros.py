@@ -158,7 +158,7 @@ def test_a_stream_that_was_not_measured_is_not_judged():
     ("robots", "ways", "mode"),
     [(5, "both", "slow"), (5, "out", "slow out"), (5, "in", "slow in"), (2, "out", "slow out")],
 )
-def test_a_link_that_is_slower_than_expected_is_a_warning_with_its_place(robots, ways, mode):
+def test_a_link_slower_than_expected_is_a_warning_with_its_place(robots, ways, mode):
     fleet = plan(robots)
     seen = observed(fleet)
     streamed(90.0, slow=ONE, ways=ways)(seen)

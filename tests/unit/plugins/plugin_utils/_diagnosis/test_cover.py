@@ -78,7 +78,7 @@ def test_what_only_a_value_shows_is_never_concluded():
     assert explained([{names}], known=[names], passed=Passed()) == ([(names, ())], [])
 
 
-def test_a_failure_whose_parts_all_have_successes_stays_unexplained():
+def test_a_failure_stays_unexplained_when_its_parts_succeed():
     assert explained([{off("a"), wall("g")}], passed=Passed({off("a"): 2, wall("g"): 5})) == ([], [0])
 
 

@@ -82,7 +82,7 @@ def _flapping(seen):
         update(of(seen[f"kobuki{number}computer"].multicast.udp, ONE), loss=0.4)
 
 
-def test_the_link_of_one_computer_and_not_the_network_loses_what_is_lost_there_alone():
+def test_the_lossy_link_is_named_and_not_the_network():
     """Most of the fleet's pings need the network and arrive, more than those that also need the link."""
     (found,) = diagnosed(_flapping, plan(5)).findings
     assert found.part[:3] == ("link", ONE, "loss") and not found.rivals

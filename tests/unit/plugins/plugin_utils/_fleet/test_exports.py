@@ -157,7 +157,7 @@ def test_a_wrong_declaration_is_one_sentence(value, expected):
         max_size=3,
     )
 )
-def test_whatever_is_declared_the_answer_is_entries_or_a_sentence(value):
+def test_any_exports_give_entries_or_a_sentence(value):
     try:
         found = exports_module.read(value)
     except UnexpectedValue as problem:
@@ -302,7 +302,7 @@ def test_computers_of_a_robot_that_disagree_are_named():
     assert "dabo-nav: multimaster_exports is [{topics: [/pose]}], but dabo-visio has [{services: [/reset]}]" in found
 
 
-def test_a_declaration_on_one_computer_is_the_robots_and_is_checked():
+def test_a_declaration_on_one_computer_is_the_robots_and_checked():
     variables = {
         host: {
             "multimaster_address": HOSTS[host][1],
@@ -431,7 +431,7 @@ def test_an_action_flows_in_each_direction():
     ]
 
 
-def test_beside_a_declaration_the_others_give_everything_but_subscribers():
+def test_undeclared_robots_give_all_but_subscribers():
     model = fleet(tibi=exports({**DOCK, "to": ["dabo"]}))
     assert [master["declared"] for master in to_plain(plan_module.fleet_plan(model))["masters"]] == [True, False, False]
     sides = both_sides(model)
@@ -442,7 +442,7 @@ def test_beside_a_declaration_the_others_give_everything_but_subscribers():
 
 
 @pytest.mark.parametrize("name", ["ignore_services", "ignore_subscribers"])
-def test_a_filter_that_leaves_no_publisher_out_leaves_subscribers_in(name):
+def test_a_filter_without_lost_publishers_keeps_subscribers(name):
     sides = both_sides(fleet(tibi={"filters": {name: ["/x"]}, "exports": None}))
     assert sides["tibi"] == (None, [], {name: ["/x"]})
 
@@ -454,7 +454,7 @@ def test_a_robot_that_filters_takes_and_gives_no_subscribers(name):
     assert sides["dabo"] == (None, [], {})
 
 
-def test_a_host_of_the_white_list_that_gives_nothing_gives_nothing():
+def test_a_host_of_the_white_list_that_gives_nothing_is_empty():
     sides = both_sides(fleet(tibi=exports(), car={"filters": {"sync_hosts": ["*"]}}))
     assert sides["car"][2] == {
         "sync_hosts": ["*"],
@@ -632,7 +632,7 @@ def test_the_largest_declaration_is_one_that_the_nodes_accept():
     assert Taken(both_sides(fleet(tibi=exports(entry)))["dabo"][2], "tibi-visio").has("topics", "/a7/status")
 
 
-def test_the_plan_of_a_hundred_robots_that_each_export_to_all_stays_small():
+def test_the_plan_of_a_hundred_exporting_robots_stays_small():
     """Half of a kilobyte for each pair of robots, and each computer gets its hundredth."""
     robots = {f"r{number}": [f"r{number}-c"] for number in range(100)}
     variables = {

@@ -13,7 +13,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[5]
 NODES = "roles/nodes/files/python/rosfleet_multimaster/protocol/filters.py"
 
 
-def test_what_is_never_exchanged_is_what_the_nodes_never_exchange():
+def test_the_never_exchanged_are_those_of_the_nodes():
     assert pathlib.Path(filters.__file__).read_bytes() == (ROOT / NODES).read_bytes()
 
 

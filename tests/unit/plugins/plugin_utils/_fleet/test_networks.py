@@ -356,7 +356,7 @@ def test_what_cannot_be_routed_is_one_sentence(case):
     assert "expected" in found[0]
 
 
-def test_multicast_alone_reaches_an_inner_master_where_it_is_routed():
+def test_routed_multicast_alone_reaches_an_inner_master():
     fleet(everywhere(multimaster_transport="multicast", **SMCROUTE))
 
 
@@ -410,7 +410,7 @@ def test_without_the_variable_there_is_no_packet_filter():
     assert not any(entry["firewall"] for entry in plan["computers"].values())
 
 
-def test_a_packet_filter_lets_every_planned_address_in_and_protects_the_networks_behind_it():
+def test_a_packet_filter_lets_in_planned_addresses_alone():
     def change(data):
         filtered(data)
         data["variables"]["router"].pop("multimaster_firewall")  # a variable of the robots
@@ -460,7 +460,7 @@ def test_what_is_no_port_is_one_sentence(value):
     assert len(found.value.problems) == 1
 
 
-def test_a_packet_filter_and_welcome_strangers_contradict_each_other():
+def test_a_packet_filter_and_welcome_strangers_contradict():
     found = contradictions.strangers_outside("fleet", "allow")
     assert len(found) == 1 and found[0].startswith(
         "multimaster_firewall is 'fleet' and multimaster_strangers is 'allow'"

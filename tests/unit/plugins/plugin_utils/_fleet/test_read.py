@@ -135,7 +135,7 @@ def test_existing_roscore_on_another_port():
     assert plan["masters"][1]["monitor_uri"] == "http://192.168.1.239:11711"
 
 
-def test_second_computer_of_a_robot_has_the_environment_and_its_address():
+def test_a_second_computer_has_environment_and_address():
     def change(robots, variables):
         robots["kobuki1"].append("kobuki1arm")
         variables["kobuki1arm"] = dict(variables["kobuki1computer"], multimaster_address="192.168.1.230")
@@ -170,7 +170,7 @@ def test_an_action_in_a_filter_is_its_five_topics():
     }
 
 
-def test_alternatives_of_an_action_are_alternatives_of_each_of_its_topics():
+def test_alternatives_of_an_action_hold_for_each_of_its_topics():
     assert exports.topics_of([" /dock|/undock/ ", "/go"], ["goal"]) == ("(?:/dock|/undock)/goal", "/go/goal")
 
 
@@ -199,7 +199,7 @@ def shown(**values):
 @pytest.mark.parametrize(
     ("value", "kept", "published"), [("local", 1, None), ("exchanged", 0, None), ("none", 0, False)]
 )
-def test_diagnostics_stay_on_their_robot_unless_they_are_wanted_elsewhere(value, kept, published):
+def test_diagnostics_stay_on_their_robot_by_default(value, kept, published):
     plan = shown(multimaster_diagnostics=value)
     assert plan["sync"].get("ignore_topics", []) == ["/diagnostics"] * kept
     assert plan["sync"].get("diagnostics") is plan["discovery"].get("diagnostics") is published
@@ -453,7 +453,7 @@ def test_an_empty_inventory_is_named():
         | st.dictionaries(st.text(), st.text() | st.lists(st.text())),
     )
 )
-def test_whatever_the_inventory_says_the_answer_is_a_plan_or_sentences(values):
+def test_any_inventory_gives_a_plan_or_sentences(values):
     try:
         model = fleet(setting("kobuki1computer", **values))
     except fleet_module.InventoryProblems as found:

@@ -68,7 +68,7 @@ def test_throughput_is_a_number_and_a_shade():
 SPEEDS = {"dabo-nav": 941.0, "dabo-visio": 400.0, "car-visio": 0.3}
 
 
-def test_in_a_large_fleet_the_slowest_stream_between_two_robots_is_shown():
+def test_the_slowest_stream_is_shown_in_a_large_fleet():
     found = Matrices(fleets.plan(21, 2))
     row = Row("throughput", "kobuki1computer", "kobuki2computer", OK, "any", "90 Mbit/s")
     list(found.passing([row, row._replace(observer="kobuki1computer-1", found="11.5 Mbit/s")]))

@@ -71,7 +71,7 @@ def test_outcomes_are_words_that_need_no_sentence():
     )
 
 
-def test_an_answer_of_strangers_costs_one_computer_its_result_and_no_other_the_report():
+def test_an_answer_of_strangers_costs_one_computer_its_result():
     odd = {"verify_probe": {"members": 3}}
     seen = task_results.read_observation(odd, "verify_multicast", "verify_probe", [])
     assert seen.probe is None and seen.problem.startswith('its results cannot be read: "members is 3')

@@ -34,7 +34,7 @@ def belonging(master="tibi-visio", routers=(), **shared):
     return to_plain(plan_module.fleet_plan(fleet))["belonging"]
 
 
-def test_a_master_on_a_gateway_has_both_addresses_and_the_common_one_first():
+def test_a_master_on_a_gateway_has_both_addresses_in_order():
     tibi, car = belonging()["robots"]
     assert tibi["addresses"] == ["192.168.1.201", "192.168.11.101"]
     assert tibi["uris"] == [
@@ -59,7 +59,7 @@ def test_a_master_behind_a_gateway_has_its_own_address_alone():
     assert tibi["uris"][:2] == ["http://tibi-laser:11311/", "http://laser:11311/"]
 
 
-def test_a_fleet_that_advertises_addresses_has_the_planned_uri_first():
+def test_a_fleet_with_advertised_addresses_has_that_uri_first():
     assert belonging(multimaster_advertise="address")["robots"][1]["uris"] == [
         "http://192.168.1.203:11411/",
         "http://car-pc:11411/",

@@ -329,7 +329,7 @@ def test_where_all_get_the_same_the_files_are_plain():
     assert environment_module.GENERATOR not in files and "/usr/bin/id" not in files[environment_module.PROFILE]
 
 
-def test_a_sshd_that_knows_no_setenv_below_a_match_gives_a_person_none():
+def test_a_sshd_without_setenv_below_match_gives_a_person_none():
     """OpenSSH 8.4 and older. Login shells have them."""
     info = {**INFO, "sshd": {**INFO["sshd"], "match_setenv": False}}
     made = environment_files(OURS, info, ros=WORKSPACE, for_root={}, person="robot")

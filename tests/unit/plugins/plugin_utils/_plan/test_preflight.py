@@ -149,7 +149,7 @@ def test_what_stands_against_the_plan(case):
     assert re.search(expected, found.problems[0]), found.problems
 
 
-def test_who_holds_the_ports_is_told_also_to_a_run_that_only_looks():
+def test_the_ports_owner_is_named_in_check_mode_too():
     twice = [
         holder(11311, unit="session-3.scope"),
         holder(11311, unit="session-3.scope"),
@@ -167,7 +167,7 @@ def test_who_holds_the_ports_is_told_also_to_a_run_that_only_looks():
     assert found.plan.found.noted == found.problems[:1] and "systemd does not run" in found.problems[0]
 
 
-def test_a_computer_without_our_files_has_the_environment_that_they_would_have():
+def test_a_computer_without_our_files_has_their_environment():
     assert compare().plan.found == AsFound()
     found = compare(lambda info: info.update(owned=[])).plan.found
     assert not found.set_up
@@ -505,7 +505,7 @@ def test_old_releases_hide_nothing():
     assert "is one from before 1.0, which cannot hide anything" in found.warnings[0]
 
 
-def test_a_packet_filter_is_due_where_one_is_planned_or_left_over():
+def test_a_packet_filter_is_due_when_planned_or_left_over():
     assert compare(firewall={"networks": []}).plan.firewall_due
     assert compare(lambda info: info.update(owned=["files-firewall", "routes"])).plan.firewall_due
 

@@ -277,7 +277,7 @@ def test_nodes_of_further_computers_are_asked_for_by_all():
     assert "sync_remote_nodes" not in plan(everywhere("tibi", multimaster_provider="bundled"))["car-pc"]["sync"]
 
 
-def test_subscribers_that_upstream_cannot_hide_are_left_out_by_the_others():
+def test_subscribers_that_upstream_shows_are_left_out():
     def undeclared(variables):
         for values in variables.values():
             values.pop("multimaster_exports", None)

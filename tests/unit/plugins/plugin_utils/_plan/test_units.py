@@ -36,7 +36,7 @@ def test_the_roscore_of_ros_depends_on_the_environment_alone():
     assert "Environment=ROSFLEET_INPUTS=environment\n" in new["multimaster-roscore.service"]
 
 
-def test_the_bundled_roscore_depends_on_its_code_too_but_not_on_the_parameters_of_the_nodes():
+def test_the_bundled_roscore_restarts_for_its_own_code_alone():
     of = {
         (nodes, code): made(["roscore"], units.Inputs.of("environment", nodes, code))
         for nodes in ("a", "b")
@@ -52,7 +52,7 @@ def test_a_unit_ends_with_a_newline():
     )
 
 
-def test_the_own_address_is_a_local_route_that_is_found_again_by_its_mark():
+def test_the_own_address_route_is_found_by_its_mark():
     """The text of the stop is that of the new address already when a planned address changes: it may not name one."""
     (text,) = made(["address"], units.Inputs("", "")).values()
     commands = dict(re.findall(r"^(Exec\w+)=-?(.*)$", text, re.M))
@@ -106,7 +106,7 @@ def test_the_name_of_a_robot_is_a_text():
         units.services(["roscore"], "tibi\n[Service]", ADDRESS, ROSCORE, {}, units.Inputs("", ""))
 
 
-def test_the_bundled_roscore_remembers_and_with_upstream_it_is_that_of_ros():
+def test_the_bundled_roscore_remembers_and_upstreams_does_not():
     bundled = units.programs("bundled", "/opt/python3", {}, 11411)
     text = units.services(["roscore"], "tibi", ADDRESS, ROSCORE, bundled, units.Inputs("", ""))[0].content
     assert "\nExecStart=/opt/python3 -m rosfleet_multimaster.roscore --port 11411\n" in text

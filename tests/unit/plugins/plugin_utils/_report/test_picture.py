@@ -61,7 +61,7 @@ def boxes(root):
     [fleets.plan(1), fleets.plan(2), fleets.plan(7, 3), fleets.plan(100, 4), fleets.fig12(), shipped("multi_computer")],
     ids=["1", "2", "7x3", "100x4", "fig12", "shipped"],
 )
-def test_every_computer_has_a_box_inside_the_picture_that_covers_no_other(fleet):
+def test_every_computer_has_a_box_of_its_own_in_the_picture(fleet):
     root = ElementTree.fromstring(picture(fleet))
     width, height = float(root.get("width")), float(root.get("height"))
     found = boxes(root)

@@ -70,7 +70,7 @@ def test_nothing_lost_is_no_loss():
     assert not loss(("a", event("group", "b", 9.0, well=True)))
 
 
-def test_a_network_that_forgets_the_group_is_told_from_masters_that_are_silent():
+def test_a_network_that_forgets_the_group_differs_from_silence():
     pairs = [("a", "b"), ("a", "c"), ("b", "a"), ("b", "c"), ("c", "a"), ("c", "b")]
     text = loss(
         *((observer, event("group", name, 261.0 + number / 10)) for number, (observer, name) in enumerate(pairs))

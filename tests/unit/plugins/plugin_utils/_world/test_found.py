@@ -50,7 +50,7 @@ def test_what_is_read_is_where_packets_go():
     assert {one.link for machine in world.machines.values() for one in machine.interfaces} == set(WORLD.links)
 
 
-def test_machines_that_were_never_set_up_reach_their_neighbours_now_and_all_others_after():
+def test_new_machines_reach_neighbours_before_site_yml():
     now = found(PLAN, infos(bare()))
     assert ("tibi-nav", "tibi-visio") in reached(now) and ("tibi-nav", "dabo-nav") not in reached(now)
     assert reached(after(PLAN, now, infos(bare()))) == {(one, other) for one in COMPUTERS for other in COMPUTERS}
@@ -68,7 +68,7 @@ def test_who_was_not_looked_at_is_as_planned():
     assert not looked_at({}) and not looked_at({"interfaces": []})
 
 
-def test_the_collections_packet_filter_is_there_where_a_record_says_so():
+def test_the_packet_filter_is_found_by_its_record():
     plan = fig12(multimaster_firewall="fleet")
     world = planned(plan)
     for owned, rules in (((), 0), (("files-firewall",), len(world.machines["kobuki"].rules))):
@@ -88,7 +88,7 @@ def test_two_planned_networks_on_one_interface_are_one_wire():
     assert reached(now) == reached(WORLD)
 
 
-def test_a_network_that_is_none_of_the_fleets_is_a_link_of_its_own():
+def test_a_network_outside_the_fleet_is_a_link_of_its_own():
     read = info_of(WORLD.machines["kobuki"])
     docker = {"name": "docker0", "up": True, "loopback": False, "mtu": 1500}
     read["interfaces"].append({**docker, "addresses": [{"address": "172.17.0.1", "prefix": 16, "family": "inet"}]})

@@ -199,7 +199,7 @@ def test_only_large_packets_end(name):
     assert not echo(world, INNER, ping(FAR_ADDRESS, size=1500)).ok  # in fragments: the answer comes in whole
 
 
-def test_masquerading_shows_the_gateways_address_and_lets_answers_in():
+def test_masquerading_shows_the_gateways_address():
     world = ENDS["masquerading"][0]
     found = echo(world, INNER, ping(FAR_ADDRESS))
     assert found.ok and found.there.packet.source == IPv4Address("192.168.1.201")

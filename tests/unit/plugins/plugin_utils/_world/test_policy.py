@@ -52,7 +52,7 @@ def test_a_rule_is_read(line, expected):
         "9:",
     ],
 )
-def test_a_rule_for_other_packets_and_one_that_is_not_understood_is_left_out(line):
+def test_a_rule_for_other_packets_or_an_unknown_one_is_left_out(line):
     assert lookups([line]) == ()
 
 

@@ -202,7 +202,7 @@ def test_without_the_filter_they_reach_a_port(wires):
     assert {VICTIM, "10.8.0.1", "127.0.0.1", wires[1].local("out"), GLOBAL["victim"]} <= found
 
 
-def test_an_address_of_the_computer_itself_does_not_come_in_from_a_wire(wires):
+def test_an_own_address_does_not_come_in_from_a_wire(wires):
     with filtered(wires[1]), wires[1].hearing("out") as heard:
         send(wires, *packets(wires, own_addresses(wires)), ("udp", MEMBER, VICTIM), ("udp", STRANGER, VICTIM))
     assert heard == [f"{MEMBER} > {VICTIM}"]
@@ -231,7 +231,7 @@ def test_what_the_computer_sends_to_itself_arrives(wires):
     assert sorted(heard) == sorted(f"itself > {place}" for place in places)
 
 
-def test_a_gateway_passes_nothing_on_in_its_own_name_that_comes_from_a_wire(wires):
+def test_a_gateway_passes_on_no_forged_packet_in_its_own_name(wires):
     inner, forged = wires[2], [("udp", source, INNER) for source in (VICTIM, "10.8.0.1", "127.0.0.1")]
     member = ("udp", MEMBER, INNER)
     with inner.hearing("in") as heard:

@@ -85,7 +85,7 @@ def test_a_robot_that_is_new_goes_on_top(machine):
     assert not any("delete" in line for line in asked)
 
 
-def test_a_rule_that_keeps_out_goes_below_ours_and_above_those_of_others(machine):
+def test_a_closing_rule_goes_below_ours_and_above_others(machine):
     machine(ALLOW + OURS, OTHERS)
     assert ufw.BackEnd(False)._choose_position(4) == ("insert", "2")
     machine(OTHERS, ALLOW + OURS)

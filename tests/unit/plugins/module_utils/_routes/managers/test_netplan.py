@@ -48,7 +48,7 @@ def generated(name):
     return "/run/systemd/network/10-netplan-%s.network" % name
 
 
-def test_owns_what_netplan_has_generated_and_not_what_others_wrote(tmp_path):
+def test_netplans_generated_files_are_owned(tmp_path):
     end = back_end(tmp_path, {"eth0": generated("eth0"), "eth1": "/etc/systemd/network/10-eth1.network", "lo": ""})
     assert end.list_interfaces() == {"eth0"}
     assert end.find_place("eth0") == netplan.FILE

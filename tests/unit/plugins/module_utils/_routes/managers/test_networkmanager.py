@@ -97,12 +97,12 @@ def test_a_route_is_a_line(route, line):
     assert nm.parse_lines(version, line.partition(" ")[2], UUID) == [line]
 
 
-def test_a_profile_with_a_table_of_its_own_gets_the_table_main_in_words():
+def test_a_profile_with_its_own_table_gets_the_table_main():
     assert nm.format_line(STATIC, 100) == LINE + " table=254"
     assert nm.format_line(STATIC._replace(table=100), 100) == LINE
 
 
-def test_what_nmcli_prints_in_another_order_or_form_is_the_same_line():
+def test_nmclis_order_and_form_do_not_matter():
     printed = "10.5.1.0/16 192.168.1.9 30 table=100 src=192.168.1.13, FD00:11:0::/64 fd00:1:0::201"
     assert nm.parse_lines(4, printed.split(", ", maxsplit=1)[0], UUID) == [
         "ipv4.routes 10.5.0.0/16 192.168.1.9 30 src=192.168.1.13 table=100"
@@ -153,7 +153,7 @@ def test_a_profile_of_two_interfaces_is_refused():
         end.find_place("eth0")
 
 
-def test_a_route_is_added_beside_those_of_others_and_taken_away_again(daemon):
+def test_a_route_is_added_beside_others_and_taken_away_again(daemon):
     end = back_end()
     wanted = end.render({"eth0": [STATIC]})
     assert wanted == {PLACE: LINE + "\n"}
@@ -207,7 +207,7 @@ def test_a_profile_that_is_gone_holds_nothing(daemon):
     ("setting", "value", "words"),
     [("connection.autoconnect", "no", "autoconnect no"), ("ipv4.method", "disabled", "ipv4.method disabled")],
 )
-def test_a_profile_that_makes_no_routes_at_boot_is_refused_before(daemon, setting, value, words):
+def test_a_profile_without_routes_at_boot_is_refused_before(daemon, setting, value, words):
     daemon.settings[setting] = value
     end = back_end()
     with pytest.raises(Problem, match=words):
@@ -220,7 +220,7 @@ SOME = st.lists(st.sampled_from(LINES), unique=True)
 
 
 @given(profile=SOME, texts=st.lists(SOME, max_size=2), wanted=SOME)
-def test_whatever_was_recorded_the_others_stay_and_ours_are_as_wanted(profile, texts, wanted):
+def test_any_record_keeps_foreign_items(profile, texts, wanted):
     daemon = Daemon(profile)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(nm, "nmcli", daemon)
