@@ -37,7 +37,7 @@ def _source(tmp_path):
 
 
 def test_text_files_sorted_with_modes_and_without_rubbish(source):
-    assert file_tree.tree(str(source), "/usr/local/lib/x") == [
+    assert file_tree.read_tree(str(source), "/usr/local/lib/x") == [
         {"path": "/usr/local/lib/x/python/p/__init__.py", "content": "", "mode": "0644"},
         {"path": "/usr/local/lib/x/python/p/a.py", "content": "x = 'ä'\r\n", "mode": "0644"},
         {"path": "/usr/local/lib/x/share/p.sh", "content": "#!/bin/sh\n", "mode": "0755"},
@@ -47,22 +47,22 @@ def test_text_files_sorted_with_modes_and_without_rubbish(source):
 def test_links_to_files_are_read_and_broken_ones_skipped(source):
     (source / "link.py").symlink_to("python/p/a.py")
     (source / "broken.py").symlink_to("nowhere")
-    assert [file["path"] for file in file_tree.tree(str(source), "/x")][0] == "/x/link.py"
-    assert len(file_tree.tree(str(source), "/x")) == 4
+    assert [file["path"] for file in file_tree.read_tree(str(source), "/x")][0] == "/x/link.py"
+    assert len(file_tree.read_tree(str(source), "/x")) == 4
 
 
 @pytest.mark.parametrize("destination", ["relative", "/x/", "/x/../y", ""])
 def test_a_bad_destination_is_a_sentence(source, destination):
     with pytest.raises(AnsibleError, match="destination"):
-        file_tree.tree(str(source), destination)
+        file_tree.read_tree(str(source), destination)
 
 
 def test_a_missing_folder_and_a_binary_file_are_sentences(source):
     with pytest.raises(AnsibleError, match="no folder of the controller"):
-        file_tree.tree(str(source / "missing"), "/x")
+        file_tree.read_tree(str(source / "missing"), "/x")
     (source / "image.png").write_bytes(b"\x89PNG")
     with pytest.raises(AnsibleError, match=r"image\.png is no UTF-8 text"):
-        file_tree.tree(str(source), "/x")
+        file_tree.read_tree(str(source), "/x")
 
 
 def ansible(source, expression):
@@ -104,6 +104,6 @@ def test_without_a_destination_it_says_so(source):
 
 
 def test_digests_in_place_of_contents(source):
-    for file, summed in zip(file_tree.tree(str(source), "/x"), file_tree.tree(str(source), "/x", content=False)):
+    for file, summed in zip(file_tree.read_tree(str(source), "/x"), file_tree.read_tree(str(source), "/x", content=False)):
         digest = hashlib.sha256(file.pop("content").encode()).hexdigest()
         assert summed == {**file, "sha256": digest}
