@@ -40,7 +40,7 @@ EXAMPLES = r"""
       loop_control:
         label: "{{ item.sentence }}"
       run_once: true
-      ignore_errors: true
+      ignore_errors: true # noqa: ignore-errors each finding is a failure, and all are to be told
 """
 
 RETURN = r"""

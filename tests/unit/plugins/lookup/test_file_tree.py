@@ -104,6 +104,8 @@ def test_without_a_destination_it_says_so(source):
 
 
 def test_digests_in_place_of_contents(source):
-    for file, summed in zip(file_tree.read_tree(str(source), "/x"), file_tree.read_tree(str(source), "/x", content=False)):
+    for file, summed in zip(
+        file_tree.read_tree(str(source), "/x"), file_tree.read_tree(str(source), "/x", content=False)
+    ):
         digest = hashlib.sha256(file.pop("content").encode()).hexdigest()
         assert summed == {**file, "sha256": digest}

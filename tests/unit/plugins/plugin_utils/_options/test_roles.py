@@ -46,7 +46,7 @@ def test_other_peoples_variables_are_left_alone():
     assert find_misspelt([*names, *OPTIONS, "ansible_host"], OPTIONS) == {}
 
 
-def test_what_roles_and_inventories_of_ours_define_is_no_misspelling():
+def test_names_of_our_roles_and_inventories_are_no_misspellings():
     names = set()
     for folder in ("roles", "inventory", "playbooks", "extensions", "tests/systems", "lab"):
         for path in (ROOT / folder).rglob("*.yml"):
