@@ -9,10 +9,8 @@ import os
 import re
 import time
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
-import yaml
 from ansible.errors import AnsibleError
 from ansible.module_utils.parsing.convert_bool import boolean
 from ansible.plugins.action import ActionBase
@@ -27,9 +25,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variab
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import judged as judgement
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import OPTIONS, Run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import find_result
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._options.roles import read_options
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import TEMPLATE, page
 
-ROLES = Path(__file__).parents[2] / "roles"
 WORD = re.compile(r"[\w.-]+")
 NAME = "rosfleet-bundle-%Y-%m-%dT%H%M%S.zip"
 ENCRYPTED = ("EncryptedString", "AnsibleVaultEncryptedUnicode")  # of ansible-core 2.19, and before
@@ -88,7 +86,7 @@ class ActionModule(ActionBase):
         known |= secrets.values(dict(os.environ))
         foreign: set[str] = set()
         registered_as = {text.partition(".")[0] for text in self._task.args.values() if isinstance(text, str)}
-        own = {*BY_NAME, *RESERVED, *role_options(), *registered_as}
+        own = {*BY_NAME, *RESERVED, *read_options(), *registered_as}
         for host in [*hostvars]:
             variables = read_raw(hostvars, host)
             known |= (
@@ -98,12 +96,6 @@ class ActionModule(ActionBase):
             )
             foreign |= secrets.foreign(variables, own)
         return bundles.without(bundle, secrets.Secrets(known, names(bundle), foreign - words(bundle)))
-
-
-def role_options() -> set[str]:
-    """Return the names of the options of the collection's roles."""
-    specs = [yaml.safe_load(path.read_text()) for path in ROLES.glob("*/meta/argument_specs.yml")]
-    return {name for spec in specs for entry in spec["argument_specs"].values() for name in entry.get("options") or {}}
 
 
 def words(bundle: Run) -> set[str]:

@@ -16,7 +16,7 @@ extends_documentation_fragment:
   - rosfleet.multimaster.attributes.info
 options:
   watched:
-    description: The name of the variable that every computer registered from C(multimaster_watch), for example V(verify_watched).
+    description: The name of the variable that every computer registered from C(multimaster_watch), for example V(verify_watch_answer).
     type: str
     required: true
   duration:
@@ -36,7 +36,7 @@ seealso:
 EXAMPLES = r"""
 - name: Tell how the watch goes
   rosfleet.multimaster.fleet_watch:
-    watched: verify_watched
+    watched: verify_watch_answer
     duration: 15m
   run_once: true
   register: watch

@@ -158,7 +158,10 @@ def test_a_verification_and_its_report(seed, tmp_path):
 def test_a_watch(seed):
     drawn = random.Random(f"watch {seed}")
     told = answered(drawn, WATCHED, "multimaster_watch")
-    hostvars = {HOSTILE: {"verify_watched": told}, HONEST: {"verify_watched": {**WATCHED, "lost": [], "events": []}}}
-    result = acted(fleet_watch, hostvars, watched="verify_watched", duration="10 s", known={})
+    hostvars = {
+        HOSTILE: {"verify_watch_answer": told},
+        HONEST: {"verify_watch_answer": {**WATCHED, "lost": [], "events": []}},
+    }
+    result = acted(fleet_watch, hostvars, watched="verify_watch_answer", duration="10 s", known={})
     json.dumps(result)
     assert not result.get("failed")

@@ -66,7 +66,7 @@ _Tolerant.add_multi_constructor("", lambda loader, _tag, node: str(node.value))
 def _keys(value):
     if isinstance(value, dict):
         for key, entry in value.items():
-            yield str(key)
+            yield str(entry if key == "register" else key)
             yield from _keys(entry)
     elif isinstance(value, list):
         for entry in value:
