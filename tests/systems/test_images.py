@@ -22,7 +22,8 @@ STEPS = 24
 CHECKOUTS = ("one", "two", "three")
 KINDS = ("robot", "full")
 LOOK = """
-import json, image, podman
+import json
+from machines import image, podman
 kinds = [image.Image("bookworm", full) for full in (False, True)]
 print(json.dumps([podman.CHECKOUT, [[kind.name, str(kind.archive)] for kind in kinds]]))
 """

@@ -34,11 +34,11 @@ def choose_concerns(
 
     `own_tags` are those of the task, which somebody else's playbook may have given it. Raises UnknownTag.
     """
-    wanted, unwanted = (set(tags) - WORDS - set(own_tags) for tags in (run_tags, skip_tags))
-    unknown = sorted((wanted | unwanted) - set(CONCERNS))
+    wanted, unwanted = set(run_tags) - WORDS - set(own_tags), set(skip_tags) & set(CONCERNS)
+    unknown = sorted(wanted - set(CONCERNS))
     if unknown:
         raise UnknownTag(
-            f"{', '.join(unknown)} is no tag of a concern; expected some of {', '.join(CONCERNS)}: correct --tags or --skip-tags."
+            f"{', '.join(unknown)} is no tag of a concern; expected some of {', '.join(CONCERNS)}: correct --tags."
         )
     if not wanted | unwanted:
         return dict(options)

@@ -23,7 +23,8 @@ import json, sys
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
 pings = network.ping(sys.argv[1:], tries=2, answer=0.4)
-print(json.dumps([{address: answer.to_plain() for address, answer in pings.items()}, [network.route_to_plain(machine.route_to(address)) for address in sys.argv[1:]]]))
+routes = [network.route_to_plain(machine.route_to(address)) for address in sys.argv[1:]]
+print(json.dumps([{address: answer.to_plain() for address, answer in pings.items()}, routes]))
 """
 
 

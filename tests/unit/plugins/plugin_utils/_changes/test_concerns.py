@@ -46,6 +46,10 @@ def test_a_tag_of_the_callers_playbook_is_about_all():
     assert choose_concerns(OPTIONS, ["lab"], [], ["lab", "always"]) == OPTIONS
 
 
+def test_a_skipped_tag_of_others_leaves_out_nothing():
+    assert choose_concerns(OPTIONS, ["all"], ["notest"], []) == OPTIONS
+
+
 def test_an_unknown_tag_is_a_sentence():
     with pytest.raises(UnknownTag, match="^hots is no tag of a concern; expected some of sysctl, routes, "):
         choose_concerns(OPTIONS, ["hots"], [], ["always"])
