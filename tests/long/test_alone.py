@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "lab"))
 
 from proofs.busy import Busy  # noqa: E402
 from setups.links import Watch, chat, message_times, wait_until  # noqa: E402
-from setups.plug import ROBOTS, STATIC, boot_alone, expect_seen, plug, told  # noqa: E402
+from setups.plug import ROBOTS, STATIC, boot_alone, expect_seen, plug, wait_for_events  # noqa: E402
 
 ALONE_SECONDS = float(os.environ.get("ALONE_SECONDS", "180"))
 LOST_SECONDS = 40.0
@@ -35,7 +35,7 @@ def slack():
 def lab():
     with boot_alone("long-alone", multimaster_advertise="address") as found:
         for robot in STATIC:
-            told(found, robot, "own topic", "own service", f"online {robot}-pc")
+            wait_for_events(found, robot, "own topic", "own service", f"online {robot}-pc")
         yield found
 
 

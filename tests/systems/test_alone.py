@@ -10,7 +10,7 @@ import time
 
 import pytest
 from setups.links import wait_until
-from setups.plug import ROBOTS, STATIC, boot_alone, events, expect_seen, moments, plug, told
+from setups.plug import ROBOTS, STATIC, boot_alone, events, expect_seen, moments, plug, wait_for_events
 
 NAME = "systems-alone"
 FOREIGN = "192.168.24.77"
@@ -31,7 +31,7 @@ def booted(slack, lab):
 
 def test_every_robot_works_alone_at_once(lab, booted, slack):
     for robot in ROBOTS:
-        found = told(lab, robot, "own topic", "own service", f"online {robot}-pc")
+        found = wait_for_events(lab, robot, "own topic", "own service", f"online {robot}-pc")
         began, answered = moments(lab, robot, "multimaster-roscore")
         talked = max(found["own topic"], found["own service"]) - answered
         print(f"\n{robot}: its roscore answers after {answered - began:.2f} s, its own nodes talk {talked:.2f} s later")
@@ -84,9 +84,9 @@ def test_a_robot_works_alone_in_a_foreign_network(lab):
 def test_a_robot_whose_address_comes_late_is_there_at_once(lab, slack):
     since = time.monotonic()
     lab.start("ana-pc", "dhcp", f"python3 {{script}} eth0 {ROBOTS['ana']} {ROBOTS['dan']}", "hostile/dhcp_server.py")
-    told(lab, "dan", "address")
+    wait_for_events(lab, "dan", "address")
     expect_seen(lab, "dan", STATIC, slack, since)
-    told(lab, "dan", *(f"online {robot}-pc" for robot in STATIC), *(f"heard {robot}" for robot in STATIC))
+    wait_for_events(lab, "dan", *(f"online {robot}-pc" for robot in STATIC), *(f"heard {robot}" for robot in STATIC))
     lab.stop("ana-pc", "dhcp")
 
 
