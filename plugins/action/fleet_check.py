@@ -42,5 +42,5 @@ class ActionModule(ActionBase):
             # Ansible prints the result of a failed task. So the plan, which no task uses then, is not in it.
             result.update(failed=True, problems=problems, noted=[], msg=number_problems(problems))
             return result
-        result.update(to_plain(comparison.plan), problems=[], noted=problems)
+        result.update(to_plain(comparison.plan), found=to_plain(comparison.state), problems=[], noted=problems)
         return result

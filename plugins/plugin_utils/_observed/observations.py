@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 
 # multimaster_verify: the network
 
@@ -538,7 +538,7 @@ class Observation:
     unreachable: bool = False
     problem: str = ""
     packet_filter: PacketFilter | None = None  # None where no packet filter is planned or left over
-    found: AsFound | None = None  # None where preflight did not look
+    found: MachineState | None = None  # None where preflight did not look
     services: tuple[str, ...] | None = None  # the planned services that can run there, by preflight
     streams: Streams | None = None  # None where no throughput was measured
     filters: FilterChains | None = None  # None where the machine was not looked at

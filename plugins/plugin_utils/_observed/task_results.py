@@ -30,7 +30,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     Streams,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound, FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 
 T = TypeVar("T")
 LONGEST_TEXT = 500  # characters of one text of a robot
@@ -154,7 +155,7 @@ def read_services(variables: Mapping[str, Any], name: str, names: Collection[str
     return tuple(quote_texts(values, names=names)) if isinstance(values, (list, tuple)) else None
 
 
-def read_preflight(variables: Mapping[str, Any], name: str, names: Collection[str] = ()) -> AsFound | None:
+def read_preflight(variables: Mapping[str, Any], name: str, names: Collection[str] = ()) -> MachineState | None:
     """Read the findings of preflight from the variable with the computer's plan; None where preflight did not look. Raises Mismatch."""
     plan = find_result(variables, name)
     if "found" not in plan:
@@ -162,4 +163,4 @@ def read_preflight(variables: Mapping[str, Any], name: str, names: Collection[st
     state = plan["found"]
     # These are sentences of fleet_check, which has quoted the robot's texts in them.
     sentences = {part: plain_data(state[part], LINE) for part in ("runs", "noted") if part in state}
-    return from_plain(AsFound, {**quote_texts(state, names=names), **sentences})
+    return from_plain(MachineState, {**quote_texts(state, names=names), **sentences})

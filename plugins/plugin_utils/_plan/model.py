@@ -207,18 +207,6 @@ class UnitLines:
     service: str = ""
 
 
-@dataclass(frozen=True)
-class AsFound:
-    """The findings of preflight on a machine, for those who judge it without changing it."""
-
-    set_up: bool = True  # the collection has records there
-    runs: tuple[str, ...] = ()  # sentences: who else holds the ports of the plan
-    noted: tuple[str, ...] = ()  # sentences: what else site.yml would refuse
-    environment: Mapping[str, str] = field(
-        default_factory=dict
-    )  # of ROS, as our file would have it; empty where that is there
-
-
 @dataclass(frozen=True, kw_only=True)
 class ComputerPlan:
     """The configuration that one computer needs; the router of the common network has a plan, too."""
@@ -257,7 +245,6 @@ class ComputerPlan:
     # Multicast routing is planned, or an earlier plan left some behind.
     multicast_routing_due: bool | None = field(default=None, metadata=notation(left_out=True))
     firewall_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the packet filter
-    found: AsFound | None = field(default=None, metadata=notation(left_out=True))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ Plan and description in, sentences out.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from ipaddress import IPv4Address
 from typing import Any
 
@@ -23,7 +23,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import 
     units,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
-    AsFound,
     ComputerPlan,
     Interface,
     Port,
@@ -46,15 +45,24 @@ WITH_PYTHON = {
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """The reasons against applying a plan to a machine, warnings, and the plan with what only the machine knows.
+class MachineState:
+    """The state of a machine, for a run that judges it and changes nothing."""
 
-    `plan.found` has the same reasons in other words, for a run that changes nothing.
-    """
+    set_up: bool = True  # the collection has records there
+    runs: tuple[str, ...] = ()  # a sentence for each other program on the ports of the plan
+    noted: tuple[str, ...] = ()  # the other problems: sentences too
+    # Of ROS, as our file would have it. Empty where that file is there.
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The reasons against applying a plan to a machine, warnings, the plan with facts of the machine, and its state."""
 
     problems: tuple[str, ...]
     warnings: tuple[str, ...]
     plan: ComputerPlan
+    state: MachineState
 
 
 def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
@@ -98,14 +106,14 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
             warnings += _find_missing_roscore(plan, info) + limits
         else:
             warnings += ros
-    found = AsFound(
+    state = MachineState(
         set_up=bool(info.get("owned")),
         runs=_runs(plan, holders),
         noted=tuple(problems),
         environment=_environment(plan, info),
     )
     problems += [_refuse_port(plan, holder) for holder in holders]
-    return Comparison(tuple(problems), tuple(warnings), replace(filled, found=found))
+    return Comparison(tuple(problems), tuple(warnings), filled, state)
 
 
 def explain_failure(computer: str, failed: Mapping[str, Any], version: str) -> str:

@@ -53,7 +53,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 
 ONE, TWO = "kobuki1computer", "kobuki2computer"
 
@@ -129,7 +129,7 @@ def good(fleet, name):
         multicast=good_multicast(fleet, me, own) if me and me.discovery else None,
         probe=router_probe(fleet, own) if own.is_router else good_probe(fleet, me, own),
         packet_filter=PacketFilter(msg="The rules of nftables were right."),
-        found=AsFound(),
+        found=MachineState(),
     )
 
 

@@ -15,7 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secre
     values,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import ParameterDifference
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from planted import ORDINARY, PLANTED, TIME, any_secret
 
 
@@ -153,7 +153,7 @@ def test_values_beside_such_a_name_in_data():
 
 
 def test_of_an_environment_it_has_what_is_listed():
-    found = AsFound(
+    found = MachineState(
         environment={"ROS_MASTER_URI": "http://a:11311", "DOOR": "abracadabra", "ROS_TOKEN": "x1", "PYTHONPATH": "/a"}
     )
     kept = {"ROS_MASTER_URI": "http://a:11311", "DOOR": REMOVED, "ROS_TOKEN": REMOVED, "PYTHONPATH": "/a"}

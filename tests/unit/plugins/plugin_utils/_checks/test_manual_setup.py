@@ -4,7 +4,7 @@
 """Computers that the collection did not set up: what is told of them, and what is not judged."""
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, UNKNOWN, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from fleets import ONE, ROBOTS, diagnosed, evaluate, fig12, notable, parts, update
 
 HELD = (
@@ -17,7 +17,7 @@ def _found(**values):
     """What preflight found on the first computer; nothing of the collection's runs there."""
 
     def change(seen):
-        update(seen[ONE], found=AsFound(**values))
+        update(seen[ONE], found=MachineState(**values))
         for service in seen[ONE].probe.services:
             update(service, load_state="not-found", active_state="inactive", sub_state="dead")
 
@@ -52,7 +52,7 @@ def test_a_computer_of_the_collection_is_judged_at_any_ports():
 
 def test_what_site_yml_would_refuse_is_a_warning():
     def change(seen):
-        update(seen[ONE], found=AsFound(noted=(f"{ONE}: systemd does not run it.",)))
+        update(seen[ONE], found=MachineState(noted=(f"{ONE}: systemd does not run it.",)))
 
     found = notable(evaluate(change))
     assert [(finding.check, finding.verdict, finding.found) for finding in found.values()] == [
@@ -67,8 +67,8 @@ def test_a_second_computer_is_of_the_robot_of_its_master():
 
     def verdicts(master_is_ours):
         def change(seen):
-            update(seen[inner], found=AsFound(set_up=False))
-            update(seen[master], found=AsFound(set_up=master_is_ours, runs=() if master_is_ours else (HELD,)))
+            update(seen[inner], found=MachineState(set_up=False))
+            update(seen[master], found=MachineState(set_up=master_is_ours, runs=() if master_is_ours else (HELD,)))
             for service in seen[inner].probe.services:
                 update(service, load_state="not-found", active_state="inactive")
 

@@ -6,7 +6,7 @@
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, UNKNOWN
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import BootDeviation
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from fleets import ONE, assert_told, diagnosed, evaluate, fig12, notable, update
 
 LATER = "/etc/sysctl.d/99-x.conf line 2 sets 0"
@@ -35,7 +35,7 @@ def test_the_row_tells_the_reading_and_the_finding_the_thing():
 def test_a_computer_without_the_collection_is_not_judged(runs, verdicts):
     def change(seen):
         _undone("sysctl")(seen)
-        update(seen[ONE], found=AsFound(set_up=False, runs=runs))
+        update(seen[ONE], found=MachineState(set_up=False, runs=runs))
 
     found = {(row.check, row.verdict) for row in evaluate(change) if row.observer == ONE}
     assert {verdict for check, verdict in found if check.startswith("next_boot")} == verdicts

@@ -15,7 +15,7 @@ import sys
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers, units
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import AsFound, ComputerPlan, Setting
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Setting
 
 PLAN = {
     "computer": "kobuki1computer",
@@ -101,9 +101,8 @@ def test_a_machine_like_its_plan():
         packages=(),
         multicast_routing_due=False,
         firewall_due=False,
-        found=AsFound(),
     )
-    assert compare() == preflight.Comparison((), (), plan)
+    assert compare() == preflight.Comparison((), (), plan, preflight.MachineState())
 
 
 PROBLEMS = {
@@ -158,23 +157,23 @@ def test_the_ports_owner_is_named_in_check_mode_too():
     ]
     found = compare(lambda info: (info.update(ports=twice), info["systemd"].update(running=False)))
     assert len(found.problems) == 4
-    assert found.plan.found.runs == (
+    assert found.state.runs == (
         'kobuki1computer: TCP port 11311: "rosmaster" (pid 812, user "robot", session-3.scope), where the plan has '
         "multimaster-roscore.service.",
         'kobuki1computer: UDP port 11511 and TCP port 11611: "rosmaster" (pid 812, user "robot"), where the plan has '
         "multimaster-discovery.service.",
     )
-    assert found.plan.found.noted == found.problems[:1] and "systemd does not run" in found.problems[0]
+    assert found.state.noted == found.problems[:1] and "systemd does not run" in found.problems[0]
 
 
 def test_a_computer_without_our_files_has_their_environment():
-    assert compare().plan.found == AsFound()
-    found = compare(lambda info: info.update(owned=[])).plan.found
+    assert compare().state == preflight.MachineState()
+    found = compare(lambda info: info.update(owned=[])).state
     assert not found.set_up
     assert found.environment["ROS_MASTER_URI"] == "http://kobuki1computer:11311"
     assert found.environment["ROS_HOSTNAME"] == "kobuki1computer"
     assert found.environment["PATH"].startswith("/opt/ros/noetic/bin:") and found.environment["PATH"].endswith(":/bin")
-    bare = compare(lambda info: (info.update(owned=[]), info["ros"].update(chosen=None))).plan.found
+    bare = compare(lambda info: (info.update(owned=[]), info["ros"].update(chosen=None))).state
     assert (bare.set_up, bare.environment) == (False, {})
 
 
