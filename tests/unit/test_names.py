@@ -23,7 +23,6 @@ LATER = set(
     plugins/module_utils/_verify
     plugins/module_utils/_watch
     plugins/plugin_utils/_bundle
-    plugins/plugin_utils/_fleet
     plugins/plugin_utils/_judgement
     plugins/plugin_utils/_plan
     plugins/plugin_utils/_report

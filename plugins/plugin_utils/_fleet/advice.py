@@ -1,25 +1,25 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A command in advice: the only way to make one. Pure, our words and values in, a command or nothing out.
+"""The only way to make a command of an advice: our words and values in, a command or nothing out.
 
-People paste it as root. So each value has the whole form that its place asks for, of ASCII alone, and is a single word for a
-shell whatever stands around it. Where one has not, there is no command.
+People paste it as root. So each value has the form that its place asks for, in ASCII. For a shell it is a single word,
+whatever stands around it. If one value has another form, there is no command.
 """
 
 from __future__ import annotations
 
 import re
 import shlex
-from ipaddress import IPv4Address
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LONGEST
 
-#: forms of values; none of them begins as an option does
+_BYTE = "(?:25[0-5]|2[0-4][0-9]|1[0-9]{2}|[1-9]?[0-9])"
+#: forms of values; no form begins as an option does
 FORMS = {
     "device": re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.@-]{0,14}"),
     "number": re.compile(r"[0-9]{1,10}"),
-    "address": re.compile(r"[0-9]{1,3}(?:\.[0-9]{1,3}){3}"),
+    "address": re.compile(rf"{_BYTE}(?:\.{_BYTE}){{3}}"),
     "name": re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*"),  # of a computer
     "unit": re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@:-]*\.service"),
     "setting": re.compile(r"[a-z0-9_]+(?:\.[A-Za-z0-9_-]+)+"),
@@ -33,29 +33,20 @@ FORMS = {
     # a name, address, unit or setting in the remedy of a part
     "what": re.compile(r"[A-Za-z0-9][A-Za-z0-9_./@:-]*"),
 }
-PHRASES = ("route", "rule")  # several words of `ip`, each of which passes a shell as it is
-# As a value stands in an expression of sed, within quotes.
-WRITTEN = {"name": (".", r"\."), "setting": (".", "[./]")}
+# The dots of a value in an expression of sed, within quotes.
+SED_DOTS = {"name": (".", r"\."), "setting": (".", "[./]")}
 
 
 def command(words: str, *values: tuple[str, object]) -> str:
-    """Put values, each with its form, at the {} of our words. Empty where a value has not its form."""
+    """Put values, each with its form, at the {} of our words. Empty if a value has not its form."""
     texts = [format_value(form, str(value)) for form, value in values]
     return words.format(*texts) if all(texts) else ""
 
 
 def format_value(form: str, text: str) -> str:
-    """The text as it stands in a command, empty where it is not of this form."""
-    if len(text) > LONGEST or not FORMS[form].fullmatch(text) or (form == "address" and not _is_address(text)):
+    """The text as a command has it, empty if it has not this form. A route and a rule are several words of `ip`."""
+    if len(text) > LONGEST or not FORMS[form].fullmatch(text):
         return ""
-    words = text.split(" ") if form in PHRASES else [text]
-    if any(shlex.quote(word) != word for word in words):
+    if any(shlex.quote(word) != word for word in text.split(" ")):
         return ""
-    return text.replace(*WRITTEN[form]) if form in WRITTEN else text
-
-
-def _is_address(text: str) -> bool:
-    try:
-        return bool(IPv4Address(text))
-    except ValueError:
-        return False
+    return text.replace(*SED_DOTS[form]) if form in SED_DOTS else text

@@ -13,7 +13,6 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows as flows_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
     FILTERS,
     FROM_CLIENT,
@@ -27,6 +26,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filter
     WHITE_LISTS,
     matches,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import list_givers, make_flows
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import nearest
 
 
@@ -35,31 +35,32 @@ class Party:
     """A robot as far as the declarations concern it."""
 
     name: str
-    host: str  # that a sentence about it names
+    host: str  # for sentences about it
     master: str  # the name of its master; empty: not known
-    declared: Sequence[Export] | None = None
+    declaration: Sequence[Export] | None = None
     filters: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     @property
     def exports(self) -> Sequence[Export]:
         """The entries of its declaration."""
-        return self.declared or ()
+        return self.declaration or ()
 
     def receivers(self, entry: Export, robots: Iterable[str]) -> list[str]:
-        """Return the robots that an entry of its declaration is for."""
+        """Return the robots that get what an entry of its declaration names."""
         return [robot for robot in robots if robot != self.name and (not entry.to or robot in entry.to)]
 
 
 def find_contradictions(parties: Sequence[Party], robots: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return one sentence for each contradiction. `robots` has the computers of every robot, also of those that are no party."""
-    found: list[str] = []
+    """Return one sentence for each contradiction. `robots` has the computers of every robot, also of robots that are no party."""
+    problems: list[str] = []
     for party in parties:
-        found += _wrong_receivers(party, robots) + _find_built_in_names(party)
-    return found + _collisions(parties, list(robots)) + _second_white_lists(parties) + _find_filtered_exports(parties)
+        problems += _find_wrong_receivers(party, robots) + _find_built_in_names(party)
+    problems += _find_collisions(parties, list(robots)) + _find_second_white_lists(parties)
+    return problems + _find_filtered_exports(parties)
 
 
-def strangers_outside(firewall: str | None, strangers: str | None) -> list[str]:
-    """Return a sentence where strangers are welcome, and a packet filter keeps them out. None: not known."""
+def find_excluded_strangers(firewall: str | None, strangers: str | None) -> list[str]:
+    """Return a sentence if strangers are allowed, and the packet filter keeps them out. None: not known."""
     if firewall != "fleet" or strangers != "allow":
         return []
     return [
@@ -72,27 +73,27 @@ def strangers_outside(firewall: str | None, strangers: str | None) -> list[str]:
 DIAGNOSTICS = "/diagnostics"
 
 
-def diagnostics_kept(parties: Sequence[Party], diagnostics: str | None) -> list[str]:
-    """Return a sentence for each robot that names /diagnostics, where that stays on each robot. None: not known."""
-    found = []
+def find_local_diagnostics(parties: Sequence[Party], diagnostics: str | None) -> list[str]:
+    """Return a sentence for each robot that names /diagnostics, if that topic stays on each robot. None: not known."""
+    problems = []
     for party in parties if diagnostics == "local" else ():
-        named = {
+        topics = {
             "multimaster_exports": [name for entry in party.exports for name in entry.topics],
             "multimaster_filters": party.filters.get("sync_topics", ()),
         }
-        found += [
+        problems += [
             f"{party.host}: {variable} has {DIAGNOSTICS}, but multimaster_diagnostics is 'local', which keeps that topic on each "
             f"robot; expected one of the two: set multimaster_diagnostics to 'exchanged' in group_vars/robots.yml, or remove it in "
             f"group_vars/{party.name}.yml."
-            for variable, names in named.items()
+            for variable, names in topics.items()
             if DIAGNOSTICS in names
         ]
-    return found
+    return problems
 
 
-def _wrong_receivers(party: Party, robots: Mapping[str, Sequence[str]]) -> list[str]:
+def _find_wrong_receivers(party: Party, robots: Mapping[str, Sequence[str]]) -> list[str]:
     computers = {host: robot for robot, hosts in robots.items() for host in hosts}
-    found = []
+    problems = []
     for name in dict.fromkeys(robot for entry in party.exports for robot in entry.to):
         if name == party.name:
             what, do = "the robot itself", "remove it"
@@ -102,56 +103,58 @@ def _wrong_receivers(party: Party, robots: Mapping[str, Sequence[str]]) -> list[
             what, do = f"a computer of the robot {computers[name]}", "name the robot"
         else:
             what, do = f"no robot{nearest(name, robots)}", "correct it"
-        found.append(
+        problems.append(
             f"{party.host}: multimaster_exports is for '{name}', which is {what}; expected other robots, groups below 'robots': "
             f"{do} in group_vars/{party.name}.yml."
         )
-    return found
+    return problems
 
 
 def _find_built_in_names(party: Party) -> list[str]:
     return [
         f"{party.host}: multimaster_exports has the {KINDS[key]} {name}, which is never exchanged, since it belongs to the "
         f"roscore or to the exchange itself; expected names of the robot's own nodes: remove it in group_vars/{party.name}.yml."
-        for key, name in dict.fromkeys(named for entry in party.exports for named in entry.names())
+        for key, name in dict.fromkeys(item for entry in party.exports for item in entry.names())
         if matches(BUILT_IN.get(f"ignore_{key}", ()), name)
     ]
 
 
-# A pattern that begins with a name means certain nodes; `*` or `/*/reset` means everything that the robot has.
-_NAMING = re.compile(r"/[A-Za-z0-9_].*\*")
+# A pattern that begins with a name means certain nodes. `*` or `/*/reset` means everything that the robot has.
+_CERTAIN_NODES = re.compile(r"/[A-Za-z0-9_].*\*")
 
-_ONE = {
+_ONE_GIVER = {
     "services": "since a roscore keeps one provider of a service",
     "actions": "since each goal would reach both",
 }
 
 
-def _collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
-    """Return the conflicts: two robots give the same service or action to a third, by its name or by a pattern."""
+def _find_collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
+    """Return a sentence for two robots that give the same service or action to a third, by its name or by a pattern."""
     by_name = {party.name: party for party in parties}
     return sorted(
         f"{by_name[first].host}: multimaster_exports gives the {KINDS[key]} {name} to {_shorten_list(receivers)}, and so does "
         f"that of {second}; expected one of the two, {why}: rename it on one of them, or choose with 'to' who gets which."
-        for key, why in _ONE.items()
-        for name, givers in _givers_of_names(parties, key)
-        for (first, second), receivers in _pairs(givers, by_name, robots)
+        for key, why in _ONE_GIVER.items()
+        for name, givers in _match_givers(parties, key)
+        for (first, second), receivers in _pair_givers(givers, by_name, robots)
     )
 
 
-def _givers_of_names(parties: Sequence[Party], key: str) -> Iterator[tuple[str, dict[str, list[Export]]]]:
-    """Return each name of a kind that is given, with robot -> its entries for this name or for a pattern of it."""
-    givers = _givers(parties, key)
-    patterns = {name: re.compile(name.replace("*", ".*"), re.IGNORECASE) for name in givers if _NAMING.match(name)}
+def _match_givers(parties: Sequence[Party], key: str) -> Iterator[tuple[str, dict[str, list[Export]]]]:
+    """Return each exported name of a kind, with robot -> its entries for this name or for a pattern of it."""
+    givers = _group_entries(parties, key)
+    patterns = {
+        name: re.compile(name.replace("*", ".*"), re.IGNORECASE) for name in givers if _CERTAIN_NODES.match(name)
+    }
     for name in (name for name in givers if "*" not in name):
-        of_name = {robot: list(entries) for robot, entries in givers[name].items()}
+        by_robot = {robot: list(entries) for robot, entries in givers[name].items()}
         for pattern in (text for text, compiled in patterns.items() if compiled.fullmatch(name)):
             for robot, entries in givers[pattern].items():
-                of_name.setdefault(robot, []).extend(entries)
-        yield name, of_name
+                by_robot.setdefault(robot, []).extend(entries)
+        yield name, by_robot
 
 
-def _givers(parties: Sequence[Party], key: str) -> Mapping[str, Mapping[str, Sequence[Export]]]:
+def _group_entries(parties: Sequence[Party], key: str) -> Mapping[str, Mapping[str, Sequence[Export]]]:
     """Return name or pattern -> robot -> its entries for it, of one kind."""
     givers: dict[str, dict[str, list[Export]]] = defaultdict(lambda: defaultdict(list))
     for party in parties:
@@ -161,10 +164,10 @@ def _givers(parties: Sequence[Party], key: str) -> Mapping[str, Mapping[str, Seq
     return givers
 
 
-def _pairs(
+def _pair_givers(
     givers: Mapping[str, Sequence[Export]], parties: Mapping[str, Party], robots: Sequence[str]
 ) -> list[tuple[tuple[str, str], list[str]]]:
-    """Return pairs of robots that give the same to a third, with the receivers; each receiver is in one of the pairs."""
+    """Return pairs of robots that give the same to a third, with the receivers. Each receiver stands in one pair."""
     if len(givers) < 2:
         return []
     reached = {
@@ -173,37 +176,37 @@ def _pairs(
     }
     pairs: dict[tuple[str, str], list[str]] = {}
     for robot in robots:
-        of_robot = [giver for giver in reached if robot in reached[giver]]
-        if len(of_robot) > 1 and not any(robot in others for others in pairs.values()):
-            both = reached[of_robot[0]] & reached[of_robot[1]]
-            pairs[of_robot[0], of_robot[1]] = [other for other in robots if other in both]
+        rivals = [giver for giver in reached if robot in reached[giver]]
+        if len(rivals) > 1 and not any(robot in receivers for receivers in pairs.values()):
+            both = reached[rivals[0]] & reached[rivals[1]]
+            pairs[rivals[0], rivals[1]] = [other for other in robots if other in both]
     return list(pairs.items())
 
 
-# The filters that are white lists of names. sync_hosts is none of them: it leaves whole masters out.
+# The filters that are white lists of names. sync_hosts does not count: it leaves whole masters out.
 _WHITE_LISTS = sorted(name for name, parameter in FILTERS.items() if parameter in WHITE_LISTS)
 
 
-def _second_white_lists(parties: Sequence[Party]) -> list[str]:
-    """Return the robots with white lists of their own: a declared flow is one already, and a second one would widen it."""
-    flows = flows_module.flows({party.name: party.declared for party in parties})
-    found = []
+def _find_second_white_lists(parties: Sequence[Party]) -> list[str]:
+    """Return a sentence for each robot with a white list of its own beside a flow to it, since that would widen the flow."""
+    flows = make_flows({party.name: party.declaration for party in parties})
+    problems = []
     for party in parties:
         lists = ", ".join(name for name in _WHITE_LISTS if party.filters.get(name))
-        givers = flows_module.givers(flows, party.name) if lists else []
+        givers = list_givers(flows, party.name) if lists else []
         if givers:
-            found.append(
+            problems.append(
                 f"{party.host}: multimaster_filters has {lists}, but multimaster_exports of {_shorten_list(givers)} says already what "
                 f"{party.name} gets; expected filters named ignore_* or sync_hosts there: remove {lists}, and have "
                 "multimaster_exports of the others name what is wanted."
             )
-    return found
+    return problems
 
 
 def _find_filtered_exports(parties: Sequence[Party]) -> list[str]:
-    """Return the names that an entry gives to a robot by its name, and that filters leave out: one of the two is wrong."""
+    """Return a sentence for names that an entry gives to a certain robot, and that filters leave out."""
     by_name = {party.name: party for party in parties}
-    found = []
+    problems = []
     for party in parties:
         for entry in party.exports:
             for receiver in (
@@ -221,16 +224,16 @@ def _find_filtered_exports(parties: Sequence[Party]) -> list[str]:
                         or _is_ignored(taker.filters, key, name, parts)
                     ]
                     if lost:
-                        found.append(
+                        problems.append(
                             f"{taker.host}: multimaster_filters leaves out {_shorten_list(lost)}, which multimaster_exports of {party.name} "
                             f"has for {receiver.name}; expected filters that take it: correct them in group_vars/{taker.name}.yml, "
                             f"or 'to' in group_vars/{party.name}.yml."
                         )
-    return found
+    return problems
 
 
 def _is_ignored(filters: Mapping[str, Sequence[str]], key: str, name: str, parts: Sequence[str]) -> bool:
-    """Return True if filters surely ignore this name; of an action, the topics `parts` count."""
+    """Return True if filters surely ignore this name. Of an action the topics `parts` count."""
     if "*" in name:
         return False
     if key == "services":

@@ -29,8 +29,7 @@ FILTERS: Mapping[str, str] = {
     **{f"{rule}_actions": f"{rule}_topics" for rule in ("ignore", "sync")},
 }
 
-# The nodes refuse patterns that take too long to match or to read (filters.py): so many of each are fine, and more than
-# a robot has to give.
+# The nodes refuse patterns that take too long to match or to read (filters.py). These numbers are fine there.
 MOST_STARS = 2  # in one name
 MOST_NAMES_WITH = {1: 500, 2: 40}  # stars -> names; an action is three
 MOST_TEXT = 32768  # characters of all names
@@ -40,7 +39,7 @@ _NAME = re.compile(r"[/*][A-Za-z0-9_/*]*")
 
 @dataclass(frozen=True)
 class Export:
-    """One entry: names and patterns, and the robots that get them; no robot means every other one."""
+    """One entry: names and patterns, and the robots that get them. No robot in it means every other robot."""
 
     topics: tuple[str, ...] = ()
     services: tuple[str, ...] = ()
@@ -48,16 +47,16 @@ class Export:
     to: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        shown = (f"{key}: [{', '.join(items)}]" for key, items in vars(self).items() if items)
-        return "{" + ", ".join(shown) + "}"
+        parts = (f"{key}: [{', '.join(items)}]" for key, items in vars(self).items() if items)
+        return "{" + ", ".join(parts) + "}"
 
     def names(self) -> Iterator[tuple[str, str]]:
-        """Return (key, name) of everything that the entry names."""
+        """Return (key, name) of each name in the entry."""
         return ((key, name) for key in KINDS for name in getattr(self, key))
 
 
 def topics_of(actions: Iterable[str], parts: Sequence[str]) -> tuple[str, ...]:
-    """Return the topics of actions, those of `parts`. In a filter an action is a regular expression, maybe with `|`."""
+    """Return the topics `parts` of actions. In a filter an action is a regular expression, maybe with `|`."""
     names = (action.strip().rstrip("/") for action in actions)
     return tuple(f"(?:{name})/{part}" if "|" in name else f"{name}/{part}" for name in names for part in parts)
 
@@ -65,49 +64,49 @@ def topics_of(actions: Iterable[str], parts: Sequence[str]) -> tuple[str, ...]:
 # Reading
 
 
-def read(value: Any) -> tuple[Export, ...]:
+def read_exports(value: Any) -> tuple[Export, ...]:
     """Read the entries of `multimaster_exports`. Raises UnexpectedValue."""
     if not isinstance(value, (list, tuple)) or not all(isinstance(entry, Mapping) for entry in value):
         raise UnexpectedValue("a list of entries such as {topics: [/tibi/pose], to: [dabo]}")
-    entries = tuple(_entry(entry) for entry in value)
-    said: set[frozenset[tuple[str, str]]] = set()
+    entries = tuple(map(_read_entry, value))
+    contents: set[frozenset[tuple[str, str]]] = set()
     for entry in entries:
         content = frozenset([*entry.names(), *(("to", robot) for robot in entry.to)])
-        if content in said:
+        if content in contents:
             raise UnexpectedValue(f"each entry once, but {entry} is there twice")
-        said.add(content)
-    _check_size([named for entry in entries for named in entry.names()])
+        contents.add(content)
+    _check_size([item for entry in entries for item in entry.names()])
     return entries
 
 
-def _check_size(named: Sequence[tuple[str, str]]) -> None:
-    if sum(len(name) for _key, name in named) > MOST_TEXT:
+def _check_size(names: Sequence[tuple[str, str]]) -> None:
+    if sum(len(name) for _key, name in names) > MOST_TEXT:
         raise UnexpectedValue(f"names of at most {MOST_TEXT} characters together: '*' stands for any text")
     for stars, most in MOST_NAMES_WITH.items():
-        count = sum(3 if key == "actions" else 1 for key, name in named if name.count("*") == stars)
+        count = sum(3 if key == "actions" else 1 for key, name in names if name.count("*") == stars)
         if count > most:
             raise UnexpectedValue(
                 f"at most {most} names with {stars} times '*', an action counting three, but there are {count}"
             )
 
 
-def _entry(entry: Mapping[Any, Any]) -> Export:
+def _read_entry(entry: Mapping[Any, Any]) -> Export:
     for key in entry:
         if key not in (*KINDS, "to"):
             raise UnexpectedValue(
                 f"entries of {', '.join(KINDS)} and to, but there is '{key}'{nearest(str(key), (*KINDS, 'to'))}"
             )
-    read_entry = Export(**{str(key): _texts(str(key), items) for key, items in entry.items()})
-    if not any(read_entry.names()):
+    export = Export(**{str(key): _read_texts(str(key), items) for key, items in entry.items()})
+    if not any(export.names()):
         raise UnexpectedValue(f"at least one of {', '.join(KINDS)} in each entry; the list [] exports nothing")
-    if "to" in entry and not read_entry.to:
+    if "to" in entry and not export.to:
         raise UnexpectedValue("at least one robot in 'to'; without 'to' an entry is for every other robot")
-    for key, name in read_entry.names():
+    for key, name in export.names():
         _check_name(key, name)
-    return read_entry
+    return export
 
 
-def _texts(key: str, items: Any) -> tuple[str, ...]:
+def _read_texts(key: str, items: Any) -> tuple[str, ...]:
     if not isinstance(items, (list, tuple)) or not all(isinstance(item, str) and item for item in items):
         raise UnexpectedValue(f"a list of {'robots' if key == 'to' else 'names'} at '{key}', such as " + _SUCH_AS[key])
     return tuple(str(item) for item in items)

@@ -18,43 +18,43 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.export
     topics_of,
 )
 
-# The topics that the verification publishes while it runs: they cross wherever anything does.
+# The topics of the verification while it runs. They cross wherever any topic does.
 VERIFICATION_TOPICS = "/multimaster_verify/*"
 
 
 @dataclass(frozen=True)
 class Flow:
-    """Each of the givers gives these names to each of `to`; the flows of two robots add up.
+    """Each of the givers gives these names to each of `to`. The flows of two robots add up.
 
-    Only declaring robots are givers: without a declaration a robot gives everything to everybody, and has no flows.
+    A robot without a declaration gives everything to every robot, and is in no flow as a giver.
     """
 
     givers: tuple[str, ...]
-    to: tuple[str, ...]  # empty: everybody else
+    to: tuple[str, ...]  # empty: all others
     topics: tuple[str, ...]
     services: tuple[str, ...]
 
     def reaches(self, robot: str) -> bool:
-        """Return True if somebody gives this to the robot."""
+        """Return True if a giver gives this to the robot."""
         return robot in self.to if self.to else self.givers != (robot,)
 
 
-def flows(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Flow, ...]:
-    """Return the flows of a fleet, from the declaration of each robot; None: nothing declared.
+def make_flows(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Flow, ...]:
+    """Make the flows of a fleet of the declaration of each robot. None: nothing is declared.
 
-    An action is two of them: its server's topics to the clients, and the clients' to the server.
+    An action is two flows: the topics of its server to the clients, and those of the clients to the server.
     """
-    found = []
+    flows = []
     for robot, entries in exports.items():
         for entry in entries or ():
             topics = entry.topics + topics_of(entry.actions, FROM_SERVER)
-            found.append(Flow((robot,), entry.to, topics, entry.services))
+            flows.append(Flow((robot,), entry.to, topics, entry.services))
             clients = tuple(other for other in entry.to or exports if other != robot and exports.get(other) is not None)
             if entry.actions and clients:
-                found.append(Flow(clients, (robot,), topics_of(entry.actions, FROM_CLIENT), ()))
-    return tuple(found)
+                flows.append(Flow(clients, (robot,), topics_of(entry.actions, FROM_CLIENT), ()))
+    return tuple(flows)
 
 
-def givers(of_fleet: Sequence[Flow], robot: str) -> list[str]:
-    """Return the declaring robots that give a robot something."""
-    return list(dict.fromkeys(giver for flow in of_fleet if flow.reaches(robot) for giver in flow.givers))
+def list_givers(flows: Sequence[Flow], robot: str) -> list[str]:
+    """Return the robots with a flow to this one."""
+    return list(dict.fromkeys(giver for flow in flows if flow.reaches(robot) for giver in flow.givers))

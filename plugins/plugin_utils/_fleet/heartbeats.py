@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Checks whether discovery can work: heartbeats that come often enough, and masters that they reach."""
+"""Checks whether discovery can work: heartbeats come often enough, and reach each master."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ LOCAL_GROUPS = IPv4Network("224.0.0.0/24")
 
 
 def _tenths(rate: float) -> int:
-    """Return a rate in tenths of a heartbeat per second; a heartbeat carries its rate in whole tenths."""
+    """Return a rate in tenths of a heartbeat per second. A heartbeat carries its rate in whole tenths."""
     return int(rate * 10)
 
 
 def default_offline_after(rate: float) -> float:
-    """Return the seconds after which a lost robot is withdrawn: the time of two heartbeats, at least 5.
+    """Return the seconds from the loss of a robot until it is withdrawn: the time of two heartbeats, at least 5.
 
-    A robot that promises no heartbeat is asked, and given up after 65 s (the nodes' discovery/core/discovery.py).
+    A robot without promised heartbeats is asked, and withdrawn after 65 s (the nodes' discovery/core/discovery.py).
     """
     return max(5.0, math.ceil(200 / _tenths(rate)) / 10) if _tenths(rate) else 65.0
 
 
 def find_slow_heartbeats(rate: float | None, after: float | None) -> list[str]:
-    """Return a sentence if `after` seconds have less than two heartbeats, which tell silence from a slow rate."""
+    """Return a sentence if `after` seconds have less than two heartbeats: a slow rate would look like silence."""
     if rate is None or after is None:
         return []
     tenths = _tenths(rate)
@@ -43,7 +43,7 @@ def find_slow_heartbeats(rate: float | None, after: float | None) -> list[str]:
 
 
 def find_unreachable_masters(fleet: Fleet) -> list[str]:
-    """Return a sentence for each master that no heartbeat reaches: multicast does not cross a gateway by itself."""
+    """Return a sentence for each master that gets no heartbeat, since multicast does not cross a gateway by itself."""
     group, routing = fleet.variables.multicast_group, fleet.variables.multicast_routing
     if routing == "smcroute" and group in LOCAL_GROUPS:
         return [

@@ -1,20 +1,19 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Kinds of values: each function reads one value of an inventory and returns it as a type, or raises UnexpectedValue.
-
-Here a text becomes an address or a network; from here on, both are objects.
-"""
+"""Kinds of values: each function reads one value of an inventory and returns it as a type, or raises UnexpectedValue."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
 from ipaddress import IPv4Address, IPv4Network, ip_address, ip_network
-from typing import Any
+from typing import Any, TypeVar
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue, nearest
+
+T = TypeVar("T")
 
 FILTERS = tuple(sorted(exports.FILTERS))
 
@@ -28,6 +27,13 @@ def text(value: Any) -> str:
     return str(value)
 
 
+def _parse(kind: Callable[[str], T], value: Any, expected: str) -> T:
+    try:
+        return kind(text(value))
+    except ValueError:
+        raise UnexpectedValue(expected) from None
+
+
 def name(value: Any) -> str:
     """Read a host name (RFC 1123)."""
     if not isinstance(value, str) or not _NAME.fullmatch(value) or value.replace(".", "").isdigit():
@@ -37,20 +43,17 @@ def name(value: Any) -> str:
 
 def names(value: Any) -> list[str]:
     """Read a list of host names."""
-    if isinstance(value, str) or not isinstance(value, (list, tuple)):
+    if not isinstance(value, (list, tuple)):
         raise UnexpectedValue("a list of host names")
     return [name(item) for item in value]
 
 
 def address(value: Any) -> IPv4Address:
     """Read the IPv4 address of one computer."""
-    try:
-        found = ip_address(text(value))
-    except ValueError:
-        raise UnexpectedValue("an IPv4 address such as 192.168.1.229") from None
-    if not isinstance(found, IPv4Address) or found.is_loopback or found.is_multicast or found.is_unspecified:
+    parsed = _parse(ip_address, value, "an IPv4 address such as 192.168.1.229")
+    if not isinstance(parsed, IPv4Address) or parsed.is_loopback or parsed.is_multicast or parsed.is_unspecified:
         raise UnexpectedValue("the IPv4 address of one computer, such as 192.168.1.229")
-    return found
+    return parsed
 
 
 def gateway(value: Any) -> str | IPv4Address:
@@ -67,36 +70,29 @@ def gateway(value: Any) -> str | IPv4Address:
 
 def network(value: Any) -> IPv4Network:
     """Read an IPv4 network of several addresses."""
-    try:
-        found = ip_network(text(value))
-    except ValueError:
-        raise UnexpectedValue("an IPv4 network such as 192.168.1.0/24, without host bits") from None
-    if not isinstance(found, IPv4Network) or found.prefixlen > 30:
+    parsed = _parse(ip_network, value, "an IPv4 network such as 192.168.1.0/24, without host bits")
+    if not isinstance(parsed, IPv4Network) or parsed.prefixlen > 30:
         raise UnexpectedValue("an IPv4 network of several addresses, such as 192.168.1.0/24")
-    return found
+    return parsed
 
 
 def sources(value: Any) -> tuple[IPv4Network, ...]:
     """Read a list of addresses and networks; an address is a network of one."""
-    if isinstance(value, str) or not isinstance(value, (list, tuple)):
+    if not isinstance(value, (list, tuple)):
         raise UnexpectedValue("a list of IPv4 addresses and networks, such as [192.168.1.77, 192.168.2.0/24]")
     return tuple(map(_source, value))
 
 
 def _source(value: Any) -> IPv4Network:
-    try:
-        found = ip_network(text(value))
-    except ValueError:
-        raise UnexpectedValue(
-            f"IPv4 addresses and networks without host bits, such as [192.168.1.77, 192.168.2.0/24], but '{value}' is neither"
-        ) from None
-    if not isinstance(found, IPv4Network) or found.is_loopback or found.is_multicast or found.is_unspecified:
+    expected = "IPv4 addresses and networks without host bits, such as [192.168.1.77, 192.168.2.0/24]"
+    parsed = _parse(ip_network, value, f"{expected}, but '{value}' is neither")
+    if not isinstance(parsed, IPv4Network) or parsed.is_loopback or parsed.is_multicast or parsed.is_unspecified:
         raise UnexpectedValue(f"IPv4 addresses and networks of computers, but '{value}' is none")
-    if found.prefixlen == 0:
+    if parsed.prefixlen == 0:
         raise UnexpectedValue(
             f"networks of known computers, but '{value}' is everybody: set multimaster_strangers to 'allow'"
         )
-    return found
+    return parsed
 
 
 _PORT = re.compile(r"([1-9][0-9]{0,4})/(tcp|udp)")
@@ -105,53 +101,47 @@ _PORT = re.compile(r"([1-9][0-9]{0,4})/(tcp|udp)")
 def ports(value: Any) -> tuple[str, ...]:
     """Read a list of ports with their protocols."""
     wanted = "a list of ports with their protocols, such as [51820/udp]"
-    if isinstance(value, str) or not isinstance(value, (list, tuple)):
+    if not isinstance(value, (list, tuple)):
         raise UnexpectedValue(wanted)
     for entry in value:
-        found = _PORT.fullmatch(text(entry))
-        if not found or int(found[1]) > 65535:
+        match = _PORT.fullmatch(text(entry))
+        if not match or int(match[1]) > 65535:
             raise UnexpectedValue(f"{wanted}, but '{entry}' is none")
     return tuple(value)
 
 
 def group(value: Any) -> IPv4Address:
     """Read an IPv4 multicast group."""
-    try:
-        found = ip_address(text(value))
-    except ValueError:
-        raise UnexpectedValue("an IPv4 multicast group between 224.0.0.0 and 239.255.255.255") from None
-    if not isinstance(found, IPv4Address) or not found.is_multicast or found == IPv4Address("224.0.0.0"):
+    parsed = _parse(ip_address, value, "an IPv4 multicast group between 224.0.0.0 and 239.255.255.255")
+    if not isinstance(parsed, IPv4Address) or not parsed.is_multicast or parsed == IPv4Address("224.0.0.0"):
         raise UnexpectedValue("an IPv4 multicast group between 224.0.0.1 and 239.255.255.255")
-    return found
+    return parsed
 
 
 def number(kind: type[int] | type[float], low: float, high: float) -> Callable[[Any], float]:
-    """Return a reader of numbers of this kind, from `low` to `high`. A text that is a number is read as one."""
+    """Return a reader of numbers of this kind, from `low` to `high`. The text of a number is read too."""
 
     def read(value: Any) -> float:
         expected = UnexpectedValue(f"{'a whole number' if kind is int else 'a number'} from {low} to {high}")
         if isinstance(value, bool) or not isinstance(value, (kind, int, str)):
             raise expected
         try:
-            found = kind(value)
+            parsed = kind(value)
         except ValueError:
             raise expected from None
-        if not low <= found <= high:
+        if not low <= parsed <= high:
             raise expected
-        return found
+        return parsed
 
     return read
 
 
 def switch(value: Any) -> bool:
     """Read true or false, in the words of YAML."""
-    if isinstance(value, bool):
-        return bool(value)
-    if isinstance(value, str) and value.lower() in ("true", "yes", "on"):
-        return True
-    if isinstance(value, str) and value.lower() in ("false", "no", "off"):
-        return False
-    raise UnexpectedValue("true or false")
+    word = str(value).lower() if isinstance(value, (bool, str)) else ""
+    if word not in ("true", "yes", "on", "false", "no", "off"):
+        raise UnexpectedValue("true or false")
+    return word in ("true", "yes", "on")
 
 
 def choice(*choices: str) -> Callable[[Any], str]:
@@ -166,7 +156,7 @@ def choice(*choices: str) -> Callable[[Any], str]:
 
 
 def setup(value: Any) -> str:
-    """Read where ROS is: `auto`, `debian`, or an absolute path."""
+    """Read the place of ROS: `auto`, `debian`, or an absolute path."""
     if value in ("auto", "debian"):
         return str(value)
     if not isinstance(value, str) or not value.startswith("/") or ".." in value.split("/"):
@@ -178,7 +168,7 @@ _FOLDER = re.compile(r"(/[A-Za-z0-9_][A-Za-z0-9._-]*)+")
 
 
 def folder(value: Any) -> str:
-    """Read the absolute path of a folder, of letters that mean nothing to systemd."""
+    """Read the absolute path of a folder, in letters without a meaning to systemd."""
     if not isinstance(value, str) or not _FOLDER.fullmatch(value):
         raise UnexpectedValue(
             "the absolute path of a folder: letters, digits, '.', '_' and '-', as in /var/lib/prometheus/node-exporter"
@@ -196,7 +186,7 @@ def filters(value: Any) -> dict[str, list[str]]:
             raise UnexpectedValue(
                 f"filters named {', '.join(FILTERS)}, but there is '{key}'{nearest(str(key), FILTERS)}"
             )
-        if isinstance(patterns, str) or not isinstance(patterns, (list, tuple)):
+        if not isinstance(patterns, (list, tuple)):
             raise UnexpectedValue(f"a list of patterns at '{key}', such as [/tf, '/camera/*']")
         for pattern in patterns:
             _check_pattern(key, pattern)

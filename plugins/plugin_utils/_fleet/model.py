@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The fleet as types: robots, their computers, and what connects them. `read.read_fleet` makes it of an inventory."""
+"""The fleet as types: robots, computers, networks. `read.read_fleet` makes it of an inventory."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import Flow, flows
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import Flow, make_flows
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import (
     ComputerVariables,
     FleetVariables,
@@ -41,13 +41,13 @@ class Computer:
 class Gateway:
     """A connection of a robot's own network with the common network."""
 
-    name: str  # the computer; empty for a device that is no computer of the inventory
+    name: str  # the computer; empty for a device outside the inventory
     address: IPv4Address  # in the robot's network
     common_address: IPv4Address
 
     @property
     def title(self) -> str:
-        """The name, or the address of a device that has none."""
+        """The name, or the address of a device without one."""
         return self.name or str(self.address)
 
 
@@ -55,7 +55,7 @@ class Gateway:
 class Router:
     """The device that manages the common network (section 4.1 of the report)."""
 
-    name: str  # the host; empty for a device that is not in the inventory
+    name: str  # the host; empty for a device outside the inventory
     address: IPv4Address
 
 
@@ -64,7 +64,7 @@ class Robot:
     """One robot: its computers, the one that runs its roscore, and the way out of its network."""
 
     name: str
-    network: IPv4Network  # the common network, where it has none of its own
+    network: IPv4Network  # its own, or the common network
     gateway: Gateway | None  # None in the common network
     computers: tuple[Computer, ...]
     master: Computer
@@ -96,10 +96,10 @@ class Fleet:
 
     @cached_property
     def flows(self) -> tuple[Flow, ...]:
-        """The declared data flows. Robots that declare nothing give everything to everybody."""
-        return flows({robot.name: robot.variables.exports for robot in self.robots})
+        """The declared data flows. A robot without a declaration gives everything to every robot."""
+        return make_flows({robot.name: robot.variables.exports for robot in self.robots})
 
     @cached_property
-    def declared(self) -> bool:
+    def has_exports(self) -> bool:
         """True if any robot declares what it gives."""
         return any(robot.variables.exports is not None for robot in self.robots)

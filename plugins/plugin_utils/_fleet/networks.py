@@ -3,7 +3,7 @@
 
 """Checks whether the addresses and networks of an inventory can be routed (section 4.1 of the report).
 
-Addresses and networks in, sentences out. A value that is missing is told once.
+Addresses and networks in, sentences out. A missing value is one sentence.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model 
 
 @dataclass(frozen=True)
 class NetworkVariables:
-    """A robot's network as its variables have it; None for a variable that is not set."""
+    """A robot's network in the words of its variables. None: not set."""
 
     hosts: Sequence[str]
     network: IPv4Network | None
@@ -27,15 +27,15 @@ class NetworkVariables:
     unread: frozenset[str] = frozenset()  # variables with a value that is not of its kind
 
     @classmethod
-    def of(cls, hosts: Sequence[str], own: Mapping[str, Any], given: Mapping[str, Any]) -> NetworkVariables:
-        """Return the network of a robot out of its variables, as they were read and as they were given."""
+    def from_values(cls, hosts: Sequence[str], own: Mapping[str, Any], raw: Mapping[str, Any]) -> NetworkVariables:
+        """Return the network of a robot. `own` has its values, `raw` those of the inventory before they were read."""
         names = ("multimaster_network", "multimaster_gateway", "multimaster_common_address")
-        unread = frozenset(name for name in names if given.get(name) is not None and name not in own)
+        unread = frozenset(name for name in names if raw.get(name) is not None and name not in own)
         return cls(hosts, own.get(names[0]), own.get(names[1]), own.get(names[2]), unread)
 
     @property
     def gateway_host(self) -> str | None:
-        """The computer of the robot that is the gateway, None where it is none of them."""
+        """The computer of the robot that is the gateway. None: it is another device, or not known."""
         return self.gateway if isinstance(self.gateway, str) and self.gateway in self.hosts else None
 
 
@@ -45,29 +45,29 @@ def find_network_problems(
     robots: Mapping[str, NetworkVariables],
     router: Router | None,
 ) -> list[str]:
-    """Return what keeps packets from going everywhere and back, one sentence each.
+    """Return the reasons why packets cannot go everywhere and back, one sentence each.
 
-    `common` is the common network, None where it is not known. `addresses` has the address of each host.
+    `common` is the common network, None if it is not known. `addresses` has the address of each host.
     """
-    found: list[str] = []
+    problems: list[str] = []
     for robot, own in robots.items():
-        found += _complete(robot, own)
-        found += _members(own, common, addresses)
-        found += _gateway(robot, own, common, addresses)
-    found += _overlaps(common, robots)
-    found += _unique(addresses, robots, router)
+        problems += _check_completeness(robot, own)
+        problems += _check_members(own, common, addresses)
+        problems += _check_gateway(robot, own, common, addresses)
+    problems += _check_overlaps(common, robots)
+    problems += _check_uniqueness(addresses, robots, router)
     if router and common:
-        found += _inside(router.name or "The router", _variable_of(router), router.address, common)
-    return found
+        problems += _check_address(router.name or "The router", _variable_of(router), router.address, common)
+    return problems
 
 
 def _variable_of(router: Router) -> str:
     return "multimaster_address" if router.name else "multimaster_router"
 
 
-def _complete(robot: str, own: NetworkVariables) -> Iterator[str]:
-    """Check that the three variables of a robot's own network are all set, or none."""
-    given = {
+def _check_completeness(robot: str, own: NetworkVariables) -> Iterator[str]:
+    """Check that all three variables of a robot's own network are set, or that all are missing."""
+    values = {
         "multimaster_network": own.network,
         "multimaster_gateway": own.gateway,
         "multimaster_common_address": own.common_address,
@@ -78,9 +78,9 @@ def _complete(robot: str, own: NetworkVariables) -> Iterator[str]:
         + (f", one of {', '.join(own.hosts)}" if own.hosts else ""),
         "multimaster_common_address": "the gateway's address in the common network, such as 192.168.1.201",
     }
-    present = [name for name, value in given.items() if value]
+    present = [name for name, value in values.items() if value]
     if own.hosts and present:
-        for name, value in given.items():
+        for name, value in values.items():
             if not value and name not in own.unread:
                 yield (
                     f"{own.hosts[0]}: {name} of the robot {robot} is not set, but {present[0]} is; expected {examples[name]}: "
@@ -88,17 +88,19 @@ def _complete(robot: str, own: NetworkVariables) -> Iterator[str]:
                 )
 
 
-def _members(own: NetworkVariables, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]) -> Iterator[str]:
+def _check_members(
+    own: NetworkVariables, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]
+) -> Iterator[str]:
     """Check that every computer is in the network of its robot."""
     if not own.network and (own.gateway or own.common_address):
-        return  # among the incomplete ones already
+        return  # _check_completeness has a sentence for it
     network, variable = (own.network, "multimaster_network") if own.network else (common, "multimaster_common_network")
     for host in own.hosts:
         if network and host in addresses:
-            yield from _inside(host, "multimaster_address", addresses[host], network, variable)
+            yield from _check_address(host, "multimaster_address", addresses[host], network, variable)
 
 
-def _gateway(
+def _check_gateway(
     robot: str, own: NetworkVariables, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]
 ) -> Iterator[str]:
     """Check that the gateway is in both networks."""
@@ -116,18 +118,21 @@ def _gateway(
                 f"name of a computer of the inventory: write {host} in {where}."
             )
         elif own.network:
-            yield from _inside(own.hosts[0], "multimaster_gateway", own.gateway, own.network, "multimaster_network")
+            yield from _check_address(
+                own.hosts[0], "multimaster_gateway", own.gateway, own.network, "multimaster_network"
+            )
     if own.common_address and common and own.hosts:
         host = own.gateway_host or own.hosts[0]
-        yield from _inside(host, "multimaster_common_address", own.common_address, common)
+        yield from _check_address(host, "multimaster_common_address", own.common_address, common)
 
 
-def _inside(
-    host: str, variable: str, address: IPv4Address, network: IPv4Network, of: str = "multimaster_common_network"
+def _check_address(
+    host: str, variable: str, address: IPv4Address, network: IPv4Network, source: str = "multimaster_common_network"
 ) -> Iterator[str]:
+    """Check that an address is one of the network that the variable `source` has."""
     if address not in network:
         yield (
-            f"{host}: {variable} is {address}, which is outside {of} {network}; expected an address of that network: correct one of "
+            f"{host}: {variable} is {address}, which is outside {source} {network}; expected an address of that network: correct one of "
             "the two."
         )
     elif network.prefixlen < 31 and address in (network.network_address, network.broadcast_address):
@@ -137,16 +142,16 @@ def _inside(
         )
 
 
-def _overlaps(common: IPv4Network | None, robots: Mapping[str, NetworkVariables]) -> Iterator[str]:
-    """Check that no address is in two networks. Sorted by their begin, only neighbours can overlap first."""
-    named = [(own.network, f"multimaster_network of the robot {robot}") for robot, own in robots.items() if own.network]
+def _check_overlaps(common: IPv4Network | None, robots: Mapping[str, NetworkVariables]) -> Iterator[str]:
+    """Check that no address is in two networks. Sorted by their begin, each is compared with the widest one before it."""
+    names = [(own.network, f"multimaster_network of the robot {robot}") for robot, own in robots.items() if own.network]
     if common:
-        named.append((common, "multimaster_common_network"))
-    named.sort(key=lambda entry: (entry[0].network_address, entry[0].prefixlen))
-    if not named:
+        names.append((common, "multimaster_common_network"))
+    names.sort(key=lambda entry: (entry[0].network_address, entry[0].prefixlen))
+    if not names:
         return
-    widest, whose = named[0]
-    for network, name in named[1:]:
+    widest, whose = names[0]
+    for network, name in names[1:]:
         if network.overlaps(widest):
             yield (
                 f"{name} is {network}, and {whose} is {widest}: they overlap; expected networks without a common address, since a packet "
@@ -156,7 +161,7 @@ def _overlaps(common: IPv4Network | None, robots: Mapping[str, NetworkVariables]
             widest, whose = network, name
 
 
-def _unique(
+def _check_uniqueness(
     addresses: Mapping[str, IPv4Address], robots: Mapping[str, NetworkVariables], router: Router | None
 ) -> Iterator[str]:
     """Check that every address belongs to one computer."""

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Reading of an inventory: variables in, the model of the fleet or sentences about what is wrong out.
+"""Reading of an inventory: variables in, the model of the fleet or sentences about its problems out.
 
-Every problem of an inventory is found in one pass. First all values are read, then they are compared. The model is made
-only where there is no problem, so it has no missing values.
+One pass finds every problem. First all values are read, then they are compared. The model is made only of an inventory
+without problems, so it has no missing values.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values
 
 T = TypeVar("T")
 
-# Values that could be read, by the names of their variables.
+# Values that are of their kinds, by the names of their variables.
 Values = Mapping[str, Any]
 
 
 class InventoryProblems(Exception):
-    """An inventory has problems: one sentence each, naming host, variable, found and expected."""
+    """An inventory has problems: one sentence each, with host, variable, value and what is expected."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         self.problems = list(problems)
@@ -53,18 +53,18 @@ class Inventory:
 
     robots: Mapping[str, Sequence[str]]  # robot -> its hosts
     variables: Mapping[str, Mapping[str, Any]]  # host -> its multimaster_* variables
-    strays: Sequence[str] = ()  # hosts of the robots' group that are in none of its child groups
+    strays: Sequence[str] = ()  # hosts of the robots' group outside its child groups
     routers: Sequence[str] = ()  # hosts of the group `routers`
 
 
 @dataclass(frozen=True)
 class _InventoryValues:
-    """The values of an inventory, as far as they could be read."""
+    """The values of an inventory that are of their kinds."""
 
     inventory: Inventory
     hosts: Mapping[str, Values]  # by host
-    shared: Values  # of the whole fleet, where the hosts agree
-    own: Mapping[str, Values]  # of each robot that has hosts, where these agree
+    shared: Values  # of the whole fleet, if its hosts agree
+    own: Mapping[str, Values]  # of each robot with hosts, if these agree
 
     def robots(self) -> Iterable[tuple[str, Sequence[str], Values]]:
         """Return (name, hosts, values) of each robot, also of those without hosts."""
@@ -72,7 +72,7 @@ class _InventoryValues:
 
 
 def read_fleet(inventory: Inventory) -> Fleet:
-    """Return the model of an inventory. Raises InventoryProblems with every problem that was found."""
+    """Return the model of an inventory. Raises InventoryProblems with every problem."""
     if not any(inventory.robots.values()) and not inventory.strays:
         raise InventoryProblems(
             [
@@ -81,11 +81,11 @@ def read_fleet(inventory: Inventory) -> Fleet:
             ]
         )
     reading, problems = _read_values(inventory)
-    router, found = _read_router(reading)
-    problems += found
+    router, router_problems = _read_router(reading)
+    problems += router_problems
     for name, hosts, own in reading.robots():
-        problems += _robot_problems(name, hosts, own)
-    problems += _ambiguous_names(reading) + _network_problems(reading, router) + _contradictions(reading)
+        problems += _find_robot_problems(name, hosts, own)
+    problems += _find_ambiguous_names(reading) + _find_network_problems(reading, router) + _find_contradictions(reading)
     problems += heartbeats.find_slow_heartbeats(
         reading.shared.get("multimaster_heartbeat_hz"), reading.shared.get("multimaster_offline_after")
     )
@@ -101,38 +101,38 @@ def read_fleet(inventory: Inventory) -> Fleet:
 
 
 def _read_values(inventory: Inventory) -> tuple[_InventoryValues, list[str]]:
-    """Read all values, and find out which ones the computers of the fleet and of each robot agree about."""
+    """Read all values, and take those that the computers of the fleet and of each robot agree about."""
     problems: list[str] = []
     hosts = {
         host: _read_host(host, inventory.variables.get(host, {}), problems)
-        for of_robot in inventory.robots.values()
-        for host in of_robot
+        for members in inventory.robots.values()
+        for host in members
     }
-    problems += _several_robots(inventory.robots) + _find_strays(inventory.strays)
+    problems += _find_shared_hosts(inventory.robots) + _find_strays(inventory.strays)
     shared = _take_common_values(
         variables.OF_FLEET, list(hosts), hosts, "all computers of the fleet", "group_vars/robots.yml", problems
     )
     own = {
         name: _take_common_values(
             variables.OF_ROBOT,
-            of_robot,
+            members,
             hosts,
             f"the computers of the robot {name}",
             f"group_vars/{name}.yml",
             problems,
         )
-        for name, of_robot in inventory.robots.items()
-        if of_robot
+        for name, members in inventory.robots.items()
+        if members
     }
     return _InventoryValues(inventory, hosts, shared, own), problems
 
 
-def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> Values:
-    """Return the values of a host, with defaults filled in. A value that is wrong is told in `problems` and left out."""
-    read: dict[str, Any] = {}
-    problems += _unknown(host, given)
+def _read_host(host: str, raw: Mapping[str, Any], problems: list[str]) -> Values:
+    """Return the values of a host, with defaults filled in. A wrong value is left out, with a sentence in `problems`."""
+    values: dict[str, Any] = {}
+    problems += _find_unknown(host, raw)
     for variable in variables.VARIABLES:
-        value = given.get(variable.name)
+        value = raw.get(variable.name)
         value = variable.default if value is None else value  # "name:" without a value is not set
         if value is None:
             if variable.description.startswith("Required."):
@@ -142,7 +142,7 @@ def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> Valu
                 )
             continue
         try:
-            read[variable.name] = variable.read(value)
+            values[variable.name] = variable.read(value)
         except UnexpectedValue as expected:
             problems.append(
                 f"{host}: {variable.name} is {_quote_value(value)}; expected {expected}: correct it in the inventory."
@@ -152,14 +152,14 @@ def _read_host(host: str, given: Mapping[str, Any], problems: list[str]) -> Valu
             f"{host}: its name in the inventory is '{host}'; expected a host name of letters, digits and hyphens "
             "(RFC 1123), since it is the name by which the other computers know it: rename it."
         )
-    return read
+    return values
 
 
-def _unknown(host: str, given: Mapping[str, Any]) -> list[str]:
+def _find_unknown(host: str, raw: Mapping[str, Any]) -> list[str]:
     return [
         f"{host}: the variable {name} is not known{nearest(name, variables.BY_NAME)}; expected one of the "
         "variables in docs/operate/variables.md: correct its name or remove it."
-        for name in given
+        for name in raw
         if name not in variables.BY_NAME and name not in variables.RESERVED
     ]
 
@@ -173,21 +173,21 @@ def _is_name(host: str) -> bool:
 
 
 def _quote_value(value: Any) -> str:
-    """Return a value as a sentence has it: texts and addresses in quotes."""
+    """Return a value for a sentence: texts and addresses in quotes."""
     if isinstance(value, (str, IPv4Address, IPv4Network)):
         return f"'{value}'"
     return str(list(value) if isinstance(value, tuple) else value)
 
 
-def _several_robots(robots: Mapping[str, Sequence[str]]) -> list[str]:
-    members = defaultdict(list)
+def _find_shared_hosts(robots: Mapping[str, Sequence[str]]) -> list[str]:
+    groups = defaultdict(list)
     for robot, hosts in robots.items():
         for host in hosts:
-            members[host].append(robot)
+            groups[host].append(robot)
     return [
-        f"{host}: is in the groups of {len(of)} robots ({', '.join(of)}); expected one: remove it from the others."
-        for host, of in members.items()
-        if len(of) > 1
+        f"{host}: is in the groups of {len(names)} robots ({', '.join(names)}); expected one: remove it from the others."
+        for host, names in groups.items()
+        if len(names) > 1
     ]
 
 
@@ -206,27 +206,27 @@ def _take_common_values(
     where: str,
     problems: list[str],
 ) -> Values:
-    """Return the values that these hosts have together. Where they disagree, the first one counts, and a problem is told."""
-    agreed: dict[str, tuple[str, Any]] = {}
+    """Return the values that these hosts have together. If they disagree, the first one counts, with a sentence in `problems`."""
+    common: dict[str, tuple[str, Any]] = {}
     for name in (row.name for row in rows):
         for host in hosts:
             if name not in values[host]:
                 continue
-            first, value = agreed.setdefault(name, (host, values[host][name]))
+            first, value = common.setdefault(name, (host, values[host][name]))
             if values[host][name] != value:
                 problems.append(
                     f"{host}: {name} is {_quote_value(values[host][name])}, but {first} has {_quote_value(value)}; "
                     f"expected one value for {whom}: set it once, in {where}."
                 )
-    return {name: value for name, (_host, value) in agreed.items()}
+    return {name: value for name, (_host, value) in common.items()}
 
 
 def _read_router(reading: _InventoryValues) -> tuple[Router | None, list[str]]:
-    """Return the router and what is wrong with it: the host of the group `routers`, or the device of the variable."""
+    """Return the router and its problems. It is the host of the group `routers`, or the device of the variable."""
     inventory = reading.inventory
-    given = reading.shared.get("multimaster_router")
+    device = reading.shared.get("multimaster_router")
     if not inventory.routers:
-        return (Router("", given) if given else None), []
+        return (Router("", device) if device else None), []
     name, problems = inventory.routers[0], []
     if len(inventory.routers) > 1:
         problems.append(
@@ -239,33 +239,34 @@ def _read_router(reading: _InventoryValues) -> tuple[Router | None, list[str]]:
             "common network gets its routes as such: remove it from the group 'routers'."
         )
         return None, problems
-    of_router = inventory.variables.get(name, {})
-    problems += _unknown(name, of_router)
-    address = of_router.get("multimaster_address")
+    raw = inventory.variables.get(name, {})
+    problems += _find_unknown(name, raw)
+    value = raw.get("multimaster_address")
     try:
-        read = kinds.address(address)
+        address = kinds.address(value)
     except UnexpectedValue as expected:
-        found = "is not set" if address is None else f"is {_quote_value(address)}"
-        problems.append(f"{name}: multimaster_address {found}; expected {expected}: set it in the inventory.")
+        state = "is not set" if value is None else f"is {_quote_value(value)}"
+        problems.append(f"{name}: multimaster_address {state}; expected {expected}: set it in the inventory.")
         return None, problems
-    if given not in (None, read):
+    if device not in (None, address):
         problems.append(
-            f"{name}: multimaster_address is {read}, but multimaster_router is {given}; expected one router: leave "
+            f"{name}: multimaster_address is {address}, but multimaster_router is {device}; expected one router: leave "
             "multimaster_router out where the group 'routers' has a host."
         )
-    return Router(name, read), problems
+    return Router(name, address), problems
 
 
 # Comparing of values
 
 
-def _robot_problems(name: str, hosts: Sequence[str], own: Values) -> list[str]:
-    """Return the problems of a robot: it has no computers, no master, or one port for two programs."""
+def _find_robot_problems(name: str, hosts: Sequence[str], own: Values) -> list[str]:
+    """Return the problem of a robot: it has no computers, no master, or one port for two programs."""
     if not hosts:
         return [
             f"The robot {name} has no computers: its group is empty; expected at least one host: add it or remove the group."
         ]
-    master = _master(hosts, own)
+    # The only computer of a robot is its master.
+    master = own.get("multimaster_master", hosts[0] if len(hosts) == 1 else None)
     if master is None:
         return [
             f"{hosts[0]}: multimaster_master is not set; expected the computer of the robot {name} that runs its roscore, "
@@ -285,14 +286,8 @@ def _robot_problems(name: str, hosts: Sequence[str], own: Values) -> list[str]:
     return []
 
 
-def _master(hosts: Sequence[str], own: Values) -> str | None:
-    """Return the name of a robot's master; the only computer of a robot is its master."""
-    name: str | None = own.get("multimaster_master", hosts[0] if len(hosts) == 1 else None)
-    return name
-
-
-def _ambiguous_names(reading: _InventoryValues) -> list[str]:
-    """Return a sentence for each name that does not mean one computer."""
+def _find_ambiguous_names(reading: _InventoryValues) -> list[str]:
+    """Return a sentence for each name of two computers, and for localhost."""
     problems = []
     owner: dict[str, str] = {}
     for computer, values in reading.hosts.items():
@@ -313,8 +308,8 @@ def _ambiguous_names(reading: _InventoryValues) -> list[str]:
     return problems
 
 
-def _network_problems(reading: _InventoryValues, router: Router | None) -> list[str]:
-    given = reading.inventory.variables
+def _find_network_problems(reading: _InventoryValues, router: Router | None) -> list[str]:
+    raw = reading.inventory.variables
     return networks.find_network_problems(
         common=reading.shared.get("multimaster_common_network"),
         addresses={
@@ -323,25 +318,28 @@ def _network_problems(reading: _InventoryValues, router: Router | None) -> list[
             if "multimaster_address" in values
         },
         robots={
-            name: networks.NetworkVariables.of(hosts, own, given.get(hosts[0], {}) if hosts else {})
+            name: networks.NetworkVariables.from_values(hosts, own, raw.get(hosts[0], {}) if hosts else {})
             for name, hosts, own in reading.robots()
         },
         router=router,
     )
 
 
-def _contradictions(reading: _InventoryValues) -> list[str]:
-    parties = [_party(name, hosts, reading.hosts, own) for name, hosts, own in reading.robots() if hosts]
-    outside = contradictions.strangers_outside(
-        reading.shared.get("multimaster_firewall"), reading.shared.get("multimaster_strangers")
+def _find_contradictions(reading: _InventoryValues) -> list[str]:
+    parties = [_make_party(name, hosts, reading.hosts, own) for name, hosts, own in reading.robots() if hosts]
+    firewall, strangers, diagnostics = (
+        reading.shared.get(f"multimaster_{name}") for name in ("firewall", "strangers", "diagnostics")
     )
-    kept = contradictions.diagnostics_kept(parties, reading.shared.get("multimaster_diagnostics"))
-    return contradictions.find_contradictions(parties, reading.inventory.robots) + outside + kept
+    return [
+        *contradictions.find_contradictions(parties, reading.inventory.robots),
+        *contradictions.find_excluded_strangers(firewall, strangers),
+        *contradictions.find_local_diagnostics(parties, diagnostics),
+    ]
 
 
-def _party(name: str, hosts: Sequence[str], values: Mapping[str, Values], own: Values) -> contradictions.Party:
-    """Return a robot as far as it can be read; what its computers disagree about counts as not set."""
-    declared = {values[host]["multimaster_exports"] for host in hosts if "multimaster_exports" in values[host]}
+def _make_party(name: str, hosts: Sequence[str], values: Mapping[str, Values], own: Values) -> contradictions.Party:
+    """Return a robot as far as it can be read. A variable counts as not set if its computers disagree."""
+    declarations = {values[host]["multimaster_exports"] for host in hosts if "multimaster_exports" in values[host]}
     filters = [values[host].get("multimaster_filters", {}) for host in hosts]
     master = own.get("multimaster_master", hosts[0])
     known = master in hosts and "multimaster_roscore_port" in own
@@ -349,21 +347,21 @@ def _party(name: str, hosts: Sequence[str], values: Mapping[str, Values], own: V
         name=name,
         host=master if master in hosts else hosts[0],
         master=master_name(master, own["multimaster_roscore_port"]) if known else "",
-        declared=declared.pop() if len(declared) == 1 else None,
-        filters=filters[0] if all(of_host == filters[0] for of_host in filters) else {},
+        declaration=declarations.pop() if len(declarations) == 1 else None,
+        filters=filters[0] if all(other == filters[0] for other in filters) else {},
     )
 
 
 def _collapse(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
     """Return one sentence for a value that is wrong on many hosts, since it stands in one place of the inventory."""
-    of: dict[str, list[str]] = {}
+    hosts_by_text: dict[str, list[str]] = {}
     for problem in problems:
         host, colon, text = problem.partition(": ")
-        of.setdefault(text if colon and host in hosts else problem, []).append(host)
+        hosts_by_text.setdefault(text if colon and host in hosts else problem, []).append(host)
     sentences = []
-    for text, named in of.items():
-        others = f" and {len(named) - 3} more" if len(named) > 3 else ""
-        sentences.append(text if named[0] not in hosts else f"{', '.join(named[:3])}{others}: {text}")
+    for text, names in hosts_by_text.items():
+        others = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        sentences.append(text if names[0] not in hosts else f"{', '.join(names[:3])}{others}: {text}")
     return sentences
 
 
@@ -371,7 +369,7 @@ def _collapse(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
 
 
 def _make_fleet(reading: _InventoryValues, router: Router | None) -> Fleet:
-    """Make the model of values that have no problem."""
+    """Make the model of values without problems."""
     rate = reading.shared["multimaster_heartbeat_hz"]
     computed = {"multimaster_offline_after": heartbeats.default_offline_after(rate)}
     return Fleet(
@@ -406,12 +404,11 @@ def _make_gateway(reading: _InventoryValues, own: variables.RobotVariables) -> G
 
 def _make_computer(reading: _InventoryValues, robot: str, host: str, gateway: Gateway | None) -> Computer:
     values = _make_variables(variables.ComputerVariables, reading.hosts[host])
-    common = values.address
-    if gateway is not None:
-        return Computer(host, robot, gateway.common_address if host == gateway.name else None, values)
-    return Computer(host, robot, common, values)
+    if gateway is None:
+        return Computer(host, robot, values.address, values)
+    return Computer(host, robot, gateway.common_address if host == gateway.name else None, values)
 
 
 def _make_variables(kind: type[T], values: Values) -> T:
-    """Make one of the classes of variables; what is not set is None."""
+    """Make one of the classes of variables. None: not set."""
     return kind(**{row.name: values.get(variables.PREFIX + row.name) for row in dataclasses.fields(kind)})  # type: ignore[arg-type]  # a dataclass

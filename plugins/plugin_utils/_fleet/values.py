@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Parts that the readers of values share."""
+"""Common parts of the readers of values."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 
 class UnexpectedValue(ValueError):
-    """A value is not of its kind; the text says what was expected."""
+    """A value is not of its kind. The text is the expected one."""
 
 
 def nearest(name: str, known: Any) -> str:

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The variables of the fleet: what may be set, where, how it is read, what it means.
+"""The variables of the fleet: place, kind, default and meaning of each.
 
-A variable is a field of one of three classes, which says where it is set. Its name is the field's after
-`multimaster_`. To add one, add a field: reading, the checks for agreement and the table in docs/operate/variables.md follow.
+A variable is a field of one of three classes. The class says where it is set. Its name is `multimaster_` and the name of
+the field. To add one, add a field. Reading, the checks for agreement and the table in docs/operate/variables.md follow.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports as exports_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import kinds
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import Export, read_exports
 
 PREFIX = "multimaster_"
 # Set by the preflight role for the other roles; not for an inventory.
@@ -35,56 +35,46 @@ class Variable:
     example: str
 
 
-def row(read: Callable[[Any], Any], default: Any, description: str, example: str) -> dict[str, Any]:
-    """Return the metadata of a variable's field. `default` is a value as an inventory would have it."""
-    return {"row": (read, default, description, example)}
+def row(read: Callable[[Any], Any], default: Any, description: str, example: str) -> Any:
+    """Return the field of a variable. `default` is a value as an inventory would have it."""
+    return field(metadata={"row": (read, default, description, example)})
 
 
 @dataclass(frozen=True)
 class ComputerVariables:
     """The variables of one computer."""
 
-    address: IPv4Address = field(
-        metadata=row(
-            kinds.address,
-            None,
-            "Required. The address of the computer that the other computers reach it by.",
-            "192.168.1.229",
-        )
+    address: IPv4Address = row(
+        kinds.address,
+        None,
+        "Required. The address of the computer that the other computers reach it by.",
+        "192.168.1.229",
     )
-    aliases: list[str] = field(
-        metadata=row(
-            kinds.names,
-            [],
-            "Further names of the computer, for the hosts file of every computer.",
-            "[kobuki1]",
-        )
+    aliases: list[str] = row(
+        kinds.names,
+        [],
+        "Further names of the computer, for the hosts file of every computer.",
+        "[kobuki1]",
     )
-    firewall_also: tuple[IPv4Network, ...] = field(
-        metadata=row(
-            kinds.sources,
-            [],
-            "Addresses and networks that the packet filter of this computer lets in besides, such as a laser scanner's. They do not "
-            "belong to the fleet.",
-            "[192.168.2.201]",
-        )
+    firewall_also: tuple[IPv4Network, ...] = row(
+        kinds.sources,
+        [],
+        "Addresses and networks that the packet filter of this computer lets in besides, such as a laser scanner's. They do not "
+        "belong to the fleet.",
+        "[192.168.2.201]",
     )
-    firewall_ports: tuple[str, ...] = field(
-        metadata=row(
-            kinds.ports,
-            [],
-            "Ports from 1024 up that the packet filter of this computer leaves open to everybody.",
-            "[51820/udp]",
-        )
+    firewall_ports: tuple[str, ...] = row(
+        kinds.ports,
+        [],
+        "Ports from 1024 up that the packet filter of this computer leaves open to everybody.",
+        "[51820/udp]",
     )
-    ros_setup: str = field(
-        metadata=row(
-            kinds.setup,
-            "auto",
-            "The place of ROS. `auto` finds /opt/ros or Debian's packages. `debian` takes Debian's packages. A path is a prefix or the "
-            "set-up file of a workspace.",
-            "/home/robot/ws/devel/setup.bash",
-        )
+    ros_setup: str = row(
+        kinds.setup,
+        "auto",
+        "The place of ROS. `auto` finds /opt/ros or Debian's packages. `debian` takes Debian's packages. A path is a prefix or the "
+        "set-up file of a workspace.",
+        "/home/robot/ws/devel/setup.bash",
     )
 
 
@@ -92,126 +82,98 @@ class ComputerVariables:
 class FleetVariables:
     """The variables that are equal on all computers of the fleet."""
 
-    common_network: IPv4Network = field(
-        metadata=row(
-            kinds.network,
-            None,
-            "Required. The network that all robots share (section 3.1 of the report).",
-            "192.168.1.0/24",
-        )
+    common_network: IPv4Network = row(
+        kinds.network,
+        None,
+        "Required. The network that all robots share (section 3.1 of the report).",
+        "192.168.1.0/24",
     )
-    router: IPv4Address | None = field(
-        metadata=row(
-            kinds.address,
-            None,
-            "The address of the router in the common network, where the router is a device that Ansible does not manage. "
-            "`playbooks/router_config.yml` writes its configuration. Default: the host of the group `routers`, if there is one.",
-            "192.168.1.1",
-        )
+    router: IPv4Address | None = row(
+        kinds.address,
+        None,
+        "The address of the router in the common network, where the router is a device that Ansible does not manage. "
+        "`playbooks/router_config.yml` writes its configuration. Default: the host of the group `routers`, if there is one.",
+        "192.168.1.1",
     )
-    transport: str = field(
-        metadata=row(
-            kinds.choice("both", "multicast", "unicast"),
-            "both",
-            "The way in which the discovery nodes find each other: `multicast` by the group, `unicast` by datagrams to the master of each "
-            "robot, `both` by both.",
-            "unicast",
-        )
+    transport: str = row(
+        kinds.choice("both", "multicast", "unicast"),
+        "both",
+        "The way in which the discovery nodes find each other: `multicast` by the group, `unicast` by datagrams to the master of each "
+        "robot, `both` by both.",
+        "unicast",
     )
-    multicast_group: IPv4Address = field(
-        metadata=row(
-            kinds.group,
-            "226.0.0.0",
-            "The multicast group of the discovery nodes. The report uses 224.0.0.1, which no switch ever prunes.",
-            "224.0.0.1",
-        )
+    multicast_group: IPv4Address = row(
+        kinds.group,
+        "226.0.0.0",
+        "The multicast group of the discovery nodes. The report uses 224.0.0.1, which no switch ever prunes.",
+        "224.0.0.1",
     )
-    multicast_port: int = field(
-        metadata=row(
-            kinds.number(int, 1024, 65535),
-            11511,
-            "The UDP port of the discovery nodes.",
-            "11511",
-        )
+    multicast_port: int = row(
+        kinds.number(int, 1024, 65535),
+        11511,
+        "The UDP port of the discovery nodes.",
+        "11511",
     )
-    multicast_routing: str = field(
-        metadata=row(
-            kinds.choice("none", "smcroute"),
-            "none",
-            "`smcroute`: the gateways pass the multicast group on between the networks. The program smcroute must be installed there, and"
-            " the group must be outside 224.0.0.0/24. With `none`, masters behind gateways are found by unicast.",
-            "smcroute",
-        )
+    multicast_routing: str = row(
+        kinds.choice("none", "smcroute"),
+        "none",
+        "`smcroute`: the gateways pass the multicast group on between the networks. The program smcroute must be installed there, and"
+        " the group must be outside 224.0.0.0/24. With `none`, masters behind gateways are found by unicast.",
+        "smcroute",
     )
-    answer_broadcast_pings: bool = field(
-        metadata=row(
-            kinds.switch,
-            True,
-            "`true`: the computers answer pings to broadcast and multicast addresses, so `ping 224.0.0.1` shows them. The report asks for"
-            " it. Discovery does not need it.",
-            "false",
-        )
+    answer_broadcast_pings: bool = row(
+        kinds.switch,
+        True,
+        "`true`: the computers answer pings to broadcast and multicast addresses, so `ping 224.0.0.1` shows them. The report asks for"
+        " it. Discovery does not need it.",
+        "false",
     )
-    firewall: str = field(
-        metadata=row(
-            kinds.choice("none", "fleet"),
-            "none",
-            "`fleet`: a packet filter guards the TCP and UDP ports from 1024 up. Only the computers of the fleet and `multimaster_allow` "
-            "reach them. Ports of ssh and those below 1024 stay as they are. See docs/operate/security.md.",
-            "fleet",
-        )
+    firewall: str = row(
+        kinds.choice("none", "fleet"),
+        "none",
+        "`fleet`: a packet filter guards the TCP and UDP ports from 1024 up. Only the computers of the fleet and `multimaster_allow` "
+        "reach them. Ports of ssh and those below 1024 stay as they are. See docs/operate/security.md.",
+        "fleet",
     )
-    advertise: str = field(
-        metadata=row(
-            kinds.choice("name", "address"),
-            "name",
-            "ROS on the computers advertises host names (ROS_HOSTNAME) with `name`, and addresses (ROS_IP) with `address`.",
-            "address",
-        )
+    advertise: str = row(
+        kinds.choice("name", "address"),
+        "name",
+        "ROS on the computers advertises host names (ROS_HOSTNAME) with `name`, and addresses (ROS_IP) with `address`.",
+        "address",
     )
-    strangers: str = field(
-        metadata=row(
-            kinds.choice("ignore", "allow"),
-            "ignore",
-            "Masters that are not in the inventory: `ignore` reports them and registers nothing of them, `allow` exchanges with them as "
-            "with robots of the inventory. See docs/operate/security.md.",
-            "allow",
-        )
+    strangers: str = row(
+        kinds.choice("ignore", "allow"),
+        "ignore",
+        "Masters that are not in the inventory: `ignore` reports them and registers nothing of them, `allow` exchanges with them as "
+        "with robots of the inventory. See docs/operate/security.md.",
+        "allow",
     )
-    allow: tuple[IPv4Network, ...] = field(
-        metadata=row(
-            kinds.sources,
-            [],
-            "Addresses and networks of computers that belong to the fleet without being in the inventory, such as laptops and robots with"
-            " upstream's nodes. Their masters are exchanged with. Their nodes may use a robot's roscore.",
-            "[192.168.1.77, 192.168.2.0/24]",
-        )
+    allow: tuple[IPv4Network, ...] = row(
+        kinds.sources,
+        [],
+        "Addresses and networks of computers that belong to the fleet without being in the inventory, such as laptops and robots with"
+        " upstream's nodes. Their masters are exchanged with. Their nodes may use a robot's roscore.",
+        "[192.168.1.77, 192.168.2.0/24]",
     )
-    diagnostics: str = field(
-        metadata=row(
-            kinds.choice("local", "exchanged", "none"),
-            "local",
-            "`local`: the nodes publish links, clocks and refusals on `/diagnostics`, and that topic stays on each robot. `exchanged`: it"
-            " crosses like any topic. `none`: the nodes publish nothing there, and it crosses. See docs/operate/metrics.md.",
-            "exchanged",
-        )
+    diagnostics: str = row(
+        kinds.choice("local", "exchanged", "none"),
+        "local",
+        "`local`: the nodes publish links, clocks and refusals on `/diagnostics`, and that topic stays on each robot. `exchanged`: it"
+        " crosses like any topic. `none`: the nodes publish nothing there, and it crosses. See docs/operate/metrics.md.",
+        "exchanged",
     )
-    heartbeat_hz: float = field(
-        metadata=row(
-            kinds.number(float, 0.02, 25.5),
-            1.0,
-            "Heartbeats of a discovery node per second. A change is announced at once, whatever the rate.",
-            "0.5",
-        )
+    heartbeat_hz: float = row(
+        kinds.number(float, 0.02, 25.5),
+        1.0,
+        "Heartbeats of a discovery node per second. A change is announced at once, whatever the rate.",
+        "0.5",
     )
-    offline_after: float = field(
-        metadata=row(
-            kinds.number(float, 3, 3600),
-            None,
-            "Seconds after the loss of a robot until its topics and services are withdrawn from the others. They return with it. "
-            "Default: 5, or the time of two heartbeats where that is longer; 65 below 0.1 heartbeats a second.",
-            "30",
-        )
+    offline_after: float = row(
+        kinds.number(float, 3, 3600),
+        None,
+        "Seconds after the loss of a robot until its topics and services are withdrawn from the others. They return with it. "
+        "Default: 5, or the time of two heartbeats where that is longer; 65 below 0.1 heartbeats a second.",
+        "30",
     )
 
 
@@ -219,125 +181,99 @@ class FleetVariables:
 class RobotVariables:
     """The variables that are equal on all computers of a robot."""
 
-    network: IPv4Network | None = field(
-        metadata=row(
-            kinds.network,
-            None,
-            "The robot's own network, where the robot has several computers behind a gateway. Without it, its computers are in the common"
-            " network.",
-            "192.168.11.0/24",
-        )
+    network: IPv4Network | None = row(
+        kinds.network,
+        None,
+        "The robot's own network, where the robot has several computers behind a gateway. Without it, its computers are in the common"
+        " network.",
+        "192.168.11.0/24",
     )
-    gateway: str | IPv4Address | None = field(
-        metadata=row(
-            kinds.gateway,
-            None,
-            "The gateway between the robot's own network and the common network: the name of a computer of the robot, or the address of "
-            "another device in the robot's network. Required with `multimaster_network`.",
-            "tibi-visio",
-        )
+    gateway: str | IPv4Address | None = row(
+        kinds.gateway,
+        None,
+        "The gateway between the robot's own network and the common network: the name of a computer of the robot, or the address of "
+        "another device in the robot's network. Required with `multimaster_network`.",
+        "tibi-visio",
     )
-    common_address: IPv4Address | None = field(
-        metadata=row(
-            kinds.address,
-            None,
-            "The address of the robot's gateway in the common network. Required with `multimaster_network`.",
-            "192.168.1.201",
-        )
+    common_address: IPv4Address | None = row(
+        kinds.address,
+        None,
+        "The address of the robot's gateway in the common network. Required with `multimaster_network`.",
+        "192.168.1.201",
     )
-    routes: str = field(
-        metadata=row(
-            kinds.choice("default", "networks", "existing"),
-            "default",
-            "The routes that the computers of the robot get. `default`: a default route by the gateway on each inner computer, as in the "
-            "report. `networks`: only routes to the common network and the other robots, where the default route leads elsewhere. "
-            "`existing`: no route, because something else makes them.",
-            "networks",
-        )
+    routes: str = row(
+        kinds.choice("default", "networks", "existing"),
+        "default",
+        "The routes that the computers of the robot get. `default`: a default route by the gateway on each inner computer, as in the "
+        "report. `networks`: only routes to the common network and the other robots, where the default route leads elsewhere. "
+        "`existing`: no route, because something else makes them.",
+        "networks",
     )
-    master: str | None = field(
-        metadata=row(
-            kinds.name,
-            None,
-            "The computer of the robot that runs the roscore. Default: the only computer. Required where there are several.",
-            "kobuki1computer",
-        )
+    master: str | None = row(
+        kinds.name,
+        None,
+        "The computer of the robot that runs the roscore. Default: the only computer. Required where there are several.",
+        "kobuki1computer",
     )
-    roscore: str = field(
-        metadata=row(
-            kinds.choice("managed", "existing"),
-            "managed",
-            "`managed`: the collection runs the roscore as a service. `existing`: something else starts it.",
-            "existing",
-        )
+    roscore: str = row(
+        kinds.choice("managed", "existing"),
+        "managed",
+        "`managed`: the collection runs the roscore as a service. `existing`: something else starts it.",
+        "existing",
     )
-    roscore_port: int = field(
-        metadata=row(
-            kinds.number(int, 1024, 65235),
-            11311,
-            "The TCP port of the roscore.",
-            "11311",
-        )
+    roscore_port: int = row(
+        kinds.number(int, 1024, 65235),
+        11311,
+        "The TCP port of the roscore.",
+        "11311",
     )
-    rpc_port: int = field(
-        metadata=row(
-            kinds.number(int, 1024, 65535),
-            None,
-            "The TCP port on which the discovery node answers the others. Default: the port of the roscore + 300.",
-            "11611",
-        )
+    rpc_port: int = row(
+        kinds.number(int, 1024, 65535),
+        None,
+        "The TCP port on which the discovery node answers the others. Default: the port of the roscore + 300.",
+        "11611",
     )
-    filters: Mapping[str, list[str]] = field(
-        metadata=row(
-            kinds.filters,
-            {},
-            "What this robot takes from the others: lists of regular expressions in which `*` stands for any text, by "
-            + ", ".join(f"`{name}`" for name in kinds.FILTERS)
-            + ". An action is its five topics.",
-            "{ignore_topics: [/tf], sync_actions: [/move_base]}",
-        )
+    filters: Mapping[str, list[str]] = row(
+        kinds.filters,
+        {},
+        "What this robot takes from the others: lists of regular expressions in which `*` stands for any text, by "
+        + ", ".join(f"`{name}`" for name in kinds.FILTERS)
+        + ". An action is its five topics.",
+        "{ignore_topics: [/tf], sync_actions: [/move_base]}",
     )
-    exports: tuple[exports_module.Export, ...] | None = field(
-        metadata=row(
-            exports_module.read,
-            None,
-            "What this robot gives to which others: a list of entries with `topics`, `services` and `actions` (names in which `*` stands "
-            "for any text) and `to`, a list of robots (default: each other robot). Without the variable, the robot gives everything to "
-            "each other robot, as in the report. `[]` is nothing. See docs/operate/data_flow.md.",
-            "[{topics: [/tibi/pose], actions: [/tibi/dock], to: [dabo]}]",
-        )
+    exports: tuple[Export, ...] | None = row(
+        read_exports,
+        None,
+        "What this robot gives to which others: a list of entries with `topics`, `services` and `actions` (names in which `*` stands "
+        "for any text) and `to`, a list of robots (default: each other robot). Without the variable, the robot gives everything to "
+        "each other robot, as in the report. `[]` is nothing. See docs/operate/data_flow.md.",
+        "[{topics: [/tibi/pose], actions: [/tibi/dock], to: [dabo]}]",
     )
-    provider: str = field(
-        metadata=row(
-            kinds.choice("bundled", "fkie_apt", "fkie_existing"),
-            "bundled",
-            "The discovery and sync nodes of the robot. `bundled`: those of the collection. `fkie_apt`: multimaster_fkie from the package"
-            " sources that the robot has. `fkie_existing`: an installation of multimaster_fkie that `multimaster_ros_setup` leads to. See"
-            " docs/operate/providers.md.",
-            "fkie_existing",
-        )
+    provider: str = row(
+        kinds.choice("bundled", "fkie_apt", "fkie_existing"),
+        "bundled",
+        "The discovery and sync nodes of the robot. `bundled`: those of the collection. `fkie_apt`: multimaster_fkie from the package"
+        " sources that the robot has. `fkie_existing`: an installation of multimaster_fkie that `multimaster_ros_setup` leads to. See"
+        " docs/operate/providers.md.",
+        "fkie_existing",
     )
-    metrics: str = field(
-        metadata=row(
-            kinds.choice("none", "textfile"),
-            "none",
-            "`textfile`: the nodes write metrics for the textfile collector of Prometheus' node_exporter. See docs/operate/metrics.md.",
-            "textfile",
-        )
+    metrics: str = row(
+        kinds.choice("none", "textfile"),
+        "none",
+        "`textfile`: the nodes write metrics for the textfile collector of Prometheus' node_exporter. See docs/operate/metrics.md.",
+        "textfile",
     )
-    metrics_folder: str = field(
-        metadata=row(
-            kinds.folder,
-            "/var/lib/prometheus/node-exporter",
-            "The folder that node_exporter reads (`--collector.textfile.directory`), on the computer of the master. It must be there.",
-            "/var/lib/node_exporter",
-        )
+    metrics_folder: str = row(
+        kinds.folder,
+        "/var/lib/prometheus/node-exporter",
+        "The folder that node_exporter reads (`--collector.textfile.directory`), on the computer of the master. It must be there.",
+        "/var/lib/node_exporter",
     )
 
 
 def rows(kind: type, scope: str) -> tuple[Variable, ...]:
     """Return the variables of one of the classes above."""
-    return tuple(Variable(PREFIX + field.name, scope, *field.metadata["row"]) for field in dataclasses.fields(kind))
+    return tuple(Variable(PREFIX + entry.name, scope, *entry.metadata["row"]) for entry in dataclasses.fields(kind))
 
 
 OF_COMPUTER = rows(ComputerVariables, "computer")

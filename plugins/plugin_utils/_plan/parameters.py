@@ -158,7 +158,7 @@ UNRESTRICTING = ("ignore_services", "ignore_subscribers")
 
 def is_restricted(fleet: Fleet, robot: Robot) -> bool:
     """Return True if this robot exchanges no subscribers: a roscore that has another robot's tells it whom to hear."""
-    return fleet.declared or any(
+    return fleet.has_exports or any(
         patterns for name, patterns in robot.variables.filters.items() if name not in UNRESTRICTING
     )
 

@@ -72,10 +72,10 @@ def test_a_command_has_the_words_that_it_was_given_or_is_none(form, data):
     text = data.draw(hostile(form) | st.text(max_size=30))
     made = advice.command("do '{}' {} now", (form, text), (form, text))
     if made:
-        written = text.replace(*advice.WRITTEN[form]) if form in advice.WRITTEN else text
+        written = text.replace(*advice.SED_DOTS[form]) if form in advice.SED_DOTS else text
         quoted, *plain, last = shlex.split(made)[1:]
         assert (quoted, last) == (written, "now")
-        assert form in advice.WRITTEN or plain == text.split(" ")
+        assert form in advice.SED_DOTS or plain == text.split(" ")
         assert text.isascii() and not text.startswith(("-", "~", "#"))
 
 

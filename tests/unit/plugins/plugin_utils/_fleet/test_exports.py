@@ -102,10 +102,12 @@ def both_sides(model):
 
 
 def test_a_declaration_is_read():
-    (entry,) = exports_module.read([{"topics": ["/tibi/pose", "/tibi/scan*"], "actions": ["/dock"], "to": ["dabo"]}])
+    (entry,) = exports_module.read_exports(
+        [{"topics": ["/tibi/pose", "/tibi/scan*"], "actions": ["/dock"], "to": ["dabo"]}]
+    )
     assert entry == exports_module.Export(topics=("/tibi/pose", "/tibi/scan*"), actions=("/dock",), to=("dabo",))
     assert str(entry) == "{topics: [/tibi/pose, /tibi/scan*], actions: [/dock], to: [dabo]}"
-    assert exports_module.read([]) == ()
+    assert exports_module.read_exports([]) == ()
 
 
 @pytest.mark.parametrize(
@@ -142,7 +144,7 @@ def test_a_declaration_is_read():
 )
 def test_a_wrong_declaration_is_one_sentence(value, expected):
     with pytest.raises(UnexpectedValue) as caught:
-        exports_module.read(value)
+        exports_module.read_exports(value)
     assert expected in str(caught.value)
 
 
@@ -159,7 +161,7 @@ def test_a_wrong_declaration_is_one_sentence(value, expected):
 )
 def test_any_exports_give_entries_or_a_sentence(value):
     try:
-        found = exports_module.read(value)
+        found = exports_module.read_exports(value)
     except UnexpectedValue as problem:
         assert str(problem)
     else:
@@ -349,7 +351,7 @@ def test_what_may_be_meant_is_no_problem(declared):
 
 
 def test_a_hundred_robots_with_one_service_are_a_few_sentences():
-    entries = exports_module.read([RESET])
+    entries = exports_module.read_exports([RESET])
     parties = [contradictions.Party(f"r{number}", f"c{number}", f"c{number}", entries) for number in range(100)]
     found = contradictions.find_contradictions(parties, {party.name: [party.host] for party in parties})
     assert len(found) == 3
@@ -613,7 +615,7 @@ def test_both_sides_let_pass_exactly_what_is_declared(robots, filters_of):
                     expected = declared(robots, giver, taker, key, name)
                     assert served.has(key, name) == expected
                     assert taken.has(key, name) == (expected and wanted.has(key, name))
-            flows = robots[giver] is None or giver in flows_module.givers(model.flows, taker)
+            flows = robots[giver] is None or giver in flows_module.list_givers(model.flows, taker)
             assert served.has("topics", VERIFYING) == flows
             assert robots[giver] is None or served.nodes <= {"/n"}  # what it has from others is not its to give
             if any(entries is not None for entries in robots.values()):

@@ -461,9 +461,9 @@ def test_what_is_no_port_is_one_sentence(value):
 
 
 def test_a_packet_filter_and_welcome_strangers_contradict():
-    found = contradictions.strangers_outside("fleet", "allow")
+    found = contradictions.find_excluded_strangers("fleet", "allow")
     assert len(found) == 1 and found[0].startswith(
         "multimaster_firewall is 'fleet' and multimaster_strangers is 'allow'"
     )
     for firewall, strangers in (("fleet", "ignore"), ("none", "allow"), (None, None)):
-        assert contradictions.strangers_outside(firewall, strangers) == []
+        assert contradictions.find_excluded_strangers(firewall, strangers) == []
