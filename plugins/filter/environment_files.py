@@ -105,8 +105,8 @@ def environment_files(
         )
     environment = environment_module.merge_for_users(ros or {}, for_root or {}, person, ours)
     return {
-        "files": environment_module.render_files(environment, environment_module.machine(machine)),
-        "notes": environment_module.notes(machine, environment),
+        "files": environment_module.render_files(environment, environment_module.read_machine(machine)),
+        "notes": environment_module.find_gaps(machine, environment),
         "digest": environment_module.digest(environment),
     }
 

@@ -71,7 +71,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quoting, units
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quotes, units
 
 
 def multicast_router(
@@ -82,7 +82,7 @@ def multicast_router(
         return {"files": [], "units": []}
     try:
         unit = units.multicast_router(robot, group, interfaces, command, digest)
-    except quoting.Unquotable as problem:
+    except quotes.Unquotable as problem:
         raise AnsibleFilterError(str(problem)) from problem
     return {
         "files": [{"path": units.ROUTER_FILE, "content": units.multicast_routes(robot, group, interfaces)}],

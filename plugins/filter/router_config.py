@@ -93,7 +93,7 @@ def router_config(plan: Any, dialects: Sequence[str] | None = None, interfaces: 
             f"router_config_interfaces is {interfaces!r}; expected a mapping such as {{router: {{ios: Vlan1}}}}: correct it."
         )
     try:
-        return router_config_module.files(from_plain(FleetPlan, plan), dialects, interfaces)
+        return router_config_module.render_config(from_plain(FleetPlan, plan), dialects, interfaces)
     except (Mismatch, router_config_module.RouterConfigProblem) as problem:
         raise AnsibleFilterError(str(problem)) from problem
 

@@ -94,7 +94,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quoting, units
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quotes, units
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import UnitLines
 
 
@@ -126,10 +126,10 @@ def service_units(
             address,
             units.Roscore(roscore_command, roscore_port),
             {name: UnitLines(lines["unit"], lines["service"]) for name, lines in programs.items()},
-            units.Inputs.of(environment_digest, nodes_digest, code_digest if "roscore" in programs else ""),
+            units.Inputs.from_digests(environment_digest, nodes_digest, code_digest if "roscore" in programs else ""),
             metrics_folder,
         )
-    except quoting.Unquotable as problem:
+    except quotes.Unquotable as problem:
         raise AnsibleFilterError(str(problem)) from problem
     return [dataclasses.asdict(unit) for unit in service_list]
 

@@ -66,7 +66,9 @@ def talkers_heard(
     fleet: Mapping[str, Any], *, hostvars: Mapping[str, Any], hosts: Sequence[str], registered: str
 ) -> dict[str, list[str]]:
     """Return the computers to hear, by robot; see DOCUMENTATION."""
-    return from_plain(FleetPlan, fleet).heard([host for host in hosts if _has_talker(hostvars[host], registered)])
+    return from_plain(FleetPlan, fleet).talkers_by_robot(
+        [host for host in hosts if _has_talker(hostvars[host], registered)]
+    )
 
 
 def _has_talker(variables: Mapping[str, Any], registered: str) -> bool:

@@ -240,7 +240,7 @@ PLACES = {
     "a message": lambda name, _there: topics._topic("kobuki2", "/talk", {"text": name}, "expected")["error"],
     "a registration": lambda name, _there: str(Registration("publisher", name, name, "http://b:1/")),
     "logs of a bundle": lambda name, _there: run._lines({"problems": [name], "logs": {name: ["one", name]}}),
-    "ROS of a robot": lambda name, _there: preflight._ros(
+    "ROS of a robot": lambda name, _there: preflight._check_ros(
         types.SimpleNamespace(computer="kobuki1"), {"ros": {"problem": name}}
     )[0],
     "last words of a robot": lambda name, _there: preflight.explain_failure(

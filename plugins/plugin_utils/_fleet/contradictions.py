@@ -27,6 +27,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filter
     matches,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import list_givers, make_flows
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import nearest
 
 
@@ -132,7 +133,7 @@ def _find_collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[st
     """Return a sentence for two robots that give the same service or action to a third, by its name or by a pattern."""
     by_name = {party.name: party for party in parties}
     return sorted(
-        f"{by_name[first].host}: multimaster_exports gives the {KINDS[key]} {name} to {_shorten_list(receivers)}, and so does "
+        f"{by_name[first].host}: multimaster_exports gives the {KINDS[key]} {name} to {shorten_list(receivers)}, and so does "
         f"that of {second}; expected one of the two, {why}: rename it on one of them, or choose with 'to' who gets which."
         for key, why in _ONE_GIVER.items()
         for name, givers in _match_givers(parties, key)
@@ -196,7 +197,7 @@ def _find_second_white_lists(parties: Sequence[Party]) -> list[str]:
         givers = list_givers(flows, party.name) if lists else []
         if givers:
             problems.append(
-                f"{party.host}: multimaster_filters has {lists}, but multimaster_exports of {_shorten_list(givers)} says already what "
+                f"{party.host}: multimaster_filters has {lists}, but multimaster_exports of {shorten_list(givers)} says already what "
                 f"{party.name} gets; expected filters named ignore_* or sync_hosts there: remove {lists}, and have "
                 "multimaster_exports of the others name what is wanted."
             )
@@ -225,7 +226,7 @@ def _find_filtered_exports(parties: Sequence[Party]) -> list[str]:
                     ]
                     if lost:
                         problems.append(
-                            f"{taker.host}: multimaster_filters leaves out {_shorten_list(lost)}, which multimaster_exports of {party.name} "
+                            f"{taker.host}: multimaster_filters leaves out {shorten_list(lost)}, which multimaster_exports of {party.name} "
                             f"has for {receiver.name}; expected filters that take it: correct them in group_vars/{taker.name}.yml, "
                             f"or 'to' in group_vars/{party.name}.yml."
                         )
@@ -252,7 +253,3 @@ def _is_master_ignored(filters: Mapping[str, Sequence[str]], master: str) -> boo
     if not master:
         return False
     return not matches(wanted, master) if wanted else matches(filters.get("ignore_hosts", ()), master)
-
-
-def _shorten_list(names: Sequence[str]) -> str:
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

@@ -31,6 +31,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model 
     Router,
     master_name,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue, nearest
 
 T = TypeVar("T")
@@ -360,8 +361,7 @@ def _collapse(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
         hosts_by_text.setdefault(text if colon and host in hosts else problem, []).append(host)
     sentences = []
     for text, names in hosts_by_text.items():
-        others = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        sentences.append(text if names[0] not in hosts else f"{', '.join(names[:3])}{others}: {text}")
+        sentences.append(text if names[0] not in hosts else f"{shorten_list(names)}: {text}")
     return sentences
 
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A message made of sentences."""
+"""Messages made of sentences, and lists in them."""
 
 from __future__ import annotations
 
@@ -16,3 +16,8 @@ def number_problems(problems: Sequence[str]) -> str:
     if len(texts) == 1:
         return texts[0]
     return "\n".join([f"{len(texts)} problems:", *(f"{number}. {text}" for number, text in enumerate(texts, 1))])
+
+
+def shorten_list(names: Sequence[str]) -> str:
+    """Return the first three names, and the number of the others."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

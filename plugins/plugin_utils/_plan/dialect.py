@@ -3,8 +3,8 @@
 
 """The parts of a router dialect, and the list of the dialects.
 
-A dialect is a file in `dialects/` with the constant DIALECT. The name of the file is the name of the dialect. Its files are
-shown in tests/unit/golden/router_config.
+A dialect is a file in `dialects/` with the constant DIALECT. The file has the name of the dialect. Examples of its output
+are in tests/unit/golden/router_config.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 # Kinds of devices.
 ROUTER, GATEWAY = "router", "gateway"
-# Things that a block is repeated for.
+# A block may be repeated for each of these.
 ROUTES, PEERS = "routes", "peers"
 
-# RouterOS finds by this text what is ours.
+# RouterOS finds our entries by this text.
 MARK = "rosfleet.multimaster"
 
 # Values of Dialect.again.
@@ -29,10 +29,10 @@ ADDS = "Do so before a robot goes or gets another address."
 
 
 class Block(NamedTuple):
-    """A piece of a dialect: a template, what it is repeated for, and the kinds of device that need it."""
+    """A piece of a dialect: a template, and the kinds of device that need it."""
 
     text: str
-    each: str = ""  # ROUTES, PEERS, or once
+    each: str = ""  # ROUTES, PEERS, or empty for once
     kinds: tuple[str, ...] = (ROUTER, GATEWAY)
 
 
@@ -40,13 +40,13 @@ class Block(NamedTuple):
 class Dialect:
     """The language of one make of device. Templates are those of str.format."""
 
-    position: int  # in lists of all dialects; a new one comes last
+    position: int  # in lists of all dialects; give the next number to a new one
     title: str
     suffix: str  # of the file
-    comment: str  # how a line of comment begins
-    use: str  # tells a person what to do with a file
-    again: str  # tells what happens when the file of a changed fleet is used
-    interfaces: Mapping[str, str]  # kind -> the interface of the common network, as the maker names it
+    comment: str  # the begin of a line of comment
+    use: str  # the sentence with the use of a file
+    again: str  # the sentence for a second use, after a change of the fleet
+    interfaces: Mapping[str, str]  # kind -> the maker's name of the interface on the common network
     add: tuple[Block, ...]
     remove: tuple[Block, ...]
     first_line: str = ""
@@ -54,7 +54,7 @@ class Dialect:
 
 
 def load_dialects() -> dict[str, Dialect]:
-    """Return every dialect by its name. A file whose name begins with `_` is none."""
+    """Return every dialect by its name. Files of helpers have names that begin with `_`."""
     package = f"{__package__}.dialects"
     names = [path.stem for path in pathlib.Path(__file__).with_name("dialects").glob("[!_]*.py")]
     dialects: dict[str, Dialect] = {name: importlib.import_module(f"{package}.{name}").DIALECT for name in names}

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The environment of ROS, rendered for everything that reads one: variables in, the contents of files out.
+"""The environment of ROS for each kind of program: variables in, the contents of files out.
 
-To reach another kind of program, add a row to CONSUMERS.
+To reach one more kind of program, add a row to CONSUMERS.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.units import CONFIGURATION, LIBRARY
 
-# Lists of folders: ours come first, what a person has stays.
+# Lists of folders. Ours come first, those of a person stay.
 LISTS = (
     "PATH",
     "PYTHONPATH",
@@ -31,14 +31,14 @@ LISTS = (
     "GAZEBO_PLUGIN_PATH",
     "GAZEBO_RESOURCE_PATH",
 )
-# The nodes, and the messages for rosmsg and rosservice. Debian's ROS adds its own /usr/share to every search itself.
+# The nodes, and the messages for rosmsg and rosservice. Debian's ROS searches its own /usr/share anyway.
 LIBRARIES = {"PYTHONPATH": f"{LIBRARY}/python", "ROS_PACKAGE_PATH": f"{LIBRARY}/share"}
-# The name of a computer: rospy takes ROS_HOSTNAME before ROS_IP, so a forgotten one of the two must not stay.
+# The name of a computer. rospy takes ROS_HOSTNAME before ROS_IP, so an old one of the two must not stay.
 NAMES = ("ROS_HOSTNAME", "ROS_IP")
 MASTER = "ROS_MASTER_URI"
 
 UNIT_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
-# Without SetEnv, sshd gives root another PATH than others; this has the folders of both, as in Ubuntu.
+# Without SetEnv, sshd gives root a PATH of its own. This one has the folders of both, as in Ubuntu.
 SSH_PATH = f"{UNIT_PATH}:/usr/local/games:/usr/games"
 
 _HEADER = "# From the collection rosfleet.multimaster: written again by its next run.\n"
@@ -47,14 +47,14 @@ _PLAIN = re.compile(r"[A-Za-z0-9_./:@%+,=-]+")
 
 @dataclass(frozen=True)
 class Environment:
-    """The variables of one computer: texts, lists of folders, and names that must not be set."""
+    """The variables of one computer: texts, lists of folders, and names without a value."""
 
     texts: Mapping[str, str] = field(default_factory=dict)
     lists: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     unset: tuple[str, ...] = ()
-    # What root gets, and everybody but `person`; None where all get the same. Services get the whole.
+    # For root, and for all users but `person`. None: all get the same. Services get the whole.
     others: Environment | None = None
-    person: str = ""  # the user who gets the whole, "*" for every user but root, empty for no user
+    person: str = ""  # the user with the whole, "*" for every user but root, empty for no user
 
 
 @dataclass(frozen=True)
@@ -63,12 +63,12 @@ class Machine:
 
     ssh: bool = True  # sshd takes our file
     ssh_path: str = SSH_PATH  # the PATH that sshd gives
-    ssh_match: bool = True  # no other SetEnv is below a Match: ours would come first, and sshd takes only one
-    hooks: str = ""  # the folder of ROS's own hooks; empty where there is none
+    ssh_match: bool = True  # no other SetEnv is below a Match; sshd would take ours alone
+    hooks: str = ""  # the folder of ROS's own hooks; empty without one
 
 
 def merge(ros: Mapping[str, str], ours: Mapping[str, str]) -> Environment:
-    """Merge the variables of the ROS installation with ours, which win. A list has our folders first, and each folder once."""
+    """Merge the variables of the ROS installation with ours. Ours win. A list has our folders first, and each folder once."""
     texts: dict[str, str] = {}
     lists: dict[str, tuple[str, ...]] = {}
     stale = tuple(name for name in NAMES if name not in ours)
@@ -79,7 +79,7 @@ def merge(ros: Mapping[str, str], ours: Mapping[str, str]) -> Environment:
                 lists[name] = tuple(dict.fromkeys(entries))
             elif name not in stale:
                 texts.setdefault(name, value)
-    # Only where one of the two names is ours is the other one known to be forgotten.
+    # The other of the two names is stale only if one of them is ours.
     unset = stale if len(stale) < len(NAMES) else ()
     return Environment(dict(sorted(texts.items())), dict(sorted(lists.items())), unset)
 
@@ -87,13 +87,13 @@ def merge(ros: Mapping[str, str], ours: Mapping[str, str]) -> Environment:
 def merge_for_users(
     ros: Mapping[str, str], for_root: Mapping[str, str], person: str, ours: Mapping[str, str]
 ) -> Environment:
-    """Merge as `merge` does, where not everybody gets all: root must not act on what somebody else can change."""
+    """Merge as `merge` does, with less for root and others: root must not use a path that other users can change."""
     whole, others = merge(ros, ours), merge(for_root, ours)
     return whole if whole == others else replace(whole, others=others, person=person)
 
 
-def machine(info: Mapping[str, Any]) -> Machine:
-    """Return the facts that the files depend on, out of the return of multimaster_info."""
+def read_machine(info: Mapping[str, Any]) -> Machine:
+    """Read the facts that the files depend on out of the return of multimaster_info."""
     sshd = info["sshd"]
     return Machine(
         ssh=sshd["installed"] and sshd["includes_drop_ins"] and not _global_setenv(sshd),
@@ -104,24 +104,24 @@ def machine(info: Mapping[str, Any]) -> Machine:
 
 
 def render_files(environment: Environment, machine: Machine) -> list[dict[str, Any]]:
-    """Return the files that carry an environment and that this machine can use, as managed_files takes them."""
-    made = []
+    """Return the files of an environment that this machine can use, as managed_files takes them."""
+    files = []
     for path, render in CONSUMERS:
         content = render(environment, machine)
         if content:
             mode = "0755" if path == GENERATOR else "0644"
             file = {"path": path.format(hooks=machine.hooks), "content": content, "mode": mode}
-            made.append({**file, "validate": SSHD_TEST} if path == SSHD else file)
-    return made
+            files.append({**file, "validate": SSHD_TEST} if path == SSHD else file)
+    return files
 
 
 def digest(environment: Environment) -> str:
-    """Return the SHA-256 of the file that units read: a change of another file is no reason to restart a roscore."""
-    return hashlib.sha256(_units(environment, Machine()).encode()).hexdigest()
+    """Return the SHA-256 of the file that units read. Changes of the other files do not restart a roscore."""
+    return hashlib.sha256(_render_units(environment, Machine()).encode()).hexdigest()
 
 
-def notes(info: Mapping[str, Any], environment: Environment) -> list[str]:
-    """Return a sentence for each consumer that cannot be reached on this machine."""
+def find_gaps(info: Mapping[str, Any], environment: Environment) -> list[str]:
+    """Return a sentence for each consumer without the environment on this machine."""
     sshd = info["sshd"]
     if not sshd["installed"]:
         return []
@@ -130,27 +130,27 @@ def notes(info: Mapping[str, Any], environment: Environment) -> list[str]:
             f"Commands by ssh do not get the environment of ROS on {quote(info['hostname'])}: its sshd reads no drop-ins "
             f"(no Include of {SSHD.rpartition('/')[0]}/*.conf outside a Match in /etc/ssh/sshd_config)."
         ]
-    against = _global_setenv(sshd)
-    found = [
+    rivals = _global_setenv(sshd)
+    gaps = [
         f"Commands by ssh do not get the environment of ROS on {quote(info['hostname'])}: "
         f"{quote(other['file'])} line {other['line']} has a SetEnv already, and sshd uses only the first; "
         "move its variables elsewhere, or add ours to it."
-        for other in against
+        for other in rivals
     ]
-    if not environment.others or not environment.person or against:
-        return found
+    if not environment.others or not environment.person or rivals:
+        return gaps
     if not sshd.get("match_setenv", True):
-        found.append(
+        gaps.append(
             f"Commands by ssh do not get the variables of the set-up file of ROS on {quote(info['hostname'])}: its OpenSSH knows no SetEnv "
             "below a Match; login shells get them (bash -lc COMMAND)."
         )
     else:
-        found += [
+        gaps += [
             f"Commands by ssh do not get the variables of the set-up file of ROS on {quote(info['hostname'])}: {quote(other['file'])} line "
             f"{other['line']} has a SetEnv below a Match, and sshd uses only the first of those; move its variables elsewhere."
             for other in _match_setenv(sshd)
         ]
-    return found
+    return gaps
 
 
 def find_differences(
@@ -161,11 +161,11 @@ def find_differences(
 ) -> list[str]:
     """Return a sentence for each of our variables that does not arrive, out of `environment` of multimaster_info.
 
-    `rendered` are the paths of the files, so that a consumer that was left out is not asked; `known` are the variables
-    that older files of the machine set, of which login shells are known to have another value.
+    `rendered` are the paths of our files. A consumer without one is passed over. `known` are the variables that older
+    files of the machine set. Login shells may have another value of them.
     """
     expected = merge({}, ours)
-    found = []
+    differences = []
     for what, paths in SEEN.items():
         variables = seen.get(what)
         path = next((path for path in paths if path in rendered), "")
@@ -174,27 +174,27 @@ def find_differences(
         skipped = set(known) if what == "login" else set()
         for name, value in expected.texts.items():
             if variables.get(name) != value and name not in skipped:
-                found.append(_difference(what, path, name, variables.get(name), value))
+                differences.append(_describe(what, path, name, variables.get(name), value))
         for name, entries in expected.lists.items():
             if not set(entries) <= set(variables.get(name, "").split(":")):
-                found.append(_difference(what, path, name, variables.get(name), ":".join(entries)))
-        found += [
-            _difference(what, path, name, variables[name], None)
+                differences.append(_describe(what, path, name, variables.get(name), ":".join(entries)))
+        differences += [
+            _describe(what, path, name, variables[name], None)
             for name in expected.unset
             if name in {*variables} - skipped
         ]
-    return found
+    return differences
 
 
-def _difference(what: str, path: str, name: str, found: str | None, expected: str | None) -> str:
+def _describe(what: str, path: str, name: str, value: str | None, expected: str | None) -> str:
     return (
-        f"{name} is {'not set' if found is None else quote(found)} in {CALLED[what]}, expected "
+        f"{name} is {'not set' if value is None else quote(value)} in {TITLES[what]}, expected "
         f"{'it not to be set' if expected is None else quote(expected)}: something is read after {path}."
     )
 
 
 def _global_setenv(sshd: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the lines that stand against ours. A line below a Match counts for its users alone."""
+    """Return the lines that would win over ours. A line below a Match counts for its users alone."""
     return [other for other in sshd["other_setenv"] if not other["match"]]
 
 
@@ -202,29 +202,29 @@ def _match_setenv(sshd: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [other for other in sshd["other_setenv"] if other["match"]]
 
 
-def _units(environment: Environment, machine: Machine) -> str:
-    """Render the file for systemd (systemd.exec(5), EnvironmentFile=): whole values, nothing is expanded."""
+def _render_units(environment: Environment, machine: Machine) -> str:
+    """Render the file for systemd (systemd.exec(5), EnvironmentFile=): whole values, without expansion."""
     return _HEADER + "".join(f"{name}={_quote(value)}\n" for name, value in values(environment).items())
 
 
 def values(environment: Environment) -> dict[str, str]:
-    """Return the variables that services get, each with its whole value."""
+    """Return the variables of services, each with its whole value."""
     return dict(sorted({**environment.texts, **_whole(environment, UNIT_PATH)}.items()))
 
 
-def _profile(environment: Environment, machine: Machine) -> str:
-    """Render POSIX sh for /etc/profile and display managers; it works under any options (set -eu) and prints nothing."""
-    return _HEADER + "\n".join(_render_by_user(environment, _exports)) + "\n"
+def _render_profile(environment: Environment, machine: Machine) -> str:
+    """Render POSIX sh for /etc/profile and display managers. It works under any options (set -eu) and prints nothing."""
+    return _HEADER + "\n".join(_render_by_user(environment, _render_exports)) + "\n"
 
 
-def _exports(environment: Environment) -> list[str]:
+def _render_exports(environment: Environment) -> list[str]:
     lines = [f"unset {name}" for name in environment.unset]
     lines += [f"export {name}={shlex.quote(value)}" for name, value in environment.texts.items()]
     return lines + _prepend_folders(environment.lists)
 
 
 def _render_by_user(environment: Environment, render: Callable[[Environment], list[str]]) -> list[str]:
-    """Render lines of sh, where not everybody gets the same those for the person and those for others."""
+    """Render lines of sh. If others get less than the person, each has lines of its own."""
     others = environment.others
     if not others:
         return render(environment)
@@ -237,11 +237,10 @@ def _render_by_user(environment: Environment, render: Callable[[Environment], li
     return [start, *render(first), ";; *)", *render(second), ";; esac"]
 
 
-def _hook(environment: Environment, machine: Machine) -> str:
-    """Render a hook of catkin: a set-up file that a person sources makes ROS_PACKAGE_PATH anew, then sources the hooks.
+def _render_hook(environment: Environment, machine: Machine) -> str:
+    """Render a hook of catkin. A set-up file makes ROS_PACKAGE_PATH anew, then it sources the hooks.
 
-    A value that the person has set stays. Shells that read no profile (zsh, cron) get the fleet's master instead of
-    localhost.
+    A value of the person stays. Shells that read no profile (zsh, cron) get the fleet's master instead of localhost.
     """
     if not machine.hooks:
         return ""
@@ -265,8 +264,8 @@ def _prepend_folders(lists: Mapping[str, Sequence[str]]) -> list[str]:
     return lines
 
 
-def _desktop(environment: Environment, machine: Machine) -> str:
-    """Render a file for desktops (environment.d(5)): `$` is doubled, since values are expanded after the quotes are gone."""
+def _render_desktop(environment: Environment, machine: Machine) -> str:
+    """Render a file for desktops (environment.d(5)). `$` is doubled, since systemd expands values without their quotes."""
     if environment.others and environment.person:
         return ""  # every user's systemd reads this file, root's too
     environment = environment.others or environment
@@ -277,15 +276,15 @@ def _desktop(environment: Environment, machine: Machine) -> str:
     return _HEADER + "".join(lines)
 
 
-def _generator(environment: Environment, machine: Machine) -> str:
-    """Render a generator for desktops (systemd.environment-generator(7)), which can ask whose systemd runs it."""
+def _render_generator(environment: Environment, machine: Machine) -> str:
+    """Render a generator for desktops (systemd.environment-generator(7)). It can ask which user's systemd runs it."""
     if not (environment.others and environment.person):
         return ""
 
-    def said(environment: Environment) -> list[str]:
-        return [*_exports(environment), f"say {' '.join([*environment.texts, *environment.lists])}"]
+    def render(environment: Environment) -> list[str]:
+        return [*_render_exports(environment), f"say {' '.join([*environment.texts, *environment.lists])}"]
 
-    return _GENERATOR_START + "\n".join(_render_by_user(environment, said)) + "\n"
+    return _GENERATOR_START + "\n".join(_render_by_user(environment, render)) + "\n"
 
 
 _GENERATOR_START = f"""\
@@ -299,31 +298,31 @@ _GENERATOR_START = f"""\
 """
 
 
-def _ssh(environment: Environment, machine: Machine) -> str:
-    """Render SetEnv (sshd_config(5)): sshd uses the first such line only, so all variables are in one.
+def _render_ssh(environment: Environment, machine: Machine) -> str:
+    """Render SetEnv (sshd_config(5)). sshd uses only the first such line, so all variables are in one.
 
-    Of two that are not below the same Match, it uses the one below a Match that is true. A Match ends with this file.
+    A line below a Match that is true counts before a line outside. A Match ends with this file.
     """
     if not machine.ssh:
         return ""
     others = environment.others
     if not others:
-        return f"{_HEADER}{_setenv(environment, machine)}"
+        return f"{_HEADER}{_render_setenv(environment, machine)}"
     users = {"": "", "*": "!root,*"}.get(environment.person, environment.person)
-    more = f"Match User {users}\n{_setenv(environment, machine)}" if users and machine.ssh_match else ""
-    return f"{_HEADER}{_setenv(others, machine)}{more}"
+    more = f"Match User {users}\n{_render_setenv(environment, machine)}" if users and machine.ssh_match else ""
+    return f"{_HEADER}{_render_setenv(others, machine)}{more}"
 
 
-def _setenv(environment: Environment, machine: Machine) -> str:
+def _render_setenv(environment: Environment, machine: Machine) -> str:
     values = {**environment.texts, **_whole(environment, machine.ssh_path)}
-    # The quotes are around the whole word: OpenSSH before 8.7 knows them only at its start.
+    # The quotes are around the whole word. OpenSSH before 8.7 knows them only at its start.
     pairs = map("=".join, sorted(values.items()))
     words = [pair if _PLAIN.fullmatch(pair) else f'"{_escape(pair)}"' for pair in pairs]
     return f"SetEnv {' '.join(words)}\n"
 
 
 def _whole(environment: Environment, path: str) -> dict[str, str]:
-    """Return lists as texts, for readers that cannot extend a list; PATH keeps the folders of the system."""
+    """Return lists as texts, for readers that cannot extend a list. PATH keeps the folders of the system."""
     return {
         name: ":".join(dict.fromkeys([*entries, *(path.split(":") if name == "PATH" else ())]))
         for name, entries in environment.lists.items()
@@ -331,7 +330,7 @@ def _whole(environment: Environment, path: str) -> dict[str, str]:
 
 
 def _quote(value: str) -> str:
-    """Return a value as systemd reads it: in double quotes where it is not plain."""
+    """Return a value for systemd, in double quotes unless it is plain."""
     return value if _PLAIN.fullmatch(value) else f'"{_escape(value)}"'
 
 
@@ -340,22 +339,22 @@ def _escape(value: str) -> str:
 
 
 SSHD = "/etc/ssh/sshd_config.d/rosfleet-multimaster.conf"
-# An sshd that refuses its files shuts everybody out at the next boot. It names what it refuses; its status also counts
-# host keys that are not there yet.
+# An sshd that refuses its files would not start at the next boot. It names the refused file. Its status is no proof, since
+# it counts missing host keys too.
 SSHD_TEST = ["/bin/sh", "-c", "! /usr/sbin/sshd -t -f /dev/stdin 2>&1 | grep /dev/stdin"]
 PROFILE = "/etc/profile.d/rosfleet-multimaster.sh"
 DESKTOP = "/etc/environment.d/90-rosfleet-multimaster.conf"
 GENERATOR = "/etc/systemd/user-environment-generators/90-rosfleet-multimaster"
 
 CONSUMERS: tuple[tuple[str, Callable[[Environment, Machine], str]], ...] = (
-    (f"{CONFIGURATION}/environment", _units),
-    (PROFILE, _profile),
-    (DESKTOP, _desktop),
-    (GENERATOR, _generator),
-    (SSHD, _ssh),
-    # In the order of names: after 1.ros_package_path.sh of ros_environment, before 10.roslaunch.sh (localhost).
-    ("{hooks}/1.rosfleet-multimaster.sh", _hook),
+    (f"{CONFIGURATION}/environment", _render_units),
+    (PROFILE, _render_profile),
+    (DESKTOP, _render_desktop),
+    (GENERATOR, _render_generator),
+    (SSHD, _render_ssh),
+    # Hooks run in the order of names: after 1.ros_package_path.sh of ros_environment, before 10.roslaunch.sh (localhost).
+    ("{hooks}/1.rosfleet-multimaster.sh", _render_hook),
 )
-# The environments that multimaster_info reads back, and the files that may be behind each.
+# The environments that multimaster_info reads back, and the files that each may come from.
 SEEN = {"login": (PROFILE,), "ssh": (SSHD,), "desktop": (DESKTOP, GENERATOR)}
-CALLED = {"login": "a new login shell", "ssh": "a command by ssh", "desktop": "a terminal of the desktop"}
+TITLES = {"login": "a new login shell", "ssh": "a command by ssh", "desktop": "a terminal of the desktop"}

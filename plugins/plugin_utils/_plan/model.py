@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The plan of a fleet as types: what all computers share (FleetPlan), and what one computer needs (ComputerPlan).
+"""The plan of a fleet as types: FleetPlan for all computers, ComputerPlan for one.
 
-`plain.to_plain` makes of it what Ansible's variables `multimaster_fleet` and `multimaster_plan` hold. A field here is a
-key there, in the same order. `plain.from_plain` reads them again. Only actions, filters and lookups do either.
+`plain.to_plain` makes Ansible's variables `multimaster_fleet` and `multimaster_plan` of it. A field here is a key there,
+in the same order. `plain.from_plain` reads them again. Only actions, filters and lookups call these two.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model 
 
 DEFAULT_ROUTE = IPv4Network("0.0.0.0/0")
 
-# Parameters of a node, in the words of the provider; the services get them as JSON.
+# Parameters of a node, in the words of the provider. The services get them as JSON.
 Parameters = Mapping[str, Any]
 
 
@@ -85,26 +85,24 @@ class Member:
 
 @dataclass(frozen=True)
 class KnownRobot:
-    """A robot by what the network shows of it. The router has an entry without a master."""
+    """The names and addresses of a robot in the network. The router has an entry without a master."""
 
     robot: str
     name: str = ""  # of its master
-    uris: tuple[str, ...] = ()  # that its master may have: the planned one, and those by its other names and addresses
+    uris: tuple[str, ...] = ()  # of its master: the planned one, and those with its other names and addresses
     rpc_port: int = 0
-    addresses: tuple[IPv4Address, ...] = ()  # of the computer with its master, the one that discovery uses first
+    addresses: tuple[IPv4Address, ...] = ()  # of its master's computer; discovery uses the first
     hosts: tuple[str, ...] = ()  # names and addresses of all its computers
 
 
 @dataclass(frozen=True)
-class Belonging:
-    """Who belongs to the fleet."""
+class Membership:
+    """The members of the fleet."""
 
-    strangers: str = "ignore"  # or allow: what becomes of masters that are not in the inventory
-    allow: tuple[
-        IPv4Network, ...
-    ] = ()  # of computers that are not in the inventory, and belong to the fleet all the same
+    strangers: str = "ignore"  # or allow: for masters outside the inventory
+    allow: tuple[IPv4Network, ...] = ()  # computers outside the inventory that are members too
     robots: tuple[KnownRobot, ...] = ()
-    computers: tuple[IPv4Address, ...] = ()  # all addresses of all computers, the router's among them
+    computers: tuple[IPv4Address, ...] = ()  # all addresses of all computers and of the router
 
 
 @dataclass(frozen=True)
@@ -133,7 +131,7 @@ class Setting:
 
     name: str
     value: str
-    # Values of a file of somebody else that serve as well, and that stay.
+    # Values that serve as well. A file of somebody else may keep them.
     enough: tuple[str, ...] | None = field(default=None, metadata=notation(left_out=True))
 
 
@@ -147,7 +145,7 @@ class Route:
 
 @dataclass(frozen=True)
 class ExpectedRoute:
-    """A route that something else makes; one of the gateways is the right one."""
+    """A route that something else makes, by one of the gateways."""
 
     destination: IPv4Network
     gateways: tuple[IPv4Address, ...]
@@ -184,11 +182,11 @@ class MulticastRouting:
 
 @dataclass(frozen=True)
 class Firewall:
-    """The packet filter of a computer; FleetPlan.let_in says who passes it."""
+    """The packet filter of a computer. FleetPlan.let_in has the sources that pass it."""
 
-    networks: tuple[IPv4Network, ...] = ()  # that it protects beside itself, since packets to them pass through it
-    also: tuple[IPv4Network, ...] = ()  # who is let in on this computer alone
-    open_ports: tuple[str, ...] = ()  # that stay open to everybody
+    networks: tuple[IPv4Network, ...] = ()  # behind the computer, and protected by it too
+    also: tuple[IPv4Network, ...] = ()  # sources that pass on this computer alone
+    open_ports: tuple[str, ...] = ()  # open to everybody
 
 
 @dataclass(frozen=True)
@@ -209,7 +207,7 @@ class UnitLines:
 
 @dataclass(frozen=True, kw_only=True)
 class ComputerPlan:
-    """The configuration that one computer needs; the router of the common network has a plan, too."""
+    """The configuration of one computer, or of the router of the common network."""
 
     computer: str
     robot: str = ""  # empty for the router
@@ -235,11 +233,11 @@ class ComputerPlan:
     provider: str = "bundled"
     discovery: Parameters = field(default_factory=dict)
     sync: Parameters = field(default_factory=dict)
-    # Where node_exporter reads what the nodes measure. None: nowhere.
+    # The folder of node_exporter for the metrics of the nodes. None: the nodes write no metrics.
     metrics_folder: str | None = field(default=None, metadata=notation(left_out=True))
-    limits: tuple[str, ...] = ()  # sentences about what the provider cannot do
+    limits: tuple[str, ...] = ()  # a sentence for each thing that the provider cannot do
     listens: bool = False  # it is one of the listeners
-    # Filled in by preflight, which knows the machine.
+    # Preflight fills these in, since it knows the machine.
     programs: Mapping[str, UnitLines] | None = field(default=None, metadata=notation(left_out=True))
     packages: tuple[str, ...] | None = field(default=None, metadata=notation(left_out=True))
     # Multicast routing is planned, or an earlier plan left some behind.
@@ -266,8 +264,8 @@ class FleetPlan:
     multicast_routing: str = "none"
     members: tuple[Member, ...] = ()
     listeners: tuple[Listener, ...] = ()
-    let_in: tuple[IPv4Network, ...] = ()  # whom the packet filters let in; empty without them
-    belonging: Belonging = Belonging()
+    let_in: tuple[IPv4Network, ...] = ()  # sources that pass the packet filters; empty without them
+    belonging: Membership = Membership()
     computers: Mapping[str, ComputerPlan] = field(default_factory=dict)
 
     @cached_property
@@ -284,15 +282,16 @@ class FleetPlan:
             for entry in self.networks
         }
 
-    def heard(self, talkers: Collection[str]) -> dict[str, list[str]]:
-        """Return which of the computers in `talkers` each robot is to hear; the empty name is the router.
+    def talkers_by_robot(self, talkers: Collection[str]) -> dict[str, list[str]]:
+        """Return the computers of `talkers` that each robot is to hear. The empty name is the router.
 
-        A robot hears whoever gives it something: robots that declare nothing, those with a flow to it, and itself.
+        A robot hears its givers: itself, the robots with a flow to it, and those that declare nothing.
         """
         open_robots = {master.robot for master in self.masters if not master.declared}
-        heard = {}
+        by_robot = {}
         for robot in ("", *self.master_of):
-            declared = {giver for flow in self.flows if robot in flow.to for giver in flow.givers}
-            givers = open_robots | declared | {robot}
-            heard[robot] = [member.name for member in self.members if member.robot in givers and member.name in talkers]
-        return heard
+            givers = {giver for flow in self.flows if robot in flow.to for giver in flow.givers} | open_robots | {robot}
+            by_robot[robot] = [
+                member.name for member in self.members if member.robot in givers and member.name in talkers
+            ]
+        return by_robot

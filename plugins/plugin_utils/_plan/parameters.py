@@ -3,8 +3,8 @@
 
 """The private parameters of the nodes master_discovery and master_sync, in the words of the provider.
 
-First come the parameters of the bundled nodes. Upstream's (multimaster_fkie) are made of them, with the same meaning as
-far as upstream has it. For each thing that it has not, `limits` has a sentence.
+First come the parameters of the bundled nodes. Upstream's (multimaster_fkie) are made of them, with the same meaning if
+upstream has it. `limits` has a sentence for each thing that upstream lacks.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filter
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import VERIFICATION_TOPICS, Flow
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Fleet, Robot
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import Parameters
 
 UPSTREAM = ("fkie_apt", "fkie_existing")
@@ -39,7 +40,7 @@ Filters = dict[str, list[str]]
 
 def discovery(fleet: Fleet, robot: Robot) -> Parameters:
     """Return the parameters of a robot's master_discovery."""
-    bundled = _discovery(fleet, robot)
+    bundled = _make_discovery(fleet, robot)
     if robot.variables.provider in UPSTREAM:
         return _upstream_discovery(bundled)
     parameters: Parameters = to_plain(bundled)
@@ -48,21 +49,21 @@ def discovery(fleet: Fleet, robot: Robot) -> Parameters:
 
 def sync(fleet: Fleet, robot: Robot) -> Parameters:
     """Return the parameters of a robot's master_sync."""
-    bundled = _sync(fleet, robot)
+    bundled = _make_sync(fleet, robot)
     _add_for_upstream(bundled, fleet, robot)
     if robot.variables.provider in UPSTREAM:
         return _upstream_sync(bundled)
-    who = fleet.variables
-    shown = _output_parameters(fleet, robot, "sync")
-    return {**bundled, "strangers": who.strangers, "allow": [str(network) for network in who.allow], **shown}
+    shared = fleet.variables
+    output = _output_parameters(fleet, robot, "sync")
+    return {**bundled, "strangers": shared.strangers, "allow": [str(network) for network in shared.allow], **output}
 
 
 def add_members(parameters: Parameters, members: Sequence[Any]) -> Parameters:
-    """Return the parameters of a node with the robots of the fleet, which all nodes share; upstream's nodes take none."""
+    """Return the parameters of a node with the robots of the fleet. Upstream's nodes take no robots."""
     return {**parameters, "members": list(members)} if "strangers" in parameters else parameters
 
 
-# What people are shown, by both bundled nodes
+# The output of both bundled nodes for people
 
 DIAGNOSTICS = "/diagnostics"
 
@@ -74,8 +75,8 @@ def writes_metrics(robot: Robot) -> bool:
 
 def _output_parameters(fleet: Fleet, robot: Robot, service: str) -> dict[str, Any]:
     """Return the parameters that differ from the defaults. The file is in memory, in the folder of the service."""
-    shown: dict[str, Any] = {"diagnostics": False} if fleet.variables.diagnostics == "none" else {}
-    return {**shown, "metrics": f"/run/multimaster-{service}/metrics.prom"} if writes_metrics(robot) else shown
+    output: dict[str, Any] = {"diagnostics": False} if fleet.variables.diagnostics == "none" else {}
+    return {**output, "metrics": f"/run/multimaster-{service}/metrics.prom"} if writes_metrics(robot) else output
 
 
 # master_discovery, bundled
@@ -92,7 +93,7 @@ class ServedNames:
 
 @dataclass(frozen=True, kw_only=True)
 class Discovery:
-    """The parameters of the bundled master_discovery; where upstream has the same one, its name is upstream's."""
+    """The parameters of the bundled master_discovery, with upstream's names if upstream has the same ones."""
 
     name: str
     mcast_group: IPv4Address
@@ -107,12 +108,11 @@ class Discovery:
     hide_subscribers: tuple[str, ...]
     strangers: str
     allow: tuple[IPv4Network, ...]
-    exports: tuple[ServedNames, ...] | None = field(
-        default=None, metadata=notation(left_out=True)
-    )  # None: not declared
+    # None: not declared.
+    exports: tuple[ServedNames, ...] | None = field(default=None, metadata=notation(left_out=True))
 
 
-def _discovery(fleet: Fleet, robot: Robot) -> Discovery:
+def _make_discovery(fleet: Fleet, robot: Robot) -> Discovery:
     shared = fleet.variables
     multicast = shared.transport in ("both", "multicast")
     peers = tuple(other.master.discovery_address for other in fleet.robots if other != robot)
@@ -153,27 +153,26 @@ def _addresses(robot: Robot) -> list[str]:
 
 
 # Filters that leave no publisher out.
-UNRESTRICTING = ("ignore_services", "ignore_subscribers")
+FREE_FILTERS = ("ignore_services", "ignore_subscribers")
 
 
 def is_restricted(fleet: Fleet, robot: Robot) -> bool:
-    """Return True if this robot exchanges no subscribers: a roscore that has another robot's tells it whom to hear."""
+    """Return True if this robot exchanges no subscribers. A roscore would tell those of other robots of every publisher."""
     return fleet.has_exports or any(
-        patterns for name, patterns in robot.variables.filters.items() if name not in UNRESTRICTING
+        patterns for name, patterns in robot.variables.filters.items() if name not in FREE_FILTERS
     )
 
 
 # master_sync, bundled
 
 
-def _sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
-    """Return the robot's filters, and a section with a white list for each master that declares."""
-    filters = _filters(robot)
+def _make_sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
+    """Return the robot's filters, and a section with a white list for each robot that declares."""
+    parameters: dict[str, Any] = {**_list_filters(robot)}
     if is_restricted(fleet, robot):
-        filters["ignore_subscribers"] = ["*"]
+        parameters["ignore_subscribers"] = ["*"]
     if fleet.variables.diagnostics == "local":
-        filters.setdefault("ignore_topics", []).append(DIAGNOSTICS)
-    parameters: dict[str, Any] = {**filters}
+        parameters.setdefault("ignore_topics", []).append(DIAGNOSTICS)
     received = _make_white_lists(fleet.flows, robot.name)
     for other in fleet.robots:
         if other.variables.exports is None or other == robot:
@@ -187,7 +186,7 @@ def _sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
     return parameters
 
 
-def _filters(robot: Robot) -> Filters:
+def _list_filters(robot: Robot) -> Filters:
     """Return the robot's filters in upstream's names, an action as its five topics."""
     parameters: Filters = {}
     for name, patterns in robot.variables.filters.items():
@@ -199,25 +198,25 @@ def _filters(robot: Robot) -> Filters:
 
 
 def _make_white_lists(flows: Sequence[Flow], robot: str) -> dict[str, Filters]:
-    """Return the white lists for each declaring robot that gives this one something."""
-    found: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
+    """Return the white lists for each robot with a flow to this one."""
+    names: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
     for flow in flows:
         if flow.reaches(robot):
             for giver in flow.givers:
-                topics, services = found.setdefault(giver, ({}, {}))
+                topics, services = names.setdefault(giver, ({}, {}))
                 topics.update(dict.fromkeys(flow.topics))
                 services.update(dict.fromkeys(flow.services))
     return {
         giver: {"sync_topics": [*topics, VERIFICATION_TOPICS], "sync_services": [*services]}
-        for giver, (topics, services) in found.items()
+        for giver, (topics, services) in names.items()
     }
 
 
 def _add_for_upstream(parameters: dict[str, Any], fleet: Fleet, robot: Robot) -> None:
-    """Add what other robots with upstream's nodes make necessary, whatever the provider of this one.
+    """Add the parameters that other robots with upstream's nodes make necessary, for any provider of this robot.
 
-    A robot with upstream tells of the nodes of its further computers as remote ones, and cannot hide its subscribers.
-    So the others ask for the former, and leave the latter out where that robot is restricted.
+    Upstream calls the nodes on the further computers of its robot remote, so this robot asks for remote nodes. Upstream
+    cannot hide its subscribers, so this robot ignores them if that robot is restricted.
     """
     for other in fleet.robots:
         if other == robot or other.variables.provider not in UPSTREAM:
@@ -232,15 +231,15 @@ def _add_for_upstream(parameters: dict[str, Any], fleet: Fleet, robot: Robot) ->
 # Upstream's words
 
 
-# The filters of upstream's master_sync beside those of hosts; the white lists are last.
+# The filters of upstream's master_sync without those of hosts. The white lists are last.
 UPSTREAM_FILTERS = (*(name for name in NAMES if name not in (*WHITE_LISTS, "do_not_sync")), *WHITE_LISTS)
-# At one heartbeat a second, ten datagrams in a row do not get lost; upstream asks nobody before it gives a robot up.
+# Upstream gives a silent robot up without a question. Ten datagrams in a row do not get lost.
 BEATS = 10
-# Upstream's: seconds of silence that timeout_factor multiplies, at one heartbeat a second or more.
+# Upstream multiplies these seconds of silence by timeout_factor, at one heartbeat a second or more.
 INTERVAL = 5.0
-# Below this rate upstream counts requests instead: 60 s and five of them.
+# Below this rate upstream counts requests instead: five of them and 60 s.
 COUNTED_HZ, UNCOUNTED = 0.3, 65.0
-# The parameters that upstream has under the same name and with the same meaning.
+# Parameters with the same name and meaning in upstream.
 SAME = ("name", "mcast_port", "interface", "rpc_port", "heartbeat_hz", "send_mcast", "listen_mcast", "robot_hosts")
 
 
@@ -257,13 +256,13 @@ def _upstream_discovery(bundled: Discovery) -> dict[str, Any]:
 
 
 def _offline_after(bundled: Discovery) -> float:
-    """Return the seconds of silence after which upstream gives a robot up and withdraws what it has of it."""
+    """Return the seconds of silence until upstream gives a robot up and withdraws its names."""
     hz = bundled.heartbeat_hz
     return max(bundled.offline_after, BEATS / hz if hz >= COUNTED_HZ else UNCOUNTED)
 
 
 def _hide_names(exports: Sequence[ServedNames] | None) -> Filters:
-    """Hide from everybody what goes to nobody. What goes to some robots, upstream serves to all of them."""
+    """Hide the names without a receiver. Upstream serves a name to all robots or to none of them."""
     if exports is None:
         return {}
     topics = (name for entry in exports for name in entry.topics)
@@ -286,11 +285,11 @@ def _upstream_sync(bundled: Mapping[str, Any]) -> dict[str, Any]:
         for name, items in own.items():
             if items:
                 lists[name].append({master.lower(): _group_alternatives(items)})
-    return {**kept, **_hosts(bundled), **{name: items for name, items in lists.items() if items}}
+    return {**kept, **_list_hosts(bundled), **{name: items for name, items in lists.items() if items}}
 
 
-def _hosts(bundled: Mapping[str, Any]) -> Filters:
-    """Return the filters of hosts. Beside `ignore_hosts`, upstream's `sync_hosts` restricts nothing, unless all are ignored."""
+def _list_hosts(bundled: Mapping[str, Any]) -> Filters:
+    """Return the filters of hosts. In upstream `sync_hosts` restricts nothing, unless `ignore_hosts` has all."""
     wanted, ignored = (_group_alternatives(bundled.get(name, ())) for name in ("sync_hosts", "ignore_hosts"))
     if wanted:
         return {"ignore_hosts": ["*"], "sync_hosts": wanted}
@@ -298,7 +297,7 @@ def _hosts(bundled: Mapping[str, Any]) -> Filters:
 
 
 def _close_white_lists(own: Mapping[str, list[str]], everybody: Mapping[str, list[str]]) -> Filters:
-    """Close the white lists: where one of any kind is there, an empty one of topics or services lets nothing pass."""
+    """Close the white lists: beside a white list of any kind, an empty one of topics or services lets nothing pass."""
     closed = {name: list(items) for name, items in own.items()}
     if any(own[name] or everybody.get(name) for name in WHITE_LISTS):
         for name in ("sync_topics", "sync_services"):
@@ -308,68 +307,66 @@ def _close_white_lists(own: Mapping[str, list[str]], everybody: Mapping[str, lis
 
 
 def _group_alternatives(items: Iterable[str]) -> list[str]:
-    """Put alternatives in a group: upstream anchors the text as it is, so `a|b` would be everything that starts with a."""
+    """Put alternatives in a group. Upstream anchors the whole text, so `a|b` would match every name that starts with a."""
     return [f"(?:{item.strip()})" if "|" in item else item.strip() for item in items if item.strip()]
 
 
-# What the configuration asks for, and upstream has not
+# Things that upstream lacks
 
 
 def limits(fleet: Fleet, robot: Robot) -> tuple[str, ...]:
-    """Return a sentence for each thing that the provider of a robot cannot do; the bundled nodes can do everything."""
-    return tuple(_limits(robot, _discovery(fleet, robot))) if robot.variables.provider in UPSTREAM else ()
-
-
-def _limits(robot: Robot, bundled: Discovery) -> list[str]:
+    """Return a sentence for each thing that the provider of a robot cannot do. The bundled nodes can do everything."""
     host, provider = robot.master.name, robot.variables.provider
-    said = [
+    if provider not in UPSTREAM:
+        return ()
+    bundled = _make_discovery(fleet, robot)
+    sentences = [
         f"{host}: multimaster_provider is '{provider}', whose nodes register whatever they find; expected names of nodes and "
         "services that are unique in the fleet, and one type for a topic, since a roscore ends its own node when another robot's has "
         "the same name: rename them or leave them out by multimaster_filters, or set multimaster_provider to 'bundled', which refuses "
         "such registrations."
     ]
     if bundled.strangers == "ignore":
-        said.append(
+        sentences.append(
             f"{host}: multimaster_strangers is 'ignore', but multimaster_provider is '{provider}', which exchanges with whoever is "
             "heard; expected nodes that know who belongs to the fleet: keep strangers off the common network, or set "
             "multimaster_provider to 'bundled'; set multimaster_strangers to 'allow' where strangers are wanted."
         )
     if robot.variables.metrics == "textfile":
-        said.append(
+        sentences.append(
             f"{host}: multimaster_metrics is 'textfile', but multimaster_provider is '{provider}', whose nodes measure nothing; expected "
             "the bundled nodes: set multimaster_metrics to 'none', or multimaster_provider to 'bundled'."
         )
     silence = _offline_after(bundled)
     if silence > bundled.offline_after:
-        said.append(
+        sentences.append(
             f"{host}: multimaster_offline_after is {bundled.offline_after:g} s, but multimaster_provider is '{provider}', which cannot ask a "
             f"silent robot; expected to wait {silence:g} s here, so that lost datagrams remove nobody: accept that, or set "
             "multimaster_provider to 'bundled'."
         )
     if bundled.exports is not None:
-        said.append(_explain_exports(host, provider, bundled.exports))
+        sentences.append(_explain_exports(host, provider, bundled.exports))
     if len(robot.computers) > 1:
         others = ", ".join(computer.name for computer in robot.computers if computer != robot.master)
-        said.append(
+        sentences.append(
             f"{host}: multimaster_provider is '{provider}', which tells of the nodes on {others} as remote ones; expected the parameter "
             "sync_remote_nodes on whoever takes them: the robots of the inventory have it, set it on any other, or set "
             "multimaster_provider to 'bundled'."
         )
     if robot.variables.roscore == "existing":
-        said.append(
+        sentences.append(
             f"{host}: multimaster_roscore is 'existing', and multimaster_provider is '{provider}', whose nodes do not notice that a "
             "roscore was started again; expected it to run as long as they: after a restart of it, run 'systemctl restart "
             "multimaster-discovery multimaster-sync', or set multimaster_roscore to 'managed'."
         )
-    return said
+    return tuple(sentences)
 
 
 def _explain_exports(host: str, provider: str, exports: Sequence[ServedNames]) -> str:
     some = [entry for entry in exports if entry.to != ("*",)]
     topics = dict.fromkeys(name for entry in some for name in entry.topics if name != VERIFICATION_TOPICS)
     names = [*topics, *dict.fromkeys(name for entry in some for name in entry.services)]
-    shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-    served = f"serves {shown} to every robot alike, and " if names else ""
+    served = f"serves {shorten_list(names)} to every robot alike, and " if names else ""
     return (
         f"{host}: multimaster_exports is declared, but multimaster_provider is '{provider}', which {served}hides what goes to nobody only "
         "from robots that ask as master_sync does; expected a robot that knows who asks: rely on the filters of the other robots of "

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The plan of a fleet: the only place where the layout of the fleet becomes the configuration of its computers."""
+"""The plan of a fleet: here alone its layout becomes the configuration of its computers."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from collections.abc import Iterable
 from ipaddress import IPv4Network
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Computer, Fleet, Robot, Router
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import belonging, parameters, providers
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import membership, parameters, providers
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
     DEFAULT_ROUTE,
-    Belonging,
     ComputerPlan,
     ExpectedRoute,
     Firewall,
@@ -24,6 +23,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
     LookAt,
     Master,
     Member,
+    Membership,
     MulticastRouting,
     Port,
     RobotNetwork,
@@ -39,17 +39,17 @@ LOOKED_AT_WITH_ROS = ("ros", "packages", "ports", "exports", "sshd", "environmen
 def fleet_plan(fleet: Fleet) -> FleetPlan:
     """Return the plan of the fleet; the router has an entry among the computers, too."""
     computers = {
-        computer.name: _computer(fleet, robot, computer) for robot in fleet.robots for computer in robot.computers
+        computer.name: _plan_computer(fleet, robot, computer) for robot in fleet.robots for computer in robot.computers
     }
     if fleet.router and fleet.router.name:
-        computers[fleet.router.name] = _router(fleet, fleet.router)
-    members = tuple(_member(fleet, robot, computer) for robot in fleet.robots for computer in robot.computers)
-    belongs = belonging.belonging(fleet)
+        computers[fleet.router.name] = _plan_router(fleet, fleet.router)
+    members = tuple(_make_member(fleet, robot, computer) for robot in fleet.robots for computer in robot.computers)
+    belonging = membership.make_membership(fleet)
     return FleetPlan(
         hosts_entries=tuple(
             HostsEntry(computer.address, (computer.name, *computer.variables.aliases)) for computer in fleet.computers
         ),
-        masters=tuple(_master(fleet, robot) for robot in fleet.robots),
+        masters=tuple(_make_master(fleet, robot) for robot in fleet.robots),
         flows=_flows(fleet),
         common_network=fleet.variables.common_network,
         networks=tuple(
@@ -70,8 +70,8 @@ def fleet_plan(fleet: Fleet) -> FleetPlan:
         multicast_routing=fleet.variables.multicast_routing,
         members=members,
         listeners=_listeners(members),
-        let_in=_let_in(fleet, belongs) if _filters(fleet) else (),
-        belonging=belongs,
+        let_in=_let_in(fleet, belonging),
+        belonging=belonging,
         computers=computers,
     )
 
@@ -79,23 +79,18 @@ def fleet_plan(fleet: Fleet) -> FleetPlan:
 # What all computers share
 
 
-def _master(fleet: Fleet, robot: Robot) -> Master:
+def _make_master(fleet: Fleet, robot: Robot) -> Master:
     address, port = robot.master.discovery_address, robot.variables.rpc_port
     return Master(
         robot=robot.name,
         computer=robot.master.name,
         address=address,
         name=robot.master_name,
-        uri=belonging.master_uri(fleet, robot),
+        uri=membership.master_uri(fleet, robot),
         monitor_uri=f"http://{address}:{port}",
         rpc_port=port,
         declared=robot.variables.exports is not None,
     )
-
-
-def _master_uri(fleet: Fleet, robot: Robot) -> str:
-    """Return ROS_MASTER_URI on all computers of a robot (section 3.2 of the report)."""
-    return belonging.master_uri(fleet, robot).rstrip("/")
 
 
 def _flows(fleet: Fleet) -> tuple[Flow, ...]:
@@ -112,7 +107,7 @@ def _flows(fleet: Fleet) -> tuple[Flow, ...]:
     )
 
 
-def _member(fleet: Fleet, robot: Robot, computer: Computer) -> Member:
+def _make_member(fleet: Fleet, robot: Robot, computer: Computer) -> Member:
     is_master = computer == robot.master
     routed = fleet.variables.multicast_routing != "none" and robot.gateway is not None and bool(robot.gateway.name)
     in_common_network = computer.common_address is not None
@@ -128,17 +123,17 @@ def _member(fleet: Fleet, robot: Robot, computer: Computer) -> Member:
 
 
 def _listeners(members: Iterable[Member]) -> tuple[Listener, ...]:
-    """Return the computers that measure datagrams: those that take part in discovery, the hearers of the group first."""
-    found = [
+    """Return the computers that measure datagrams: those of discovery, first those that hear the group."""
+    listeners = (
         Listener(member.name, member.discovery_address, member.multicast) for member in members if member.discovery
-    ]
-    return tuple(sorted(found, key=lambda listener: not listener.multicast))
+    )
+    return tuple(sorted(listeners, key=lambda listener: not listener.multicast))
 
 
 # What one computer needs
 
 
-def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
+def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
     is_master = computer == robot.master
     is_gateway = robot.gateway is not None and robot.gateway.name == computer.name
     existing = robot.variables.routes == "existing"
@@ -163,10 +158,8 @@ def _computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
         multicast_routing=_multicast_routing(fleet, computer) if is_gateway else None,
         firewall=_firewall(fleet, (robot.network,) if is_gateway else (), computer),
         environment={
-            "ROS_MASTER_URI": _master_uri(fleet, robot),
-            ("ROS_HOSTNAME" if fleet.variables.advertise == "name" else "ROS_IP"): belonging.advertised(
-                fleet, computer
-            ),
+            "ROS_MASTER_URI": membership.master_uri(fleet, robot).rstrip("/"),  # section 3.2 of the report
+            "ROS_HOSTNAME" if fleet.variables.advertise == "name" else "ROS_IP": membership.ros_host(fleet, computer),
         },
         ports=_ports(fleet, robot) if is_master else (),
         services=_services(robot, is_master),
@@ -189,8 +182,8 @@ def _look_at(robot: Robot, is_master: bool, expected: Iterable[ExpectedRoute], m
     )
 
 
-def _router(fleet: Fleet, router: Router) -> ComputerPlan:
-    """Return the plan of the router (section 4.2 of the report): no computer of a robot, so nothing of ROS."""
+def _plan_router(fleet: Fleet, router: Router) -> ComputerPlan:
+    """Return the plan of the router (section 4.2 of the report). It is no computer of a robot, so it has no ROS."""
     return ComputerPlan(
         computer=router.name,
         address=router.address,
@@ -214,17 +207,17 @@ def _interfaces(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[Interfa
 
 
 def _routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[Route, ...]:
-    """Return the routes of a robot's computer: behind a gateway the report's default route, unless the robot wants networks."""
+    """Return the routes of a computer: behind a gateway the report's default route, unless the robot wants networks."""
     if robot.gateway and not computer.common_address and robot.variables.routes == "default":
         return (Route(DEFAULT_ROUTE, robot.gateway.address),)
     return _network_routes(fleet, robot, computer)
 
 
 def _network_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[Route, ...]:
-    """Return one route for each network that the computer is not in.
+    """Return a route to each other network.
 
-    On the common network they lead to the other robot's gateway itself: a way by the router would come back on the
-    interface that it came from.
+    On the common network it leads to the other robot's gateway itself. The router would send the packets back on the
+    same interface.
     """
     others = [(other.network, other.gateway) for other in fleet.robots if other.gateway and other != robot]
     if computer.common_address:
@@ -234,7 +227,7 @@ def _network_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[Rou
 
 
 def _list_expected_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[ExpectedRoute, ...]:
-    """Return the routes that something else makes: on the common network they may also lead to its router."""
+    """Return the routes that something else makes. On the common network they may also lead to its router."""
     also = (fleet.router.address,) if computer.common_address and fleet.router else ()
     return tuple(
         ExpectedRoute(route.destination, (route.gateway, *also)) for route in _network_routes(fleet, robot, computer)
@@ -242,7 +235,7 @@ def _list_expected_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tup
 
 
 def _multicast_routing(fleet: Fleet, gateway: Computer) -> MulticastRouting | None:
-    """Return what a gateway passes on between the robot's network and the common network."""
+    """Return the multicast routing of a gateway between the robot's network and the common network."""
     if fleet.variables.multicast_routing == "none" or gateway.common_address is None:
         return None
     return MulticastRouting(fleet.variables.multicast_group, (gateway.address, gateway.common_address))
@@ -251,61 +244,57 @@ def _multicast_routing(fleet: Fleet, gateway: Computer) -> MulticastRouting | No
 # The packet filter
 
 
-def _filters(fleet: Fleet) -> bool:
-    return fleet.variables.firewall == "fleet"
-
-
 def _firewall(fleet: Fleet, networks: tuple[IPv4Network, ...], computer: Computer | None = None) -> Firewall | None:
-    """Return the packet filter of a computer, or of the router, where one is wanted."""
-    if not _filters(fleet):
+    """Return the packet filter of a computer or of the router. None: no packet filter is wanted."""
+    if fleet.variables.firewall != "fleet":
         return None
     if computer is None:
         return Firewall(networks)
     return Firewall(networks, computer.variables.firewall_also, computer.variables.firewall_ports)
 
 
-def _let_in(fleet: Fleet, belongs: Belonging) -> tuple[IPv4Network, ...]:
-    """Return who passes the packet filters: every planned address, and who is allowed besides.
+def _let_in(fleet: Fleet, belonging: Membership) -> tuple[IPv4Network, ...]:
+    """Return the sources that pass the packet filters: all planned addresses, and the networks of multimaster_allow.
 
-    Where a gateway masquerades, the computers behind it are seen with its address, also with that of a device that is no
-    computer of the inventory.
+    The addresses of gateways outside the inventory are among them: such a gateway may masquerade.
     """
+    if fleet.variables.firewall != "fleet":
+        return ()
     gateways = [robot.gateway for robot in fleet.robots if robot.gateway]
     devices = [address for gateway in gateways for address in (gateway.address, gateway.common_address)]
-    planned = dict.fromkeys([*belongs.computers, *devices])
-    return (*(IPv4Network(address) for address in planned), *belongs.allow)
+    planned = dict.fromkeys([*belonging.computers, *devices])
+    return (*(IPv4Network(address) for address in planned), *belonging.allow)
 
 
 def _networks_behind_router(fleet: Fleet) -> tuple[IPv4Network, ...]:
-    """Return the robots' networks, and the addresses of the fleet on the common network: others there are no robots."""
+    """Return the robots' networks, and the addresses of the fleet on the common network. Other computers there are no robots."""
     own = [robot.network for robot in fleet.robots if robot.gateway]
     common = [computer.common_address for computer in fleet.computers if computer.common_address]
     common += [robot.gateway.common_address for robot in fleet.robots if robot.gateway]
     return tuple(dict.fromkeys([*own, *(IPv4Network(address) for address in common)]))
 
 
-# Section 4.2 of the report. The reverse-path filter is loose: strict, it drops what comes back on another interface
-# (kernel: Documentation/networking/ip-sysctl, rp_filter; the larger value of `all` and the interface counts).
+# Section 4.2 of the report. The reverse-path filter is loose. A strict one drops packets that come back on another
+# interface (kernel: Documentation/networking/ip-sysctl, rp_filter; the larger value of `all` and the interface counts).
 FORWARDING = (
     Setting("net.ipv4.ip_forward", "1"),
     Setting("net.ipv4.conf.all.rp_filter", "2"),
 )
-# The router's packets turn round on the common network, and an ICMP redirect for each of them helps nobody: `ping -c1`
-# takes it for an error. The kernel sends them where `all` or the interface has 1.
+# The router sends packets back to the common network, with an ICMP redirect for each. `ping -c1` takes that for an error.
+# The kernel sends redirects if `all` or the interface has 1.
 NO_REDIRECTS = (
     Setting("net.ipv4.conf.all.send_redirects", "0"),
     Setting("net.ipv4.conf.default.send_redirects", "0"),
     Setting("net.ipv4.conf.{common}.send_redirects", "0"),  # preflight knows the interface
 )
 
-# A computer answers for the addresses of its interfaces alone, and not for its planned address in a foreign network, where
-# somebody else may have it (the unit multimaster-address; kernel: Documentation/networking/ip-sysctl, arp_ignore). With 1, 2
-# and 8 it answers for even less.
+# A computer answers ARP for the addresses of its interfaces alone. In a foreign network another machine may have its planned
+# address (the unit multimaster-address; kernel: Documentation/networking/ip-sysctl, arp_ignore). 1, 2 and 8 answer less.
 NO_FOREIGN_ARP = Setting("net.ipv4.conf.all.arp_ignore", "3", enough=("1", "2", "8"))
 
 
 def _sysctl(fleet: Fleet) -> tuple[Setting, ...]:
-    """Return whether a computer answers `ping 224.0.0.1` (section 3.2 of the report); multicast itself does not need it."""
+    """Return the kernel settings of every computer. Answers to `ping 224.0.0.1` are of section 3.2 of the report."""
     answers = fleet.variables.answer_broadcast_pings
     return (Setting("net.ipv4.icmp_echo_ignore_broadcasts", "0" if answers else "1"), NO_FOREIGN_ARP)
 

@@ -18,7 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import (
     environment,
     providers,
-    quoting,
+    quotes,
     set_up,
     units,
 )
@@ -28,11 +28,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
     Port,
 )
 
-# The units of the collection: what they hold is no stranger's.
+# The units of the collection. They may hold the ports of the plan.
 OWN_UNITS = tuple(f"multimaster-{name}.service" for name in (*units.OTHERS, *units.NODES))
-# The bundled nodes need this Python (Noetic's); so do the services on the system's.
+# The bundled nodes need this Python (Noetic's), and so do the services on the system's Python.
 NODES_PYTHON = (3, 8)
-# The services that need CAP_NET_ADMIN, which systemd lacks in some containers, and what is missing without them.
+# The services that need CAP_NET_ADMIN, and what is missing without them. In some containers systemd lacks it.
 WITH_CAPABILITY = {
     "address": "its own name leads nowhere while no interface has its address",
     "connections": "connections with lost robots are left to TCP, which takes minutes to notice",
@@ -66,35 +66,33 @@ class Comparison:
 
 
 def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
-    """Compare one computer's plan with its machine; `info` is the return of `multimaster_info`.
+    """Compare one computer's plan with its machine. `info` is the return of `multimaster_info`.
 
-    The plan that comes back has the names of the interfaces, the nodes' programs and the packages to install.
+    The new plan has the names of the interfaces, the nodes' programs and the packages to install.
     """
     interfaces: dict[IPv4Address, str] = {}  # address -> name
     problems = []
     for wanted in plan.networks:
-        name, wrong = _interface(plan, info, wanted)
-        interfaces[wanted.address] = name
-        problems += wrong
-    problems += (
-        _systemd(plan, info) + _folders(plan, info) + _ways(plan, info) + _multicast_routing(plan, info, interfaces)
-    )
+        interfaces[wanted.address], interface_problems = _find_interface(plan, info, wanted)
+        problems += interface_problems
+    problems += _check_systemd(plan, info) + _check_folder(plan, info) + _check_ways(plan, info)
+    problems += _check_multicast_routing(plan, info, interfaces)
     warnings = _check_hostname(plan, info)
-    services, without = _services(plan, info)
-    warnings += without
+    services, service_warnings = _choose_services(plan, info)
+    warnings += service_warnings
     filled = replace(
         _add_interfaces(plan, interfaces),
         services=services,
         programs=units.NO_PROGRAMS,
         packages=(),
-        multicast_routing_due=_multicast_routing_due(plan, info),
-        firewall_due=_firewall_due(plan, info),
+        multicast_routing_due=_is_due(plan.multicast_routing, "multicast_routing", info),
+        firewall_due=_is_due(plan.firewall, "firewall", info),
     )
     limits = list(plan.limits)
     holders: list[Holder] = []
     if not plan.is_router:
-        warnings += _exports(plan, info) + _sshd(plan, info)
-        ros = _ros(plan, info)
+        warnings += _check_exports(plan, info) + _check_sshd(plan, info)
+        ros = _check_ros(plan, info)
         if not ros:
             warnings += set_up.warnings(plan.computer, info["ros"]["chosen"])
             nodes = providers.find(plan, info["ros"]["chosen"], info)
@@ -102,61 +100,58 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
             limits += nodes.limits(plan)
         if plan.is_master:
             problems += ros
-            holders = _holders(plan, info)
+            holders = _find_holders(plan, info)
             warnings += _find_missing_roscore(plan, info) + limits
         else:
             warnings += ros
     state = MachineState(
         set_up=bool(info.get("owned")),
-        runs=_runs(plan, holders),
+        runs=_describe_holders(plan, holders),
         noted=tuple(problems),
-        environment=_environment(plan, info),
+        environment=_list_environment(plan, info),
     )
     problems += [_refuse_port(plan, holder) for holder in holders]
     return Comparison(tuple(problems), tuple(warnings), filled, state)
 
 
 def explain_failure(computer: str, failed: Mapping[str, Any], version: str) -> str:
-    """Say what it takes to look at a machine; `failed` is the result of the module that could not, `version` that of ansible-core.
+    """Say what it takes to look at a machine. `failed` is the result of the module, `version` that of ansible-core.
 
-    The cause is in the last line of a module that could not start.
+    If a module cannot start, the cause is in its last line.
     """
-    said = str(failed.get("module_stderr") or failed.get("msg") or "no reason is known")
-    last = (said.strip().splitlines() or [""])[-1].strip()
-    if last.startswith(f"{computer}: "):  # the answer was none of the module, which our own action has said
+    output = str(failed.get("module_stderr") or failed.get("msg") or "no reason is known")
+    last = (output.strip().splitlines() or [""])[-1].strip()
+    if last.startswith(f"{computer}: "):  # our own action refused the answer of the module
         return f"{computer}: {quote(last.partition(': ')[2], LINE)}"
-    why = quote(last, LINE)
     return (
-        f"{computer}: the machine could not be looked at ({why}); expected a user who may become root (--ask-become-pass where "
+        f"{computer}: the machine could not be looked at ({quote(last, LINE)}); expected a user who may become root (--ask-become-pass where "
         f"sudo takes a password), and Python 3.6 or later that ansible-core {version} can manage: compare the table in "
         "docs/start/machines.md, set ansible_python_interpreter, or use a later release of the system."
     )
 
 
-def _environment(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, str]:
-    """Return the variables of ROS for a computer that has no file of ours with them; none where it has one, or no ROS."""
+def _list_environment(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, str]:
+    """Return the variables of ROS for a computer without our file of them, nothing if it has that file or no ROS."""
     chosen = (info.get("ros") or {}).get("chosen")
     if info.get("owned") or not chosen:
         return {}
     return environment.values(environment.merge(chosen["environment"], plan.environment))
 
 
-def _add_programs(plan: ComputerPlan, info: Mapping[str, Any], found: providers.Installation) -> ComputerPlan:
+def _add_programs(plan: ComputerPlan, info: Mapping[str, Any], nodes: providers.Installation) -> ComputerPlan:
     """Return the plan with the nodes' programs and the packages to install."""
-    ready = plan.is_master and not found.problems
+    if nodes.problems:
+        return plan
     python = info["ros"]["chosen"]["python"]
-    programs = units.programs(plan.provider, python, found.paths, plan.roscore_port) if ready else units.NO_PROGRAMS
-    return replace(plan, programs=programs, packages=() if found.problems else tuple(found.packages))
+    programs = (
+        units.programs(plan.provider, python, nodes.paths, plan.roscore_port) if plan.is_master else plan.programs
+    )
+    return replace(plan, programs=programs, packages=tuple(nodes.packages))
 
 
-def _multicast_routing_due(plan: ComputerPlan, info: Mapping[str, Any]) -> bool:
-    """Return True if multicast routing is planned, or an earlier plan left some behind."""
-    return plan.multicast_routing is not None or any("multicast_routing" in name for name in info.get("owned", ()))
-
-
-def _firewall_due(plan: ComputerPlan, info: Mapping[str, Any]) -> bool:
-    """Return True if a packet filter is planned, or an earlier plan left one behind."""
-    return plan.firewall is not None or any("firewall" in name for name in info.get("owned", ()))
+def _is_due(planned: object, record: str, info: Mapping[str, Any]) -> bool:
+    """Return True if a thing is planned, or an earlier plan left it behind: there is a record of it."""
+    return planned is not None or any(record in name for name in info.get("owned", ()))
 
 
 def _add_interfaces(plan: ComputerPlan, interfaces: Mapping[IPv4Address, str]) -> ComputerPlan:
@@ -171,26 +166,26 @@ def _add_interfaces(plan: ComputerPlan, interfaces: Mapping[IPv4Address, str]) -
     return replace(plan, sysctl=sysctl, multicast_routing=routing)
 
 
-def _interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interface) -> tuple[str, list[str]]:
-    """Return the name of the interface that has an address of the plan, and what is wrong with it."""
-    found = []
+def _find_interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interface) -> tuple[str, list[str]]:
+    """Return the name of the interface with an address of the plan, and its problems."""
+    others = []
     for interface in info["interfaces"]:
         for entry in interface["addresses"]:
             if entry["address"] == str(wanted.address):
-                return interface["name"], _interface_problems(plan, wanted, interface, entry["prefix"])
+                return interface["name"], _check_interface(plan, wanted, interface, entry["prefix"])
         if not interface["loopback"]:
-            found += [
+            others += [
                 f"{quote(entry['address'])} on {quote(interface['name'])}"
                 for entry in interface["addresses"]
                 if ":" not in entry["address"]
             ]
     return "", [
-        f"{plan.computer}: {_variable(plan, wanted)} is {wanted.address}, but the machine has {', '.join(found) or 'no address'}; expected that address "
+        f"{plan.computer}: {_variable(plan, wanted)} is {wanted.address}, but the machine has {', '.join(others) or 'no address'}; expected that address "
         "on one of its interfaces: correct the inventory, or give the machine the address."
     ]
 
 
-def _interface_problems(plan: ComputerPlan, wanted: Interface, interface: Mapping[str, Any], prefix: int) -> list[str]:
+def _check_interface(plan: ComputerPlan, wanted: Interface, interface: Mapping[str, Any], prefix: int) -> list[str]:
     host, variable, name = plan.computer, _variable(plan, wanted), quote(interface["name"])
     up = advice.command(" (ip link set {} up)", ("device", interface["name"]))
     multicast = advice.command(" (ip link set {} multicast on)", ("device", interface["name"]))
@@ -199,7 +194,8 @@ def _interface_problems(plan: ComputerPlan, wanted: Interface, interface: Mappin
             f"{host}: the interface {name} with {variable} {wanted.address} is down; expected it to be up: "
             f"bring it up{up} and find out why it was not."
         ]
-    if plan.is_master and _multicast_on(plan) == str(wanted.address) and not interface["multicast"]:
+    sends = plan.is_master and plan.discovery["send_mcast"] and str(plan.discovery["interface"]) == str(wanted.address)
+    if sends and not interface["multicast"]:
         return [
             f"{host}: the interface {name} with {variable} {wanted.address} does not do multicast; expected "
             f"the flag MULTICAST: set it{multicast}, or set multimaster_transport to "
@@ -218,30 +214,27 @@ def _variable(plan: ComputerPlan, wanted: Interface) -> str:
     return "multimaster_address" if wanted.address == plan.address else "multimaster_common_address"
 
 
-def _multicast_on(plan: ComputerPlan) -> str:
-    """Return the address of the interface on which the discovery node uses multicast; empty where it does not."""
-    return str(plan.discovery["interface"]) if plan.discovery["send_mcast"] else ""
-
-
-def _ways(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
-    """Return a sentence for each network without a route, with `multimaster_routes: existing`: nothing comes back."""
-    found = {entry["destination"]: entry for entry in info.get("ways", ())}
+def _check_ways(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
+    """Return a sentence for each network without a route, with `multimaster_routes: existing`. Its answers do not come back."""
+    ways = {entry["destination"]: entry for entry in info.get("ways", ())}
     problems = []
     for route in plan.routes_expected:
-        way = found.get(str(route.destination[1]), {"error": "not looked at", "gateway": None})
-        by, gateways = way["gateway"], [str(gateway) for gateway in route.gateways]
-        if by in gateways:
+        way = ways.get(str(route.destination[1]), {"error": "not looked at", "gateway": None})
+        gateway, gateways = way["gateway"], [str(planned) for planned in route.gateways]
+        if gateway in gateways:
             continue
-        seen = quote(way["error"]) or (f"one by {quote(by)}" if by else "a way without a gateway")
+        state = quote(way["error"]) or (f"one by {quote(gateway)}" if gateway else "a way without a gateway")
         problems.append(
             f"{plan.computer}: multimaster_routes is 'existing', but towards {route.destination} there is no route by "
-            f"{' or '.join(gateways)} (found: {seen}); expected one, since without a route back nothing is answered: add it, "
+            f"{' or '.join(gateways)} (found: {state}); expected one, since without a route back nothing is answered: add it, "
             "name the router in multimaster_router where it leads there, or set multimaster_routes to 'default' or 'networks'."
         )
     return problems
 
 
-def _multicast_routing(plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4Address, str]) -> list[str]:
+def _check_multicast_routing(
+    plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4Address, str]
+) -> list[str]:
     if not plan.multicast_routing:
         return []
     inner, common = (interfaces[address] for address in plan.multicast_routing.addresses)
@@ -266,7 +259,7 @@ def _multicast_routing(plan: ComputerPlan, info: Mapping[str, Any], interfaces: 
     return []
 
 
-def _systemd(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
+def _check_systemd(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     if info["systemd"]["running"]:
         return []
     return [
@@ -275,8 +268,8 @@ def _systemd(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _folders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
-    """Return a sentence if node_exporter's folder is not there: nobody would read what is written elsewhere."""
+def _check_folder(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
+    """Return a sentence if node_exporter's folder is not there."""
     if not plan.metrics_folder or plan.metrics_folder in info.get("folders", ()):
         return []
     return [
@@ -286,7 +279,7 @@ def _folders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _services(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[tuple[str, ...], list[str]]:
+def _choose_services(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[tuple[str, ...], list[str]]:
     """Return the services that can run on this machine, and a sentence for each that cannot."""
     warnings: dict[str, str] = {}
     if not plan.services:
@@ -308,7 +301,7 @@ def _services(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[tuple[str, .
     return tuple(name for name in plan.services if name not in warnings), list(warnings.values())
 
 
-def _ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
+def _check_ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     host, ros = plan.computer, info["ros"]
     if ros["problem"]:
         return [f"{host}: {quote(ros['problem'], LINE)}"]
@@ -322,17 +315,18 @@ def _ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     if chosen["missing"]:
         return [
             f"{host}: the ROS of {where} lacks the Python modules {', '.join(map(quote, chosen['missing']))}; expected them for the "
-            f"nodes: install them{_packages(chosen)}."
-        ]
-    if plan.is_master and plan.roscore == "managed" and not chosen["commands"].get("roscore"):
-        return [
-            f"{host}: the ROS of {where} has no roscore; expected it, since multimaster_roscore is 'managed': install it, or set "
-            "multimaster_roscore to 'existing' where something else starts a roscore."
+            f"nodes: install them{_suggest_packages(chosen)}."
         ]
     if plan.is_master and plan.roscore == "managed":
+        roscore = chosen["commands"].get("roscore")
+        if not roscore:
+            return [
+                f"{host}: the ROS of {where} has no roscore; expected it, since multimaster_roscore is 'managed': install it, or set "
+                "multimaster_roscore to 'existing' where something else starts a roscore."
+            ]
         try:
-            quoting.program(chosen["commands"]["roscore"])
-        except quoting.Unquotable as problem:
+            quotes.check_program(roscore)
+        except quotes.Unquotable as problem:
             return [f"{host}: {problem}"]
     version = tuple(int(part) for part in chosen["python_version"].split(".")[:2])
     if version < NODES_PYTHON and plan.provider == "bundled":
@@ -343,7 +337,7 @@ def _ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     return []
 
 
-def _packages(chosen: Mapping[str, Any]) -> str:
+def _suggest_packages(chosen: Mapping[str, Any]) -> str:
     names = [module.replace("_", "-") for module in chosen["missing"]]
     prefix = "python3-" if chosen["kind"] == "debian" else f"ros-{chosen['distro'] or 'DISTRO'}-"
     words = " ".join(["apt-get install", *("{}" for _name in names)])
@@ -352,11 +346,11 @@ def _packages(chosen: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Holder:
-    """A process that is not ours on a port of the plan."""
+    """A process of others on a port of the plan."""
 
     port: Port
     use: str  # roscore or discovery
-    who: str
+    process: str
 
 
 def _refuse_port(plan: ComputerPlan, holder: Holder) -> str:
@@ -366,19 +360,19 @@ def _refuse_port(plan: ComputerPlan, holder: Holder) -> str:
         "discovery": "stop it: only one discovery node can answer for a master",
     }[holder.use]
     return (
-        f"{plan.computer}: {_port_title(holder.port)} is held by {holder.who}; expected it to be free for the {holder.use} of the "
+        f"{plan.computer}: {_port_title(holder.port)} is held by {holder.process}; expected it to be free for the {holder.use} of the "
         f"collection: {remedy}."
     )
 
 
-def _runs(plan: ComputerPlan, holders: Sequence[Holder]) -> tuple[str, ...]:
-    """Return the sentences for a run that only looks, one for each process."""
+def _describe_holders(plan: ComputerPlan, holders: Sequence[Holder]) -> tuple[str, ...]:
+    """Return a sentence for each process, for a run that changes nothing."""
     ports: dict[tuple[str, str], list[str]] = {}
     for holder in holders:
-        ports.setdefault((holder.who, holder.use), []).append(_port_title(holder.port))
+        ports.setdefault((holder.process, holder.use), []).append(_port_title(holder.port))
     return tuple(
-        f"{plan.computer}: {' and '.join(held)}: {who}, where the plan has multimaster-{use}.service."
-        for (who, use), held in ports.items()
+        f"{plan.computer}: {' and '.join(titles)}: {process}, where the plan has multimaster-{use}.service."
+        for (process, use), titles in ports.items()
     )
 
 
@@ -386,9 +380,9 @@ def _port_title(port: Port) -> str:
     return f"{port.protocol.upper()} port {port.port}"
 
 
-def _holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[Holder]:
-    """List who else holds the ports of the plan, each once: a process may hold a port on several addresses."""
-    found = []
+def _find_holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[Holder]:
+    """List the other processes on the ports of the plan, each once. A process may hold a port on several addresses."""
+    holders = []
     for port in plan.ports:
         use = "roscore" if port == Port("tcp", plan.roscore_port) else "discovery"
         if use == "roscore" and plan.roscore == "existing":
@@ -396,9 +390,9 @@ def _holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[Holder]:
         for holder in info["ports"]:
             if (holder["protocol"], holder["port"]) == (port.protocol, port.port) and holder["unit"] not in OWN_UNITS:
                 unit = f", {quote(holder['unit'])}" if holder["unit"] else ""
-                who = f"{quote(holder['command']) or 'a process'} (pid {holder['pid']}, user {quote(holder['user'])}{unit})"
-                found.append(Holder(port, use, who))
-    return list(dict.fromkeys(found))
+                process = f"{quote(holder['command']) or 'a process'} (pid {holder['pid']}, user {quote(holder['user'])}{unit})"
+                holders.append(Holder(port, use, process))
+    return list(dict.fromkeys(holders))
 
 
 def _find_missing_roscore(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
@@ -420,16 +414,16 @@ def _check_hostname(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _exports(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
+def _check_exports(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     return [
         f"{plan.computer}: {quote(export['file'])}, line {export['line']} sets {quote(export['variable'])} ({quote(export['text'])}); expected that "
         "only the collection sets it: shells that read this file differ from the services; remove the line."
         for export in info["exports"]
-        if plan.environment.get(export["variable"], None) != export["value"].rstrip("/")
+        if plan.environment.get(export["variable"]) != export["value"].rstrip("/")
     ]
 
 
-def _sshd(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
+def _check_sshd(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     sshd = info["sshd"]
     if not sshd["installed"]:
         return []

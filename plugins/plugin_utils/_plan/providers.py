@@ -3,7 +3,7 @@
 
 """Providers of the discovery and sync nodes: the bundled ones, or multimaster_fkie, called upstream here.
 
-This file knows upstream's packages and programs, and finds them on a machine. Releases differ in rows of tables.
+Upstream's packages and programs are in tables, by release. They are found on a machine here.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quoting
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quotes
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Node
 
 # Releases of upstream
@@ -21,7 +21,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
 
 @dataclass(frozen=True)
 class Release:
-    """The ROS packages of a release; their executables are called master_discovery and master_sync in all of them."""
+    """The ROS packages of a release. Their executables are always master_discovery and master_sync."""
 
     discovery: str
     sync: str
@@ -38,27 +38,27 @@ DISTRIBUTIONS = {
     "jade": OLD,
     "kinetic": OLD,
     "lunar": OLD,
-    "melodic": OLD,  # 0.8.12; newer ones need packages that Ubuntu 18.04 has not
+    "melodic": OLD,  # 0.8.12; newer ones need packages that Ubuntu 18.04 lacks
     "noetic": NEW,
 }
 
 
 def debian_packages(distribution: str, is_master: bool) -> list[str]:
-    """Return the Debian packages that a computer needs: the nodes without the GUI; elsewhere the messages, for rosservice."""
+    """Return the Debian packages of a computer: a master's nodes without the GUI, elsewhere the messages for rosservice."""
     release = DISTRIBUTIONS[distribution]
     names = (release.discovery, release.sync, release.messages) if is_master else (release.messages,)
     return [f"ros-{distribution}-{name.replace('_', '-')}" for name in names]
 
 
 def packages_to_look_for(provider: str, is_master: bool) -> tuple[str, ...]:
-    """Return the Debian packages that multimaster_info is to look for."""
+    """Return the Debian packages for multimaster_info to look for."""
     if provider != "fkie_apt":
         return ()
     return tuple(name for distribution in DISTRIBUTIONS for name in debian_packages(distribution, is_master))
 
 
 def nodes_to_look_for(provider: str) -> tuple[Node, ...]:
-    """Return the nodes that multimaster_info is to look for."""
+    """Return the nodes for multimaster_info to look for."""
     return tuple(node for release in (NEW, OLD) for node in _nodes(release)) if provider == "fkie_existing" else ()
 
 
@@ -75,7 +75,7 @@ def _nodes(release: Release) -> tuple[Node, ...]:
 
 @dataclass(frozen=True)
 class Installation:
-    """Upstream on a machine: the paths of its executables, the packages to install, and the reasons against using it."""
+    """Upstream on a machine: the paths of its executables, the packages to install, and the problems."""
 
     paths: Mapping[str, str]
     packages: Sequence[str] = ()
@@ -94,7 +94,7 @@ class Installation:
 
 
 def find(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str, Any]) -> Installation:
-    """Find the provider's executables on the machine; `chosen` is its ROS as multimaster_info found it."""
+    """Find the provider's executables on the machine. `chosen` is the ROS that multimaster_info chose there."""
     if plan.provider == "fkie_apt":
         return _find_packages(plan, chosen, info)
     return _find_existing(plan, chosen) if plan.provider == "fkie_existing" else Installation({})
@@ -116,12 +116,10 @@ def _find_packages(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[
             ],
         )
     packages = debian_packages(distribution, plan.is_master)
-    known = {entry["name"]: entry for entry in info.get("packages", ())}
-    missing = [
-        name
-        for name in packages
-        if not known.get(name, {}).get("installed") and not known.get(name, {}).get("candidate")
-    ]
+    available = {
+        entry["name"] for entry in info.get("packages", ()) if entry.get("installed") or entry.get("candidate")
+    }
+    missing = [name for name in packages if name not in available]
     problems = [
         f"{host}: multimaster_provider is 'fkie_apt', but the package sources of the machine have no {', '.join(missing)}; expected them for the ROS "
         f"distribution {distribution}: add the source that its ROS came from and run apt-get update, or set multimaster_provider to 'bundled'."
@@ -137,9 +135,9 @@ def _find_packages(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[
 def _find_existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Installation:
     if not plan.is_master:
         return Installation({})
-    known = {node["package"]: node for node in chosen["nodes"]}
-    releases = [(known[release.discovery], known[release.sync]) for release in (NEW, OLD)]
-    nodes = max(releases, key=lambda nodes: sum(bool(node["path"]) for node in nodes))  # the new one of equals
+    by_package = {node["package"]: node for node in chosen["nodes"]}
+    releases = [(by_package[release.discovery], by_package[release.sync]) for release in (NEW, OLD)]
+    nodes = max(releases, key=lambda nodes: sum(bool(node["path"]) for node in nodes))  # the new one if they are equal
     where = quote(chosen["setup"]) or "Debian's packages"
     wrong = [
         f"{node['package']}/{node['executable']} "
@@ -153,16 +151,16 @@ def _find_existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Installatio
         "the set-up file of that installation in multimaster_ros_setup, or set multimaster_provider to 'bundled'."
     )
     paths = {"discovery": nodes[0]["path"], "sync": nodes[1]["path"]}
-    problems = [problem] if wrong else _unusable(plan, paths)
+    problems = [problem] if wrong else _check_paths(plan, paths)
     return Installation(paths, (), problems, OLD if nodes == releases[1] else NEW)
 
 
-def _unusable(plan: ComputerPlan, paths: Mapping[str, str]) -> list[str]:
+def _check_paths(plan: ComputerPlan, paths: Mapping[str, str]) -> list[str]:
     """Return a sentence for each path that a unit cannot have."""
     problems = []
     for path in paths.values():
         try:
-            quoting.program(path)
-        except quoting.Unquotable as problem:
+            quotes.check_program(path)
+        except quotes.Unquotable as problem:
             problems.append(f"{plan.computer}: {problem}")
     return problems

@@ -3,9 +3,9 @@
 
 """Configuration of routers and gateways of other makes: the way to the networks of the robots, in their dialects.
 
-Section 4.2 of the report asks for the routes. Two more things keep robots from each other where a device of another make
-is between them. One are source addresses that it translates, since ROS nodes call back the address that they see. The
-other are ICMP redirects of the router, whose packets turn round on the common network.
+Section 4.2 of the report asks for the routes. Two more things of such a device keep robots from each other. It may
+translate source addresses, but ROS nodes call back the address that they see. The router may send ICMP redirects, since
+it sends packets back to the common network.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ DIALECTS = load_dialects()
 
 
 class RouterConfigProblem(ValueError):
-    """The request cannot be rendered; the text is one sentence."""
+    """The request cannot be rendered. The text is one sentence."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Network:
 
 @dataclass(frozen=True)
 class Device:
-    """A router or gateway of another make: the routes that it needs, and the networks that see unchanged addresses."""
+    """A router or gateway of another make: its routes, and the networks that must see unchanged addresses."""
 
     folder: str  # of its files
     kind: str  # ROUTER or GATEWAY
@@ -72,17 +72,14 @@ class Device:
     peers: tuple[Network, ...]  # networks that it must not translate addresses towards
 
 
-def devices(plan: FleetPlan) -> list[Device]:
-    """Return the router, and every gateway that is no computer of the inventory.
-
-    The list is empty where no robot has a network of its own.
-    """
+def list_devices(plan: FleetPlan) -> list[Device]:
+    """Return the router and every gateway outside the inventory. Nothing if no robot has a network of its own."""
     common = Network("", plan.common_network)
     networks = tuple(Network(entry.robot, entry.network, entry.common_address) for entry in plan.networks)
     if not networks:
         return []
     address = f" ({plan.router.address})" if plan.router else ""
-    found = [
+    devices = [
         Device(
             folder=ROUTER,
             kind=ROUTER,
@@ -95,7 +92,7 @@ def devices(plan: FleetPlan) -> list[Device]:
     for entry, network in zip(plan.networks, networks, strict=True):
         if entry.device:
             others = tuple(other for other in networks if other != network)
-            found.append(
+            devices.append(
                 Device(
                     folder=f"{GATEWAY}-{network.name}",
                     kind=GATEWAY,
@@ -105,28 +102,28 @@ def devices(plan: FleetPlan) -> list[Device]:
                     peers=(common, *others),
                 )
             )
-    return found
+    return devices
 
 
-def files(
+def render_config(
     plan: FleetPlan, dialects: Iterable[str] = tuple(DIALECTS), interfaces: Mapping[str, Any] | None = None
 ) -> list[dict[str, str]]:
     """Return the files of all devices: `path` below a folder of the caller's choice, and `content`.
 
-    `interfaces` names the interface of the common network where it is not the maker's usual one: device -> dialect ->
-    interface. Raises RouterConfigProblem.
+    `interfaces` is device -> dialect -> interface of the common network, if it is not the maker's usual one. Raises
+    RouterConfigProblem.
     """
-    wanted, given = list(dialects), interfaces or {}
-    found = devices(plan)
-    _check_names("router_config_dialects", wanted, DIALECTS)
-    _check_names("router_config_interfaces", given, [device.folder for device in found])
-    for device, names in given.items():
-        _check_interfaces(f"router_config_interfaces.{device}", names)
+    names, by_device = list(dialects), interfaces or {}
+    devices = list_devices(plan)
+    _check_names("router_config_dialects", names, DIALECTS)
+    _check_names("router_config_interfaces", by_device, [device.folder for device in devices])
+    for folder, by_dialect in by_device.items():
+        _check_interfaces(f"router_config_interfaces.{folder}", by_dialect)
     return [
         {"path": f"{device.folder}/{file}", "content": content}
-        for device in found
-        for name in wanted
-        for file, content in _files(device, name, given.get(device.folder, {}).get(name, "")).items()
+        for device in devices
+        for name in names
+        for file, content in _render_files(device, name, by_device.get(device.folder, {}).get(name, "")).items()
     ]
 
 
@@ -143,16 +140,16 @@ def _check_interfaces(variable: str, names: Any) -> None:
             )
 
 
-def _check_names(variable: str, given: Iterable[str], expected: Iterable[str]) -> None:
-    for name in given:
+def _check_names(variable: str, names: Iterable[str], expected: Iterable[str]) -> None:
+    for name in names:
         if name not in expected:
             raise RouterConfigProblem(
                 f"{variable} has '{name}', which is not known; expected some of {', '.join(expected) or 'none'}: correct it."
             )
 
 
-def _files(device: Device, name: str, interface: str) -> dict[str, str]:
-    """Return the file of a dialect for a device, and the one that takes it back."""
+def _render_files(device: Device, name: str, interface: str) -> dict[str, str]:
+    """Return the file of a dialect for a device, and its way back."""
     dialect = DIALECTS[name]
     interface = interface or dialect.interfaces.get(device.kind, "")
     add, remove = f"{name}.{dialect.suffix}", f"{name}.remove.{dialect.suffix}"
@@ -170,12 +167,12 @@ def _files(device: Device, name: str, interface: str) -> dict[str, str]:
         about += dialect.notes[device.kind].splitlines()
     about_remove = [f"{MARK}: takes {add} back, for {device.title}.", f"{dialect.title}. {dialect.use}"]
     return {
-        add: _text(dialect, about, _lines(dialect.add, device, interface)),
-        remove: _text(dialect, about_remove, _lines(dialect.remove, device, interface)),
+        add: _render_text(dialect, about, _render_lines(dialect.add, device, interface)),
+        remove: _render_text(dialect, about_remove, _render_lines(dialect.remove, device, interface)),
     }
 
 
-def _text(dialect: Dialect, about: Sequence[str], lines: Sequence[str]) -> str:
+def _render_text(dialect: Dialect, about: Sequence[str], lines: Sequence[str]) -> str:
     first = [dialect.first_line] if dialect.first_line else []
     comment = [f"{dialect.comment}{line}".rstrip() for line in about]
     while comment[-1] == dialect.comment.rstrip():
@@ -183,7 +180,7 @@ def _text(dialect: Dialect, about: Sequence[str], lines: Sequence[str]) -> str:
     return "\n".join([*first, *comment, *lines, ""])
 
 
-def _lines(blocks: Sequence[Block], device: Device, interface: str) -> list[str]:
+def _render_lines(blocks: Sequence[Block], device: Device, interface: str) -> list[str]:
     shared = {"own": str(device.own), "interface": interface}
     repeated = {ROUTES: [route.fields() for route in device.routes], PEERS: [peer.fields() for peer in device.peers]}
     return [

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Sentences about whom the variables of a set-up file of ROS do not reach; `multimaster_info` has looked whose it is."""
+"""Sentences about users without the variables of a set-up file of ROS. `multimaster_info` has read its owner."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
 
 
 def warnings(host: str, chosen: Mapping[str, Any]) -> list[str]:
-    """Return a sentence for what root, other users or everybody do not get; `chosen` is the ROS of the machine."""
-    found = []
+    """Return a sentence for each thing that root, other users or all users do not get. `chosen` is the ROS of the machine."""
+    sentences = []
     setup, person, doubt = quote(chosen["setup"]), quote(chosen.get("person", "*")), quote(chosen.get("doubt", ""))
-    given = chosen.get("environment", {})
-    for_root = chosen.get("for_root", given)
+    variables = chosen.get("environment", {})
+    withheld = set(variables) - set(chosen.get("for_root", variables))
     if doubt:
         below = chosen.get("below", "")
         rest = f"those of {quote(below)}" if below else "the collection's own only, such as ROS_MASTER_URI"
@@ -25,23 +25,23 @@ def warnings(host: str, chosen: Mapping[str, Any]) -> list[str]:
             if person
             else f"the services get them; root and all users get {rest}, and source the file themselves where they need it"
         )
-        found.append(
+        sentences.append(
             f"{host}: root gets no variables of the set-up file {setup}, since {doubt}; expected files and folders that root alone can "
             f"change: {others}. Install the workspace as root (for example to /opt) where root or all users need it."
         )
-    elif set(given) - set(for_root):
-        found.append(
-            f"{host}: the set-up file {setup} sets {', '.join(map(quote, sorted(set(given) - set(for_root))))}, which root does not get; expected "
+    elif withheld:
+        sentences.append(
+            f"{host}: the set-up file {setup} sets {', '.join(map(quote, sorted(withheld)))}, which root does not get; expected "
             "variables of ROS, with paths that root alone can change: set others in root's own profile, if root needs them."
         )
     if chosen.get("hooks_doubt"):
-        found.append(
+        sentences.append(
             f"{host}: no hook of catkin is written {quote(chosen['hooks_doubt'])}; expected a folder that root alone can change: a shell that "
             "reads no profile (zsh, cron) and sources this set-up file has no ROS_MASTER_URI of the fleet: set it there."
         )
     if chosen.get("left_out"):
-        found.append(
+        sentences.append(
             f"{host}: the set-up file {setup} sets {', '.join(map(quote, chosen['left_out']))}, which nobody gets; expected variables of ROS, and "
             'absolute folders without ; $ " and \\ in lists: set what makes programs run other code than their own where it is needed, and there alone.'
         )
-    return found
+    return sentences

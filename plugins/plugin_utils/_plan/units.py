@@ -4,7 +4,7 @@
 """The text of every unit of systemd that the collection installs, and of the file of the multicast router.
 
 Pure: names, ports and paths in, text out. A unit of a node has two parts that differ by provider: the table PROGRAMS.
-Each value passes a function of `quoting`, which raises Unquotable.
+Each value passes a function of `quotes`, which raises Unquotable.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import ipaddress
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quoting
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quotes
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import UnitLines
 
 # Where the roles install.
@@ -44,17 +44,17 @@ class Roscore:
 
 @dataclass(frozen=True)
 class Inputs:
-    """The inputs of a service, as its unit names them. A change of one restarts the service."""
+    """The inputs of a service in its unit. A change of one restarts the service."""
 
     roscore: str
     nodes: str
 
     @classmethod
-    def of(cls, environment: str, nodes: str, code: str = "") -> Inputs:
+    def from_digests(cls, environment: str, nodes: str, code: str = "") -> Inputs:
         """Make it of the digests of the environment, and of the nodes with their parameters.
 
-        `code` is that of the bundled code, where the roscore is of it: it remembers, so a restart costs nothing. A restart
-        of the roscore of ROS costs every node its registration, so that one depends on the environment alone.
+        `code` is the digest of the bundled code, for the bundled roscore. It remembers, so a restart costs nothing. If the
+        roscore of ROS restarts, every node loses its registration, so that one depends on the environment alone.
         """
         return cls(_digest(environment, code) if code else environment, _digest(environment, nodes))
 
@@ -68,7 +68,7 @@ _INSTALL = """
 WantedBy=multi-user.target
 """
 
-# The sandbox of every unit. docs/operate/security.md has the ratings, and what is not here and why.
+# The sandbox of every unit. docs/operate/security.md has the ratings, and the reasons for missing directives.
 _SANDBOX = """\
 # It gains no rights, sees no processes of others, and sets nothing of the kernel's. The system is read-only for it.
 NoNewPrivileges=yes
@@ -98,7 +98,7 @@ UMask=0077
 
 # The own address
 
-# The mark of our route, by which it is found again whatever its address was (rtnetlink(7), rtm_protocol).
+# The mark of our route. It is found again by it, also with an old address (rtnetlink(7), rtm_protocol).
 ROUTE_PROTOCOL = 84
 _ADDRESS = (
     """\
@@ -209,7 +209,7 @@ TasksMax=1024
 
 @dataclass(frozen=True)
 class NodeService:
-    """A node that runs as a service: its name, its task in words, and the ROS service that it has as soon as it works."""
+    """A node that runs as a service: its name, its task in words, and the ROS service that shows that it works."""
 
     name: str
     task: str
@@ -221,7 +221,7 @@ NODES = {
     "sync": NodeService("master_sync", "exchange of topics and services with other ROS masters", "get_sync_info"),
 }
 
-#: the services that are no nodes
+#: the services that are not nodes
 OTHERS = ("address", "roscore", "connections", "metrics")
 
 
@@ -235,65 +235,50 @@ def services(
     metrics_folder: str = "",
 ) -> list[Unit]:
     """The units of a computer's services (OTHERS and the keys of NODES), in the order of `names`."""
-    made = []
+    shared = {
+        "robot": quotes.escape_text(robot),
+        "inputs": quotes.escape_text(inputs.nodes),
+        "configuration": CONFIGURATION,
+    }
+    units = []
     for name in names:
         if name == "address":
-            text = _ADDRESS.format(
-                robot=quoting.text(robot), address=ipaddress.IPv4Address(address), protocol=ROUTE_PROTOCOL
-            )
+            text = _ADDRESS.format(**shared, address=ipaddress.IPv4Address(address), protocol=ROUTE_PROTOCOL)
         elif name == "connections":
-            text = _CONNECTIONS.format(
-                robot=quoting.text(robot), inputs=quoting.text(inputs.nodes), end=_END, configuration=CONFIGURATION
-            )
+            text = _CONNECTIONS.format(**shared, end=_isolate("end_connections"))
         elif name == "metrics":
-            text = _METRICS.format(
-                robot=quoting.text(robot),
-                inputs=quoting.text(inputs.nodes),
-                publish=_PUBLISH,
-                folder=quoting.program(metrics_folder),
-            )
+            folder = quotes.check_program(metrics_folder)
+            text = _METRICS.format(**shared, publish=_isolate("publish_metrics"), folder=folder)
         elif name == "roscore":
-            text = _ROSCORE.format(
-                robot=quoting.text(robot),
-                program=_roscore_lines(roscore, programs),
-                inputs=quoting.text(inputs.roscore),
-                configuration=CONFIGURATION,
-            )
+            values = {**shared, "inputs": quotes.escape_text(inputs.roscore)}
+            text = _ROSCORE.format(**values, program=_roscore_lines(roscore, programs))
         else:
             node = NODES[name]
-            text = _NODE.format(
-                robot=quoting.text(robot),
-                node=node.name,
-                task=node.task,
-                program=programs[name],
-                inputs=quoting.text(inputs.nodes),
-                configuration=CONFIGURATION,
-            )
-        made.append(Unit(f"multimaster-{name}.service", text))
-    return made
+            text = _NODE.format(**shared, node=node.name, task=node.task, program=programs[name])
+        units.append(Unit(f"multimaster-{name}.service", text))
+    return units
 
 
 def _roscore_lines(roscore: Roscore, programs: Mapping[str, UnitLines]) -> str:
-    """The program of the roscore: the one of the provider, or the roscore of ROS."""
+    """The lines of the roscore of the provider, or of ROS."""
     if "roscore" in programs:
         return programs["roscore"].service
     return _PLAIN_ROSCORE.format(
-        command=quoting.program(roscore.command), port=roscore.port, wait=WAIT, run_plain=RUN_PLAIN
+        command=quotes.check_program(roscore.command), port=roscore.port, wait=WAIT, run_plain=RUN_PLAIN
     )
 
 
 # The end of connections with lost robots
 
 
-def _alone(program: str) -> str:
-    """A program on the system's Python without the user's environment (-I), on files of root's alone."""
+def _isolate(program: str) -> str:
+    """The command of a program on the system's Python, without the user's environment (-I), with root's files alone."""
     return (
         f'{SYSTEM_PYTHON} -I -B -c \'import sys; sys.path.insert(0, "{LIBRARY}/python"); '
         f"from rosfleet_multimaster.{program} import main; main(*sys.argv[1:])'"
     )
 
 
-_END = _alone("end_connections")
 _CONNECTIONS = (
     """\
 # Managed by rosfleet.multimaster: the end of TCP connections with lost robots, for the robot {robot}
@@ -332,7 +317,6 @@ TasksMax=16
 
 # The metrics, where node_exporter reads them
 
-_PUBLISH = _alone("publish_metrics")
 _METRICS = (
     """\
 # Managed by rosfleet.multimaster: the metrics of the nodes for node_exporter, of the robot {robot}
@@ -408,7 +392,7 @@ TimeoutStartSec=150
 RestartSec=1"""
 _UPSTREAM = {"discovery": UnitLines(_PART_OF, _WATCHED), "sync": UnitLines(_PART_OF, _WATCHED)}
 
-#: provider -> node or roscore -> the lines of its unit; without those of the roscore it is that of ROS
+#: provider -> node or roscore -> the lines of its unit; without a roscore here that of ROS runs
 PROGRAMS: dict[str, dict[str, UnitLines]] = {
     "bundled": {
         "roscore": UnitLines("", _REMEMBERING),
@@ -418,27 +402,27 @@ PROGRAMS: dict[str, dict[str, UnitLines]] = {
     "fkie_apt": _UPSTREAM,
     "fkie_existing": _UPSTREAM,
 }
-# For a computer where no node runs.
+# For a computer without nodes.
 NO_PROGRAMS = {name: UnitLines() for name in NODES}
 
 
 def programs(provider: str, python: str, paths: Mapping[str, str], port: int) -> dict[str, UnitLines]:
-    """The lines that differ, by node; `paths` are upstream's executables, by node; `port` is that of the roscore."""
-    made = {}
+    """The lines that differ, by node. `paths` are upstream's executables, by node. `port` is that of the roscore."""
+    lines = {}
     for name, program in PROGRAMS[provider].items():
         node = NODES.get(name)
-        lines = program.service.format(
-            python=quoting.program(python),
+        service = program.service.format(
+            python=quotes.check_program(python),
             wait=WAIT,
             port=port,
             node=node.name if node else "",
-            path=quoting.program(paths[name]) if name in paths else "",
+            path=quotes.check_program(paths[name]) if name in paths else "",
             service=node.service if node else "",
             configuration=CONFIGURATION,
             library=LIBRARY,
         )
-        made[name] = UnitLines(program.unit, lines)
-    return made
+        lines[name] = UnitLines(program.unit, service)
+    return lines
 
 
 # The multicast router of a gateway
@@ -492,12 +476,12 @@ SystemCallFilter=@chown
 def multicast_router(robot: str, group: str, interfaces: Sequence[str], command: str, inputs: str) -> Unit:
     """The unit of smcrouted on a gateway; `command` is its path, `inputs` the digest of its file."""
     text = _ROUTER.format(
-        robot=quoting.text(robot),
-        group=quoting.text(group),
-        inputs=quoting.text(inputs),
-        command=quoting.program(command),
+        robot=quotes.escape_text(robot),
+        group=quotes.escape_text(group),
+        inputs=quotes.escape_text(inputs),
+        command=quotes.check_program(command),
         file=ROUTER_FILE,
-        names=" ".join(quoting.argument(interface) for interface in interfaces),
+        names=" ".join(quotes.quote_argument(interface) for interface in interfaces),
     )
     return Unit(ROUTER_UNIT, text)
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The common part of VyOS and EdgeOS, which both come from Vyatta. They name translation and redirects differently."""
+"""The common part of VyOS and EdgeOS, both from Vyatta. They name translation and redirects differently."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ def vyatta(position: int, title: str, nat: str, outbound: str, last: str, redire
     """Return a dialect: `nat` is the rule for translation, `redirects` the setting for ICMP redirects."""
     begin = Block("configure\ndelete firewall group network-group ROSFLEET")
     end = Block("commit\nsave\nexit")
+    note = f"The rule '{nat}' must be free, and before those that translate."
     return Dialect(
         position=position,
         title=title,
@@ -49,8 +50,7 @@ def vyatta(position: int, title: str, nat: str, outbound: str, last: str, redire
             end,
         ),
         notes={
-            ROUTER: f"The rule '{nat}' must be free, and before those that translate.",
-            GATEWAY: f"The rule '{nat}' must be free, and before those that translate.\n"
-            "A firewall must let the common network and the networks above pass.",
+            ROUTER: note,
+            GATEWAY: f"{note}\nA firewall must let the common network and the networks above pass.",
         },
     )

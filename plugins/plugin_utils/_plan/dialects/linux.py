@@ -1,10 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The dialect of Linux.
-
-A router or gateway under Linux that is no computer of the inventory.
-"""
+"""The dialect of a router or gateway with Linux outside the inventory."""
 
 from __future__ import annotations
 

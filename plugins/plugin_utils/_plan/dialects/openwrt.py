@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The dialect of OpenWrt.
+"""The dialect of OpenWrt: uci, with `nat` and `rule` in the firewall, and a file for sysctl.
 
-It has uci, sections `nat` and `rule` in the firewall, and a file for sysctl: openwrt.org/docs/guide-user/network.
+See openwrt.org/docs/guide-user/network.
 """
 
 from __future__ import annotations

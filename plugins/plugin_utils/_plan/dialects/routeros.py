@@ -3,9 +3,8 @@
 
 """The dialect of MikroTik RouterOS.
 
-Raw rules with notrack leave out translation and "drop invalid" at once: help.mikrotik.com, Firewall, RAW. A computer
-that answers its neighbour directly shows the router only half of a connection, which the default firewall would drop as
-invalid.
+Raw rules with notrack leave out both translation and "drop invalid": help.mikrotik.com, Firewall, RAW. If a computer
+answers its neighbour directly, the router sees half of a connection. The default firewall would drop it as invalid.
 """
 
 from __future__ import annotations

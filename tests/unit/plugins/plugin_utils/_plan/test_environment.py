@@ -160,7 +160,7 @@ def test_ssh_is_one_line_with_the_system_path():
 
 
 def test_ssh_keeps_the_path_of_the_machine():
-    machine = environment_module.machine({**INFO, "sshd": {**INFO["sshd"], "path": "/usr/bin:/snap/bin"}})
+    machine = environment_module.read_machine({**INFO, "sshd": {**INFO["sshd"], "path": "/usr/bin:/snap/bin"}})
     content = rendered(environment_module.merge(NOETIC, OURS), machine)[environment_module.SSHD]
     assert "PATH=/opt/ros/noetic/bin:/usr/bin:/snap/bin " in content
 
@@ -207,7 +207,7 @@ def test_hook_brings_back_what_a_set_up_file_drops(tmp_path):
 
 
 def test_hook_runs_between_those_of_ros():
-    name = {render.__name__: path for path, render in environment_module.CONSUMERS}["_hook"].rpartition("/")[2]
+    name = {render.__name__: path for path, render in environment_module.CONSUMERS}["_render_hook"].rpartition("/")[2]
     assert sorted(["10.roslaunch.sh", name, "1.ros_package_path.sh", "1.ros_version.sh"])[2:] == [
         name,
         "10.roslaunch.sh",

@@ -9,7 +9,7 @@ import re
 import subprocess
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quoting, units
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quotes, units
 
 GOLDEN = pathlib.Path(__file__).resolve().parents[3] / "golden/multicast_routing"
 ADDRESS = "192.168.1.201"
@@ -28,7 +28,7 @@ def test_the_units_have_the_order_of_the_services():
 
 
 def test_the_roscore_of_ros_depends_on_the_environment_alone():
-    old, new = (made(["roscore", "sync"], units.Inputs.of("environment", nodes)) for nodes in ("old", "new"))
+    old, new = (made(["roscore", "sync"], units.Inputs.from_digests("environment", nodes)) for nodes in ("old", "new"))
     assert old["multimaster-roscore.service"] == new["multimaster-roscore.service"]
     assert old["multimaster-sync.service"] != new["multimaster-sync.service"]
     digest = hashlib.sha256(b"environmentnew").hexdigest()
@@ -38,7 +38,7 @@ def test_the_roscore_of_ros_depends_on_the_environment_alone():
 
 def test_the_bundled_roscore_restarts_for_its_own_code_alone():
     of = {
-        (nodes, code): made(["roscore"], units.Inputs.of("environment", nodes, code))
+        (nodes, code): made(["roscore"], units.Inputs.from_digests("environment", nodes, code))
         for nodes in ("a", "b")
         for code in ("old", "new")
     }
@@ -93,16 +93,16 @@ def test_names_of_interfaces_are_arguments_and_no_commands():
 
 @pytest.mark.parametrize("path", ["+/bin/sh", "/tmp/x\nExecStartPre=+/bin/sh", "bin/roscore", ""])
 def test_a_path_that_systemd_would_read_otherwise_is_refused(path):
-    with pytest.raises(quoting.Unquotable, match="expected an absolute path"):
+    with pytest.raises(quotes.Unquotable, match="expected an absolute path"):
         units.programs("fkie_existing", "/usr/bin/python3", {"discovery": path, "sync": "/opt/sync"}, 11311)
-    with pytest.raises(quoting.Unquotable, match="expected an absolute path"):
+    with pytest.raises(quotes.Unquotable, match="expected an absolute path"):
         units.services(["roscore"], "tibi", ADDRESS, units.Roscore(path, 11311), {}, units.Inputs("", ""))
 
 
 def test_the_name_of_a_robot_is_a_text():
     unit = units.services(["roscore"], "50%h", ADDRESS, ROSCORE, {}, units.Inputs("", ""))[0]
     assert "Description=ROS master of 50%%h (roscore)\n" in unit.content
-    with pytest.raises(quoting.Unquotable, match="on one line"):
+    with pytest.raises(quotes.Unquotable, match="on one line"):
         units.services(["roscore"], "tibi\n[Service]", ADDRESS, ROSCORE, {}, units.Inputs("", ""))
 
 
