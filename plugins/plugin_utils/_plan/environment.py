@@ -96,9 +96,9 @@ def read_machine(info: Mapping[str, Any]) -> Machine:
     """Read the facts that the files depend on out of the return of multimaster_info."""
     sshd = info["sshd"]
     return Machine(
-        ssh=sshd["installed"] and sshd["includes_drop_ins"] and not _global_setenv(sshd),
+        ssh=sshd["installed"] and sshd["includes_drop_ins"] and not _list_setenv(sshd, match=False),
         ssh_path=sshd["path"] or SSH_PATH,
-        ssh_match=sshd.get("match_setenv", True) and not _match_setenv(sshd),
+        ssh_match=sshd.get("match_setenv", True) and not _list_setenv(sshd, match=True),
         hooks=((info["ros"].get("chosen") or {}).get("hooks") or ""),
     )
 
@@ -130,7 +130,7 @@ def find_gaps(info: Mapping[str, Any], environment: Environment) -> list[str]:
             f"Commands by ssh do not get the environment of ROS on {quote(info['hostname'])}: its sshd reads no drop-ins "
             f"(no Include of {SSHD.rpartition('/')[0]}/*.conf outside a Match in /etc/ssh/sshd_config)."
         ]
-    rivals = _global_setenv(sshd)
+    rivals = _list_setenv(sshd, match=False)
     gaps = [
         f"Commands by ssh do not get the environment of ROS on {quote(info['hostname'])}: "
         f"{quote(other['file'])} line {other['line']} has a SetEnv already, and sshd uses only the first; "
@@ -148,7 +148,7 @@ def find_gaps(info: Mapping[str, Any], environment: Environment) -> list[str]:
         gaps += [
             f"Commands by ssh do not get the variables of the set-up file of ROS on {quote(info['hostname'])}: {quote(other['file'])} line "
             f"{other['line']} has a SetEnv below a Match, and sshd uses only the first of those; move its variables elsewhere."
-            for other in _match_setenv(sshd)
+            for other in _list_setenv(sshd, match=True)
         ]
     return gaps
 
@@ -193,13 +193,9 @@ def _describe(what: str, path: str, name: str, value: str | None, expected: str 
     )
 
 
-def _global_setenv(sshd: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the lines that would win over ours. A line below a Match counts for its users alone."""
-    return [other for other in sshd["other_setenv"] if not other["match"]]
-
-
-def _match_setenv(sshd: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    return [other for other in sshd["other_setenv"] if other["match"]]
+def _list_setenv(sshd: Mapping[str, Any], match: bool) -> list[Mapping[str, Any]]:
+    """Return the lines of others, outside or below a Match. A line below a Match counts for its users alone."""
+    return [other for other in sshd["other_setenv"] if bool(other["match"]) == match]
 
 
 def _render_units(environment: Environment, machine: Machine) -> str:

@@ -10,11 +10,8 @@ upstream has it. `limits` has a sentence for each thing that upstream lacks.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import notation, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
     FILTERS,
     FROM_CLIENT,
@@ -36,6 +33,8 @@ UPSTREAM = ("fkie_apt", "fkie_existing")
 
 # Filters by their parameters, such as {"ignore_topics": ["/tf"]}.
 Filters = dict[str, list[str]]
+# The names that a robot serves to some addresses: `to`, `topics` and `services`.
+ServedNames = Mapping[str, Sequence[str]]
 
 
 def discovery(fleet: Fleet, robot: Robot) -> Parameters:
@@ -43,8 +42,7 @@ def discovery(fleet: Fleet, robot: Robot) -> Parameters:
     bundled = _make_discovery(fleet, robot)
     if robot.variables.provider in UPSTREAM:
         return _upstream_discovery(bundled)
-    parameters: Parameters = to_plain(bundled)
-    return {**parameters, **_output_parameters(fleet, robot, "discovery")}
+    return {**bundled, **_output_parameters(fleet, robot, "discovery")}
 
 
 def sync(fleet: Fleet, robot: Robot) -> Parameters:
@@ -82,69 +80,41 @@ def _output_parameters(fleet: Fleet, robot: Robot, service: str) -> dict[str, An
 # master_discovery, bundled
 
 
-@dataclass(frozen=True)
-class ServedNames:
-    """Names that a robot gives to the callers from some addresses; `*` is any caller."""
-
-    to: tuple[str, ...]
-    topics: tuple[str, ...]
-    services: tuple[str, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Discovery:
-    """The parameters of the bundled master_discovery, with upstream's names if upstream has the same ones."""
-
-    name: str
-    mcast_group: IPv4Address
-    mcast_port: int
-    interface: IPv4Address  # of the common network
-    rpc_port: int
-    heartbeat_hz: float
-    offline_after: float
-    send_mcast: bool
-    listen_mcast: bool
-    robot_hosts: tuple[IPv4Address, ...]
-    hide_subscribers: tuple[str, ...]
-    strangers: str
-    allow: tuple[IPv4Network, ...]
-    # None: not declared.
-    exports: tuple[ServedNames, ...] | None = field(default=None, metadata=notation(left_out=True))
-
-
-def _make_discovery(fleet: Fleet, robot: Robot) -> Discovery:
-    shared = fleet.variables
+def _make_discovery(fleet: Fleet, robot: Robot) -> dict[str, Any]:
+    """Return the parameters of the bundled master_discovery, with upstream's names if upstream has the same ones."""
+    shared, exports = fleet.variables, robot.variables.exports
     multicast = shared.transport in ("both", "multicast")
-    peers = tuple(other.master.discovery_address for other in fleet.robots if other != robot)
-    return Discovery(
-        name=robot.master_name,
-        mcast_group=shared.multicast_group,
-        mcast_port=shared.multicast_port,
-        interface=robot.master.discovery_address,
-        rpc_port=robot.variables.rpc_port,
-        heartbeat_hz=shared.heartbeat_hz,
-        offline_after=shared.offline_after,
-        send_mcast=multicast,
-        listen_mcast=multicast,
-        robot_hosts=peers if shared.transport in ("both", "unicast") else (),
-        hide_subscribers=("*",) if is_restricted(fleet, robot) else (),
-        strangers=shared.strangers,
-        allow=shared.allow,
-        exports=None if robot.variables.exports is None else _make_served_names(fleet, robot),
-    )
+    peers = [str(other.master.discovery_address) for other in fleet.robots if other != robot]
+    return {
+        "name": robot.master_name,
+        "mcast_group": str(shared.multicast_group),
+        "mcast_port": shared.multicast_port,
+        "interface": str(robot.master.discovery_address),
+        "rpc_port": robot.variables.rpc_port,
+        "heartbeat_hz": shared.heartbeat_hz,
+        "offline_after": shared.offline_after,
+        "send_mcast": multicast,
+        "listen_mcast": multicast,
+        "robot_hosts": peers if shared.transport in ("both", "unicast") else [],
+        "hide_subscribers": ["*"] if is_restricted(fleet, robot) else [],
+        "strangers": shared.strangers,
+        "allow": [str(network) for network in shared.allow],
+        **({} if exports is None else {"exports": _list_served_names(fleet, robot)}),
+    }
 
 
-def _make_served_names(fleet: Fleet, robot: Robot) -> tuple[ServedNames, ...]:
+def _list_served_names(fleet: Fleet, robot: Robot) -> list[ServedNames]:
+    """Return the names of each flow of a robot, with the addresses of the callers that get them. `*` is any caller."""
     addresses = {other.name: _addresses(other) for other in fleet.robots}
-    return tuple(
-        ServedNames(
-            to=tuple(address for other in flow.to for address in addresses[other]) or ("*",),
-            topics=(*flow.topics, VERIFICATION_TOPICS),
-            services=flow.services,
-        )
+    return [
+        {
+            "to": [address for other in flow.to for address in addresses[other]] or ["*"],
+            "topics": [*flow.topics, VERIFICATION_TOPICS],
+            "services": [*flow.services],
+        }
         for flow in fleet.flows
         if robot.name in flow.givers
-    )
+    ]
 
 
 def _addresses(robot: Robot) -> list[str]:
@@ -243,31 +213,31 @@ COUNTED_HZ, UNCOUNTED = 0.3, 65.0
 SAME = ("name", "mcast_port", "interface", "rpc_port", "heartbeat_hz", "send_mcast", "listen_mcast", "robot_hosts")
 
 
-def _upstream_discovery(bundled: Discovery) -> dict[str, Any]:
-    plain = to_plain(bundled)
-    hz, silence = bundled.heartbeat_hz, _offline_after(bundled)
+def _upstream_discovery(bundled: Parameters) -> dict[str, Any]:
+    hz, silence = bundled["heartbeat_hz"], _offline_after(bundled)
     return {
-        **{name: plain[name] for name in SAME},
-        "mcast_group": f"{bundled.mcast_group}@{bundled.interface}",
+        **{name: bundled[name] for name in SAME},
+        "mcast_group": f"{bundled['mcast_group']}@{bundled['interface']}",
         "timeout_factor": round(silence / (INTERVAL if hz >= 1 else INTERVAL / hz), 3),
         "remove_after": int(silence + 0.999),
-        **_hide_names(bundled.exports),
+        **_hide_names(bundled.get("exports")),
     }
 
 
-def _offline_after(bundled: Discovery) -> float:
+def _offline_after(bundled: Parameters) -> float:
     """Return the seconds of silence until upstream gives a robot up and withdraws its names."""
-    hz = bundled.heartbeat_hz
-    return max(bundled.offline_after, BEATS / hz if hz >= COUNTED_HZ else UNCOUNTED)
+    hz, after = float(bundled["heartbeat_hz"]), float(bundled["offline_after"])
+    return max(after, BEATS / hz if hz >= COUNTED_HZ else UNCOUNTED)
 
 
 def _hide_names(exports: Sequence[ServedNames] | None) -> Filters:
     """Hide the names without a receiver. Upstream serves a name to all robots or to none of them."""
     if exports is None:
         return {}
-    topics = (name for entry in exports for name in entry.topics)
-    services = (name for entry in exports for name in entry.services)
-    return {"hide_topics": [_invert_patterns(topics)], "hide_services": [_invert_patterns(services)]}
+    return {
+        f"hide_{kind}": [_invert_patterns(name for entry in exports for name in entry[kind])]
+        for kind in ("topics", "services")
+    }
 
 
 def _invert_patterns(patterns: Iterable[str]) -> str:
@@ -326,7 +296,7 @@ def limits(fleet: Fleet, robot: Robot) -> tuple[str, ...]:
         "the same name: rename them or leave them out by multimaster_filters, or set multimaster_provider to 'bundled', which refuses "
         "such registrations."
     ]
-    if bundled.strangers == "ignore":
+    if bundled["strangers"] == "ignore":
         sentences.append(
             f"{host}: multimaster_strangers is 'ignore', but multimaster_provider is '{provider}', which exchanges with whoever is "
             "heard; expected nodes that know who belongs to the fleet: keep strangers off the common network, or set "
@@ -338,14 +308,14 @@ def limits(fleet: Fleet, robot: Robot) -> tuple[str, ...]:
             "the bundled nodes: set multimaster_metrics to 'none', or multimaster_provider to 'bundled'."
         )
     silence = _offline_after(bundled)
-    if silence > bundled.offline_after:
+    if silence > bundled["offline_after"]:
         sentences.append(
-            f"{host}: multimaster_offline_after is {bundled.offline_after:g} s, but multimaster_provider is '{provider}', which cannot ask a "
+            f"{host}: multimaster_offline_after is {bundled['offline_after']:g} s, but multimaster_provider is '{provider}', which cannot ask a "
             f"silent robot; expected to wait {silence:g} s here, so that lost datagrams remove nobody: accept that, or set "
             "multimaster_provider to 'bundled'."
         )
-    if bundled.exports is not None:
-        sentences.append(_explain_exports(host, provider, bundled.exports))
+    if "exports" in bundled:
+        sentences.append(_explain_exports(host, provider, bundled["exports"]))
     if len(robot.computers) > 1:
         others = ", ".join(computer.name for computer in robot.computers if computer != robot.master)
         sentences.append(
@@ -363,9 +333,9 @@ def limits(fleet: Fleet, robot: Robot) -> tuple[str, ...]:
 
 
 def _explain_exports(host: str, provider: str, exports: Sequence[ServedNames]) -> str:
-    some = [entry for entry in exports if entry.to != ("*",)]
-    topics = dict.fromkeys(name for entry in some for name in entry.topics if name != VERIFICATION_TOPICS)
-    names = [*topics, *dict.fromkeys(name for entry in some for name in entry.services)]
+    some = [entry for entry in exports if entry["to"] != ["*"]]
+    topics = dict.fromkeys(name for entry in some for name in entry["topics"] if name != VERIFICATION_TOPICS)
+    names = [*topics, *dict.fromkeys(name for entry in some for name in entry["services"])]
     served = f"serves {shorten_list(names)} to every robot alike, and " if names else ""
     return (
         f"{host}: multimaster_exports is declared, but multimaster_provider is '{provider}', which {served}hides what goes to nobody only "

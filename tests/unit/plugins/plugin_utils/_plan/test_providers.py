@@ -239,7 +239,7 @@ def hides(parameters, kind, name):
 
 @given(st.lists(st.sampled_from(["/a", "/a*", "/tf", "/b/*/c"]), max_size=3), st.sampled_from([*NAMES, "/b/x/c"]))
 def test_what_goes_to_nobody_is_hidden(patterns, name):
-    exports = [parameters_module.ServedNames(to=("192.168.1.202",), topics=tuple(patterns), services=())]
+    exports = [{"to": ["192.168.1.202"], "topics": patterns, "services": []}]
     given_away = any(re.fullmatch(item.replace("*", ".*"), name, re.IGNORECASE) for item in patterns)
     hidden = parameters_module._hide_names(exports)
     assert hides(hidden, "topics", name) is not given_away
