@@ -107,7 +107,7 @@ def environment_files(
     return {
         "files": environment_module.render_files(environment, environment_module.read_machine(machine)),
         "notes": environment_module.find_gaps(machine, environment),
-        "digest": environment_module.digest(environment),
+        "digest": environment_module.compute_digest(environment),
     }
 
 

@@ -81,11 +81,11 @@ def multicast_router(
     if not group:
         return {"files": [], "units": []}
     try:
-        unit = units.multicast_router(robot, group, interfaces, command, digest)
+        unit = units.render_router(robot, group, interfaces, command, digest)
     except quotes.Unquotable as problem:
         raise AnsibleFilterError(str(problem)) from problem
     return {
-        "files": [{"path": units.ROUTER_FILE, "content": units.multicast_routes(robot, group, interfaces)}],
+        "files": [{"path": units.ROUTER_FILE, "content": units.render_routes(robot, group, interfaces)}],
         "units": [dataclasses.asdict(unit)],
     }
 

@@ -120,7 +120,7 @@ def service_units(
             f"take {unknown[0]} out of services_list."
         )
     try:
-        service_list = units.services(
+        service_list = units.render_services(
             names,
             robot,
             address,

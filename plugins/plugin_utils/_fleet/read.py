@@ -50,7 +50,7 @@ class InventoryProblems(Exception):
 
 @dataclass(frozen=True)
 class Inventory:
-    """The content of Ansible's inventory that concerns the fleet, whatever `--limit` says."""
+    """The fleet's part of Ansible's inventory. `--limit` takes nothing out of it."""
 
     robots: Mapping[str, Sequence[str]]  # robot -> its hosts
     variables: Mapping[str, Mapping[str, Any]]  # host -> its multimaster_* variables

@@ -115,7 +115,7 @@ def render_files(environment: Environment, machine: Machine) -> list[dict[str, A
     return files
 
 
-def digest(environment: Environment) -> str:
+def compute_digest(environment: Environment) -> str:
     """Return the SHA-256 of the file that units read. Changes of the other files do not restart a roscore."""
     return hashlib.sha256(_render_units(environment, Machine()).encode()).hexdigest()
 

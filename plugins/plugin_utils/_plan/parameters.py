@@ -248,10 +248,10 @@ def _invert_patterns(patterns: Iterable[str]) -> str:
 def _upstream_sync(bundled: Mapping[str, Any]) -> dict[str, Any]:
     sections = {key: value for key, value in bundled.items() if isinstance(value, Mapping)}
     kept = {key: value for key, value in bundled.items() if key not in (*sections, *UPSTREAM_FILTERS, *HOSTS)}
-    everybody = _close_white_lists({name: list(bundled.get(name, ())) for name in UPSTREAM_FILTERS}, {})
-    lists: dict[str, list[Any]] = {name: [*_group_alternatives(items)] for name, items in everybody.items()}
+    common = _close_white_lists({name: list(bundled.get(name, ())) for name in UPSTREAM_FILTERS}, {})
+    lists: dict[str, list[Any]] = {name: [*_group_alternatives(items)] for name, items in common.items()}
     for master, section in sections.items():
-        own = _close_white_lists({name: list(section.get(name, ())) for name in UPSTREAM_FILTERS}, everybody)
+        own = _close_white_lists({name: list(section.get(name, ())) for name in UPSTREAM_FILTERS}, common)
         for name, items in own.items():
             if items:
                 lists[name].append({master.lower(): _group_alternatives(items)})
@@ -266,12 +266,12 @@ def _list_hosts(bundled: Mapping[str, Any]) -> Filters:
     return {"ignore_hosts": ignored} if ignored else {}
 
 
-def _close_white_lists(own: Mapping[str, list[str]], everybody: Mapping[str, list[str]]) -> Filters:
+def _close_white_lists(own: Mapping[str, list[str]], common: Mapping[str, list[str]]) -> Filters:
     """Close the white lists: beside a white list of any kind, an empty one of topics or services lets nothing pass."""
     closed = {name: list(items) for name, items in own.items()}
-    if any(own[name] or everybody.get(name) for name in WHITE_LISTS):
+    if any(own[name] or common.get(name) for name in WHITE_LISTS):
         for name in ("sync_topics", "sync_services"):
-            if not own[name] and not everybody.get(name):
+            if not own[name] and not common.get(name):
                 closed[name] = [NO_NAME]
     return closed
 
@@ -284,7 +284,7 @@ def _group_alternatives(items: Iterable[str]) -> list[str]:
 # Things that upstream lacks
 
 
-def limits(fleet: Fleet, robot: Robot) -> tuple[str, ...]:
+def list_limits(fleet: Fleet, robot: Robot) -> tuple[str, ...]:
     """Return a sentence for each thing that the provider of a robot cannot do. The bundled nodes can do everything."""
     host, provider = robot.master.name, robot.variables.provider
     if provider not in UPSTREAM:

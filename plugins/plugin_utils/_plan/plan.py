@@ -167,7 +167,7 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPl
         provider=robot.variables.provider,
         discovery=parameters.discovery(fleet, robot) if is_master else {},
         sync=parameters.sync(fleet, robot) if is_master else {},
-        limits=parameters.limits(fleet, robot) if is_master else (),
+        limits=parameters.list_limits(fleet, robot) if is_master else (),
         listens=is_master or computer.common_address is not None,
     )
 

@@ -94,8 +94,8 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
         warnings += _check_exports(plan, info) + _check_sshd(plan, info)
         ros = _check_ros(plan, info)
         if not ros:
-            warnings += set_up.warnings(plan.computer, info["ros"]["chosen"])
-            nodes = providers.find(plan, info["ros"]["chosen"], info)
+            warnings += set_up.list_warnings(plan.computer, info["ros"]["chosen"])
+            nodes = providers.find_nodes(plan, info["ros"]["chosen"], info)
             filled, ros = _add_programs(filled, info, nodes), list(nodes.problems)
             limits += nodes.limits(plan)
         if plan.is_master:
@@ -144,7 +144,9 @@ def _add_programs(plan: ComputerPlan, info: Mapping[str, Any], nodes: providers.
         return plan
     python = info["ros"]["chosen"]["python"]
     programs = (
-        units.programs(plan.provider, python, nodes.paths, plan.roscore_port) if plan.is_master else plan.programs
+        units.render_programs(plan.provider, python, nodes.paths, plan.roscore_port)
+        if plan.is_master
+        else plan.programs
     )
     return replace(plan, programs=programs, packages=tuple(nodes.packages))
 
@@ -433,12 +435,11 @@ def _check_sshd(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
             f"{plan.computer}: sshd does not read /etc/ssh/sshd_config.d; expected it, so that commands by ssh have the ROS "
             "environment: add 'Include /etc/ssh/sshd_config.d/*.conf' at the top of /etc/ssh/sshd_config, or use login shells."
         )
-    for other in sshd["other_setenv"]:
-        if other["match"]:
-            continue  # below a Match it adds to ours
-        warnings.append(
-            f"{plan.computer}: {quote(other['file'])}, line {other['line']} has its own SetEnv ({quote(other['text'])}), and sshd takes only one; "
-            "expected none: commands by ssh get no ROS environment from the collection; move it into the users' ~/.ssh/environment, "
-            "or use login shells."
-        )
+    warnings += [  # a SetEnv below a Match adds to ours
+        f"{plan.computer}: {quote(other['file'])}, line {other['line']} has its own SetEnv ({quote(other['text'])}), and sshd takes only one; "
+        "expected none: commands by ssh get no ROS environment from the collection; move it into the users' ~/.ssh/environment, "
+        "or use login shells."
+        for other in sshd["other_setenv"]
+        if not other["match"]
+    ]
     return warnings

@@ -93,7 +93,7 @@ class Installation:
         ]
 
 
-def find(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str, Any]) -> Installation:
+def find_nodes(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str, Any]) -> Installation:
     """Find the provider's executables on the machine. `chosen` is the ROS that multimaster_info chose there."""
     if plan.provider == "fkie_apt":
         return _find_packages(plan, chosen, info)

@@ -11,7 +11,7 @@ from typing import Any
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
 
 
-def warnings(host: str, chosen: Mapping[str, Any]) -> list[str]:
+def list_warnings(host: str, chosen: Mapping[str, Any]) -> list[str]:
     """Return a sentence for each thing that root, other users or all users do not get. `chosen` is the ROS of the machine."""
     sentences = []
     setup, person, doubt = quote(chosen["setup"]), quote(chosen.get("person", "*")), quote(chosen.get("doubt", ""))

@@ -225,7 +225,7 @@ NODES = {
 OTHERS = ("address", "roscore", "connections", "metrics")
 
 
-def services(
+def render_services(
     names: Sequence[str],
     robot: str,
     address: str,
@@ -406,7 +406,7 @@ PROGRAMS: dict[str, dict[str, UnitLines]] = {
 NO_PROGRAMS = {name: UnitLines() for name in NODES}
 
 
-def programs(provider: str, python: str, paths: Mapping[str, str], port: int) -> dict[str, UnitLines]:
+def render_programs(provider: str, python: str, paths: Mapping[str, str], port: int) -> dict[str, UnitLines]:
     """The lines that differ, by node. `paths` are upstream's executables, by node. `port` is that of the roscore."""
     lines = {}
     for name, program in PROGRAMS[provider].items():
@@ -473,7 +473,7 @@ SystemCallFilter=@chown
 )
 
 
-def multicast_router(robot: str, group: str, interfaces: Sequence[str], command: str, inputs: str) -> Unit:
+def render_router(robot: str, group: str, interfaces: Sequence[str], command: str, inputs: str) -> Unit:
     """The unit of smcrouted on a gateway; `command` is its path, `inputs` the digest of its file."""
     text = _ROUTER.format(
         robot=quotes.escape_text(robot),
@@ -486,7 +486,7 @@ def multicast_router(robot: str, group: str, interfaces: Sequence[str], command:
     return Unit(ROUTER_UNIT, text)
 
 
-def multicast_routes(robot: str, group: str, interfaces: Sequence[str]) -> str:
+def render_routes(robot: str, group: str, interfaces: Sequence[str]) -> str:
     """The file of smcrouted (smcroute.conf(5)): the group passes both ways between two interfaces."""
     lines = [f"phyint {interface} enable" for interface in interfaces]
     lines += [f"mgroup from {interface} group {group}" for interface in interfaces]

@@ -94,7 +94,7 @@ def compare(change=None, **plan):
 
 
 def test_a_machine_like_its_plan():
-    programs = units.programs("bundled", "/usr/bin/python3", {}, 11311)
+    programs = units.render_programs("bundled", "/usr/bin/python3", {}, 11311)
     plan = dataclasses.replace(
         from_plain(ComputerPlan, PLAN),
         programs=programs,

@@ -114,7 +114,7 @@ def machine(distribution, computer="tibi-visio"):
 def rendered(found):
     """The files that the roles nodes and services write for a checked plan."""
     roscore = units.Roscore("/opt/ros/x/bin/roscore", found.roscore_port)
-    made = units.services(
+    made = units.render_services(
         found.services[1:],
         found.robot,
         str(found.address),
