@@ -4,7 +4,7 @@
 """The private parameters of the nodes master_discovery and master_sync, in the words of the provider.
 
 First come the parameters of the bundled nodes. Upstream's (multimaster_fkie) are made of them, with the same meaning if
-upstream has it. `limits` has a sentence for each thing that upstream lacks.
+upstream has it. `list_limits` has a sentence for each thing that upstream lacks.
 """
 
 from __future__ import annotations
