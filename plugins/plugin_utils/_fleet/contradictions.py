@@ -208,28 +208,24 @@ def _find_filtered_exports(parties: Sequence[Party]) -> list[str]:
     """Return a sentence for names that an entry gives to a certain robot, and that filters leave out."""
     by_name = {party.name: party for party in parties}
     problems = []
-    for party in parties:
-        for entry in party.exports:
-            for receiver in (
-                by_name[name] for name in dict.fromkeys(entry.to) if name in by_name.keys() - {party.name}
+    for party, entry in [(declarer, entry) for declarer in parties for entry in declarer.exports]:
+        for receiver in (by_name[name] for name in dict.fromkeys(entry.to) if name in by_name.keys() - {party.name}):
+            actions = [("actions", name) for name in entry.actions]
+            for taker, giver, names, parts, what in (
+                (receiver, party, entry.names(), FROM_SERVER, ""),
+                (party, receiver, actions, FROM_CLIENT, "the goals of "),
             ):
-                actions = [("actions", name) for name in entry.actions]
-                for taker, giver, names, parts, what in (
-                    (receiver, party, entry.names(), FROM_SERVER, ""),
-                    (party, receiver, actions, FROM_CLIENT, "the goals of "),
-                ):
-                    lost = [
-                        f"{what}the {KINDS[key]} {name}"
-                        for key, name in names
-                        if _is_master_ignored(taker.filters, giver.master)
-                        or _is_ignored(taker.filters, key, name, parts)
-                    ]
-                    if lost:
-                        problems.append(
-                            f"{taker.host}: multimaster_filters leaves out {shorten_list(lost)}, which multimaster_exports of {party.name} "
-                            f"has for {receiver.name}; expected filters that take it: correct them in group_vars/{taker.name}.yml, "
-                            f"or 'to' in group_vars/{party.name}.yml."
-                        )
+                lost = [
+                    f"{what}the {KINDS[key]} {name}"
+                    for key, name in names
+                    if _is_master_ignored(taker.filters, giver.master) or _is_ignored(taker.filters, key, name, parts)
+                ]
+                if lost:
+                    problems.append(
+                        f"{taker.host}: multimaster_filters leaves out {shorten_list(lost)}, which multimaster_exports of {party.name} "
+                        f"has for {receiver.name}; expected filters that take it: correct them in group_vars/{taker.name}.yml, "
+                        f"or 'to' in group_vars/{party.name}.yml."
+                    )
     return problems
 
 

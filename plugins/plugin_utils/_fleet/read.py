@@ -343,11 +343,11 @@ def _make_party(name: str, hosts: Sequence[str], values: Mapping[str, Values], o
     declarations = {values[host]["multimaster_exports"] for host in hosts if "multimaster_exports" in values[host]}
     filters = [values[host].get("multimaster_filters", {}) for host in hosts]
     master = own.get("multimaster_master", hosts[0])
-    known = master in hosts and "multimaster_roscore_port" in own
+    is_known = master in hosts and "multimaster_roscore_port" in own
     return contradictions.Party(
         name=name,
         host=master if master in hosts else hosts[0],
-        master=master_name(master, own["multimaster_roscore_port"]) if known else "",
+        master=master_name(master, own["multimaster_roscore_port"]) if is_known else "",
         declaration=declarations.pop() if len(declarations) == 1 else None,
         filters=filters[0] if all(other == filters[0] for other in filters) else {},
     )

@@ -164,33 +164,27 @@ def find_differences(
     `rendered` are the paths of our files. A consumer without one is passed over. `known` are the variables that older
     files of the machine set. Login shells may have another value of them.
     """
-    expected = merge({}, ours)
+    planned = merge({}, ours)
+    wanted = {**planned.texts, **planned.lists, **dict.fromkeys(planned.unset)}
     differences = []
     for what, paths in SEEN.items():
         variables = seen.get(what)
         path = next((path for path in paths if path in rendered), "")
         if not path or variables is None:
             continue
-        skipped = set(known) if what == "login" else set()
-        for name, value in expected.texts.items():
-            if variables.get(name) != value and name not in skipped:
-                differences.append(_describe(what, path, name, variables.get(name), value))
-        for name, entries in expected.lists.items():
-            if not set(entries) <= set(variables.get(name, "").split(":")):
-                differences.append(_describe(what, path, name, variables.get(name), ":".join(entries)))
-        differences += [
-            _describe(what, path, name, variables[name], None)
-            for name in expected.unset
-            if name in {*variables} - skipped
-        ]
+        for name, value in wanted.items():
+            actual = variables.get(name)
+            expected = ":".join(value) if isinstance(value, tuple) else value
+            if isinstance(value, tuple):
+                arrives = set(value) <= set((actual or "").split(":"))
+            else:
+                arrives = actual == value or (what == "login" and name in known)
+            if not arrives:
+                differences.append(
+                    f"{name} is {'not set' if actual is None else quote(actual)} in {TITLES[what]}, expected "
+                    f"{'it not to be set' if expected is None else quote(expected)}: something is read after {path}."
+                )
     return differences
-
-
-def _describe(what: str, path: str, name: str, value: str | None, expected: str | None) -> str:
-    return (
-        f"{name} is {'not set' if value is None else quote(value)} in {TITLES[what]}, expected "
-        f"{'it not to be set' if expected is None else quote(expected)}: something is read after {path}."
-    )
 
 
 def _list_setenv(sshd: Mapping[str, Any], match: bool) -> list[Mapping[str, Any]]:
