@@ -22,11 +22,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archi
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data, plain_lines
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import BY_NAME, RESERVED
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import judged as judgement
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge_run, make_document
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import OPTIONS, Run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import find_result
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._options.roles import read_options
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import TEMPLATE, page
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import TEMPLATE, make_page
 
 WORD = re.compile(r"[\w.-]+")
 NAME = "rosfleet-bundle-%Y-%m-%dT%H%M%S.zip"
@@ -62,8 +62,8 @@ class ActionModule(ActionBase):
                 clean_run = bundles.renamed(
                     clean_run, *people(bundle, task_vars["hostvars"], self._task.args.get("machine"))
                 )
-            judged = judgement.verdict(clean_run, pages=True, everything=False)
-            data = make_bundle(clean_run, judged)
+            judgement = judge_run(clean_run, pages=True, everything=False)
+            data = make_bundle(clean_run, judgement)
             fleet_report.write(path, data, fleet_report.OWN_MODE)
         except Mismatch as problem:
             result.update(failed=True, msg=str(problem))
@@ -72,7 +72,7 @@ class ActionModule(ActionBase):
             message = f"The bundle cannot be written to {path}: {problem.strerror}; expected a file in a folder of yours: name another one."
             result.update(failed=True, msg=message)
             return result
-        same = kinds(judged) == kinds(judgement.verdict(bundle, pages=False, everything=False))
+        same = kinds(judgement) == kinds(judge_run(bundle, pages=False, everything=False))
         result.update(changed=True, path=path, bytes=len(data), msg=f"Wrote {path} for those who help. {READ_IT}")
         Display().display(plain_lines(f"Bundle: {path}"))
         if not same:
@@ -119,17 +119,17 @@ def name_file(option: str) -> str:
     return path
 
 
-def make_bundle(bundle: Run, judged: Any) -> bytes:
+def make_bundle(bundle: Run, judgement: Any) -> bytes:
     """Return the bytes of the bundle, with its report."""
-    document = plain_data({**judgement.document(bundle, judged), "file": "report.json", "since": "", "differences": []})
+    document = plain_data({**make_document(bundle, judgement), "file": "report.json", "since": "", "differences": []})
     template = TEMPLATE.read_text(encoding="utf-8")
-    html = page(template, bundle.fleet, document, judged.matrices, {"time": "", "differences": []})
+    html = make_page(template, bundle.fleet, document, judgement.matrices)
     return packed(bundles.texts(bundle, html, document), time.localtime()[:6])
 
 
-def kinds(judged: Any) -> list[tuple[str, str, str]]:
+def kinds(judgement: Any) -> list[tuple[str, str, str]]:
     """Return kind, mode and verdict of each finding, without its names."""
-    return sorted((entry.part.kind, entry.part.mode, entry.verdict) for entry in judged.diagnosis.findings)
+    return sorted((entry.part.kind, entry.part.mode, entry.verdict) for entry in judgement.diagnosis.findings)
 
 
 def names(bundle: Run) -> set[str]:

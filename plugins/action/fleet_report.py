@@ -25,22 +25,23 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archi
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import JUDGED, heard, read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
     LINE,
     plain,
     plain_data,
     plain_lines,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judged import document as document_of
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judged import verdict
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import (
+    Judgement,
+    judge_run,
+    make_document,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import Matrices
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import OPTIONS, Run, gathered
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import OPTIONS, Run, gather_run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import earlier
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.junit import junit
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import TEMPLATE, page
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import history, terminal
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.junit import write_junit
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import TEMPLATE, make_page
 
 AUTO = "auto"  # the folder of the user
 LARGEST_DATA = 100_000_000  # bytes of an earlier document
@@ -85,10 +86,11 @@ class ActionModule(ActionBase):
         """Judge, write and print. Raises NotWritten."""
         path, cases = (str(self._task.args.get(option) or "") for option in ("path", "junit"))
         files = Files.from_option(path, place)
-        judged = verdict(run, bool(files or cases), bool(files and not files.own))
+        judgement = judge_run(run, bool(files or cases), bool(files and not files.own))
+        document = make_document(run, judgement)
         written = ""
         try:
-            written = write_files(files, cases, run.fleet, document_of(run, judged), judged.matrices)
+            written = write_files(files, cases, run.fleet, document, judgement.matrices)
         except OSError as problem:
             message = (
                 f"The report cannot be written to {problem.filename or path}: {problem.strerror}; name another file."
@@ -96,21 +98,21 @@ class ActionModule(ActionBase):
             if cases or not (files and files.own):
                 raise UnwritableReport(message) from None
             Display().display(plain_lines(message))  # no option asks for this file
-        show(judged.summary, judged.diagnosis, written)
-        findings = plain_data(report.findings(judged.diagnosis))
+        show(judgement, written)
+        findings = plain_data([{**entry, "follows": len(entry["follows"])} for entry in document["findings"]])
         wanted = self._task.args.get("each")
         return {
             "changed": False,
-            "passed": not judged.summary.number(FAILED),
-            "msg": report.verdict_line(judged.summary),
+            "passed": document["verdict"] != FAILED,
+            "msg": document["result"],
             "report": written,
-            "checks": report.counts(judged.summary),
-            "pairs": report.sampled(judged.summary),
+            "checks": document["checks"],
+            "pairs": document["pairs"],
             "findings": findings,
-            "each": [join_rivals(entry) for entry in findings[: report.SENTENCES]]
+            "each": [join_rivals(entry) for entry in findings[: terminal.SENTENCES]]
             if wanted == "always" or (wanted == "auto" and has_callbacks())
             else [],
-            "unexplained": plain_data([row._asdict() for row in judged.diagnosis.unexplained]),
+            "unexplained": plain_data(document["unexplained"]),
         }
 
 
@@ -119,7 +121,7 @@ def write_files(
 ) -> str:
     """Write the files of the options, and return the path of the page. Raises OSError."""
     if cases:
-        write(os.path.abspath(os.path.expanduser(cases)), junit(document), NAMED_MODE)
+        write(os.path.abspath(os.path.expanduser(cases)), write_junit(document), NAMED_MODE)
     return files.write(fleet, document, matrices) if files and matrices else ""
 
 
@@ -145,7 +147,7 @@ def read_run(options: Mapping[str, Any], task_vars: Mapping[str, Any]) -> Run:
         "durations": format_durations(options.get("marks"), time.time()),
     }
     try:
-        return gathered(options, task_vars["hostvars"], task_vars["ansible_play_hosts_all"], about)
+        return gather_run(options, task_vars["hostvars"], task_vars["ansible_play_hosts_all"], about)
     except Mismatch as problem:
         raise Mismatch(f"The plan of the fleet cannot be read: {problem}") from None
 
@@ -210,7 +212,7 @@ class Files:
         """Read the option `path`: empty, auto, a folder or a file."""
         if not path:
             return None
-        name = time.strftime(earlier.NAME) + ".json"
+        name = time.strftime(history.NAME) + ".json"
         if path == AUTO:
             return cls(folder_of(inventory) / name, own=True)
         place = Path(os.path.abspath(os.path.expanduser(path)))
@@ -221,26 +223,26 @@ class Files:
         if self.own:
             self.data.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         before = self._read_previous()
-        since = earlier.since(before, document)
-        document = {**document, "file": str(self.data), "since": since["time"], "differences": since["differences"]}
+        differences = history.compare(before, document)
+        document = {**document, "file": str(self.data), "since": before.get("time", ""), "differences": differences}
         template = TEMPLATE.read_text(encoding="utf-8")
-        html = page(template, fleet, document, matrices, since)
+        html = make_page(template, fleet, document, matrices)
         shown = self.data.with_suffix(".html" if self.data.suffix != ".html" else ".page.html")
         mode = OWN_MODE if self.own else NAMED_MODE
         write(str(self.data), json.dumps(plain_data(document), indent=1) + "\n", mode)
         write(str(shown), html, mode)
         if self.own:
-            for old in earlier.expired(self._list_folder()):
+            for old in history.find_expired(self._list_folder()):
                 self.data.with_name(old).unlink(missing_ok=True)
         return str(shown)
 
     def _read_previous(self) -> dict[str, Any]:
         """Read the data of the previous run: the file to be replaced, or else the latest in the folder."""
-        name = self.data.name if self.data.exists() else earlier.latest(self._list_folder())
+        name = self.data.name if self.data.exists() else history.find_latest(self._list_folder())
         path = self.data.with_name(name) if name else None
         try:
             if path and path.stat().st_size <= LARGEST_DATA:
-                return earlier.data_of(path.read_text(encoding="utf-8"))
+                return history.read_data(path.read_text(encoding="utf-8"))
         except (OSError, UnicodeError):
             pass
         return {}
@@ -253,14 +255,14 @@ class Files:
 def folder_of(inventory: str) -> Path:
     """Return the folder for the reports of an inventory, below Ansible's own folder of the user."""
     home = Path(constants.config.get_config_value("ANSIBLE_HOME"))
-    return home / "rosfleet" / "reports" / earlier.folder_name(inventory)
+    return home / "rosfleet" / "reports" / history.name_folder(inventory)
 
 
-def show(summary: report.Summary, diagnosis: Diagnosis, written: str) -> None:
+def show(judgement: Judgement, written: str) -> None:
     """Print the report as wide as the terminal; the table of all checks only with -v."""
     display = Display()
-    width = min(max(shutil.get_terminal_size((report.WIDTH, 24)).columns, 80), 160)
-    text = report.render(summary, diagnosis, width, everything=display.verbosity > 0)
+    width = min(max(shutil.get_terminal_size((terminal.WIDTH, 24)).columns, 80), 160)
+    text = terminal.render(judgement.summary, judgement.diagnosis, width, everything=display.verbosity > 0)
     display.display("")
     for line in plain_lines(text).split("\n"):
         word = line.strip().partition(":")[0]

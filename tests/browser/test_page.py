@@ -19,10 +19,10 @@ sys.path[:0] = [str(pathlib.Path(__file__).parent), str(UNIT)]
 
 import fleets  # noqa: E402
 from chromium import Chromium  # noqa: E402
-from reported import reported  # noqa: E402
+from reports import make_report  # noqa: E402
 
 IMAGES = ROOT / "docs/images"
-SINCE = {"time": "2026-11-21 14:02:00", "differences": ["tibi-nav is new", "topics of dabo: /scan is gone"]}
+SINCE = {"since": "2026-11-21 14:02:00", "differences": ["tibi-nav is new", "topics of dabo: /scan is gone"]}
 
 
 def wall(seen):
@@ -31,9 +31,9 @@ def wall(seen):
 
 
 STATES = {
-    "well": lambda: reported(fleets.fig12()),
-    "wrong": lambda: reported(fleets.fig12(), wall, since=SINCE),
-    "large": lambda: reported(
+    "well": lambda: make_report(fleets.fig12()),
+    "wrong": lambda: make_report(fleets.fig12(), wall, **SINCE),
+    "large": lambda: make_report(
         fleets.plan(60, 2), lambda seen: fleets.silent(seen, list(seen), ["kobuki7computer"]), pairs="auto"
     ),
 }

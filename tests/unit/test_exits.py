@@ -20,7 +20,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data, plain_lines
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import number_problems
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import Judgement
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.summary import summarise
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import terminal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -175,9 +177,12 @@ def through_the_report(text):
     row = Row("names", "robot1", "robot2", FAILED, text, text)
     part, rival = Part("registration", "robot1", "ghost", text), Part("messages", "robot2", "differ", text)
     diagnosis = Diagnosis((Finding(part, rivals=(rival,), proof=(row,), rows=(row,)),), (row,))
-    summary = report.summarise([row], ["robot1", "robot2"], 2)
-    shown = plain_lines(report.render(summary, diagnosis))
-    return [*shown.replace("\t", " ").split("\n"), *texts(plain_data(report.document(summary, diagnosis, [row])))]
+    summary = summarise([row], ["robot1", "robot2"], 2)
+    shown = plain_lines(terminal.render(summary, diagnosis))
+    return [
+        *shown.replace("\t", " ").split("\n"),
+        *texts(plain_data(Judgement(summary, diagnosis, [row], None, 0.0).as_data())),
+    ]
 
 
 def through_preflight(text):

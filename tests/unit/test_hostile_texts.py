@@ -18,11 +18,12 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
     plain_lines,
     quote,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import judged as judgement
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report, run
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import run
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge_run, make_document
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import LONGEST_TEXT
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import page as page_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.junit import junit
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import page
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.junit import write_junit
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.terminal import render
 
 from tests.simulator import faults, harness
 
@@ -175,17 +176,16 @@ def told(seed, evil):
         **{"earlier": ["verify_talker"], "machine": "verify_machine"},
     }
     about = {"time": "2026-11-22 14:02:00 +0000", "collection": "1", "ansible": "2", "durations": ""}
-    bundle = run.gathered(given, hostvars, list(hostvars), about)
-    judged = judgement.verdict(bundle, pages=True, everything=True)
-    document = {**judgement.document(bundle, judged), "judged_in": 0.1, "file": "/home/operator/report.json"}
-    template = page_module.__file__.rpartition("/")[0] + "/page.html.j2"
+    bundle = run.gather_run(given, hostvars, list(hostvars), about)
+    judgement = judge_run(bundle, pages=True, everything=True)
+    document = {**make_document(bundle, judgement), "judged_in": 0.1, "file": "/home/operator/report.json"}
+    document.update(since="", differences=[])
+    template = page.__file__.rpartition("/")[0] + "/page.html.j2"
     with open(template, encoding="utf-8") as stream:
-        html = page_module.page(stream.read(), bundle.fleet, document, judged.matrices, {"time": "", "differences": []})
-    terminal = {
-        width: plain_lines(report.render(judged.summary, judged.diagnosis, width)) for width in (80, 120, 10**6)
-    }
+        html = page.make_page(stream.read(), bundle.fleet, document, judgement.matrices)
+    terminal = {width: plain_lines(render(judgement.summary, judgement.diagnosis, width)) for width in (80, 120, 10**6)}
     assert texts.count
-    return terminal, html, junit(document)
+    return terminal, html, write_junit(document)
 
 
 def masked(text):

@@ -59,7 +59,7 @@ ROOMS = {
         "_checks": {"_case", "_observed", "_plan"},
         "_diagnosis": {"_case", "_checks", "_fleet", "_observed", "_plan"},
         "_judgement": {"_case", "_checks", "_data", "_diagnosis", "_fleet", "_observed", "_plan"},
-        "_report": {"_case", "_checks", "_fleet", "_judgement", "_plan"},
+        "_report": {"_case", "_checks", "_diagnosis", "_fleet", "_judgement", "_plan"},
         "_bundle": {"_data", "_fleet", "_judgement", "_observed", "_plan"},
         "_adopt": {"_fleet"},
     },

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The declarations of the robots, the registrations that were found, and what ran on each computer. Pure: plain data out."""
+"""The parts of the document, as plain data: results, findings, robots with their registrations, streams, computers. Pure."""
 
 from __future__ import annotations
 
@@ -9,24 +9,63 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import TEST_NODES
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import VERDICTS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.summary import Summary
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Exchange, Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import normalise_uri
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 
 OWN_TOPICS = "/multimaster_verify/"  # of the verification itself
 MOST = 2000  # names of a robot that are kept
-NOTHING = dict.fromkeys(("system", "kernel", "python", "ros", "provider", "list_masters", "topics"), "")  # of a machine
+#: a computer of which nothing is known
+MACHINE = dict.fromkeys(("system", "kernel", "python", "ros", "provider", "list_masters", "topics"), "")
 PRIVATE = ("/get_loggers", "/set_logger_level")  # services that every node has
 
 
-def robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> list[dict[str, Any]]:
-    """List the robots with their computers, what they provide, and what they hold of others."""
+def list_checks(summary: Summary) -> list[dict[str, Any]]:
+    """List the checks of this run with the number of rows of each verdict."""
+    counts = summary.counts
+    return [
+        {"check": check.id, "title": check.title, **{verdict: counts[check.id][verdict] for verdict in VERDICTS}}
+        for check in CHECKS
+        if check.id in counts
+    ]
+
+
+def list_findings(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """List the findings with their rows."""
+    return [
+        {
+            "kind": entry.part.kind,
+            "place": entry.part.place,
+            "mode": entry.part.mode,
+            "what": entry.subjects,
+            "verdict": entry.verdict,
+            "sentence": entry.sentence(),
+            "remedy": entry.remedy(),
+            "decide": entry.part.decide(),
+            "since": entry.since,
+            "rivals": [
+                {"kind": part.kind, "place": part.place, "mode": part.mode, "sentence": part.sentence()}
+                for part in entry.rivals
+            ],
+            "seen": [row._asdict() for row in entry.proof],
+            "follows": [row._asdict() for row in entry.rows],
+        }
+        for entry in diagnosis.findings
+    ]
+
+
+def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> list[dict[str, Any]]:
+    """List the robots: computers, what they provide, and what they have imported from others."""
     by_uri = {normalise_uri(master.uri): master.robot for master in fleet.masters}
-    found = []
+    robots = []
     for robot, master in fleet.master_of.items():
         seen = observations.get(master.computer)
         exchange = seen.probe.exchange if seen and seen.probe and not seen.probe.exchange.error else None
-        found.append(
+        robots.append(
             {
                 "robot": robot,
                 "master": master.computer,
@@ -38,42 +77,43 @@ def robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> list[di
                     if robot in flow.givers
                 ],
                 "read": exchange is not None,
-                **_registered(exchange, by_uri),
+                **_list_registrations(exchange, by_uri),
             }
         )
-    return found
+    return robots
 
 
-def _registered(exchange: Exchange | None, by_uri: Mapping[str, str]) -> dict[str, Any]:
+def _list_registrations(exchange: Exchange | None, by_uri: Mapping[str, str]) -> dict[str, Any]:
     if exchange is None:
         return {"topics": [], "services": [], "takes": []}
     takes = [
         {
             "robot": by_uri.get(normalise_uri(entry.master), entry.master),
-            "topics": _names(topic.name for topic in entry.topics if _others(topic.publishers)),
-            "services": _names(service.name for service in entry.services),
+            "topics": _clean_names(topic.name for topic in entry.topics if _has_publisher(topic.publishers)),
+            "services": _clean_names(service.name for service in entry.services),
         }
         for entry in exchange.imports
     ]
     return {
-        "topics": _names(topic.name for topic in exchange.topics if _others(topic.publishers)),
-        "services": _names(service.name for service in exchange.services),
+        "topics": _clean_names(topic.name for topic in exchange.topics if _has_publisher(topic.publishers)),
+        "services": _clean_names(service.name for service in exchange.services),
         "takes": takes,
     }
 
 
-def _others(nodes: Iterable[str]) -> bool:
-    """True where a node has it that is none of the verification."""
+def _has_publisher(nodes: Iterable[str]) -> bool:
+    """Tell if a node publishes that is not of the verification itself."""
     return any(not node.startswith(TEST_NODES) for node in nodes)
 
 
-def _names(names: Iterable[str]) -> list[str]:
-    mine = {name for name in names if not name.startswith(OWN_TOPICS) and TEST_NODES not in name}
-    return sorted(name for name in mine if not name.endswith(PRIVATE))[:MOST]
+def _clean_names(names: Iterable[str]) -> list[str]:
+    """Return the names without those of the verification, and without services that every node has."""
+    own = {name for name in names if not name.startswith(OWN_TOPICS) and TEST_NODES not in name}
+    return sorted(name for name in own if not name.endswith(PRIVATE))[:MOST]
 
 
-def throughput(observations: Mapping[str, Observation]) -> list[dict[str, Any]]:
-    """List what was measured between computers, in Mbit/s."""
+def list_streams(observations: Mapping[str, Observation]) -> list[dict[str, Any]]:
+    """List the throughput between computers, in Mbit/s."""
     return [
         {"from": name, "to": stream.computer, "mbit_s": stream.mbit_s}
         for name, seen in observations.items()
@@ -82,28 +122,29 @@ def throughput(observations: Mapping[str, Observation]) -> list[dict[str, Any]]:
     ]
 
 
-def machines(
+def describe_machines(
     fleet: FleetPlan, observations: Mapping[str, Observation], infos: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, dict[str, str]]:
-    """Name system, ROS and nodes of each computer of the run, and how long it took; `infos` is of multimaster_info."""
-    found = {}
+    """Return system, ROS, nodes and times of each computer of the run. `infos` has the results of multimaster_info."""
+    machines = {}
     for name, seen in observations.items():
         probe, info = seen.probe, infos.get(name, {})
         topics = [topic.seconds for topic in probe.topics if topic.seconds is not None] if probe else []
-        asked = probe.list_masters.seconds if probe and not probe.list_masters.error else 0.0
-        found[name] = {
+        seconds = probe.list_masters.seconds if probe and not probe.list_masters.error else 0.0
+        machines[name] = {
             "system": _text(info, "os", "name"),
             "kernel": _text(info, "kernel"),
             "python": _text(info, "python"),
             "ros": _text(info, "ros", "chosen", "distro"),
             "provider": "" if fleet.computers[name].is_router else fleet.computers[name].provider,
-            "list_masters": f"{asked:.2f} s" if asked else "",
+            "list_masters": f"{seconds:.2f} s" if seconds else "",
             "topics": f"{max(topics):.2f} s" if topics else "",
         }
-    return found
+    return machines
 
 
 def _text(info: Any, *keys: str) -> str:
+    """Return the text at a path of keys; empty where there is none."""
     for key in keys:
         info = info.get(key) if isinstance(info, Mapping) else None
     return info if isinstance(info, str) else ""

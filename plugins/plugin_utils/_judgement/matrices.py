@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Matrices: who sees whom, one matrix for each kind of result. Rows of the verification in, cells out. Pure.
+"""Matrices: one for each kind of result, from each computer to each other one. Rows of the verification in, cells out. Pure.
 
-A fleet with many computers has a cell for each two robots, with the worst result of all pairs between them.
+In a fleet with many computers a cell is for two robots. It has the worst result of all pairs between them.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 
 MOST = 40  # computers: beyond, a cell is for two robots
-SHOWN = 120  # letters of what a result says
-TOLD = 6  # results that a cell tells
-ROOM = 1_200_000  # letters of all that is told: a page stays below 5 MB
+SHOWN = 120  # letters of a result
+RESULTS = 6  # results that a cell keeps
+ROOM = 1_200_000  # letters of all results: a page stays below 5 MB
 WORST = {FAILED: 0, WARNING: 1, UNKNOWN: 2, OK: 3}
 ITSELF, OTHERS = "itself", "others"
 
 
 class Kind(NamedTuple):
-    """A matrix: its name, what is in it, and and the checks whose results it shows."""
+    """A matrix: its title, its caption, and the checks whose results it shows."""
 
     id: str
     title: str
-    told: str
+    caption: str
     checks: tuple[str, ...]
 
 
@@ -85,11 +85,11 @@ SHADES = 5
 
 @dataclass
 class Cell:
-    """The results of a pair: how many have each verdict, a short text, and what each says."""
+    """The results of a pair: the number of each verdict, a short text, and the first results as text."""
 
     counts: Counter[str] = field(default_factory=Counter)
     text: str = ""
-    told: list[str] = field(default_factory=list)
+    results: list[str] = field(default_factory=list)
     least: float | None = None  # the slowest stream, in Mbit/s
     shade: int = 0  # of 1 to SHADES, where there is one
 
@@ -98,11 +98,11 @@ class Cell:
         """The worst of all."""
         return min(self.counts, key=WORST.__getitem__)
 
-    def add(self, row: Row, told: str) -> None:
-        """Count a result, and keep what it tells."""
+    def add(self, row: Row, result: str) -> None:
+        """Count a row, and keep its result as text."""
         self.counts[row.verdict] += 1
-        if told and len(self.told) < TOLD:
-            self.told.append(told)
+        if result and len(self.results) < RESULTS:
+            self.results.append(result)
 
 
 @dataclass
@@ -116,25 +116,25 @@ class Matrix:
 
 
 class Matrices:
-    """The collector: every row passes through it once."""
+    """The collector of all cells: each row passes through it once."""
 
     def __init__(self, fleet: FleetPlan) -> None:
         self.single = len(fleet.computers) <= MOST
         self.robots = {name: plan.robot or name for name, plan in fleet.computers.items()}
         self.order = tuple(fleet.computers if self.single else dict.fromkeys(self.robots.values()))
         self.room = ROOM
-        self.measured = 0  # streams
+        self.measured = 0  # number of streams
         self._cells: dict[str, dict[tuple[str, str], Cell]] = defaultdict(lambda: defaultdict(Cell))
 
-    def passing(self, rows: Iterable[Row], passed: Passed | None = None) -> Iterator[Row]:
-        """Look at rows on their way to somebody else; `passed` counts those that are not made, when the last row is."""
+    def collect(self, rows: Iterable[Row], passed: Passed | None = None) -> Iterator[Row]:
+        """Fill the cells, and hand each row on. `passed` counts good results without a row; it is complete after the last row."""
         for row in rows:
             kind = _KIND_OF.get(row.check) or (ITSELF if row.observer == row.target else OTHERS)
             if kind == ITSELF:
                 cell = self._cells[ITSELF][row.observer, TITLES[row.check]]
             else:
-                cell = self._cells[kind][(row.observer, row.target) if self.single else self._robots(row)]
-            cell.add(row, self._told(row) if self.single or row.verdict != OK else "")
+                cell = self._cells[kind][(row.observer, row.target) if self.single else self._robot_pair(row)]
+            cell.add(row, self._describe(row) if self.single or row.verdict != OK else "")
             if self.single and row.check in _MEASURED and row.verdict == OK:
                 cell.text = plain(row.found, 12)
             if row.check == _STREAM and (number := _MBIT_S.match(row.found)):
@@ -150,27 +150,27 @@ class Matrices:
             for check in checks:
                 self._cells[_KIND_OF.get(check, OTHERS)][own, its].counts[OK] += pairs
 
-    def _robots(self, row: Row) -> tuple[str, str]:
+    def _robot_pair(self, row: Row) -> tuple[str, str]:
         return self.robots.get(row.observer, row.observer), self.robots.get(row.target, row.target)
 
-    def _told(self, row: Row) -> str:
-        """Say what a result says, as long as there is room."""
+    def _describe(self, row: Row) -> str:
+        """Return a result as text; empty where the room is used up."""
         if self.room <= 0:
             return ""
         pair = "" if self.single or row.observer == row.target else f"{row.observer} to {row.target}: "
         expected = "" if row.verdict == OK else f", expected {plain(row.expected, SHOWN)}"
-        told = f"{pair}{TITLES[row.check]}: {plain(row.found, SHOWN)}{expected}"
-        self.room -= len(told)
-        return told
+        text = f"{pair}{TITLES[row.check]}: {plain(row.found, SHOWN)}{expected}"
+        self.room -= len(text)
+        return text
 
     def tables(self) -> list[Matrix]:
-        """All matrices that have results; their order is that of KINDS."""
-        _shaded(self._cells[_STREAM].values() if _STREAM in self._cells else ())
+        """Return the matrices that have results, in the order of KINDS."""
+        _shade(self._cells[_STREAM].values() if _STREAM in self._cells else ())
         known = (*KINDS, Kind(OTHERS, "Other results between two", "", ()))
         return [self._matrix(kind, self.order) for kind in known if kind.id in self._cells]
 
-    def own(self) -> Matrix:
-        """Return the matrix of what each computer says of itself: computers and checks."""
+    def computer_matrix(self) -> Matrix:
+        """Return the matrix of the results about one computer each: computers and checks."""
         checks = [title for title in TITLES.values() if any(key[1] == title for key in self._cells[ITSELF])]
         return self._matrix(Kind(ITSELF, "Computers", "What each one says of itself.", ()), checks)
 
@@ -187,7 +187,7 @@ class Matrices:
         )
 
 
-def _shaded(cells: Iterable[Cell]) -> None:
+def _shade(cells: Iterable[Cell]) -> None:
     """Shade streams by their order of magnitude below the fastest one: half as fast is one shade less."""
     known = [cell for cell in cells if cell.least]
     fastest = max((cell.least or 0.0 for cell in known), default=0.0)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A run of the verification: what its tasks have registered on the computers of a fleet. Pure: Ansible's variables in."""
+"""A run of the verification: the results that its tasks registered on the computers of a fleet. Pure: Ansible's variables in."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ OPTIONS = (
 
 @dataclass(frozen=True)
 class Run:
-    """All that is told of a fleet. `about` has the time and the versions of the controller, `machines` those of each computer."""
+    """The results about a fleet. `about` has the time and the versions of the controller, `machines` those of each computer."""
 
     fleet: FleetPlan
     observations: Mapping[str, Observation]
@@ -47,14 +47,14 @@ class Run:
     logs: Mapping[str, str] = field(default_factory=dict)
 
 
-def gathered(
-    given: Mapping[str, Any], hostvars: Mapping[str, Any], hosts: Collection[str], about: Mapping[str, str]
+def gather_run(
+    options: Mapping[str, Any], hostvars: Mapping[str, Any], hosts: Collection[str], about: Mapping[str, str]
 ) -> Run:
-    """Read what the tasks of a run registered; `given` are the OPTIONS of an action. Raises Mismatch."""
-    fleet = from_plain(FleetPlan, given.get("fleet"))
-    names = {option: given.get(option) or "" for option in (*OPTIONS, "logs")}
-    planned = list_plan_names(fleet)
-    seen = {
+    """Read the registered results. `options` are the OPTIONS of an action: names of variables. Raises Mismatch."""
+    fleet = from_plain(FleetPlan, options.get("fleet"))
+    names = {option: options.get(option) or "" for option in (*OPTIONS, "logs")}
+    planned_names = list_plan_names(fleet)
+    observations = {
         host: read_observation(
             hostvars[host],
             names["multicast"],
@@ -64,16 +64,16 @@ def gathered(
             names["plan"],
             names["streams"],
             names["machine"],
-            planned,
+            planned_names,
         )
         for host in fleet.computers
         if host in hosts
     }
-    infos = {host: find_result(hostvars[host], names["machine"]) for host in seen}
-    logs = {host: _lines(find_result(hostvars[host], names["logs"])) for host in seen} if names["logs"] else {}
-    machines = content.machines(fleet, seen, infos)
-    asked = {"pairs": names["pairs"] or ALL, "least_mbit_s": str(names["least_mbit_s"] or 0)}
-    return Run(fleet, seen, machines, {**about, **asked}, logs)
+    infos = {host: find_result(hostvars[host], names["machine"]) for host in observations}
+    logs = {host: _lines(find_result(hostvars[host], names["logs"])) for host in observations} if names["logs"] else {}
+    machines = content.describe_machines(fleet, observations, infos)
+    choices = {"pairs": names["pairs"] or ALL, "least_mbit_s": str(names["least_mbit_s"] or 0)}
+    return Run(fleet, observations, machines, {**about, **choices}, logs)
 
 
 def _lines(result: Mapping[str, Any]) -> str:

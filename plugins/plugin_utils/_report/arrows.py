@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Who discovers whom, as a picture: robots on a circle, and an arrow from each one to each that it is to discover. Pure.
+"""The picture of discovery: robots on a circle, and an arrow from each robot to each robot that it is to discover. Pure.
 
-A fleet with more robots has no such picture: its matrix `Masters` says the same.
+A fleet of more than MOST robots has no such picture: its matrix `Masters` says the same.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.picture import SIGNS
 
-MOST = 8  # robots: more arrows than theirs are not read
+MOST = 8  # robots: more arrows are not readable
 LETTER, SHOWN = 7.3, 20  # the width of a letter; letters of a name that are shown
 HIGH = 26  # of a box
-BEND = 0.12  # how far an arrow leaves the straight line, so that there and back are two
+BEND = 0.12  # how far an arrow leaves the straight line, to be beside the arrow back
 HEAD = 9  # the length of the head of an arrow
 
 STYLE = """
@@ -36,8 +36,8 @@ STYLE = """
 Point = tuple[float, float]
 
 
-def arrows(robots: Sequence[str], unseen: Mapping[str, Sequence[str]], read: Collection[str]) -> str:
-    """Draw it, or nothing. `unseen` are those that a robot does not discover, `read` the robots whose list was read."""
+def draw_arrows(robots: Sequence[str], unseen: Mapping[str, Sequence[str]], read: Collection[str]) -> str:
+    """Draw the picture, if there are few robots. `unseen` has the robots that a robot does not discover; `read` are the robots that were asked."""
     if not 2 <= len(robots) <= MOST:
         return ""
     names = {robot: _short(robot) for robot in robots}
@@ -54,7 +54,7 @@ def arrows(robots: Sequence[str], unseen: Mapping[str, Sequence[str]], read: Col
     }
     lines = [
         _arrow(*pair, at[pair[0]], at[pair[1]], wide / 2, verdict)
-        for kind in (OK, UNKNOWN, FAILED)  # what is wrong lies above
+        for kind in (OK, UNKNOWN, FAILED)  # the worst lies above
         for pair, verdict in verdicts.items()
         if verdict == kind
     ]
@@ -81,7 +81,7 @@ def _on_circle(middle: Point, radius: float, share: float) -> Point:
 
 
 def _arrow(robot: str, other: str, begin: Point, end: Point, half: float, verdict: str) -> str:
-    """Draw the arrow from one robot to another one, bent to its own side."""
+    """Draw the arrow from a robot to an other, bent to its own side."""
     (x1, y1), (x2, y2) = begin, end
     bend_x, bend_y = (x1 + x2) / 2 - (y2 - y1) * BEND, (y1 + y2) / 2 + (x2 - x1) * BEND
     x1, y1 = _edge(begin, (bend_x, bend_y), half)
@@ -92,9 +92,9 @@ def _arrow(robot: str, other: str, begin: Point, end: Point, half: float, verdic
     head += f"{x2 - along_x - along_y / 2:.1f},{y2 - along_y + along_x / 2:.1f}"
     kind = "" if verdict == OK else f" {verdict}"
     verb = {OK: "discovers", FAILED: "does not discover", UNKNOWN: "was not asked whether it discovers"}[verdict]
-    told = f"{plain(robot)} {verb} {plain(other)}"
+    title = f"{plain(robot)} {verb} {plain(other)}"
     parts = [
-        f"<g><title>{escape(told)}</title>"
+        f"<g><title>{escape(title)}</title>"
         f'<path class="arrow{kind}" d="M{x1:.1f},{y1:.1f} Q{bend_x:.1f},{bend_y:.1f} {x2:.1f},{y2:.1f}"/>'
         f'<polygon class="head{kind}" points="{head}"/>'
     ]
@@ -107,7 +107,7 @@ def _arrow(robot: str, other: str, begin: Point, end: Point, half: float, verdic
 
 
 def _edge(middle: Point, towards: Point, half: float) -> Point:
-    """Return where the way out of a box crosses its edge."""
+    """Return the point where the line to `towards` leaves a box."""
     x, y = towards[0] - middle[0], towards[1] - middle[1]
     share = min(half / abs(x) if x else 1e9, HIGH / 2 / abs(y) if y else 1e9, 1.0)
     return middle[0] + x * share, middle[1] + y * share

@@ -3,8 +3,8 @@
 
 """The fleet as a picture: the plan in, SVG text out. Pure.
 
-The common network is a bar. Robots hang from it, as many in a row as fit, and the bar is drawn again over each row. The own
-network of a robot is a bar below its gateway. What is wrong has a mark at its place: a sign, a number, and a link.
+The common network is a bar, and robots hang from it. The bar is drawn again over each row of robots. The own network of a
+robot is a bar below its gateway. A finding has a mark at its place: a sign, a number, and a link.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SIGNS = {OK: "\u2713", FAILED: "\u2716", WARNING: "\u25b2", UNKNOWN: "?"}  # nev
 WIDTH = 1160  # of the picture; a single robot may need more
 COLUMNS = 2  # computers of a robot side by side
 BOX, GAP, BAR, EDGE = 46, 14, 10, 12  # heights and distances
-HEAD = 62  # the title of a robot and whom it discovers
+HEAD = 62  # the title of a robot, and the robots that it discovers
 LETTER = 7.3  # width of a letter
 LONGEST, SHORTEST = 26, 14  # letters of a name that are shown
 NAMED = 3  # robots that are named in a line
@@ -55,7 +55,7 @@ a:focus .mark rect, a:focus rect { stroke: var(--ink, #1b1f24); stroke-width: 3 
 
 @dataclass(frozen=True)
 class Mark:
-    """Something that is wrong: the number of the finding, its place, the verdict, and the sentence."""
+    """A mark of a finding: the number of the finding, its place, the verdict, and the sentence."""
 
     number: int
     place: str
@@ -65,11 +65,11 @@ class Mark:
 
 @dataclass(frozen=True)
 class _Device:
-    """A box: a computer, or a gateway that is none."""
+    """A box: a computer, or a device that is not a computer."""
 
     name: str
     lines: tuple[str, ...]
-    told: str
+    title: str
     planned: bool = True  # it is a computer of the inventory
 
 
@@ -85,25 +85,25 @@ class _Robot:
     behind: tuple[_Device, ...] = ()
 
 
-def picture(fleet: FleetPlan, marks: Iterable[Mark] = (), unseen: Mapping[str, Sequence[str]] | None = None) -> str:
-    """Draw the fleet. `unseen` are the robots that a robot is to discover and does not."""
+def draw_fleet(fleet: FleetPlan, marks: Iterable[Mark] = (), unseen: Mapping[str, Sequence[str]] | None = None) -> str:
+    """Draw the fleet. `unseen` has the robots that a robot is to discover and does not."""
     robots = [_robot(fleet, name, (unseen or {}).get(name, ())) for name in fleet.master_of]
-    return _Drawing(fleet, robots, marks).svg()
+    return _Picture(fleet, robots, marks).svg()
 
 
 def _robot(fleet: FleetPlan, name: str, unseen: Sequence[str]) -> _Robot:
     others = [robot for robot in fleet.master_of if robot not in (name, *unseen)]
     network = next((entry for entry in fleet.networks if entry.robot == name), None)
-    front, behind = _standing(fleet, name, alone=network is None)
+    front, behind = _split_computers(fleet, name, alone=network is None)
     if network is not None and network.device:
         lines = ("gateway, no computer", str(network.gateway), str(network.common_address))
         front.append(_Device(str(network.gateway), lines, "the gateway of the robot, a device", planned=False))
-    not_seen = f"{SIGNS[FAILED]} does not discover {_some(unseen)}" if unseen else ""
-    return _Robot(name, "discovers " + (_some(others) or "nobody"), not_seen, tuple(front), network, tuple(behind))
+    not_seen = f"{SIGNS[FAILED]} does not discover {_name_some(unseen)}" if unseen else ""
+    return _Robot(name, "discovers " + (_name_some(others) or "nobody"), not_seen, tuple(front), network, tuple(behind))
 
 
-def _standing(fleet: FleetPlan, robot: str, alone: bool) -> tuple[list[_Device], list[_Device]]:
-    """List the computers in the common network, which are all of a robot without a network, and those behind the gateway."""
+def _split_computers(fleet: FleetPlan, robot: str, alone: bool) -> tuple[list[_Device], list[_Device]]:
+    """Return the computers in the common network, and those behind the gateway. Without a gateway all are in front."""
     front: list[_Device] = []
     behind: list[_Device] = []
     for plan in fleet.computers.values():
@@ -116,15 +116,15 @@ def _device(fleet: FleetPlan, name: str) -> _Device:
     plan = fleet.computers[name]
     does = [
         word
-        for word, said in (("master", plan.is_master), ("gateway", plan.is_gateway), ("router", plan.is_router))
-        if said
+        for word, is_so in (("master", plan.is_master), ("gateway", plan.is_gateway), ("router", plan.is_router))
+        if is_so
     ]
     addresses = dict.fromkeys(str(address) for address in (plan.address, plan.common_address) if address)
     lines = (" ".join(does) or "computer", *addresses)
     return _Device(name, lines, f"{name}: {', '.join(lines)}")
 
 
-def _some(names: Sequence[str]) -> str:
+def _name_some(names: Sequence[str]) -> str:
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     return ", ".join(_short(name) for name in names[:NAMED]) + more
 
@@ -133,7 +133,7 @@ def _short(text: str, most: int = LONGEST) -> str:
     return plain(text) if len(plain(text)) <= most else plain(text)[: most - 1] + "\u2026"
 
 
-class _Drawing:
+class _Picture:
     """The elements of a picture, and how far it reaches."""
 
     def __init__(self, fleet: FleetPlan, robots: Sequence[_Robot], marks: Iterable[Mark]) -> None:
@@ -153,7 +153,7 @@ class _Drawing:
         self.parts: list[str] = []
 
     def svg(self) -> str:
-        """Draw everything, and put frames behind wires, and these behind boxes."""
+        """Draw all: frames lie behind wires, and wires behind boxes."""
         y = self._router(EDGE)
         rows, top = list(_chunks(self.robots, self.each)), y + BAR // 2
         for number, robots in enumerate(rows):
@@ -216,12 +216,12 @@ class _Drawing:
         height = y - top
         verdict = _worst(self.marks.get(robot.name, ()))
         self.frames.append(
-            f'<rect class="robot{_is(verdict)}" x="{x}" y="{top + GAP}" width="{self.frame}" height="{height - GAP}" rx="8"/>',
+            f'<rect class="robot{_class(verdict)}" x="{x}" y="{top + GAP}" width="{self.frame}" height="{height - GAP}" rx="8"/>',
         )
         return height
 
     def _hang(self, devices: Sequence[_Device], x: int, y: int, above: int) -> int:
-        """Draw boxes in columns below a bar; return where the next thing may begin."""
+        """Draw boxes in columns below a bar; return the y of the next thing."""
         for row in _chunks(devices, COLUMNS):
             for column, device in enumerate(row):
                 left = x + GAP + column * (self.box + GAP)
@@ -237,7 +237,7 @@ class _Drawing:
         marks = self.marks.get(device.name, ())
         kind = "box" if device.planned else "box device"
         self.parts.append(
-            f'<g><title>{escape(plain(device.told))}</title><rect class="{kind}{_is(_worst(marks))}" x="{x}" y="{y}" '
+            f'<g><title>{escape(plain(device.title))}</title><rect class="{kind}{_class(_worst(marks))}" x="{x}" y="{y}" '
             f'width="{self.box}" height="{self._height(device)}" rx="4"/>'
         )
         self._text(x + GAP, y + 19, _short(device.name), "name")
@@ -249,22 +249,22 @@ class _Drawing:
     def _bar(self, x: int, y: int, width: int, text: str, place: str) -> None:
         marks = self.marks.get(place, ()) if place else ()
         self.parts.append(
-            f'<rect class="bar{_is(_worst(marks))}" x="{x}" y="{y}" width="{width}" height="{BAR}" rx="3"/>'
+            f'<rect class="bar{_class(_worst(marks))}" x="{x}" y="{y}" width="{width}" height="{BAR}" rx="3"/>'
         )
         self._text(x + GAP + (0 if place != COMMON else self.box), y - 5, text, "small")
         self._marks(x + width, y - 8, marks)
 
     def _marks(self, right: int, y: int, marks: Sequence[Mark]) -> None:
-        """Draw marks from the right to the left, each a link to what shows it."""
+        """Draw marks from the right to the left, each a link to its finding."""
         for position, mark in enumerate(marks[:MARKS]):
             x = right - 40 * (position + 1)
             last = position == MARKS - 1 and len(marks) > MARKS
-            said = f"{len(marks) - MARKS + 1} more" if last else f"{SIGNS[mark.verdict]} {mark.number}"
-            told = f"{mark.verdict}: finding {mark.number}: {plain(mark.text, 400)}"
+            label = f"{len(marks) - MARKS + 1} more" if last else f"{SIGNS[mark.verdict]} {mark.number}"
+            title = f"{mark.verdict}: finding {mark.number}: {plain(mark.text, 400)}"
             self.parts.append(
-                f'<a href="#finding-{mark.number}" aria-label={quoteattr(told)}><title>{escape(told)}</title>'
+                f'<a href="#finding-{mark.number}" aria-label={quoteattr(title)}><title>{escape(title)}</title>'
                 f'<g class="mark {mark.verdict}"><rect x="{x}" y="{y}" width="38" height="20" rx="3"/>'
-                f'<text x="{x + 19}" y="{y + 15}">{said}</text></g></a>'
+                f'<text x="{x + 19}" y="{y + 15}">{label}</text></g></a>'
             )
 
     def _wire(self, x: int, top: int, bottom: int) -> None:
@@ -280,7 +280,7 @@ def _worst(marks: Sequence[Mark]) -> str:
     )
 
 
-def _is(verdict: str) -> str:
+def _class(verdict: str) -> str:
     return f" is-{verdict}" if verdict else ""
 
 

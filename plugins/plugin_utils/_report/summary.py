@@ -23,21 +23,21 @@ Result = Mapping[str, Any]
 
 
 def summarize(results: Mapping[str, Sequence[Result]], check: bool) -> list[str]:
-    """Return a line for the fleet and one for each computer that is not as it was; `results` by the computer's name.
+    """Return a line for the fleet and one for each computer that changed or failed; `results` by the computer's name.
 
     For example "kobuki: kernel settings, files" for two concerns that changed there.
     """
-    lines = {computer: describe(ended) for computer, ended in results.items()}
-    told = [f"  {computer}: {line}" for computer, line in lines.items() if line]
+    lines = {computer: describe(tasks) for computer, tasks in results.items()}
+    notes = [f"  {computer}: {line}" for computer, line in lines.items() if line]
     deed = "would change" if check else "changed"
-    count = sum(any(result.get("changed") is True for result in ended) for ended in results.values())
-    failed = sum(any(is_failure(result) for result in ended) for ended in results.values())
+    count = sum(any(result.get("changed") is True for result in tasks) for tasks in results.values())
+    failed = sum(any(is_failure(result) for result in tasks) for tasks in results.values())
     more = f", and {failed} failed" if failed else ""
-    return [f"SUMMARY: {count} of {len(results)} computers {deed}{more}.", *told]
+    return [f"SUMMARY: {count} of {len(results)} computers {deed}{more}.", *notes]
 
 
 def describe(results: Sequence[Result]) -> str:
-    """Return what changed on one computer, and if it failed, in words; "" where all is as it was."""
+    """Return in words what changed on one computer, and if it failed; empty for no change."""
     changed = [word for concern, word in CONCERNS.items() if any(has_changed(result, concern) for result in results)]
     failed = ["FAILED"] if any(is_failure(result) for result in results) else []
     return ", ".join(changed + failed)
@@ -46,9 +46,9 @@ def describe(results: Sequence[Result]) -> str:
 def has_changed(result: Result, concern: str) -> bool:
     """Tell if a run of `multimaster_computer` changed this concern."""
     concerns = result.get("concerns")
-    ended = concerns.get(concern) if isinstance(concerns, Mapping) else None
-    return isinstance(ended, Sequence) and any(
-        isinstance(one, Mapping) and one.get("changed") is True and not one.get("failed") for one in ended
+    entries = concerns.get(concern) if isinstance(concerns, Mapping) else None
+    return isinstance(entries, Sequence) and any(
+        isinstance(one, Mapping) and one.get("changed") is True and not one.get("failed") for one in entries
     )
 
 

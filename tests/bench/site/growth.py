@@ -88,15 +88,15 @@ def functions(robots: int) -> dict[str, float]:
     sys.path[:0] = [str(ROOT / ".work/collections"), str(ROOT / "tests/unit/plugins/plugin_utils")]
     import fleets
     from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
-    from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
+    from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge
 
     plan, planned = spent(lambda: fleets.plan(robots, OF_A_ROBOT))
     _data, written = spent(lambda: to_plain(plan))
     seen = fleets.observed(plan)
     verification, indexed = spent(lambda: fleets.engine.Verification(fleets.CHECKS, plan, seen))
-    summary, judged = spent(lambda: report.summarised(verification, list(seen), len(seen)))
+    summary, judged = spent(lambda: judge(verification, False, False).summary)
     some, sampled = spent(lambda: fleets.engine.Verification(fleets.CHECKS, plan, seen, "auto"))
-    few, judged_some = spent(lambda: report.summarised(some, list(seen), len(seen)))
+    few, judged_some = spent(lambda: judge(some, False, False).summary)
     return {
         "robots": robots,
         "computers": robots * OF_A_ROBOT,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The modules `fleets` and `reported`, which the tests of several rooms share, are beside this file."""
+"""The modules `fleets` and `reports`, which the tests of several rooms share, are beside this file."""
 
 import pathlib
 import sys

@@ -10,7 +10,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import bundle as bundles
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import Unreadable
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import Secrets
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judged import verdict
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge_run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run
 
 ABOUT = {"time": "2026-11-22 14:02:00", "collection": "0.1.0", "ansible": "2.19.0", "pairs": "all"}
@@ -28,7 +28,7 @@ def again(bundle):
 
 
 def kinds(bundle):
-    found = verdict(bundle, pages=False, everything=False).diagnosis.findings
+    found = judge_run(bundle, pages=False, everything=False).diagnosis.findings
     return sorted((entry.part.kind, entry.part.mode, entry.verdict, len(entry.rows)) for entry in found)
 
 
@@ -38,7 +38,7 @@ def test_what_is_read_again_is_what_was_written(changes):
     found = again(bundle)
     assert found.fleet == bundle.fleet and found.observations == bundle.observations
     assert found.machines == bundle.machines and found.about["pairs"] == "all"
-    assert verdict(found, False, False).diagnosis == verdict(bundle, False, False).diagnosis
+    assert judge_run(found, False, False).diagnosis == judge_run(bundle, False, False).diagnosis
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,9 @@ from collections import Counter
 import fleets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import pairs
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis import diagnosis
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Ping
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import terminal
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -68,11 +69,11 @@ def test_a_fault_in_a_sampled_fleet_is_named():
                     member, ping_address=Ping(error="no answer to 3 requests"), ping_name=Ping(error="none"), loss=1.0
                 )
     verification = diagnosis.Verification(diagnosis.CHECKS, fleet, seen, pairs.AUTO)
-    summary = report.summarised(verification, list(seen), len(seen))
+    summary = judge(verification, False, False).summary
     some, everything = summary.pairs
     assert everything == 36 * 35
     assert some < everything / 4
-    assert f"{some} of {everything} pairs were tried" in report.render(summary, diagnosis.Diagnosis())
+    assert f"{some} of {everything} pairs were tried" in terminal.render(summary, diagnosis.Diagnosis())
     found = diagnosis.explain_rows(verification, summary.notable)
     assert ("filter", victim) in {(entry.part.kind, entry.part.place) for entry in found.findings}, found
 
@@ -89,10 +90,10 @@ def test_pairs_that_were_not_tried_are_no_findings():
             topics=[entry for entry in probe.topics if entry.computer in chosen[name]],
         )
     verification = diagnosis.Verification(diagnosis.CHECKS, fleet, seen, pairs.AUTO)
-    summary = report.summarised(verification, list(seen), len(seen))
+    summary = judge(verification, False, False).summary
     assert not summary.notable
     whole = diagnosis.Verification(diagnosis.CHECKS, fleet, seen, pairs.ALL)
-    assert report.summarised(whole, list(seen), len(seen)).notable  # the talkers of the others are missed
+    assert judge(whole, False, False).summary.notable  # the talkers of the others are missed
 
 
 def test_streams_go_to_all_that_are_tried_where_there_is_time():

@@ -7,8 +7,9 @@ import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis import diagnosis
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import terminal
 from fleets import (
     INNER_CAR,
     INNER_TIBI,
@@ -100,10 +101,10 @@ def test_what_is_behind_a_gateway_that_is_off_was_not_examined():
             update(one.probe, topics=[entry for entry in one.probe.topics if not entry.computer.startswith("car")])
             update(one.probe.list_masters, masters=without(one.probe.list_masters.masters, "car-visio"))
     verification = diagnosis.Verification(diagnosis.CHECKS, fleet, seen)
-    summary = report.summarised(verification, list(seen), len(seen))
+    summary = judge(verification, False, False).summary
     found = diagnosis.explain_rows(verification, summary.notable)
     assert parts(found) == [("computer", "car-visio", "off")]
-    text = report.render(summary, found)
+    text = terminal.render(summary, found)
     assert "not examined: " in text and all(name in text.partition("not examined: ")[2] for name in INNER_CAR)
 
 

@@ -16,7 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import KINDS, Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Stream, Streams
-from reported import reported
+from reports import make_report
 
 
 def cells(report, kind):
@@ -29,9 +29,9 @@ def test_each_check_is_in_one_matrix_at_most():
 
 
 def test_a_cell_has_the_worst_of_its_results_and_the_number():
-    found = cells(reported(fleets.fig12(), fleets.wall), "pings")
+    found = cells(make_report(fleets.fig12(), fleets.wall), "pings")
     bad, good = found["tibi-nav", "dabo-nav"], found["tibi-nav", "tibi-visio"]
-    assert (bad.verdict, bad.text) == (FAILED, "") and any("ping by name: " in text for text in bad.told)
+    assert (bad.verdict, bad.text) == (FAILED, "") and any("ping by name: " in text for text in bad.results)
     assert (good.verdict, good.text) == (OK, "0.4 ms")
 
 
@@ -39,26 +39,26 @@ def test_every_row_passes_and_is_in_a_cell():
     fleet = fleets.fig12()
     rows = fleets.judged(fleet, fleets.observed(fleet))
     found = Matrices(fleet)
-    assert list(found.passing(rows)) == rows
+    assert list(found.collect(rows)) == rows
     counted = sum(cell.counts.total() for matrix in found.tables() for cell in matrix.cells.values())
-    assert counted + sum(cell.counts.total() for cell in found.own().cells.values()) == len(rows)
+    assert counted + sum(cell.counts.total() for cell in found.computer_matrix().cells.values()) == len(rows)
 
 
 def test_in_a_large_fleet_a_cell_is_two_robots():
     fleet = fleets.plan(21, 2)
     found = Matrices(fleet)
     bad = Row("ping_address", "kobuki1computer-1", "kobuki2computer", FAILED, "an answer", "none")
-    list(found.passing([bad._replace(verdict=OK), bad]))
+    list(found.collect([bad._replace(verdict=OK), bad]))
     (matrix,) = found.tables()
     cell = matrix.cells["kobuki1", "kobuki2"]
     assert (cell.verdict, cell.counts.total()) == (FAILED, 2)
-    assert cell.told == ["kobuki1computer-1 to kobuki2computer: ping by address: none, expected an answer"]
+    assert cell.results == ["kobuki1computer-1 to kobuki2computer: ping by address: none, expected an answer"]
 
 
 def test_throughput_is_a_number_and_a_shade():
     found = Matrices(fleets.fig12())
     rows = [Row("throughput", "tibi-nav", to, OK, "any", f"{mbit_s:.1f} Mbit/s") for to, mbit_s in SPEEDS.items()]
-    list(found.passing([*rows, Row("throughput", "tibi-nav", "car-nav", UNKNOWN, "any", "not measured: refused")]))
+    list(found.collect([*rows, Row("throughput", "tibi-nav", "car-nav", UNKNOWN, "any", "not measured: refused")]))
     (matrix,) = found.tables()
     shown = {to: (cell.text, cell.shade) for (_from, to), cell in matrix.cells.items()}
     assert shown == {"dabo-nav": ("941", 5), "dabo-visio": ("400", 4), "car-visio": ("0.3", 1), "car-nav": ("", 0)}
@@ -71,7 +71,7 @@ SPEEDS = {"dabo-nav": 941.0, "dabo-visio": 400.0, "car-visio": 0.3}
 def test_the_slowest_stream_is_shown_in_a_large_fleet():
     found = Matrices(fleets.plan(21, 2))
     row = Row("throughput", "kobuki1computer", "kobuki2computer", OK, "any", "90 Mbit/s")
-    list(found.passing([row, row._replace(observer="kobuki1computer-1", found="11.5 Mbit/s")]))
+    list(found.collect([row, row._replace(observer="kobuki1computer-1", found="11.5 Mbit/s")]))
     (matrix,) = found.tables()
     assert matrix.cells["kobuki1", "kobuki2"].text == "11.5"
 
@@ -82,9 +82,12 @@ def test_what_is_only_counted_fills_the_same_cells():
     fleets.silent(seen, list(seen), ["kobuki7computer"])
     fleets.update(seen[fleets.ONE], streams=Streams((Stream(fleets.TWO, 90.0),)))  # a number that is shown
     verification, whole, quick, passed = Verification(CHECKS, fleet, seen), Matrices(fleet), Matrices(fleet), Counter()
-    rows = list(whole.passing(verification.rows()))
-    made = list(quick.passing(verification.rows(passed), passed))
+    rows = list(whole.collect(verification.rows()))
+    made = list(quick.collect(verification.rows(passed), passed))
     assert len(made) < len(rows) / 3
-    for one, other in [(whole.own(), quick.own()), *zip(whole.tables(), quick.tables(), strict=True)]:
+    for one, other in [
+        (whole.computer_matrix(), quick.computer_matrix()),
+        *zip(whole.tables(), quick.tables(), strict=True),
+    ]:
         assert one.cells == other.cells and set(one.observers) == set(other.observers)
     assert whole.measured == quick.measured == 1

@@ -6,13 +6,13 @@
 from xml.etree import ElementTree
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.arrows import MOST, arrows
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.arrows import MOST, draw_arrows
 
 SVG = "{http://www.w3.org/2000/svg}"
 
 
 def drawn(robots, unseen, read):
-    return ElementTree.fromstring(arrows(robots, unseen, read))
+    return ElementTree.fromstring(draw_arrows(robots, unseen, read))
 
 
 def test_an_arrow_for_each_and_what_is_wrong_at_its_place():
@@ -39,8 +39,8 @@ def test_everything_is_inside_and_no_box_lies_on_another(number):
 
 @pytest.mark.parametrize("number", [0, 1, MOST + 1])
 def test_too_few_or_too_many_have_none(number):
-    assert arrows([str(n) for n in range(number)], {}, ()) == ""
+    assert draw_arrows([str(n) for n in range(number)], {}, ()) == ""
 
 
 def test_names_of_anybody_stay_texts():
-    assert "<script" not in arrows(["<script>", "b&\x1b"], {}, ())
+    assert "<script" not in draw_arrows(["<script>", "b&\x1b"], {}, ())

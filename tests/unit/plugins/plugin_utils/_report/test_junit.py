@@ -6,20 +6,20 @@
 from xml.etree import ElementTree
 
 import fleets
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.junit import junit
-from reported import reported
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.junit import write_junit
+from reports import make_report
 
 
 def test_all_is_well():
-    document = reported(fleets.plan()).document
-    suite = ElementTree.fromstring(junit(document).encode())[0]
+    document = make_report(fleets.plan()).document
+    suite = ElementTree.fromstring(write_junit(document).encode())[0]
     assert (suite.get("tests"), suite.get("failures")) == (str(len(document["checks"])), "0")
     assert len(suite.findall("testcase")) == len(document["checks"]) and not suite.findall("testcase/failure")
 
 
 def test_a_failure_lists_its_pairs():
-    document = reported(fleets.fig12(), fleets.wall).document
-    suite = ElementTree.fromstring(junit(document).encode())[0]
+    document = make_report(fleets.fig12(), fleets.wall).document
+    suite = ElementTree.fromstring(write_junit(document).encode())[0]
     failed = [check["check"] for check in document["checks"] if check["failed"]]
     assert suite.get("failures") == str(len(failed)) and len(suite.findall("testcase/failure")) == len(failed)
     case = next(case for case in suite.findall("testcase") if case.get("name").startswith("ping_address:"))
@@ -28,9 +28,9 @@ def test_a_failure_lists_its_pairs():
 
 
 def test_hostile_text_is_escaped():
-    document = reported(fleets.fig12(), fleets.wall).document
+    document = make_report(fleets.fig12(), fleets.wall).document
     for row in document["rows"]:
         row["found"] = "]]></failure><evil/>\x1b[2J\x00\ufffe"
-    text = junit(document)
+    text = write_junit(document)
     root = ElementTree.fromstring(text.encode())
     assert not list(root.iter("evil")) and "\x1b" not in text

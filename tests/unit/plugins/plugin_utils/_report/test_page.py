@@ -11,12 +11,11 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, Row
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Finding
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content, report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import KINDS, MOST, Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Ping
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import page as page_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import flows
-from reported import TEMPLATE, reported
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import list_flows, make_page
+from reports import TEMPLATE, make_report
 
 
 class Tags(HTMLParser):
@@ -38,9 +37,9 @@ class Tags(HTMLParser):
 
 
 def test_what_is_wrong_is_told_and_every_link_leads_somewhere():
-    told = reported(fleets.fig12(), fleets.wall, since={"time": "2026-11-21 14:02", "differences": ["tibi-nav is new"]})
-    page = Tags(told.html)
-    entry = told.document["findings"][0]
+    report = make_report(fleets.fig12(), fleets.wall, since="2026-11-21 14:02", differences=["tibi-nav is new"])
+    page = Tags(report.html)
+    entry = report.document["findings"][0]
     assert entry["sentence"] in page.text and entry["remedy"] in page.text and entry["decide"] in page.text
     assert (
         "Something is wrong." in page.text and "Since 2026-11-21 14:02" in page.text and "tibi-nav is new" in page.text
@@ -51,12 +50,12 @@ def test_what_is_wrong_is_told_and_every_link_leads_somewhere():
 
 
 def test_all_is_well():
-    text = Tags(reported(fleets.fig12()).html).text
+    text = Tags(make_report(fleets.fig12()).html).text
     assert "All is well." in text and "Nothing was found." in text and "Not explained" not in text
 
 
 def test_nothing_is_asked_for():
-    page = Tags(reported(fleets.fig12(), fleets.wall).html)
+    page = Tags(make_report(fleets.fig12(), fleets.wall).html)
     assert not [tag for tag, _attributes in page.tags if tag in ("script", "iframe", "object", "form", "base")]
     assert not page.values("src") and all(link.startswith(("#", "data:,")) for link in page.values("href"))
     assert "default-src 'none'; style-src 'unsafe-inline'; img-src data:" in page.values("content")
@@ -75,10 +74,10 @@ def test_text_of_strangers_stays_text():
                 fleets.update(topic, name="/" + EVIL)
 
     page = Tags(
-        reported(
+        make_report(
             fleets.fig12(),
             change,
-            machines={EVIL: dict.fromkeys(content.NOTHING, EVIL)},
+            machines={EVIL: dict.fromkeys(content.MACHINE, EVIL)},
         ).html
     )
     assert not [tag for tag, _attributes in page.tags if tag in ("script", "img")]
@@ -87,7 +86,7 @@ def test_text_of_strangers_stays_text():
 
 
 def test_each_cell_has_a_sign_and_its_numbers():
-    page = Tags(reported(fleets.fig12(), fleets.wall).html)
+    page = Tags(make_report(fleets.fig12(), fleets.wall).html)
     cells = [attributes for tag, attributes in page.tags if tag == "td" and "title" in attributes]
     assert any(cell["class"] == "f" and "ping by address: no answer" in cell["title"] for cell in cells)
     assert any(cell["class"] == "o" and "clocks agree: +0.0010 s" in cell["title"] for cell in cells)
@@ -96,7 +95,7 @@ def test_each_cell_has_a_sign_and_its_numbers():
 
 def test_the_declared_flow_beside_what_flows():
     fleet = fleets.plan(exports={"kobuki1": [{"topics": ["/scan"]}], "kobuki2": None})
-    pairs = {(flow["from"], flow["to"]): flow for flow in flows(reported(fleet).document["robots"])}
+    pairs = {(flow["from"], flow["to"]): flow for flow in list_flows(make_report(fleet).document["robots"])}
     assert pairs["kobuki1", "kobuki2"]["declared"] == ["/scan"] and not pairs["kobuki1", "kobuki2"]["everything"]
     assert pairs["kobuki2", "kobuki1"]["everything"] and pairs["kobuki2", "kobuki1"]["held"]
 
@@ -109,12 +108,12 @@ def test_the_page_is_smaller_than_five_megabytes(verdict, computers):
     names = list(fleet.computers) if computers <= MOST else [f"{robot}computer" for robot in robots]
     cells, long = Matrices(fleet), "a & text " * 30
     rows = [Row(kind.checks[0], one, two, verdict, long, long) for one in names for two in names for kind in KINDS]
-    assert sum(1 for _row in cells.passing(rows)) == len(rows)
+    assert sum(1 for _row in cells.collect(rows)) == len(rows)
     parts = [Part("computer", name, "off") for name in fleet.computers]
     found = Diagnosis(tuple(Finding(part, rows=tuple(rows[:100]), proof=tuple(rows[:100])) for part in parts))
     document = {
-        **reported(fleets.plan()).document,
-        "findings": report.findings(found, listed=True) if verdict == FAILED else [],
+        **make_report(fleets.plan()).document,
+        "findings": content.list_findings(found) if verdict == FAILED else [],
         "rows": [row._asdict() for row in rows if verdict == FAILED],
         "robots": [
             {
@@ -134,11 +133,11 @@ def test_the_page_is_smaller_than_five_megabytes(verdict, computers):
             for robot in robots
         ],
     }
-    html = page_module.page(TEMPLATE, fleet, document, cells, {"time": "", "differences": []})
+    html = make_page(TEMPLATE, fleet, document, cells)
     assert len(html.encode()) < 5e6
     assert sum(html.count(f"<td class={sign}") for sign in "of") >= len(rows)
 
 
 def test_a_large_fleet_says_what_was_not_tried():
-    html = reported(fleets.plan(21, 2), pairs="auto").html
+    html = make_report(fleets.plan(21, 2), pairs="auto").html
     assert "pairs were tried" in html and "A cell is two robots" in html

@@ -18,7 +18,7 @@ from ansible.parsing.dataloader import DataLoader
 from ansible.vars.manager import VariableManager
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.picture import Mark, picture
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.picture import Mark, draw_fleet
 
 ROOT = pathlib.Path(__file__).resolve().parents[5]
 GOLDEN = ROOT / "tests/unit/golden/report"
@@ -44,7 +44,7 @@ def shipped(name):
 @pytest.mark.parametrize("name", ["single_computer", "multi_computer"])
 def test_golden_files(name):
     path = GOLDEN / f"{name}.svg"
-    drawn = picture(shipped(name))
+    drawn = draw_fleet(shipped(name))
     if os.environ.get("UPDATE_GOLDEN"):
         path.write_text(drawn, encoding="utf-8")
     assert drawn == path.read_text(encoding="utf-8")
@@ -62,7 +62,7 @@ def boxes(root):
     ids=["1", "2", "7x3", "100x4", "fig12", "shipped"],
 )
 def test_every_computer_has_a_box_of_its_own_in_the_picture(fleet):
-    root = ElementTree.fromstring(picture(fleet))
+    root = ElementTree.fromstring(draw_fleet(fleet))
     width, height = float(root.get("width")), float(root.get("height"))
     found = boxes(root)
     assert len(found) == len(fleet.computers) and width <= 1200
@@ -80,7 +80,7 @@ def test_a_mark_has_a_sign_a_number_and_a_link_at_its_place():
         Mark(2, "the network of dabo", "warning", "it is slow"),
         Mark(3, "dabo and car", "unknown", "both have a node /one"),
     ]
-    root = ElementTree.fromstring(picture(fleets.fig12(), marks))
+    root = ElementTree.fromstring(draw_fleet(fleets.fig12(), marks))
     links = [(link.get("href"), "".join(link.itertext())) for link in root.iter(SVG + "a")]
     assert [href for href, _text in links].count("#finding-3") == 2
     texts = dict(links)
@@ -92,13 +92,13 @@ def test_a_mark_has_a_sign_a_number_and_a_link_at_its_place():
 
 def test_many_marks_at_one_place_are_counted():
     root = ElementTree.fromstring(
-        picture(fleets.fig12(), [Mark(number, "tibi-visio", "failed", "x") for number in range(1, 10)])
+        draw_fleet(fleets.fig12(), [Mark(number, "tibi-visio", "failed", "x") for number in range(1, 10)])
     )
     assert [link.get("href") for link in root.iter(SVG + "a")] == [f"#finding-{number}" for number in range(1, 5)]
     assert "6 more" in "".join(root.itertext())
 
 
 def test_who_discovers_whom():
-    text = "".join(ElementTree.fromstring(picture(fleets.fig12(), unseen={"tibi": ["car"]})).itertext())
+    text = "".join(ElementTree.fromstring(draw_fleet(fleets.fig12(), unseen={"tibi": ["car"]})).itertext())
     assert "discovers dabo" in text and "does not discover car" in text and "discovers tibi, car" in text
-    assert "discovers kobuki2, kobuki3, kobuki4 and 96 more" in picture(fleets.plan(100))
+    assert "discovers kobuki2, kobuki3, kobuki4 and 96 more" in draw_fleet(fleets.plan(100))

@@ -1,9 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The report as a person reads it, as a file."""
-
-import json
+"""The report for the terminal."""
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
@@ -14,7 +12,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     Row,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Finding
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import report
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.summary import summarise
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.terminal import render
 
 ONE, TWO = "kobuki1computer", "kobuki2computer"
 
@@ -90,7 +89,7 @@ FAILED: 4 of 9 checks failed (1 with a warning, 1 not judged)."""
 
 
 def test_report():
-    assert report.render(report.summarise(ROWS, [ONE, TWO], 2), DIAGNOSIS) == TEXT
+    assert render(summarise(ROWS, [ONE, TWO], 2), DIAGNOSIS) == TEXT
 
 
 def test_many_names_are_counted():
@@ -100,7 +99,7 @@ def test_many_names_are_counted():
 
 
 def test_nothing_to_say():
-    text = report.render(report.summarise([row for row in ROWS if row.verdict == OK], [ONE], 2), Diagnosis())
+    text = render(summarise([row for row in ROWS if row.verdict == OK], [ONE], 2), Diagnosis())
     assert text.startswith("VERIFICATION of 1 of 2 computers; the others are not in this run")
     assert text.endswith("PASSED: none of 3 checks failed.")
     assert "from / to" not in text and "Findings" not in text and "Not explained" not in text
@@ -109,7 +108,7 @@ def test_nothing_to_say():
 def test_a_matrix_of_thirteen_computers_fits():
     names = [f"tibi-visio-{number:02}" for number in range(13)]
     rows = [Row("ping_address", one, two, FAILED, "", "") for one in names for two in names for _n in range(12)]
-    lines = report.render(report.summarise(rows, names, 13), Diagnosis()).splitlines()
+    lines = render(summarise(rows, names, 13), Diagnosis()).splitlines()
     row = next(line for line in lines if line.startswith("   1  "))
     assert row.split() == ["1", names[0], *["FAIL"] * 13] and len(row) <= 120
 
@@ -123,37 +122,18 @@ def test_large_fleets_stay_readable():
         for two in names[:40]
     }
     diagnosis = Diagnosis(tuple(Finding(Part("computer", two, "off"), rows=of) for two, of in rows.items()))
-    text = report.render(report.summarise([row for of in rows.values() for row in of], names, 100), diagnosis)
+    text = render(summarise([row for of in rows.values() for row in of], names, 100), diagnosis)
     assert "from / to" not in text
     assert "ping by address (99) fail" in text and "and 20 more: all are in the file" in text
     assert len(text.splitlines()) < 150 and max(map(len, text.splitlines())) <= 120
 
 
-def test_document_has_every_row_and_finding_as_plain_data():
-    summary = report.summarise(ROWS, [ONE, TWO], 2)
-    document = json.loads(json.dumps(report.document(summary, DIAGNOSIS, ROWS)))
-    assert (document["verdict"], document["computers"], len(document["rows"])) == (FAILED, [ONE, TWO], 9)
-    first, *_others = document["findings"]
-    assert (first["kind"], first["place"], first["mode"], first["what"]) == ("names", ONE, "loopback", TWO)
-    assert first["follows"] == [ROWS[4]._asdict()] and first["seen"] == [ROWS[2]._asdict()]
-    assert document["findings"][2]["rivals"][0]["place"] == TWO
-    assert document["unexplained"] == [ROWS[8]._asdict()]
-    assert {
-        "check": "ping_name",
-        "title": "ping by name",
-        "ok": 1,
-        "warning": 0,
-        "failed": 1,
-        "unknown": 0,
-    } in document["checks"]
-
-
 def test_without_the_table_only_what_is_wrong_is_told():
-    text = report.render(report.summarise(ROWS, [ONE, TWO], 2), DIAGNOSIS, width=80, everything=False)
+    text = render(summarise(ROWS, [ONE, TWO], 2), DIAGNOSIS, width=80, everything=False)
     assert text.startswith("VERIFICATION of 2 computers\n\nFindings:\n  1. ") and text.endswith(TEXT.splitlines()[-1])
     assert "from / to" not in text and max(map(len, text.splitlines())) <= 80
-    good = report.summarise([row for row in ROWS if row.verdict == OK], [ONE, TWO], 2)
-    assert report.render(good, Diagnosis(), everything=False).split("\n\n") == [
+    good = summarise([row for row in ROWS if row.verdict == OK], [ONE, TWO], 2)
+    assert render(good, Diagnosis(), everything=False).split("\n\n") == [
         "VERIFICATION of 2 computers",
         "PASSED: none of 3 checks failed.",
     ]

@@ -1,0 +1,91 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The judgement of a run, and the document about it. Pure."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, AUTO
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
+    FAILED,
+    OK,
+    Passed,
+    Row,
+    Verification,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, explain_rows
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import Matrices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.summary import (
+    Summary,
+    is_small,
+    summarise,
+)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A judgement, with the rows and matrices that the files of the report need."""
+
+    summary: Summary
+    diagnosis: Diagnosis
+    rows: Sequence[Row]
+    matrices: Matrices | None
+    seconds: float
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the judgement as plain data."""
+        summary = self.summary
+        return {
+            "result": summary.verdict_line,
+            "judged_in": round(self.seconds, 2),
+            "computers": list(summary.computers),
+            "pairs": dict(zip(("tried", "of"), summary.pairs, strict=True)),
+            "verdict": FAILED if summary.count(FAILED) else OK,
+            "checks": content.list_checks(summary),
+            "findings": content.list_findings(self.diagnosis),
+            "unexplained": [row._asdict() for row in self.diagnosis.unexplained],
+            "rows": [row._asdict() for row in self.rows],
+        }
+
+
+def judge(verification: Verification, pages: bool, everything: bool) -> Judgement:
+    """Judge all rows, and keep none without `pages`. Those of a large fleet that are ok are kept for `everything` alone."""
+    began = time.monotonic()
+    fleet, computers = verification.fleet, list(verification.run)
+    matrices = Matrices(fleet) if pages else None
+    whole = is_small(computers) or bool(matrices and (matrices.single or everything))
+    passed: Passed | None = None if whole else Counter()
+    rows: Iterable[Row] = verification.rows(passed)
+    if matrices:
+        rows = matrices.collect(rows, passed)
+    kept = list(rows) if whole else []
+    summary = summarise(kept or rows, computers, len(fleet.computers), verification.pairs, passed)
+    diagnosis = explain_rows(verification, summary.notable)
+    return Judgement(summary, diagnosis, (kept or summary.notable) if pages else (), matrices, time.monotonic() - began)
+
+
+def judge_run(run: Run, pages: bool, everything: bool) -> Judgement:
+    """Judge the observations of a run."""
+    pairs = AUTO if run.about.get("pairs") == AUTO else ALL
+    least = float(run.about.get("least_mbit_s") or 0)
+    return judge(Verification(CHECKS, run.fleet, run.observations, pairs, least), pages, everything)
+
+
+def make_document(run: Run, judgement: Judgement) -> dict[str, Any]:
+    """Return the whole content of the report as plain data."""
+    return {
+        **judgement.as_data(),
+        **{key: run.about.get(key, "") for key in ("time", "collection", "ansible", "durations")},
+        "robots": content.list_robots(run.fleet, run.observations),
+        "throughput": content.list_streams(run.observations),
+        "machines": {name: {**content.MACHINE, **run.machines.get(name, {})} for name in run.observations},
+    }

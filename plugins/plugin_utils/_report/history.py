@@ -1,0 +1,78 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The earlier runs: names of their files, the runs that are kept, differences from the last one. Pure: names and data in."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from fnmatch import fnmatchcase
+from pathlib import PurePosixPath
+from typing import Any
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data
+
+NAME = "%Y-%m-%dT%H%M%S"  # of the files of a run
+PATTERN = "[0-9][0-9][0-9][0-9]-[0-9][0-9]-[0-9][0-9]T[0-9][0-9][0-9][0-9][0-9][0-9].*"
+KEPT = 20  # runs; each has two files
+NAMED = 6  # names in a sentence
+
+
+def name_folder(inventory: str) -> str:
+    """Name the folder for the reports of an inventory: two inventories with one name have two folders."""
+    name = re.sub(r"[^A-Za-z0-9._-]+", "_", PurePosixPath(inventory).name).strip(".") or "fleet"
+    return f"{name}-{hashlib.sha256(inventory.encode()).hexdigest()[:8]}"
+
+
+def find_latest(names: Iterable[str]) -> str:
+    """Return the data file of the last run, from the names in a folder; empty without a run."""
+    return max((name for name in _find_runs(names) if name.endswith(".json")), default="")
+
+
+def find_expired(names: Iterable[str]) -> list[str]:
+    """List the files of runs that are too old."""
+    return sorted(_find_runs(names))[: -2 * KEPT]
+
+
+def _find_runs(names: Iterable[str]) -> Iterator[str]:
+    return (name for name in names if fnmatchcase(name, PATTERN))
+
+
+def read_data(text: str) -> dict[str, Any]:
+    """Read the data of a run; empty if the text is something else."""
+    try:
+        data = json.loads(text)
+        return plain_data(data) if isinstance(data, dict) else {}
+    except (ValueError, RecursionError):
+        return {}
+
+
+def compare(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Compare two documents. Return sentences: what is new, what is gone, and which findings are no longer there."""
+    try:
+        return list(_compare(before, now))
+    except (AttributeError, KeyError, TypeError) as _other_shape:  # written by another version, or by hand
+        return []
+
+
+def _compare(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    yield from _compare_names("", before["computers"], now["computers"])
+    old = {entry["robot"]: entry for entry in before["robots"]}
+    for entry in now["robots"]:
+        other = old.get(entry["robot"])
+        if other and other["read"] and entry["read"]:
+            for kind in ("topics", "services"):
+                yield from _compare_names(f"{kind} of {entry['robot']}: ", other[kind], entry[kind])
+    old_findings, findings = ([entry["sentence"] for entry in document["findings"]] for document in (before, now))
+    yield from (f"new: {sentence}" for sentence in findings if sentence not in old_findings)
+    yield from (f"no longer: {sentence}" for sentence in old_findings if sentence not in findings)
+
+
+def _compare_names(kind: str, before: Sequence[str], now: Sequence[str]) -> Iterator[str]:
+    for names, word in ((set(now) - set(before), "new"), (set(before) - set(now), "gone")):
+        if names:
+            more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+            yield f"{kind}{', '.join(sorted(names)[:NAMED])}{more} {'is' if len(names) == 1 else 'are'} {word}"

@@ -1,0 +1,51 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Reports about the fleets of the tests: judged, explained, and written."""
+
+import pathlib
+from typing import NamedTuple
+
+import fleets
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import engine
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content, matrices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import page
+
+ROOT = pathlib.Path(__file__).resolve().parents[4]
+TEMPLATE = (ROOT / "plugins/plugin_utils/_report/page.html.j2").read_text(encoding="utf-8")
+
+
+class Report(NamedTuple):
+    document: dict
+    matrices: matrices.Matrices
+    html: str
+
+
+def make_report(fleet, change=None, pairs="all", **more):
+    """Return the document and the page about a fleet in which all works, after a change of the observations."""
+    seen = fleets.observed(fleet)
+    if change:
+        change(seen)
+    verification = engine.Verification(CHECKS, fleet, seen, pairs)
+    judgement = judge(verification, pages=True, everything=False)
+    document = {
+        **judgement.as_data(),
+        "time": "2026-11-22 14:02:00",
+        "collection": "0.1.0",
+        "ansible": "2.19.0",
+        "judged_in": 0.1,
+        "durations": "measurement 6.1 s; together 6.2 s",
+        "file": "/home/operator/report.json",
+        "since": "",
+        "differences": [],
+        "robots": content.list_robots(fleet, seen),
+        "machines": {
+            name: {**content.MACHINE, "system": "Debian 12", "ros": "noetic", "provider": "bundled"}
+            for name in fleet.computers
+        },
+        **more,
+    }
+    html = page.make_page(TEMPLATE, fleet, document, judgement.matrices)
+    return Report(document, judgement.matrices, html)
