@@ -19,7 +19,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import find_result
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import found, prediction
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import prediction
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.facts import is_read, makes_sense
 
 OPTIONS = ("fleet", "machine", "table")
 
@@ -45,11 +46,11 @@ class ActionModule(ActionBase):
             Display().display("\n" + plain_lines(prediction.render(predicted)) + "\n")
         result.update(
             changed=False,
-            msg=prediction.verdict_line(predicted),
+            msg=prediction.write_verdict(predicted),
             works=not sentences,
             sentences=sentences,
             assumed=list(predicted.assumed),
-            ways=plain_data(prediction.document(predicted)),
+            ways=plain_data(prediction.list_ways(predicted)),
         )
         if not table:
             result["warnings"] = sentences
@@ -61,6 +62,6 @@ def machines(fleet: FleetPlan, hostvars: Mapping[str, Any], name: str) -> dict[s
     facts = {}
     for host in fleet.computers:
         info = plain_data(find_result(hostvars[host], name)) if host in hostvars else {}
-        if found.looked_at(info) and found.makes_sense(fleet, host, info):
+        if is_read(info) and makes_sense(fleet, host, info):
             facts[host] = info
     return facts

@@ -27,9 +27,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     Machine,
     Route,
     Rule,
-    connected,
+    kernel_routes,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import COMMON
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON
 
 from tests.simulator.state import DEAD, HUNG
 
@@ -83,7 +83,7 @@ def routed(state):
 
 def links(state):
     """The links with more than one computer."""
-    return [name for name, plugged in state.world.plugged.items() if len(plugged) > 1]
+    return [name for name, ports in state.world.ports.items() if len(ports) > 1]
 
 
 def on(whom, change):
@@ -102,7 +102,7 @@ def on(whom, change):
 
 def machine(**fields):
     """Other fields of a machine."""
-    return lambda state, random, one: state.with_machine(replace(one, **fields))
+    return lambda state, random, one: state.replace_machine(replace(one, **fields))
 
 
 def program(**fields):
@@ -118,7 +118,7 @@ def link(choose=links, **fields):
         if not names:
             return None
         name = random.choice(names)
-        return replace(state, world=state.world.with_link(replace(state.world.links[name], **fields))), name
+        return replace(state, world=state.world.replace_link(replace(state.world.links[name], **fields))), name
 
     return inject
 
@@ -130,7 +130,7 @@ def losing(state, random):
         return None
     name = random.choice(names)
     before = state.world.links[name]
-    return replace(state, world=state.world.with_link(replace(before, loss=1 - (1 - before.loss) * 0.7))), name
+    return replace(state, world=state.world.replace_link(replace(before, loss=1 - (1 - before.loss) * 0.7))), name
 
 
 # Interfaces
@@ -142,14 +142,14 @@ def _one_interface(random, one):
 
 def _readdressed(state, one, interface, address):
     """The machine with another address. Its routes by gateways that it does not reach any more are gone with it."""
-    changed = one.with_interface(replace(interface, addresses=(address,)))
+    changed = one.replace_interface(replace(interface, addresses=(address,)))
     near = [
         route
         for route in changed.routes
         if route.gateway is None
-        or any(route.gateway in own.destination for own in connected(changed.interface(route.device)))
+        or any(route.gateway in own.destination for own in kernel_routes(changed.interface(route.device)))
     ]
-    return state.with_machine(replace(changed, routes=tuple(near)))
+    return state.replace_machine(replace(changed, routes=tuple(near)))
 
 
 def address(state, random, one):
@@ -168,25 +168,27 @@ def prefix(state, random, one):
 
 
 def mtu(state, random, one):
-    return state.with_machine(one.with_interface(replace(_one_interface(random, one), mtu=random.choice((600, 1400)))))
+    return state.replace_machine(
+        one.replace_interface(replace(_one_interface(random, one), mtu=random.choice((600, 1400))))
+    )
 
 
 def lossy(state, random, one):
-    return state.with_machine(one.with_interface(replace(_one_interface(random, one), loss=0.3)))
+    return state.replace_machine(one.replace_interface(replace(_one_interface(random, one), loss=0.3)))
 
 
 def down(state, random, one):
-    return state.with_machine(one.with_interface(replace(_one_interface(random, one), up=False)))
+    return state.replace_machine(one.replace_interface(replace(_one_interface(random, one), up=False)))
 
 
 def cable_out(state, random, one):
-    return state.with_machine(one.with_interface(replace(_one_interface(random, one), link="")))
+    return state.replace_machine(one.replace_interface(replace(_one_interface(random, one), link="")))
 
 
 def duplicate(state, random, one):
     interface = _one_interface(random, one)
     twin = Interface("eth0", interface.addresses, interface.link)
-    return state.with_machine(Machine(f"twin of {one.name}", (twin,), connected(twin)))
+    return state.replace_machine(Machine(f"twin of {one.name}", (twin,), kernel_routes(twin)))
 
 
 # Names
@@ -200,7 +202,7 @@ def name(*addresses):
             return None
         known = random.choice([member.name for member in state.fleet.members])
         meant = tuple(one.names[known][0] if entry is None else IPv4Address(entry) for entry in addresses)
-        return state.with_machine(replace(one, names={**one.names, known: meant}))
+        return state.replace_machine(replace(one, names={**one.names, known: meant}))
 
     return change
 
@@ -214,7 +216,7 @@ def _planned_routes(one):
 
 def no_route(state, random, one):
     gone = random.choice(_planned_routes(one))
-    return state.with_machine(replace(one, routes=tuple(route for route in one.routes if route is not gone)))
+    return state.replace_machine(replace(one, routes=tuple(route for route in one.routes if route is not gone)))
 
 
 def other_route(state, random, one):
@@ -231,7 +233,7 @@ def other_route(state, random, one):
         ]
         another = Route(random.choice([state.fleet.common_network, *others]), wrong, route.device)
     routes = tuple(entry for entry in one.routes if entry.destination != another.destination)
-    return state.with_machine(replace(one, routes=(*routes, another)))
+    return state.replace_machine(replace(one, routes=(*routes, another)))
 
 
 def second_default(state, random, one):
@@ -239,7 +241,7 @@ def second_default(state, random, one):
     device = one.interfaces[0]
     wrong = device.addresses[0].network.broadcast_address - 1
     more = [Route(IPv4Network("0.0.0.0/0"), wrong, device.name, metric) for metric in (100, 200)[: 2 - len(defaults)]]
-    return state.with_machine(replace(one, routes=(*one.routes, *more)))
+    return state.replace_machine(replace(one, routes=(*one.routes, *more)))
 
 
 # What passes through
@@ -247,7 +249,7 @@ def second_default(state, random, one):
 
 def settings(**fields):
     """Another setting of all interfaces."""
-    return lambda state, random, one: state.with_machine(
+    return lambda state, random, one: state.replace_machine(
         replace(one, interfaces=tuple(replace(interface, **fields) for interface in one.interfaces))
     )
 
@@ -269,7 +271,7 @@ def rule(chain, protocol="", **fields):
             state="new" if fields.get("new") else "",
             above=fields.get("above", 0),
         )
-        return state.with_machine(replace(one, rules=(made, *one.rules)))
+        return state.replace_machine(replace(one, rules=(made, *one.rules)))
 
     return change
 
@@ -292,7 +294,7 @@ def _ports(state, one, which):
 def masquerade(state, random, one):
     there = [entry for entry in one.interfaces if any(at.ip in state.fleet.common_network for at in entry.addresses)]
     common = there[0]
-    return state.with_machine(replace(one, rules=(Rule(NAT, MASQUERADE, leaving=common.name), *one.rules)))
+    return state.replace_machine(replace(one, rules=(Rule(NAT, MASQUERADE, leaving=common.name), *one.rules)))
 
 
 # Programs and what they were started with
@@ -308,7 +310,7 @@ def variable(name, *values):
             variables = {key: kept for key, kept in variables.items() if key not in ("ROS_HOSTNAME", "ROS_IP")}
         if value is not None:
             variables[name] = value
-        return state.with_machine(replace(one, environment=variables))
+        return state.replace_machine(replace(one, environment=variables))
 
     return change
 
@@ -329,7 +331,7 @@ def group_not_passed_on(state, random, one):
     if not one.groups:
         return None
     down = {**state.down, one.name: (*state.down.get(one.name, ()), "multicast-routing")}
-    return replace(state.with_machine(replace(one, groups=frozenset())), down=down)
+    return replace(state.replace_machine(replace(one, groups=frozenset())), down=down)
 
 
 def without_login(state, random, one):
@@ -347,7 +349,7 @@ def full(state, random, one):
 def clock(state, random, one):
     """Its time server is gone, and it runs away."""
     return replace(
-        state.with_machine(replace(one, clock=random.choice((2.0, -2.0)))),
+        state.replace_machine(replace(one, clock=random.choice((2.0, -2.0)))),
         undisciplined=state.undisciplined | {one.name},
     )
 

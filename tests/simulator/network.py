@@ -317,7 +317,7 @@ class Network:
         """What multicast_verify measures on a computer; `listeners` are those of the run."""
         own, port = self.members[computer], self.fleet.multicast_port
         machine = self.world.machines[computer]
-        device = machine.interface_of(own.discovery_address)
+        device = machine.find_interface(own.discovery_address)
         refused = 0
         if device is not None:
             probe = Packet("udp", self.fleet.multicast_group, source=own.discovery_address, port=port, size=28)
@@ -345,7 +345,7 @@ class Network:
         if not runs:
             return entry
         port = self.fleet.multicast_port
-        planned = self.world.machines[own.name].interface_of(own.discovery_address)
+        planned = self.world.machines[own.name].find_interface(own.discovery_address)
         came, went = self.heard(other.name, port).get(own.name), self.heard(own.name, port).get(other.name)
         if not together:
             came = went = None

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import observations as seen
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.found import HOOKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.facts import HOOKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import ACCEPT
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import rules
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_rules
 
 from tests.simulator.network import CONNECTED, Network
 from tests.simulator.ros import Ros
@@ -58,7 +58,7 @@ def _filters(state, network, name):
     """The rules of others, where nft is there to tell them: on every second computer."""
     if network.chance("nft", name) < WITHOUT_NFT:
         return seen.FilterChains()
-    own = rules(state.fleet, state.fleet.computers[name])
+    own = make_rules(state.fleet, state.fleet.computers[name])
     chains = {}
     for rule in state.world.machines[name].rules:
         if rule not in own:

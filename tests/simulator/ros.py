@@ -116,7 +116,7 @@ class Ros:
         same = one.port == other.port
         if fleet.transport in ("both", "multicast") and same and one.group == other.group:
             came = network.heard(sender, one.port).get(hearer)
-            device = network.world.machines[hearer].interface_of(network.members[hearer].discovery_address)
+            device = network.world.machines[hearer].find_interface(network.members[hearer].discovery_address)
             if came and device is not None and came[0] == device.name and came[2] < 0.7:
                 return came[1]
         if fleet.transport in ("both", "unicast") and same:

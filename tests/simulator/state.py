@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Machine, World
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_world
 
 RUNS, DEAD, HUNG = "runs", "dead", "hung"  # hung: it has its port, and answers nothing
 
@@ -50,9 +50,9 @@ class State:
     full: frozenset[str] = frozenset()  # computers without room where services write
     strangers: tuple[str, ...] = ()  # addresses on the common network from which others send to the group
 
-    def with_machine(self, changed: Machine) -> State:
+    def replace_machine(self, changed: Machine) -> State:
         """The state with another machine."""
-        return replace(self, world=self.world.with_machine(changed))
+        return replace(self, world=self.world.replace_machine(changed))
 
     def with_robot(self, robot: str, **changes: object) -> State:
         """The state with other programs of a robot's master."""
@@ -65,9 +65,9 @@ class State:
 
 def healthy(random, fleet: FleetPlan) -> State:
     """A fleet in which everything is as planned. Some second computers have no ROS, and some packets are lost."""
-    world = planned(fleet)
+    world = make_world(fleet)
     for link in world.links.values():
-        world = world.with_link(replace(link, loss=random.choice((0.0, 0.0, 0.002))))
+        world = world.replace_link(replace(link, loss=random.choice((0.0, 0.0, 0.002))))
     robots = {
         master.robot: RobotState(
             calls_itself=master.uri.split("//")[1].partition(":")[0],

@@ -26,7 +26,7 @@ from ansible_collections.rosfleet.multimaster.plugins.action import (
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers import answer
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.robot_action import answer_of
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_world
 
 HERE = Path(__file__).parent
 ROOM = HERE / "plugins" / "plugin_utils"
@@ -42,7 +42,7 @@ SEEDS = range(120)
 SHAPED = ["texts", "numbers", "types", "less", "more"]
 HOSTILE, HONEST = "kobuki", "tibi-nav"
 PLAN = worlds.fig12()
-INFOS = {name: worlds.info_of(machine) for name, machine in planned(PLAN).machines.items() if name in PLAN.computers}
+INFOS = {name: worlds.info_of(machine) for name, machine in make_world(PLAN).machines.items() if name in PLAN.computers}
 SEEN = fleets.observed(fleets.fig12())
 WATCHED = {
     "changed": False,

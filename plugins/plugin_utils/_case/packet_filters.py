@@ -21,7 +21,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     Observation,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, Member
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import found, packets, planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import facts, packets, plan_world
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
     FORWARD,
     IN,
@@ -72,7 +72,7 @@ class ReadFilters:
         if traffic == GROUP:
             return self._trace_datagram(sender, target)
         way = packets.echo(self._world, sender, self._packet(member, traffic))
-        failed = way.failed
+        failed = way.failure
         if failed is None or failed.rule is None or failed.rule.chain in machines[failed.where].unclear:
             return None  # nobody drops it, or a rule that is not understood may have let it pass before
         if _is_for_one_pair(failed.rule):
@@ -120,7 +120,7 @@ class ReadFilters:
 
     @cached_property
     def _world(self) -> World:
-        world = planned.planned(self._fleet)
+        world = plan_world.make_world(self._fleet)
         read = {
             name: _apply_rules(world.machines[name], seen, seen.filters)
             for name, seen in self._observations.items()
@@ -133,7 +133,7 @@ def _apply_rules(machine: Machine, seen: Observation, filters: FilterChains) -> 
     """Return the planned machine with the names of its interfaces and the rules that were read; as planned where they make no sense."""
     chains = [to_plain(chain) for chain in filters.chains]
     try:
-        rules, unclear = found.rules(chains), found.unclear(chains)
+        rules, unclear = facts.read_rules(chains), facts.find_unclear(chains)
     except (LookupError, TypeError, ValueError):
         return replace(machine, unclear=frozenset({IN, OUT, FORWARD}))
     names = _names(machine, seen)
@@ -166,5 +166,5 @@ def _is_for_one_pair(rule: Rule) -> bool:
 
 
 def _device(machine: Machine, address: IPv4Address | None) -> str:
-    interface = machine.interface_of(address) if address else None
+    interface = machine.find_interface(address) if address else None
     return interface.name if interface else ""

@@ -3,8 +3,8 @@
 
 """A world as types: machines with their interfaces, routes and filters, and the links between them.
 
-It is what decides where packets go, and nothing else of a kernel. `planned` makes it of a plan, `found` of what was read on
-machines; `packets.trace` sends packets through it. Nothing here changes: another world is made with `dataclasses.replace`.
+A world has what decides where packets go. `plan_world` makes it of a plan, `facts` of the facts of machines. `packets.trace`
+sends packets through it. Nothing here changes: `dataclasses.replace` makes a new world.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Packet:
     source_port: int = 40000
     size: int = 100  # bytes, with all headers
     whole: bool = False  # it must not be cut into fragments
-    answer: bool = False  # it answers another one: a filter that follows connections lets it pass
+    answer: bool = False  # to an earlier packet: a filter that follows connections lets it pass
     ttl: int = 64
 
 
@@ -80,7 +80,7 @@ class Lookup:
     longer: int = -1  # only routes with a longer prefix count (suppress_prefixlength)
 
     def matches(self, destination: IPv4Address, source: IPv4Address | None, incoming: str) -> bool:
-        """Say if this rule is for a packet."""
+        """Tell if this rule is for a packet."""
         return (
             (self.destination is None or destination in self.destination)
             and (self.source is None or (source is not None and source in self.source))
@@ -108,7 +108,7 @@ class Rule:
     table: str = ""  # a packet has to pass the chain of each table
 
     def matches(self, packet: Packet, incoming: str, leaving: str) -> bool:
-        """Say if this rule is for a packet."""
+        """Tell if this rule is for a packet."""
         return (
             self.protocol in ("", packet.protocol)
             and self.ports[0] <= packet.port <= self.ports[1]
@@ -116,19 +116,19 @@ class Rule:
             and packet.size > self.above
             and self.incoming in ("", incoming)
             and self.leaving in ("", leaving)
-            and _among(packet.source, self.sources)
-            and _among(packet.destination, self.destinations)
+            and _is_in(packet.source, self.sources)
+            and _is_in(packet.destination, self.destinations)
         )
 
 
-def _among(address: IPv4Address | None, networks: Sequence[IPv4Network]) -> bool:
+def _is_in(address: IPv4Address | None, networks: Sequence[IPv4Network]) -> bool:
     return not networks or any(address is not None and address in network for network in networks)
 
 
 Table = Sequence[tuple[int, int, Route]]
 
 
-def _found(table: Table, destination: IPv4Address) -> Route | None:
+def _look_up(table: Table, destination: IPv4Address) -> Route | None:
     number = int(destination)
     return next((route for network, mask, route in table if number & mask == network), None)
 
@@ -152,56 +152,56 @@ class Machine:
     clock: float = 0.0  # seconds ahead of the true time
 
     @cached_property
-    def _by_name(self) -> Mapping[str, Interface]:
+    def _ports(self) -> Mapping[str, Interface]:
         return {interface.name: interface for interface in self.interfaces}
 
     @cached_property
     def addresses(self) -> frozenset[IPv4Address]:
-        """Its own addresses; those of an interface that is down are nobody's."""
+        """Its own addresses, without those of interfaces that are down."""
         return frozenset(address.ip for interface in self.interfaces if interface.up for address in interface.addresses)
 
     @cached_property
     def _table(self) -> Table:
-        return self._sorted(self.routes)
+        return self._sort_routes(self.routes)
 
     @cached_property
-    def _others(self) -> Mapping[str, Table]:
-        return {name: self._sorted(routes) for name, routes in self.tables.items()}
+    def _tables(self) -> Mapping[str, Table]:
+        return {name: self._sort_routes(routes) for name, routes in self.tables.items()}
 
-    def _sorted(self, routes: Sequence[Route]) -> Table:
-        """The routes as (network, mask, route), the one that counts first; as numbers, since this is asked most often."""
+    def _sort_routes(self, routes: Sequence[Route]) -> Table:
+        """Return the routes as (network, mask, route), the most special first. Numbers are fast, and this is asked most often."""
         usable = [route for route in routes if route.kind in NO_WAY or self._usable(route)]
         usable.sort(key=lambda route: (-route.destination.prefixlen, route.metric))
         return [(int(route.destination.network_address), int(route.destination.netmask), route) for route in usable]
 
     def _usable(self, route: Route) -> bool:
-        interface = self._by_name.get(route.device)
+        interface = self._ports.get(route.device)
         return interface is not None and interface.up
 
     def interface(self, name: str) -> Interface:
-        """Its interface with this name."""
-        return self._by_name[name]
+        """Return the interface with this name."""
+        return self._ports[name]
 
-    def interface_of(self, address: IPv4Address) -> Interface | None:
-        """Its interface with this address."""
+    def find_interface(self, address: IPv4Address) -> Interface | None:
+        """Return the interface with this address."""
         return next((one for one in self.interfaces if any(entry.ip == address for entry in one.addresses)), None)
 
     def route(self, destination: IPv4Address, source: IPv4Address | None = None, incoming: str = "") -> Route | None:
-        """The route to an address: the longest prefix counts, then the lowest metric. Rules may lead to other tables."""
+        """Return the route to an address: the longest prefix counts, then the lowest metric. Rules may lead to other tables."""
         if not self.lookups:
-            return _found(self._table, destination)
+            return _look_up(self._table, destination)
         for rule in sorted((*self.lookups, Lookup(MAIN_PRIORITY)), key=lambda rule: rule.priority):
             if not rule.matches(destination, source, incoming):
                 continue
             if rule.kind:
                 return Route(IPv4Network("0.0.0.0/0"), kind=rule.kind)
-            chosen = _found(self._table if rule.table == MAIN else self._others.get(rule.table, ()), destination)
+            chosen = _look_up(self._table if rule.table == MAIN else self._tables.get(rule.table, ()), destination)
             if chosen is not None and chosen.destination.prefixlen > rule.longer and chosen.kind != "throw":
                 return chosen
         return None
 
     def source(self, route: Route, destination: IPv4Address) -> IPv4Address | None:
-        """The address from which the kernel sends on a route: in the network of the next hop, else the first one."""
+        """Return the source address on a route: the one in the network of the next hop, or else the first."""
         if route.source is not None:
             return route.source
         hop, own = route.gateway or destination, self.interface(route.device).addresses
@@ -211,10 +211,10 @@ class Machine:
     @cached_property
     def _chains(self) -> Mapping[str, Sequence[Sequence[Rule]]]:
         """The rules of each chain, by table."""
-        found: dict[str, dict[str, list[Rule]]] = {}
+        chains: dict[str, dict[str, list[Rule]]] = {}
         for rule in self.rules:
-            found.setdefault(rule.chain, {}).setdefault(rule.table, []).append(rule)
-        return {chain: list(tables.values()) for chain, tables in found.items()}
+            chains.setdefault(rule.chain, {}).setdefault(rule.table, []).append(rule)
+        return {chain: list(tables.values()) for chain, tables in chains.items()}
 
     def verdict(self, chain: str, packet: Packet, incoming: str = "", leaving: str = "") -> str:
         """Return the verdict of its packet filter on a packet."""
@@ -222,26 +222,26 @@ class Machine:
         return rule.verdict if rule else ACCEPT
 
     def objection(self, chain: str, packet: Packet, incoming: str = "", leaving: str = "") -> Rule | None:
-        """Return the rule that decides against a packet: the first table that does not accept it has it."""
+        """Return the rule against a packet: that of the first table that does not accept it."""
         for rules in self._chains.get(chain, ()):
-            found = next((rule for rule in rules if rule.matches(packet, incoming, leaving)), None)
-            if found is not None and found.verdict != ACCEPT:
-                return found
+            match = next((rule for rule in rules if rule.matches(packet, incoming, leaving)), None)
+            if match is not None and match.verdict != ACCEPT:
+                return match
         return None
 
-    def with_interface(self, changed: Interface) -> Machine:
-        """The machine with another state of one interface: the kernel's routes of its addresses change with it."""
+    def replace_interface(self, changed: Interface) -> Machine:
+        """Return the machine with a new state of one interface, and with the kernel's routes of its addresses."""
         before = self.interface(changed.name)
-        others = [route for route in self.routes if route not in connected(before)]
+        others = [route for route in self.routes if route not in kernel_routes(before)]
         return replace(
             self,
             interfaces=tuple(changed if one.name == changed.name else one for one in self.interfaces),
-            routes=(*connected(changed), *others),
+            routes=(*kernel_routes(changed), *others),
         )
 
 
-def connected(interface: Interface) -> tuple[Route, ...]:
-    """The routes that the kernel makes for the addresses of an interface."""
+def kernel_routes(interface: Interface) -> tuple[Route, ...]:
+    """Return the routes that the kernel makes for the addresses of an interface."""
     return tuple(
         Route(address.network, device=interface.name, source=address.ip)
         for address in interface.addresses
@@ -257,7 +257,7 @@ class Link:
     up: bool = True
     loss: float = 0.0  # the share of packets that is lost, 0 to 1
     largest: int | None = None  # bytes; a larger packet is lost without a word
-    pruned: frozenset[IPv4Address] = frozenset()  # groups that nobody hears, as by IGMP snooping without a querier
+    pruned: frozenset[IPv4Address] = frozenset()  # groups that it does not carry, as by IGMP snooping without a querier
     apart: bool = False  # an access point that keeps its clients apart
 
 
@@ -269,32 +269,32 @@ class World:
     links: Mapping[str, Link]
 
     @cached_property
-    def plugged(self) -> Mapping[str, Sequence[tuple[Machine, Interface]]]:
-        """Who is on each link."""
-        found: dict[str, list[tuple[Machine, Interface]]] = {name: [] for name in self.links}
+    def ports(self) -> Mapping[str, Sequence[tuple[Machine, Interface]]]:
+        """The machines with their interfaces on each link."""
+        ports: dict[str, list[tuple[Machine, Interface]]] = {name: [] for name in self.links}
         for machine in self.machines.values():
             for interface in machine.interfaces:
-                if interface.link in found:
-                    found[interface.link].append((machine, interface))
-        return found
+                if interface.link in ports:
+                    ports[interface.link].append((machine, interface))
+        return ports
 
     @cached_property
     def _holders(self) -> Mapping[tuple[str, IPv4Address], Sequence[tuple[Machine, Interface]]]:
-        found: dict[tuple[str, IPv4Address], list[tuple[Machine, Interface]]] = {}
-        for link, plugged in self.plugged.items():
-            for machine, interface in plugged:
+        holders: dict[tuple[str, IPv4Address], list[tuple[Machine, Interface]]] = {}
+        for link, ports in self.ports.items():
+            for machine, interface in ports:
                 for address in interface.addresses:
-                    found.setdefault((link, address.ip), []).append((machine, interface))
-        return found
+                    holders.setdefault((link, address.ip), []).append((machine, interface))
+        return holders
 
     def holders(self, link: str, address: IPv4Address) -> Sequence[tuple[Machine, Interface]]:
-        """Who has an address on a link, also if he is off."""
+        """Return the machines with an address on a link, also those that are off."""
         return self._holders.get((link, address), ())
 
-    def with_machine(self, changed: Machine) -> World:
-        """The world with another state of one machine."""
+    def replace_machine(self, changed: Machine) -> World:
+        """Return the world with a new state of one machine."""
         return replace(self, machines={**self.machines, changed.name: changed})
 
-    def with_link(self, changed: Link) -> World:
-        """The world with another state of one link."""
+    def replace_link(self, changed: Link) -> World:
+        """Return the world with a new state of one link."""
         return replace(self, links={**self.links, changed.name: changed})

@@ -3,7 +3,7 @@
 
 """The way of a packet: hop by hop, as a kernel decides it. A question and its answer are two ways.
 
-Pure: a world and a packet in, a trace out. Loss is a property of the links on the way, and no matter of chance here.
+Pure: a world and a packet in, a trace out. Loss is a share of packets here, not a matter of chance.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     World,
 )
 
-# What becomes of a packet
+# The outcomes of a packet
 DELIVERED = "delivered"
 NO_ROUTE = "no route"
 CLOSED = "closed"  # a rule or a route that leads nowhere
@@ -50,7 +50,7 @@ CIRCLE = "circle"
 ELSEWHERE = "elsewhere"
 PRUNED = "pruned"
 
-# What a router tells the sender of a packet that ends there, in the words of the probes (RFC 792).
+# The ICMP message of a router about a packet that ends there, in the words of the probes (RFC 792)
 REPORTS = {
     NO_ROUTE: "network unreachable",
     CLOSED: "network unreachable",
@@ -100,8 +100,8 @@ class Trace:
         return 1 - kept
 
 
-class End(Exception):
-    """A packet ends: what becomes of it, and where."""
+class _End(Exception):
+    """The end of a packet: the outcome, and the place."""
 
     def __init__(self, outcome: str, where: str, rule: Rule | None = None) -> None:
         super().__init__(outcome, where)
@@ -123,15 +123,15 @@ class _Journey:
         self.by = machine.name
         try:
             if not machine.on:
-                raise End(OFF, machine.name)
+                raise _End(OFF, machine.name)
             if self._local(machine):
                 self.hops.append(Hop(machine.name))
-                raise End(DELIVERED, machine.name)
+                raise _End(DELIVERED, machine.name)
             machine, interface = self._leave(machine, None)
             for unused in range(self.packet.ttl):
                 machine, interface = self._arrive(machine, interface)
-            raise End(CIRCLE, self.by)
-        except End as end:
+            raise _End(CIRCLE, self.by)
+        except _End as end:
             hops, links = tuple(self.hops), tuple(self.links)
             changed = tuple(self.translations)
             way = Trace(end.outcome, end.where, self.by, hops, self.packet, links, changed, self.device, self.kept)
@@ -146,17 +146,17 @@ class _Journey:
         return True
 
     def _leave(self, machine: Machine, incoming: Interface | None) -> tuple[Machine, Interface]:
-        """Send it from a machine to the next one."""
+        """Send the packet from a machine to the next one."""
         route = machine.route(self.packet.destination, self.packet.source, incoming.name if incoming else "")
         if route is None:
-            raise End(NO_ROUTE, machine.name)
+            raise _End(NO_ROUTE, machine.name)
         if route.kind in NO_WAY:
-            raise End(REJECTED if route.kind == "prohibit" else CLOSED, machine.name)
+            raise _End(REJECTED if route.kind == "prohibit" else CLOSED, machine.name)
         device, hop = machine.interface(route.device), route.gateway or self.packet.destination
         if incoming is None:
             source = self.packet.source or machine.source(route, self.packet.destination)
             if source is None:
-                raise End(NO_ADDRESS, machine.name)
+                raise _End(NO_ADDRESS, machine.name)
             self.packet = replace(self.packet, source=source)
             self._filter(machine, OUT, "", device.name)
         else:
@@ -164,50 +164,50 @@ class _Journey:
         self._translate(machine, device)
         self.hops.append(Hop(machine.name, device.name, hop))
         if self.packet.size > device.mtu and self.packet.whole:
-            raise End(TOO_LARGE, machine.name)
+            raise _End(TOO_LARGE, machine.name)
         return self._cross(machine, device, hop)
 
     def _cross(self, machine: Machine, device: Interface, hop: IPv4Address) -> tuple[Machine, Interface]:
         """Cross a link, as one packet or as fragments that fit."""
         link = self.world.links.get(device.link)
         if link is None or not link.up:
-            raise End(LINK_DOWN, device.link or machine.name)
+            raise _End(LINK_DOWN, device.link or machine.name)
         self.links.append(link.name)
         following, interface = _neighbour(self.world, machine, device, hop)
         self.kept *= (1 - device.loss) * (1 - interface.loss)
         if link.apart:
-            raise End(APART, link.name)
+            raise _End(APART, link.name)
         size = min(self.packet.size, device.mtu)
         if link.largest is not None and size > link.largest:
-            raise End(TOO_LARGE, link.name)
+            raise _End(TOO_LARGE, link.name)
         if size > interface.mtu:
-            raise End(TOO_LARGE, following.name)
+            raise _End(TOO_LARGE, following.name)
         return following, interface
 
     def _arrive(self, machine: Machine, interface: Interface) -> tuple[Machine, Interface]:
-        """Take it in at a machine: at its end, or on to the next one."""
+        """Take the packet in at a machine: it ends there, or goes on to the next one."""
         self.by, self.device = machine.name, interface.name
         packet = self.packet
         if interface.rp_filter and packet.source is not None:
             back = machine.route(packet.source, packet.destination)
             if back is None or back.kind in NO_WAY or (interface.rp_filter == STRICT and back.device != interface.name):
-                raise End(REVERSE_PATH, machine.name)
+                raise _End(REVERSE_PATH, machine.name)
         before = self.known.get((machine.name, packet.destination)) if packet.answer else None
         if before is not None:
             packet = self.packet = replace(packet, destination=before)
         if packet.destination in machine.addresses:
             self.hops.append(Hop(machine.name))
             self._filter(machine, IN, interface.name, "")
-            raise End(DELIVERED, machine.name)
+            raise _End(DELIVERED, machine.name)
         if not interface.forwarding:
-            raise End(NOT_FORWARDED, machine.name)
+            raise _End(NOT_FORWARDED, machine.name)
         self.packet = replace(packet, ttl=packet.ttl - 1)
         return self._leave(machine, interface)
 
     def _filter(self, machine: Machine, chain: str, incoming: str, leaving: str) -> None:
         rule = machine.objection(chain, self.packet, incoming, leaving)
         if rule is not None:
-            raise End(REJECTED if rule.verdict == REJECT else FILTERED, machine.name, rule)
+            raise _End(REJECTED if rule.verdict == REJECT else FILTERED, machine.name, rule)
 
     def _translate(self, machine: Machine, device: Interface) -> None:
         source = self.packet.source
@@ -219,14 +219,14 @@ class _Journey:
 
 
 def _masquerades(machine: Machine, device: Interface, packet: Packet) -> bool:
-    """Say if what leaves by an interface gets its address. An answer is of a connection that began on the other side."""
+    """Tell if a packet gets the address of the interface by which it leaves. An answer never does."""
     return not packet.answer and machine.verdict(NAT, packet, leaving=device.name) == MASQUERADE
 
 
 def _neighbour(world: World, machine: Machine, device: Interface, hop: IPv4Address) -> tuple[Machine, Interface]:
-    """Who answers for an address on a link. Raises End where nobody does.
+    """Return the machine that answers for an address on a link. Raises _End without an answer.
 
-    If two have it, it is a matter of chance who answers; here it depends on who asks.
+    If two machines have it, either may answer; here it depends on the machine that asks.
     """
     have = [(one, interface) for one, interface in world.holders(device.link, hop) if one.name != machine.name]
     answer = [(one, interface) for one, interface in have if one.on and interface.up]
@@ -234,8 +234,8 @@ def _neighbour(world: World, machine: Machine, device: Interface, hop: IPv4Addre
         number = zlib.crc32(f"{machine.name} {hop}".encode()) if len(answer) > 1 else 0
         return answer[number % len(answer)]
     if have:
-        raise End(DOWN if have[0][0].on else OFF, have[0][0].name)
-    raise End(NOBODY, machine.name)
+        raise _End(DOWN if have[0][0].on else OFF, have[0][0].name)
+    raise _End(NOBODY, machine.name)
 
 
 def trace(
@@ -255,11 +255,11 @@ class Echo:
     @property
     def ok(self) -> bool:
         """True if the answer came back."""
-        return self.failed is None
+        return self.failure is None
 
     @property
-    def failed(self) -> Trace | None:
-        """The way that ends before its end; None where both arrived."""
+    def failure(self) -> Trace | None:
+        """The way that did not arrive; None if both did."""
         return next((way for way in (self.there, self.back) if way is not None and not way.ok), None)
 
     def loss(self, world: World) -> float:
@@ -295,20 +295,20 @@ def echo(world: World, start: str, packet: Packet) -> Echo:
 
 
 def report(world: World, start: str, way: Trace) -> str:
-    """Return the text that ICMP tells the sender about the end of a packet, such as "192.168.1.201 reports: host unreachable"; or empty."""
+    """Return the text of the ICMP message to the sender, such as "192.168.1.201 reports: host unreachable"; or empty."""
     if way.outcome not in REPORTS or way.packet.source is None or way.packet.answer:
         return ""
     known = {(machine, new): before for machine, new, before in way.translations}
-    told = trace(world, way.by, Packet("icmp", way.packet.source, answer=True), known)
-    if not told.ok or told.where != start:
+    message = trace(world, way.by, Packet("icmp", way.packet.source, answer=True), known)
+    if not message.ok or message.where != start:
         return ""
-    return f"{told.packet.source} reports: {REPORTS[way.outcome]}"
+    return f"{message.packet.source} reports: {REPORTS[way.outcome]}"
 
 
 # Groups
 
 
-class Heard(NamedTuple):
+class Delivery(NamedTuple):
     """A datagram of a group that comes in at a machine."""
 
     machine: str
@@ -319,7 +319,7 @@ class Heard(NamedTuple):
 
 
 class _Copy(NamedTuple):
-    """A datagram that is about to leave."""
+    """A datagram before it leaves a machine."""
 
     sender: str
     device: Interface
@@ -328,19 +328,19 @@ class _Copy(NamedTuple):
     kept: float = 1.0
 
 
-def group(world: World, start: str, source: IPv4Address, packet: Packet) -> list[Heard]:
-    """Who hears a datagram to a group that a machine sends from the interface with one of its addresses."""
+def group(world: World, start: str, source: IPv4Address, packet: Packet) -> list[Delivery]:
+    """Return the deliveries of a datagram to a group. A machine sends it from the interface with `source`."""
     machine = world.machines[start]
-    device = machine.interface_of(source)
+    device = machine.find_interface(source)
     if device is None or not device.up:
         return []
     packet = replace(packet, source=source)
     if machine.verdict(OUT, packet, leaving=device.name) != ACCEPT:
         return []
-    found: list[Heard] = []
+    deliveries: list[Delivery] = []
     waiting = [_Copy(machine.name, device, packet, ())]
-    # What a multicast router sends itself comes back to it (IP_MULTICAST_LOOP), and is passed on as well.
-    waiting += [_Copy(machine.name, other, packet, ()) for other in _passes_on(machine, device, packet)]
+    # A multicast router also forwards its own datagrams, which come back to it (IP_MULTICAST_LOOP).
+    waiting += [_Copy(machine.name, other, packet, ()) for other in _list_exits(machine, device, packet)]
     crossed = set()
     while waiting:
         sender, leaves, sent, before, share = waiting.pop(0)
@@ -350,39 +350,41 @@ def group(world: World, start: str, source: IPv4Address, packet: Packet) -> list
         for other, interface in _hearers(world, sender, leaves, sent):
             links, kept = (*before, leaves.link), share * (1 - leaves.loss) * (1 - interface.loss)
             if other.verdict(IN, sent, interface.name) == ACCEPT and sent.source is not None:
-                found.append(Heard(other.name, interface.name, sent.source, links, kept))
-            for next_interface in _passes_on(other, interface, sent):
-                waiting.append(_Copy(other.name, next_interface, _translated(other, next_interface, sent), links, kept))
-    return found
+                deliveries.append(Delivery(other.name, interface.name, sent.source, links, kept))
+            for next_interface in _list_exits(other, interface, sent):
+                waiting.append(
+                    _Copy(other.name, next_interface, _translate_source(other, next_interface, sent), links, kept)
+                )
+    return deliveries
 
 
 def _hearers(world: World, sender: str, device: Interface, packet: Packet) -> Iterator[tuple[Machine, Interface]]:
-    """Whom a datagram reaches on one link."""
+    """Yield the machines that a datagram reaches on one link."""
     link = world.links.get(device.link)
     if link is None or not link.up or link.apart or packet.destination in link.pruned:
         return
     if link.largest is not None and packet.size > link.largest:
         return
-    for machine, interface in world.plugged[link.name]:
+    for machine, interface in world.ports[link.name]:
         if machine.on and interface.up and machine.name != sender and packet.size <= interface.mtu:
-            if _way_back(machine, interface, packet):
+            if _has_way_back(machine, interface, packet):
                 yield machine, interface
 
 
-def _way_back(machine: Machine, interface: Interface, packet: Packet) -> bool:
-    """Say if the reverse-path filter lets a datagram in."""
+def _has_way_back(machine: Machine, interface: Interface, packet: Packet) -> bool:
+    """Tell if the reverse-path filter lets a datagram in."""
     if not interface.rp_filter or packet.source is None:
         return True
     back = machine.route(packet.source, packet.destination)
     return back is not None and (interface.rp_filter != STRICT or back.device == interface.name)
 
 
-def _passes_on(machine: Machine, incoming: Interface, packet: Packet) -> list[Interface]:
-    """The interfaces by which a multicast router passes a datagram on."""
+def _list_exits(machine: Machine, incoming: Interface, packet: Packet) -> list[Interface]:
+    """Return the interfaces by which a multicast router forwards a datagram."""
     if packet.destination not in machine.groups or machine.verdict(FORWARD, packet, incoming.name) != ACCEPT:
         return []
     return [one for one in machine.interfaces if one.up and one.name != incoming.name]
 
 
-def _translated(machine: Machine, device: Interface, packet: Packet) -> Packet:
+def _translate_source(machine: Machine, device: Interface, packet: Packet) -> Packet:
     return replace(packet, source=device.addresses[0].ip) if _masquerades(machine, device, packet) else packet

@@ -1,21 +1,21 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A prediction: which computers would reach each other after site.yml, which not and why, and what is different now.
+"""A prediction: the ways between computers after site.yml, why some fail, and the differences from now.
 
-Pure: the plan and what was read in, facts, sentences and a table out.
+Pure: the plan and the facts in; plain data, sentences and a table out.
 """
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
 from typing import NamedTuple
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, Member
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import found, packets, planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import facts, packets, plan_world
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Packet, World
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import Trace
 
@@ -24,18 +24,18 @@ REACHES, FAILS, UNSURE = "reaches", "fails", "unsure"
 TRANSLATED = "translated"
 NODES = 45000  # stands for the ports of nodes, which the kernel chooses above 32768
 WIDTH = 120
-MATRIX = 16  # computers: a larger matrix is no longer read
+MATRIX = 16  # computers: a larger matrix is not printed
 ALL = 30  # computers of which all pairs are tried
 PAIRS = 4  # that are named in a sentence
 
 
 class Traffic(NamedTuple):
-    """A kind of packets that the fleet needs: what it is called, whom it is for, and the packet to an address."""
+    """A kind of packets that the fleet needs: its name, its computers, and the packet to an address."""
 
     name: str
     concerns: Callable[[Member], bool]
     packet: Callable[[FleetPlan, IPv4Address], Packet]
-    by_source: bool = False  # whoever gets it looks at the source address: one that was translated is ignored
+    by_source: bool = False  # the receiver ignores it if its source address was translated
 
 
 TRAFFIC = (
@@ -56,76 +56,76 @@ TRAFFIC = (
 
 
 class End(NamedTuple):
-    """Where packets end, and why: what one sentence is about."""
+    """The place where packets end, and the reason: one sentence is about it."""
 
     outcome: str
     where: str
     network: str  # to which they were going
     hop: str  # the next machine, as an address
-    traffic: str  # empty, unless it concerns this traffic alone
+    traffic: str  # empty, unless only this traffic ends
 
 
 class Pair(NamedTuple):
-    """What becomes of one kind of traffic from one computer to another one, and of the answers."""
+    """The states of one kind of traffic from one computer to an other, with the answers."""
 
     traffic: str
     observer: str
     target: str
     now: str
     after: str
-    end: End | None = None  # of after: where it fails or, though it reaches, is translated
+    end: End | None = None  # after site.yml: where it fails, or is translated
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """All pairs, and who was not looked at."""
+    """All pairs, and the computers without facts."""
 
     pairs: Sequence[Pair]
     computers: Sequence[str]
-    assumed: Sequence[str]  # computers and devices that nobody has looked at
-    unclear: Sequence[str]  # whose packet filter says more than is understood
+    assumed: Sequence[str]  # computers and devices without facts
+    unclear: Sequence[str]  # machines with rules that are not understood
 
     @property
-    def failing(self) -> Mapping[End, Sequence[Pair]]:
-        """The pairs that would fail or be translated, by where and why, the most frequent first."""
+    def failures(self) -> Mapping[End, Sequence[Pair]]:
+        """The pairs that would fail or be translated, by end, the most frequent first."""
         bad = [pair for pair in self.pairs if pair.after != UNSURE and pair.end is not None]
         small = {(pair.observer, pair.target) for pair in bad if pair.traffic == CONNECTIONS}
         groups: dict[tuple[str, str], list[Pair]] = {}
         for pair in bad:
             if pair.end and not (pair.traffic == LARGE and (pair.observer, pair.target) in small):
                 groups.setdefault((pair.end.outcome, pair.end.where), []).append(pair)
-        return {_joined(pairs): pairs for pairs in sorted(groups.values(), key=len, reverse=True)}
+        return {_join_ends(pairs): pairs for pairs in sorted(groups.values(), key=len, reverse=True)}
 
-    def number(self, now: str = "", after: str = "", traffic: str = "") -> int:
+    def count(self, now: str = "", after: str = "", traffic: str = "") -> int:
         """Count the pairs with these states; an empty text is any."""
         return sum(
             now in ("", pair.now) and after in ("", pair.after) and traffic in ("", pair.traffic) for pair in self.pairs
         )
 
 
-def _joined(pairs: Sequence[Pair]) -> End:
-    """One end for what ends at one place in one way."""
+def _join_ends(pairs: Sequence[Pair]) -> End:
+    """Return one end for ends at one place with one outcome."""
     ends = [pair.end for pair in pairs if pair.end is not None]
     words = (dict.fromkeys(filter(None, values)) for values in zip(*ends, strict=True))
     return End(*(" and ".join(texts) for texts in words))
 
 
-def predict(fleet: FleetPlan, infos: Mapping[str, found.Info]) -> Prediction:
-    """Predict every pair of computers, from what was read on them."""
-    now = found.found(fleet, infos)
-    after = found.after(fleet, now, infos)
-    seen = {name for name in infos if found.looked_at(infos[name])}
+def predict(fleet: FleetPlan, infos: Mapping[str, facts.Info]) -> Prediction:
+    """Predict the ways between all computers, from their facts."""
+    now = facts.read_world(fleet, infos)
+    after = facts.apply_plan(fleet, now, infos)
+    known = {name for name in infos if facts.is_read(infos[name])}
     return Prediction(
         pairs=list(_pairs(fleet, now, after)),
         computers=[member.name for member in fleet.members],
-        assumed=[name for name in after.machines if name not in seen],
+        assumed=[name for name in after.machines if name not in known],
         unclear=[machine.name for machine in after.machines.values() if machine.unclear],
     )
 
 
 def _pairs(fleet: FleetPlan, now: World, after: World) -> Iterator[Pair]:
     same = now == after  # as after every site.yml
-    for one, other, traffics in ways(fleet.members):
+    for one, other, traffics in choose_ways(fleet.members):
         for traffic in traffics:
             if traffic.concerns(one) and traffic.concerns(other):
                 address = other.discovery_address if traffic.name == "heartbeats" else other.address
@@ -135,10 +135,10 @@ def _pairs(fleet: FleetPlan, now: World, after: World) -> Iterator[Pair]:
                 yield Pair(traffic.name, one.name, other.name, before, later, end)
 
 
-def ways(members: Sequence[Member]) -> Iterator[tuple[Member, Member, Sequence[Traffic]]]:
-    """Yield the pairs that are tried, and with what: all of a small fleet.
+def choose_ways(members: Sequence[Member]) -> Iterator[tuple[Member, Member, Sequence[Traffic]]]:
+    """Yield the pairs that are tried, and their kinds of traffic: all of a small fleet.
 
-    Of a large one: each computer to and from its own robot and the next one, and a ping from each robot to each other one.
+    In a large fleet: each computer to and from its own robot and the next robot, and a ping between each two robots.
     """
     if len(members) <= ALL:
         yield from ((one, other, TRAFFIC) for one in members for other in members if one != other)
@@ -159,29 +159,29 @@ def _outcome(
     fleet: FleetPlan, world: World, start: str, target: str, packet: Packet, traffic: Traffic
 ) -> tuple[str, End | None]:
     way = packets.echo(world, start, packet)
-    failed = way.failed
-    if failed is None and way.there.where == target and way.back is not None:
+    failure = way.failure
+    if failure is None and way.there.where == target and way.back is not None:
         if way.there.translations:
             where = way.there.translations[0][0]
             return (FAILS if traffic.by_source else REACHES), End(
                 TRANSLATED, where, _network(fleet, packet.destination), "", ""
             )
         return REACHES, None
-    if failed is None:
-        failed = replace(way.there, outcome=packets.ELSEWHERE)
-    if failed.outcome == packets.TOO_LARGE and (_told(world, failed) or failed.where in (start, target)):
+    if failure is None:
+        failure = replace(way.there, outcome=packets.ELSEWHERE)
+    if failure.outcome == packets.TOO_LARGE and (_is_reported(world, failure) or failure.where in (start, target)):
         return REACHES, None  # TCP learns what fits: on the way by ICMP, and from the other end when it begins
-    end = _end(fleet, world, failed, traffic)
-    unsure = failed.outcome in (packets.FILTERED, packets.REJECTED) and world.machines[failed.where].unclear
+    end = _end(fleet, failure, traffic)
+    unsure = failure.outcome in (packets.FILTERED, packets.REJECTED) and world.machines[failure.where].unclear
     return (UNSURE if unsure else FAILS), end
 
 
-def _told(world: World, way: Trace) -> bool:
-    """Say if the sender of a large packet learns that it does not fit: a machine on the way says so."""
+def _is_reported(world: World, way: Trace) -> bool:
+    """Tell if a machine on the way reports to the sender that a packet is too large."""
     return way.where == way.by and way.where in world.machines
 
 
-def _end(fleet: FleetPlan, world: World, way: Trace, traffic: Traffic) -> End:
+def _end(fleet: FleetPlan, way: Trace, traffic: Traffic) -> End:
     alone = way.outcome in (packets.FILTERED, packets.REJECTED, packets.TOO_LARGE)
     hop = way.hops[-1].to if way.hops and way.outcome == packets.NOBODY else None
     return End(
@@ -191,7 +191,7 @@ def _end(fleet: FleetPlan, world: World, way: Trace, traffic: Traffic) -> End:
 
 def _network(fleet: FleetPlan, address: IPv4Address) -> str:
     networks = [fleet.common_network, *(entry.network for entry in fleet.networks)]
-    return next((planned.link_of(fleet, network) for network in networks if address in network), str(address))
+    return next((plan_world.name_link(fleet, network) for network in networks if address in network), str(address))
 
 
 # Sentences
@@ -247,29 +247,27 @@ SENTENCES: Mapping[str, tuple[str, str]] = {
 }
 
 
-def sentence(end: End, pairs: Sequence[Pair]) -> str:
-    """Say in one sentence where packets would end, whose, and what to do."""
+def write_sentence(end: End, pairs: Sequence[Pair]) -> str:
+    """Return one sentence: where packets would end, the ways that fail, and what to do."""
     what, remedy = SENTENCES[end.outcome]
     what, remedy = what.format(**{**end._asdict(), "where": "it"}), remedy.format(**end._asdict())
     effect = "would not work; expected a way there and back"
     if all(pair.after == REACHES for pair in pairs):
         effect = "would show another address, by which no node is found; expected the computer's own"
-    return f"{end.where}: after site.yml {what}, so {_whose(pairs)} {effect}: {remedy}."
+    return f"{end.where}: after site.yml {what}, so {_name_ways(pairs)} {effect}: {remedy}."
 
 
-def _whose(pairs: Sequence[Pair]) -> str:
-    ways = list(dict.fromkeys(f"{pair.observer} -> {pair.target}" for pair in pairs))
-    more = f" and {len(ways) - PAIRS} more" if len(ways) > PAIRS else ""
-    return ", ".join(ways[:PAIRS]) + more
+def _name_ways(pairs: Sequence[Pair]) -> str:
+    return _join(list(dict.fromkeys(f"{pair.observer} -> {pair.target}" for pair in pairs)), PAIRS)
 
 
 def warnings(prediction: Prediction) -> list[str]:
-    """One sentence for each place at which packets would end after site.yml."""
-    return [sentence(end, pairs) for end, pairs in prediction.failing.items()]
+    """Return a sentence for each place at which packets would end after site.yml."""
+    return [write_sentence(end, pairs) for end, pairs in prediction.failures.items()]
 
 
-def document(prediction: Prediction) -> list[dict[str, str]]:
-    """The ways that do not work after site.yml, or work otherwise than now, as plain data."""
+def list_ways(prediction: Prediction) -> list[dict[str, str]]:
+    """Return the ways that do not work now or after site.yml, as plain data."""
     return [
         {
             "from": pair.observer,
@@ -289,14 +287,14 @@ def document(prediction: Prediction) -> list[dict[str, str]]:
 
 
 def render(prediction: Prediction) -> str:
-    """The prediction for the terminal."""
+    """Return the prediction for the terminal."""
     parts = [f"PREDICTION for {len(prediction.computers)} computers, after site.yml", _table(prediction)]
     if 1 < len(prediction.computers) <= MATRIX:
         parts.append(_matrix(prediction))
-    if prediction.failing:
+    if prediction.failures:
         parts.append("\n".join(["Would not be as planned:", *_groups(prediction)]))
     parts += _notes(prediction)
-    parts.append(verdict_line(prediction))
+    parts.append(write_verdict(prediction))
     return "\n\n".join(parts)
 
 
@@ -305,7 +303,7 @@ def _table(prediction: Prediction) -> str:
     columns = ("pairs", "now", "after", "begin", "end", "unsure")
     lines = [f"  {'would reach each other':<{max(width, 22)}}" + "".join(f"{column:>9}" for column in columns)]
     for traffic in TRAFFIC:
-        count = prediction.number
+        count = prediction.count
         name = traffic.name
         numbers = (
             count(traffic=name),
@@ -320,7 +318,7 @@ def _table(prediction: Prediction) -> str:
 
 
 def _matrix(prediction: Prediction) -> str:
-    """Rows are from, columns are to: what would be after site.yml, and `+` where it is new."""
+    """Return the matrix of the ways after site.yml, from rows to columns. A `+` marks a new one."""
     states: dict[tuple[str, str], list[Pair]] = {}
     for pair in prediction.pairs:
         states.setdefault((pair.observer, pair.target), []).append(pair)
@@ -344,9 +342,9 @@ def _cell(pairs: Sequence[Pair]) -> str:
 
 
 def _groups(prediction: Prediction) -> Iterator[str]:
-    for number, (end, pairs) in enumerate(prediction.failing.items(), 1):
+    for number, (end, pairs) in enumerate(prediction.failures.items(), 1):
         what, remedy = (text.format(**end._asdict()) for text in SENTENCES[end.outcome])
-        rows = ((f"{number:>3}. ", what), ("     for:    ", _whose(pairs)), ("     remedy: ", remedy))
+        rows = ((f"{number:>3}. ", what), ("     for:    ", _name_ways(pairs)), ("     remedy: ", remedy))
         for label, text in rows:
             yield textwrap.fill(
                 text,
@@ -361,24 +359,23 @@ def _groups(prediction: Prediction) -> Iterator[str]:
 def _notes(prediction: Prediction) -> list[str]:
     notes = []
     if prediction.assumed:
-        notes.append(f"Not looked at, and taken as planned: {_some(prediction.assumed)}.")
+        notes.append(f"Not looked at, and taken as planned: {_join(prediction.assumed)}.")
     if prediction.unclear:
         notes.append(
-            f"The packet filter says more than is understood here, see nft list ruleset on: {_some(prediction.unclear)}."
+            f"The packet filter says more than is understood here, see nft list ruleset on: {_join(prediction.unclear)}."
         )
     return ["\n".join(notes)] if notes else []
 
 
-def _some(names: Iterable[str]) -> str:
-    listed = list(names)
-    return ", ".join(listed[:8]) + (f" and {len(listed) - 8} more" if len(listed) > 8 else "")
+def _join(names: Sequence[str], most: int = 8) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-def verdict_line(prediction: Prediction) -> str:
-    """The result in one sentence."""
-    reach, total = prediction.number(after=REACHES), len(prediction.pairs)
-    new, lost = prediction.number(now=FAILS, after=REACHES), prediction.number(now=REACHES, after=FAILS)
-    unsure = prediction.number(after=UNSURE)
+def write_verdict(prediction: Prediction) -> str:
+    """Return the result in one sentence."""
+    reach, total = prediction.count(after=REACHES), len(prediction.pairs)
+    new, lost = prediction.count(now=FAILS, after=REACHES), prediction.count(now=REACHES, after=FAILS)
+    unsure = prediction.count(after=UNSURE)
     change = "".join(
         f", {number} {words}"
         for number, words in (

@@ -12,7 +12,7 @@ sys.path[:0] = [str(ROOT / "tests" / "faults"), str(ROOT / "tests" / "unit" / "p
 from agreement import agreement  # noqa: E402
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain  # noqa: E402
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Rule  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import planned  # noqa: E402
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_world  # noqa: E402
 from worlds import change, fig12, info_of  # noqa: E402
 
 PLAN = fig12()
@@ -30,21 +30,21 @@ def recorded(world, ping=True, large=True, heard=True, means="", calls_itself="d
 
 
 def test_what_was_measured_is_compared():
-    world = planned(PLAN)
+    world = make_world(PLAN)
     assert (agreement(recorded(world)).ways, agreement(recorded(world)).wrong) == (3, ())
     (wrong,) = agreement(recorded(world, heard=False)).wrong
     assert wrong == (("connections of nodes", "tibi-nav", "dabo-nav"), "reaches")
 
 
 def test_a_fault_that_is_read_is_predicted():
-    dropped = change(planned(PLAN), "dabo-nav", rules=(Rule("in", "drop", "icmp"),))
+    dropped = change(make_world(PLAN), "dabo-nav", rules=(Rule("in", "drop", "icmp"),))
     assert agreement(recorded(dropped, ping=False)).share == 1
     assert agreement(recorded(dropped)).wrong[0] == (("ping", "tibi-nav", "dabo-nav"), "fails")
 
 
 def test_a_topic_tells_nothing_where_it_was_sought_elsewhere():
-    assert agreement(recorded(planned(PLAN), heard=False, means="192.168.10.77")).ways == 2
-    assert agreement(recorded(planned(PLAN), heard=False, calls_itself="localhost")).ways == 2
+    assert agreement(recorded(make_world(PLAN), heard=False, means="192.168.10.77")).ways == 2
+    assert agreement(recorded(make_world(PLAN), heard=False, calls_itself="localhost")).ways == 2
 
 
 def test_nothing_measured_is_nothing_wrong():

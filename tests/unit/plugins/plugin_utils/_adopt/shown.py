@@ -8,7 +8,7 @@ import sys
 
 import yaml
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import Inventory
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_world
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "_world"))
 from worlds import info_of  # noqa: E402
@@ -67,7 +67,7 @@ def roscore(host, address="", port=11311, rpc=11611, group="", group_port=0, imp
 
 def machines_of(plan):
     """Every machine of a plan, as it would be after somebody had done by hand what the plan says."""
-    world, found = planned(plan), {}
+    world, found = make_world(plan), {}
     for name, computer in plan.computers.items():
         info = {**info_of(world.machines[name]), **{key: [] for key in ("masters", "exports", "owned")}}
         info.update(hostname=name, environment={"login": dict(computer.environment), "ssh": None, "desktop": None})

@@ -15,7 +15,7 @@ from ipaddress import IPv4Address, IPv4Network
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine as look_at
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import found, packets
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import facts, packets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
     Interface,
     Lookup,
@@ -23,15 +23,15 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     Packet,
     Route,
     Rule,
-    connected,
+    kernel_routes,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo, group, report, trace
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import COMMON, planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON, make_world
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.prediction import predict
 from worlds import address, change, change_interface, fig12, ping, route, tcp
 
 PLAN = fig12()
-WORLD = planned(PLAN)
+WORLD = make_world(PLAN)
 INNER, GATEWAY, FAR_GATEWAY, FAR = "tibi-nav", "tibi-visio", "dabo-visio", "dabo-nav"
 FAR_ADDRESS = "192.168.10.100"
 
@@ -39,12 +39,12 @@ FAR_ADDRESS = "192.168.10.100"
 def _routes(name, *routes):
     """Other routes of a machine beside those of its own networks."""
     machine = WORLD.machines[name]
-    own = [entry for interface in machine.interfaces for entry in connected(interface)]
+    own = [entry for interface in machine.interfaces for entry in kernel_routes(interface)]
     return change(WORLD, name, routes=(*own, *routes))
 
 
 def _link(name, **fields):
-    return WORLD.with_link(replace(WORLD.links[name], **fields))
+    return WORLD.replace_link(replace(WORLD.links[name], **fields))
 
 
 def _settings(name, **fields):
@@ -55,7 +55,7 @@ def _settings(name, **fields):
 def _twin():
     """A stranger with the address of the far computer."""
     twin = Interface("eth0", (address("192.168.10.100/24"),), "the network of dabo")
-    return replace(WORLD, machines={"stranger": Machine("stranger", (twin,), connected(twin)), **WORLD.machines})
+    return replace(WORLD, machines={"stranger": Machine("stranger", (twin,), kernel_routes(twin)), **WORLD.machines})
 
 
 NARROW = address("192.168.11.100/32")
@@ -142,11 +142,11 @@ ENDS = {
         False,
     ),
     "a circle": (
-        _routes(GATEWAY, route("0.0.0.0/0", "192.168.1.1", "eth1")).with_machine(
+        _routes(GATEWAY, route("0.0.0.0/0", "192.168.1.1", "eth1")).replace_machine(
             replace(
                 WORLD.machines["router"],
                 routes=(
-                    *connected(WORLD.machines["router"].interfaces[0]),
+                    *kernel_routes(WORLD.machines["router"].interfaces[0]),
                     route("192.168.10.0/24", "192.168.1.201"),
                     route("192.168.11.0/24", "192.168.1.201"),
                 ),
@@ -176,7 +176,7 @@ def test_packets_end_where_they_should(name):
         ends = {echo(world, one, ping(FAR_ADDRESS)).there.where for one in WORLD.machines if one != FAR}
         assert ends <= {FAR, "stranger"} and "stranger" in ends
         return
-    end = found.failed or found.there
+    end = found.failure or found.there
     assert end.outcome == outcome, found
     assert where in (None, end.where)
     assert (found.back is end) == answer
@@ -194,7 +194,7 @@ LARGE = {
 def test_only_large_packets_end(name):
     world, outcome, where = LARGE[name]
     assert echo(world, INNER, ping(FAR_ADDRESS)).ok
-    end = echo(world, INNER, ping(FAR_ADDRESS, size=1500, whole=True)).failed
+    end = echo(world, INNER, ping(FAR_ADDRESS, size=1500, whole=True)).failure
     assert (end.outcome, end.where) == (outcome, where)
     assert not echo(world, INNER, ping(FAR_ADDRESS, size=1500)).ok  # in fragments: the answer comes in whole
 
@@ -319,7 +319,7 @@ class Namespaces:
 
     def info(self, machine):
         """What multimaster_info reads there."""
-        return self.inside(machine, look_at.look, {"parts": list(found.NEEDED)})
+        return self.inside(machine, look_at.look, {"parts": list(facts.NEEDED)})
 
     def next_hop(self, start, other):
         """The gateway that its kernel takes, and the source; None for no route."""
@@ -343,7 +343,7 @@ def _commands(machine):
         neighbours = f"/proc/sys/net/ipv4/neigh/{name}"  # so that an address which nobody has is given up soon
         yield f"echo 1 > {neighbours}/mcast_solicit; echo 100 > {neighbours}/retrans_time_ms"
     yield "echo 0 > /proc/sys/net/ipv4/conf/all/rp_filter; echo 0 > /proc/sys/net/ipv4/conf/all/send_redirects"
-    own = {entry for interface in machine.interfaces for entry in connected(interface)}
+    own = {entry for interface in machine.interfaces for entry in kernel_routes(interface)}
     for entry in machine.routes:
         if entry not in own and (not entry.device or machine.interface(entry.device).up):
             way = f"via {entry.gateway} dev {entry.device}" if entry.gateway else ""

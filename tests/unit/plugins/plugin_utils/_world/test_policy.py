@@ -11,7 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     Lookup,
     Machine,
     Route,
-    connected,
+    kernel_routes,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.policy import lookups
 
@@ -58,7 +58,7 @@ def test_a_rule_for_other_packets_or_an_unknown_one_is_left_out(line):
 
 def machine(rules, **tables):
     return Machine(
-        "a", (WIRE,), (*connected(WIRE), BY_DEFAULT), lookups=lookups(rules), tables={"77": (BY_RULE,), **tables}
+        "a", (WIRE,), (*kernel_routes(WIRE), BY_DEFAULT), lookups=lookups(rules), tables={"77": (BY_RULE,), **tables}
     )
 
 

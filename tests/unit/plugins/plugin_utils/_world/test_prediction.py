@@ -12,14 +12,14 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read i
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import packets, prediction
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Rule
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_world
 from worlds import change, change_interface, fig12, info_of, ping
 
 from tests.simulator import faults, inventories
 from tests.simulator.state import healthy
 
 PLAN = fig12()
-WORLD = planned(PLAN)
+WORLD = make_world(PLAN)
 
 
 def infos(world, plan=PLAN):
@@ -32,9 +32,9 @@ def predicted(world):
 
 def test_a_fleet_that_works_goes_on_to_work():
     found = predicted(WORLD)
-    assert found.number() == found.number(now="reaches") == found.number(after="reaches")
+    assert found.count() == found.count(now="reaches") == found.count(after="reaches")
     assert not prediction.warnings(found) and not found.assumed
-    assert prediction.verdict_line(found) == f"PREDICTED: all of {found.number()} ways would work after site.yml."
+    assert prediction.write_verdict(found) == f"PREDICTED: all of {found.count()} ways would work after site.yml."
 
 
 # A change, where the packets end, and a part of the sentence.
@@ -69,7 +69,7 @@ def test_what_a_filter_would_drop_is_unsure_where_it_says_more():
     read = infos(world)
     read["kobuki"]["filters"]["chains"][0]["unread"] = 1
     found = prediction.predict(PLAN, read)
-    assert found.number(after="fails") == 0 and found.number(after="unsure", traffic="ping") > 0
+    assert found.count(after="fails") == 0 and found.count(after="unsure", traffic="ping") > 0
     assert list(found.unclear) == ["kobuki"] and "The packet filter says more" in prediction.render(found)
 
 
@@ -89,7 +89,7 @@ def test_the_table_shows_now_and_after():
     ):
         assert line in text.splitlines() or line in text, text
     assert max(map(len, text.splitlines())) <= 120
-    entry = next(one for one in prediction.document(prediction.predict(PLAN, read)) if one["after"] == "fails")
+    entry = next(one for one in prediction.list_ways(prediction.predict(PLAN, read)) if one["after"] == "fails")
     assert entry["where"] == "dabo-nav" and entry["why"] == "a packet filter on dabo-nav drops ping"
 
 
@@ -143,7 +143,7 @@ def test_the_prediction_of_now_is_what_packets_do():
 
 def _read(plan, world, name, owned):
     machine = world.machines[name]
-    own = planned(plan).machines[name].rules
+    own = make_world(plan).machines[name].rules
     return info_of(replace(machine, rules=tuple(rule for rule in machine.rules if rule not in own)), owned)
 
 
@@ -163,7 +163,7 @@ def test_a_large_fleet_takes_seconds():
     }
     plan = fleet_plan(read_fleet(Inventory(robots=robots, variables=values)))
     began = time.process_time()
-    found = prediction.predict(plan, infos(planned(plan), plan))
+    found = prediction.predict(plan, infos(make_world(plan), plan))
     assert {pair.observer for pair in found.pairs} == {pair.target for pair in found.pairs} == set(plan.computers)
-    assert found.number(after="reaches") == len(found.pairs) < 80 * 79 * 4
+    assert found.count(after="reaches") == len(found.pairs) < 80 * 79 * 4
     assert time.process_time() - began < 5

@@ -51,13 +51,13 @@ def tcp(destination, port, **more):
 
 def change(world, name, **fields):
     """The world with other fields of a machine."""
-    return world.with_machine(replace(world.machines[name], **fields))
+    return world.replace_machine(replace(world.machines[name], **fields))
 
 
 def change_interface(world, name, interface, **fields):
     """The world with other fields of an interface, and the routes that follow from them."""
     machine = world.machines[name]
-    return world.with_machine(machine.with_interface(replace(machine.interface(interface), **fields)))
+    return world.replace_machine(machine.replace_interface(replace(machine.interface(interface), **fields)))
 
 
 def route(destination, gateway, device="eth0", **more):

@@ -7,7 +7,7 @@ from ipaddress import IPv4Address
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo, group
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import COMMON, planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON, make_world
 from worlds import COMPUTERS, fig12, ping, tcp
 
 FLEETS = {
@@ -23,7 +23,7 @@ FLEETS = {
 @pytest.mark.parametrize("name", FLEETS)
 def test_every_computer_reaches_every_other_one(name):
     plan = fig12(**FLEETS[name])
-    world = planned(plan)
+    world = make_world(plan)
     for one in world.machines:
         for member in plan.members:
             for packet in (ping(member.address, size=1500, whole=True), tcp(member.address, 45000)):
@@ -31,7 +31,7 @@ def test_every_computer_reaches_every_other_one(name):
 
 
 def test_packets_take_the_planned_way():
-    world = planned(fig12())
+    world = make_world(fig12())
     way = echo(world, "tibi-nav", ping("192.168.10.100"))
     assert [hop.machine for hop in way.there.hops] == ["tibi-nav", "tibi-visio", "dabo-visio", "dabo-nav"]
     assert [hop.machine for hop in way.back.hops] == ["dabo-nav", "dabo-visio", "tibi-visio", "tibi-nav"]
@@ -41,16 +41,16 @@ def test_packets_take_the_planned_way():
 
 
 def test_the_gateway_may_be_a_device_of_another_make():
-    world = planned(fig12({"tibi": {"multimaster_gateway": "192.168.11.1"}}))
+    world = make_world(fig12({"tibi": {"multimaster_gateway": "192.168.11.1"}}))
     way = echo(world, "tibi-nav", ping("192.168.10.100"))
     assert [hop.machine for hop in way.there.hops] == ["tibi-nav", "192.168.11.1", "dabo-visio", "dabo-nav"]
-    assert way.ok and not world.machines["tibi-visio"].interface_of(IPv4Address("192.168.1.201"))
+    assert way.ok and not world.machines["tibi-visio"].find_interface(IPv4Address("192.168.1.201"))
 
 
 def test_the_group_stays_on_its_network_unless_it_is_routed():
     heard = {}
     for routing in ("none", "smcroute"):
-        world = planned(fig12(multimaster_multicast_routing=routing))
+        world = make_world(fig12(multimaster_multicast_routing=routing))
         datagram = tcp("239.255.0.1", 11511)
         heard[routing] = {entry.machine for entry in group(world, "kobuki", IPv4Address("192.168.1.229"), datagram)}
         inner = {entry.machine for entry in group(world, "tibi-visio", IPv4Address("192.168.1.201"), datagram)}
@@ -60,7 +60,7 @@ def test_the_group_stays_on_its_network_unless_it_is_routed():
 
 
 def test_the_planned_packet_filter_keeps_others_out():
-    world = planned(fig12(multimaster_firewall="fleet", multimaster_firewall_ports=["51820/udp"]))
+    world = make_world(fig12(multimaster_firewall="fleet", multimaster_firewall_ports=["51820/udp"]))
     kobuki = world.machines["kobuki"]
     stranger = IPv4Address("192.168.1.77")
     assert kobuki.verdict("in", tcp("192.168.1.229", 11311, source=stranger)) == "drop"
@@ -71,7 +71,7 @@ def test_the_planned_packet_filter_keeps_others_out():
 
 
 def test_every_computer_knows_every_name():
-    world = planned(fig12())
+    world = make_world(fig12())
     for name in COMPUTERS:
         assert set(world.machines[name].names) == set(COMPUTERS)
         assert world.machines[name].environment["ROS_HOSTNAME"] == name

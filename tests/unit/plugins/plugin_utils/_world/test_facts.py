@@ -3,20 +3,23 @@
 
 """The world that was read of machines is the one that they are in; and what site.yml makes of it."""
 
+import itertools
+import random
+
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.found import (
-    after,
-    found,
-    looked_at,
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.facts import (
+    apply_plan,
+    is_read,
     makes_sense,
+    read_world,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Rule, connected
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Rule, kernel_routes
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.planned import COMMON, planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON, make_world
 from worlds import COMPUTERS, change, change_interface, fig12, info_of, ping
 
 PLAN = fig12()
-WORLD = planned(PLAN)
+WORLD = make_world(PLAN)
 ADDRESSES = {str(member.address): member.name for member in PLAN.members}
 
 
@@ -30,14 +33,14 @@ def reached(world):
     }
 
 
-BARE = planned(fig12({"tibi": {"multimaster_routes": "existing"}}))
+BARE = make_world(fig12({"tibi": {"multimaster_routes": "existing"}}))
 
 
 def bare():
     """The machines before site.yml has ever run: no routes, no forwarding."""
     world = WORLD
     for machine in WORLD.machines.values():
-        routes = [route for one in machine.interfaces for route in connected(one)]
+        routes = [route for one in machine.interfaces for route in kernel_routes(one)]
         world = change(world, machine.name, routes=tuple(routes))
         for one in machine.interfaces:
             world = change_interface(world, machine.name, one.name, forwarding=False, rp_filter=1)
@@ -45,37 +48,37 @@ def bare():
 
 
 def test_what_is_read_is_where_packets_go():
-    world = found(PLAN, infos(WORLD))
+    world = read_world(PLAN, infos(WORLD))
     assert reached(world) == reached(WORLD)
     assert {one.link for machine in world.machines.values() for one in machine.interfaces} == set(WORLD.links)
 
 
 def test_new_machines_reach_neighbours_before_site_yml():
-    now = found(PLAN, infos(bare()))
+    now = read_world(PLAN, infos(bare()))
     assert ("tibi-nav", "tibi-visio") in reached(now) and ("tibi-nav", "dabo-nav") not in reached(now)
-    assert reached(after(PLAN, now, infos(bare()))) == {(one, other) for one in COMPUTERS for other in COMPUTERS}
+    assert reached(apply_plan(PLAN, now, infos(bare()))) == {(one, other) for one in COMPUTERS for other in COMPUTERS}
 
 
 def test_what_site_does_not_change_stays():
     world = change(bare(), "tibi-visio", rules=(Rule("forward", "drop", "icmp"),))
-    later = after(PLAN, found(PLAN, infos(world)), infos(world))
-    assert echo(later, "tibi-nav", ping("192.168.10.100")).failed.where == "tibi-visio"
+    later = apply_plan(PLAN, read_world(PLAN, infos(world)), infos(world))
+    assert echo(later, "tibi-nav", ping("192.168.10.100")).failure.where == "tibi-visio"
 
 
 def test_who_was_not_looked_at_is_as_planned():
     read = {"tibi-nav": info_of(bare().machines["tibi-nav"])}
-    assert found(PLAN, read).machines["dabo-nav"] == WORLD.machines["dabo-nav"]
-    assert not looked_at({}) and not looked_at({"interfaces": []})
+    assert read_world(PLAN, read).machines["dabo-nav"] == WORLD.machines["dabo-nav"]
+    assert not is_read({}) and not is_read({"interfaces": []})
 
 
 def test_the_packet_filter_is_found_by_its_record():
     plan = fig12(multimaster_firewall="fleet")
-    world = planned(plan)
+    world = make_world(plan)
     for owned, rules in (((), 0), (("files-firewall",), len(world.machines["kobuki"].rules))):
         read = {"kobuki": {**info_of(WORLD.machines["kobuki"]), "owned": list(owned)}}
-        now = found(plan, read)
+        now = read_world(plan, read)
         assert len(now.machines["kobuki"].rules) == rules
-        assert after(plan, now, read).machines["kobuki"].rules == world.machines["kobuki"].rules
+        assert apply_plan(plan, now, read).machines["kobuki"].rules == world.machines["kobuki"].rules
 
 
 def test_two_planned_networks_on_one_interface_are_one_wire():
@@ -84,15 +87,41 @@ def test_two_planned_networks_on_one_interface_are_one_wire():
     inner, common = gateway["interfaces"]
     gateway["interfaces"] = [{**inner, "addresses": inner["addresses"] + common["addresses"]}]
     gateway["routing"]["routes"] = [{**entry, "device": inner["name"]} for entry in gateway["routing"]["routes"]]
-    now = found(PLAN, {**infos(world), "tibi-visio": gateway})
+    now = read_world(PLAN, {**infos(world), "tibi-visio": gateway})
     assert reached(now) == reached(WORLD)
+
+
+def addresses_of(*addresses):
+    return [
+        {"address": address, "prefix": int(prefix), "family": "inet"}
+        for address, _slash, prefix in (text.partition("/") for text in addresses)
+    ]
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_links_with_shared_interfaces_are_one_wire(seed):
+    draw, read = random.Random(seed), infos(WORLD)
+    networks = ["192.168.1.77/24", "192.168.10.77/24", "192.168.11.77/24"]
+    pairs = draw.sample(list(itertools.combinations(networks, 2)), 2)
+    for name, pair in zip(draw.sample(COMPUTERS, 2), pairs, strict=True):
+        draw.choice(read[name]["interfaces"])["addresses"] = addresses_of(*draw.sample(pair, 2))
+    now = read_world(PLAN, read)
+    assert {one.link for machine in now.machines.values() for one in machine.interfaces} == {COMMON}
+
+
+def test_an_outside_address_leaves_an_interface_on_its_link():
+    read = infos(WORLD)
+    interface = read["kobuki"]["interfaces"][0]
+    interface["addresses"] = addresses_of("10.9.0.1/24") + interface["addresses"]
+    now = read_world(PLAN, read)
+    assert now.machines["kobuki"].interfaces[0].link == COMMON and reached(now) == reached(WORLD)
 
 
 def test_a_network_outside_the_fleet_is_a_link_of_its_own():
     read = info_of(WORLD.machines["kobuki"])
     docker = {"name": "docker0", "up": True, "loopback": False, "mtu": 1500}
     read["interfaces"].append({**docker, "addresses": [{"address": "172.17.0.1", "prefix": 16, "family": "inet"}]})
-    links = [one.link for one in found(PLAN, {"kobuki": read}).machines["kobuki"].interfaces]
+    links = [one.link for one in read_world(PLAN, {"kobuki": read}).machines["kobuki"].interfaces]
     assert links == [COMMON, "docker0 of kobuki"]
 
 

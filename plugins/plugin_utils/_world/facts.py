@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The world that was found: machines as `multimaster_info` has read them, now and after site.yml.
+"""The world of facts: machines as `multimaster_info` read them, now and after site.yml.
 
-What nobody has looked at is taken as planned. Who is on which link follows from the addresses.
+A machine without facts is taken as planned. The addresses of an interface show its link.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import planned
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import plan_world
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
     ACCEPT,
     FORWARD,
@@ -39,13 +39,13 @@ NEEDED = ("interfaces", "routing", "forwarding", "filters")
 HOOKS = {"input": IN, "output": OUT, "forward": FORWARD, "postrouting": NAT}
 
 
-def looked_at(info: Info) -> bool:
-    """Say if a machine was read."""
+def is_read(info: Info) -> bool:
+    """Tell if the facts of a machine are there."""
     return all(info.get(part) for part in NEEDED)
 
 
 def makes_sense(fleet: FleetPlan, host: str, info: Info) -> bool:
-    """Say if what was read can be understood: what a computer says may be anything."""
+    """Tell if the facts have the expected form: a computer may send anything."""
     try:
         _machine(fleet, fleet.computers[host], info)
     except (LookupError, TypeError, ValueError, AttributeError):
@@ -53,20 +53,20 @@ def makes_sense(fleet: FleetPlan, host: str, info: Info) -> bool:
     return True
 
 
-def found(fleet: FleetPlan, infos: Mapping[str, Info]) -> World:
+def read_world(fleet: FleetPlan, infos: Mapping[str, Info]) -> World:
     """Make the world as it is now."""
-    world = planned.planned(fleet)
-    machines = {name: _machine(fleet, fleet.computers[name], infos[name]) for name in infos if looked_at(infos[name])}
+    world = plan_world.make_world(fleet)
+    machines = {name: _machine(fleet, fleet.computers[name], infos[name]) for name in infos if is_read(infos[name])}
     links = {one.link for machine in machines.values() for one in machine.interfaces}
     world = World({**world.machines, **machines}, {**{name: Link(name) for name in links if name}, **world.links})
-    return _one_wire(fleet, world)
+    return _merge_links(fleet, world)
 
 
-def after(fleet: FleetPlan, now: World, infos: Mapping[str, Info]) -> World:
-    """Make the world of now as site.yml would leave it: its settings, routes and packet filter."""
+def apply_plan(fleet: FleetPlan, now: World, infos: Mapping[str, Info]) -> World:
+    """Make the world after site.yml: its settings, routes and packet filter."""
     for name, plan in fleet.computers.items():
-        if name in infos and looked_at(infos[name]):
-            now = now.with_machine(_applied(fleet, plan, now.machines[name]))
+        if name in infos and is_read(infos[name]):
+            now = now.replace_machine(_apply(fleet, plan, now.machines[name]))
     return now
 
 
@@ -81,7 +81,7 @@ def _machine(fleet: FleetPlan, plan: ComputerPlan, info: Info) -> Machine:
         if not entry["loopback"]
     )
     names = {one.name for one in interfaces}
-    own = planned.rules(fleet, plan) if any("firewall" in name for name in info.get("owned", ())) else ()
+    own = plan_world.make_rules(fleet, plan) if any("firewall" in name for name in info.get("owned", ())) else ()
     return Machine(
         name=plan.computer,
         interfaces=interfaces,
@@ -90,9 +90,9 @@ def _machine(fleet: FleetPlan, plan: ComputerPlan, info: Info) -> Machine:
         ),
         lookups=lookups(info["routing"].get("rules", ())),
         tables={entry["table"]: tuple(map(_route, entry["routes"])) for entry in info["routing"].get("tables", ())},
-        rules=(*own, *rules(info["filters"]["chains"])),
-        unclear=unclear(info["filters"]["chains"]),
-        groups=planned.groups(plan)
+        rules=(*own, *read_rules(info["filters"]["chains"])),
+        unclear=find_unclear(info["filters"]["chains"]),
+        groups=plan_world.list_groups(plan)
         if any("multicast_routing" in name for name in info.get("owned", ()))
         else frozenset(),
     )
@@ -116,10 +116,10 @@ def _interface(fleet: FleetPlan, host: str, entry: Info, settings: Info) -> Inte
 
 
 def _link(fleet: FleetPlan, host: str, device: str, addresses: Iterable[IPv4Address]) -> str:
-    """Name the link of an interface: that of the planned network which has its address, else one of its own."""
+    """Name the link of an interface: the planned network with its address, or else a link of its own."""
     networks = [fleet.common_network, *(entry.network for entry in fleet.networks)]
     near = [network for address in addresses for network in networks if address in network]
-    return planned.link_of(fleet, near[0]) if near else f"{quote(device)} of {host}"
+    return plan_world.name_link(fleet, near[0]) if near else f"{quote(device)} of {host}"
 
 
 def _route(entry: Info) -> Route:
@@ -134,19 +134,19 @@ def _route(entry: Info) -> Route:
 
 
 def _address(text: str) -> IPv4Address | None:
-    """Read a next hop; None for none, and for one of IPv6 (RFC 5549)."""
+    """Read a next hop; None if it is empty, or of IPv6 (RFC 5549)."""
     return IPv4Address(text) if text and ":" not in text else None
 
 
-def rules(chains: Iterable[Info]) -> tuple[Rule, ...]:
+def read_rules(chains: Iterable[Info]) -> tuple[Rule, ...]:
     """Make the rules of the chains; the policy of each is its last rule."""
-    made = []
+    rules = []
     for number, chain in enumerate(chains):
         hook, table = HOOKS[chain["hook"]], f"{number} {chain['table']}"
-        made += [_rule(hook, table, entry) for entry in chain["rules"]]
+        rules += [_rule(hook, table, entry) for entry in chain["rules"]]
         if chain["policy"] != ACCEPT:
-            made.append(Rule(hook, chain["policy"], table=table))
-    return tuple(made)
+            rules.append(Rule(hook, chain["policy"], table=table))
+    return tuple(rules)
 
 
 def _rule(hook: str, table: str, entry: Info) -> Rule:
@@ -166,34 +166,31 @@ def _rule(hook: str, table: str, entry: Info) -> Rule:
     )
 
 
-def unclear(chains: Iterable[Info]) -> frozenset[str]:
-    """Name the chains with rules that are not among those of `rules`, since they say more than is understood."""
+def find_unclear(chains: Iterable[Info]) -> frozenset[str]:
+    """Return the chains with rules that `read_rules` does not understand."""
     return frozenset(HOOKS[chain["hook"]] for chain in chains if chain["unread"])
 
 
-def _one_wire(fleet: FleetPlan, world: World) -> World:
-    """Make one link of planned ones where an interface has addresses of several: they are one wire."""
-    same: dict[str, str] = {}
+def _merge_links(fleet: FleetPlan, world: World) -> World:
+    """Make one link of the links that an interface has addresses of: they are one wire."""
+    names = {link: link for link in world.links}  # the name of the wire of each link
     for machine in world.machines.values():
         for one in machine.interfaces:
-            first, *more = dict.fromkeys(
-                _link(fleet, machine.name, one.name, [entry.ip]) for entry in one.addresses
-            ) or [""]
-            same.update((other, same.get(first, first)) for other in more if other in world.links and other != first)
-    moved = {name: _moved(machine, same) for name, machine in world.machines.items()}
-    return replace(world, machines=moved) if same else world
-
-
-def _moved(machine: Machine, same: Mapping[str, str]) -> Machine:
-    return replace(
-        machine, interfaces=tuple(replace(one, link=same.get(one.link, one.link)) for one in machine.interfaces)
-    )
+            links = (_link(fleet, machine.name, one.name, [entry.ip]) for entry in one.addresses)
+            wire = {names[link] for link in links if link in names}
+            if len(wire) > 1:
+                names = {link: min(wire) if name in wire else name for link, name in names.items()}
+    for machine in world.machines.values():
+        interfaces = tuple(replace(one, link=names.get(one.link, one.link)) for one in machine.interfaces)
+        if interfaces != machine.interfaces:
+            world = world.replace_machine(replace(machine, interfaces=interfaces))
+    return world
 
 
 # What site.yml does
 
 
-def _applied(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machine:
+def _apply(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machine:
     interfaces = machine.interfaces
     if any(setting.name == "net.ipv4.ip_forward" for setting in plan.sysctl):
         interfaces = tuple(replace(one, forwarding=True) for one in interfaces)
@@ -204,14 +201,14 @@ def _applied(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machine:
         machine,
         interfaces=interfaces,
         routes=_routes(plan, machine),
-        rules=(*planned.rules(fleet, plan), *others),
-        groups=planned.groups(plan),
+        rules=(*plan_world.make_rules(fleet, plan), *others),
+        groups=plan_world.list_groups(plan),
     )
 
 
 def _routes(plan: ComputerPlan, machine: Machine) -> tuple[Route, ...]:
-    """Return its routes with those of the plan, which take the place of others with their destination and metric 0."""
-    wanted = planned.own_routes(replace(plan, routes_expected=()), [one for one in machine.interfaces if one.up])
-    places = {route.destination for route in wanted}
-    kept = [route for route in machine.routes if route.destination not in places or route.metric]
-    return (*wanted, *kept)
+    """Return the routes with those of the plan. A planned route replaces one with its destination and metric 0."""
+    routes = plan_world.list_routes(replace(plan, routes_expected=()), [one for one in machine.interfaces if one.up])
+    places = {route.destination for route in routes}
+    others = [route for route in machine.routes if route.destination not in places or route.metric]
+    return (*routes, *others)
