@@ -18,7 +18,7 @@ from ansible.utils.display import Display
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import bundle as bundles
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import secrets
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import packed
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import pack
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data, plain_lines
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import BY_NAME, RESERVED
@@ -59,7 +59,7 @@ class ActionModule(ActionBase):
             bundle = fleet_report.read_run(self._task.args, task_vars)
             clean_run = self._remove_secrets(bundle, task_vars["hostvars"])
             if boolean(self._task.args.get("anonymous") or False):
-                clean_run = bundles.renamed(
+                clean_run = bundles.rename(
                     clean_run, *people(bundle, task_vars["hostvars"], self._task.args.get("machine"))
                 )
             judgement = judge_run(clean_run, pages=True, everything=False)
@@ -83,24 +83,24 @@ class ActionModule(ActionBase):
         """Take out the values that are secrets or look like secrets."""
         context = self._play_context
         known = {str(getattr(context, name, "") or "") for name in ("password", "become_pass")}
-        known |= secrets.values(dict(os.environ))
+        known |= secrets.collect_values(dict(os.environ))
         foreign: set[str] = set()
         registered_as = {text.partition(".")[0] for text in self._task.args.values() if isinstance(text, str)}
         own = {*BY_NAME, *RESERVED, *read_options(), *registered_as}
         for host in [*hostvars]:
             variables = read_raw(hostvars, host)
             known |= (
-                secrets.values(variables)
+                secrets.collect_values(variables)
                 | set(find_vault_values(variables))
                 | set(find_template_secrets(hostvars, host, variables))
             )
-            foreign |= secrets.foreign(variables, own)
-        return bundles.without(bundle, secrets.Secrets(known, names(bundle), foreign - words(bundle)))
+            foreign |= secrets.collect_foreign(variables, own)
+        return bundles.remove_secrets(bundle, secrets.Secrets(known, names(bundle), foreign - words(bundle)))
 
 
 def words(bundle: Run) -> set[str]:
     """Return the words that each bundle contains: those of the plan and of versions, and the names of interfaces."""
-    plan = {text for text in secrets.texts(to_plain(bundle.fleet)) if " " not in text}
+    plan = {text for text in secrets.list_texts(to_plain(bundle.fleet)) if " " not in text}
     seen = [entry.probe.forwarding.interfaces for entry in bundle.observations.values() if entry.probe]
     versions = {
         word for machine in bundle.machines.values() for text in machine.values() for word in WORD.findall(text)
@@ -124,7 +124,7 @@ def make_bundle(bundle: Run, judgement: Any) -> bytes:
     document = plain_data({**make_document(bundle, judgement), "file": "report.json", "since": "", "differences": []})
     template = TEMPLATE.read_text(encoding="utf-8")
     html = make_page(template, bundle.fleet, document, judgement.matrices)
-    return packed(bundles.texts(bundle, html, document), time.localtime()[:6])
+    return pack(bundles.write_files(bundle, html, document), time.localtime()[:6])
 
 
 def kinds(judgement: Any) -> list[tuple[str, str, str]]:
@@ -179,8 +179,8 @@ def find_vault_values(value: Any) -> Iterator[str]:
 def find_template_secrets(hostvars: Any, host: str, variables: Mapping[str, Any]) -> Iterator[str]:
     """Yield the secrets of a host that a template makes, such as a look-up in a keyring."""
     for name, value in variables.items():
-        if any("{" in text for text in secrets.values({name: value})):
+        if any("{" in text for text in secrets.collect_values({name: value})):
             try:
-                yield from secrets.values({name: hostvars[host][name]})
+                yield from secrets.collect_values({name: hostvars[host][name]})
             except (AnsibleError, KeyError):
                 continue

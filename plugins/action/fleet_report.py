@@ -21,8 +21,8 @@ from ansible import constants
 from ansible.plugins.action import ActionBase
 from ansible.release import __version__ as ansible_version
 from ansible.utils.display import Display
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import LARGEST, Unreadable, unpacked
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import JUDGED, heard, read
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import LARGEST, Unreadable, unpack
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import JUDGED, quote_run, read_bundle
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
@@ -177,7 +177,7 @@ def open_bundle(path: str) -> Run:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
                 raise Unreadable("is no file")
             data = stream.read(LARGEST + 1)
-        return heard(read(unpacked(data, JUDGED)))
+        return quote_run(read_bundle(unpack(data, JUDGED)))
     except OSError as problem:
         reason = f"cannot be read: {problem.strerror}"
     except Unreadable as problem:

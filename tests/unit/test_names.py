@@ -22,7 +22,6 @@ LATER = set(
     plugins/module_utils/_process
     plugins/module_utils/_verify
     plugins/module_utils/_watch
-    plugins/plugin_utils/_bundle
     roles/nodes/files/python/rosfleet_multimaster/discovery
     roles/nodes/files/python/rosfleet_multimaster/roscore
     roles/nodes/files/python/rosfleet_multimaster/roscore/core

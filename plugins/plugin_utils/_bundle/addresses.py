@@ -3,9 +3,9 @@
 
 """Addresses, replaced by others of the same structure. Pure.
 
-Each network of the plan gets another one of the same length, networks inside it stay inside it, and an address keeps its place
-in its network. So who is whose neighbour, gateway or broadcast address can still be read. Other addresses get one by the /24
-that they are in. What means the same everywhere stays: loopback, link-local, multicast.
+Each network of the plan becomes a new one of the same length. Networks inside it stay inside it, and an address keeps its place
+in its network. So neighbours, gateways and broadcast addresses can still be recognised. An address outside the plan moves with
+its /24. Addresses that mean the same everywhere stay: loopback, link-local, multicast.
 """
 
 from __future__ import annotations
@@ -21,45 +21,45 @@ _ALL = 1 << 32
 
 
 class Addresses:
-    """Replaces addresses: the same one always by the same."""
+    """Replaces addresses: equal ones by equal ones."""
 
     def __init__(self, networks: Iterable[IPv4Network]) -> None:
-        given = [entry for entry in networks if entry.prefixlen >= _WIDEST and not _stays(entry.network_address)]
+        known = [entry for entry in networks if entry.prefixlen >= _WIDEST and not _stays(entry.network_address)]
         self._next = _FIRST
         self._new: dict[IPv4Network, IPv4Network] = {}
-        for network in sorted(collapse_addresses(given), key=lambda entry: (entry.prefixlen, entry)):
-            self._placed(network)
+        for network in sorted(collapse_addresses(known), key=lambda entry: (entry.prefixlen, entry)):
+            self._place(network)
 
     def address(self, old: IPv4Address) -> IPv4Address:
-        """Return the address that stands for another one."""
+        """Return the address in the place of `old`."""
         if _stays(old):
             return old
-        return self._moved(old, self._around(old) or IPv4Network((old, _NEIGHBOURS), strict=False))
+        return self._move(old, self._around(old) or IPv4Network((old, _NEIGHBOURS), strict=False))
 
     def network(self, old: IPv4Network) -> IPv4Network:
-        """Return the network that stands for another one."""
+        """Return the network in the place of `old`."""
         first = old.network_address
         if old.prefixlen < _WIDEST or _stays(first):
             return old
         around = self._around(first)
         if around is None or around.prefixlen > old.prefixlen:
             around = old if old.prefixlen < _NEIGHBOURS else old.supernet(new_prefix=_NEIGHBOURS)
-        return IPv4Network((self._moved(first, around), old.prefixlen))
+        return IPv4Network((self._move(first, around), old.prefixlen))
 
-    def _moved(self, old: IPv4Address, around: IPv4Network) -> IPv4Address:
+    def _move(self, old: IPv4Address, around: IPv4Network) -> IPv4Address:
         place = int(old) - int(around.network_address)
-        return IPv4Address(int(self._placed(around).network_address) + place)
+        return IPv4Address(int(self._place(around).network_address) + place)
 
     def _around(self, old: IPv4Address) -> IPv4Network | None:
         """Return the known network that an address is in."""
         return next((entry for entry in self._new if old in entry), None)
 
-    def _placed(self, network: IPv4Network) -> IPv4Network:
-        """Return the network in the place of another one: the next that is free."""
+    def _place(self, network: IPv4Network) -> IPv4Network:
+        """Return the network in the place of this one: the next that is free."""
         if network not in self._new:
             size = network.num_addresses
             begin = -(-self._next // size) * size
-            if begin + size > _ALL:  # an address space of that many networks is no fleet's
+            if begin + size > _ALL:  # no fleet has so many networks
                 begin = size if size < _FIRST else 0
             self._next = begin + size
             self._new[network] = IPv4Network((begin, network.prefixlen))

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Names and addresses, replaced everywhere by the same others: robot1, robot1-computer2, host3, user1. Pure.
+"""Names and addresses, replaced everywhere by the same new ones: robot1, robot1-computer2, host3, user1. Pure.
 
-The names of the plan are known. Hosts of URIs and owners of home folders are learned from the texts before.
+The names of the plan are known. Texts teach the hosts of URIs and the owners of home folders.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.addresses import Addresses
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 
-# What the collection and ROS call themselves stays, whatever a robot is called.
+# Names of the collection and of ROS stay, also if a robot has one of them.
 _OURS = (
     r"master_discovery|master_sync|rosfleet(?:[_.-]multimaster)?|rosout|roscore|rosmaster|ros_comm|multimaster_verify(?:_talker|_listener)?"
     r"|multimaster[_-](?:address|roscore|discovery|sync|connections|multicast-routing|verify)"
@@ -31,7 +31,7 @@ _IPV6 = re.compile(r"(?<![0-9A-Za-z:.])[0-9A-Fa-f]{0,4}(?::[0-9A-Fa-f]{0,4}){2,7
 
 
 class Anonymous:
-    """Replaces names and addresses. `aliases` are more names of computers, `users` names of persons, `texts` are learned from."""
+    """Replaces names and addresses. `aliases` are more names of computers, `users` names of persons, `texts` have more of both."""
 
     def __init__(
         self,
@@ -58,16 +58,16 @@ class Anonymous:
         self._names.setdefault(_label(old).lower(), _label(new))
 
     def text(self, text: str) -> str:
-        """Return a text in other words."""
-        text = _MAC.sub(lambda found: self._counted("mac", found[0], "02:00:00:00:{0:02x}:{1:02x}"), text)
+        """Return a text with new names and addresses."""
+        text = _MAC.sub(lambda match: self._number("mac", match[0], "02:00:00:00:{0:02x}:{1:02x}"), text)
         text = _IPV6.sub(self._ipv6, text)
         text = _IPV4.sub(self._ipv4, text)
         if self._persons:
-            text = self._persons.sub(lambda found: found[1] + self._people[found[2]], text)
-        return self._pattern.sub(lambda found: found[1] or self._names[found[0].lower()], text)
+            text = self._persons.sub(lambda match: match[1] + self._people[match[2]], text)
+        return self._pattern.sub(lambda match: match[1] or self._names[match[0].lower()], text)
 
     def data(self, value: Any) -> Any:
-        """Return plain data or dataclasses in other words; the fields of dataclasses keep their names."""
+        """Return plain data or dataclasses with new names and addresses; fields keep their names."""
         if isinstance(value, str):
             return self.text(value)
         if isinstance(value, IPv4Address):
@@ -84,30 +84,30 @@ class Anonymous:
             )
         return value
 
-    def _ipv4(self, found: re.Match[str]) -> str:
-        *parts, length = found.group(1, 3, 4, 5, 6)
+    def _ipv4(self, match: re.Match[str]) -> str:
+        *parts, length = match.group(1, 3, 4, 5, 6)
         try:
             old = IPv4Address(".".join(parts))
-            if length and found[2] == "." and IPv4Network((old, int(length)), strict=False).network_address == old:
+            if length and match[2] == "." and IPv4Network((old, int(length)), strict=False).network_address == old:
                 return str(self._addresses.network(IPv4Network((old, int(length)))))
         except ValueError:
-            return found[0]
-        return str(self._addresses.address(old)).replace(".", found[2]) + (f"/{length}" if length else "")
+            return match[0]
+        return str(self._addresses.address(old)).replace(".", match[2]) + (f"/{length}" if length else "")
 
-    def _ipv6(self, found: re.Match[str]) -> str:
+    def _ipv6(self, match: re.Match[str]) -> str:
         try:
-            old = IPv6Address(found[0])
+            old = IPv6Address(match[0])
         except AddressValueError:  # a time of day
-            return found[0]
+            return match[0]
         if old.is_loopback or old.is_unspecified or old.is_multicast:
-            return found[0]
-        return self._counted(
+            return match[0]
+        return self._number(
             "link" if old.is_link_local else "ipv6",
             str(old),
             "fe80::{2:x}" if old.is_link_local else "2001:db8::{2:x}",
         )
 
-    def _counted(self, kind: str, old: str, new: str) -> str:
+    def _number(self, kind: str, old: str, new: str) -> str:
         key = kind, old.lower()
         if key not in self._seen:
             number = 1 + sum(1 for entry in self._seen if entry[0] == kind)
@@ -125,29 +125,29 @@ def _names(fleet: FleetPlan, aliases: Mapping[str, Iterable[str]]) -> dict[str, 
     """Return the new names of robots and computers, by their old ones in small letters."""
     robots = {robot: f"robot{number}" for number, robot in enumerate(fleet.master_of, 1)}
     computers = _computers(fleet, robots)
-    found = {name.lower(): new for name, new in {**robots, **computers}.items()}
-    for name, new in _others(fleet, robots, computers, aliases):
-        if name and name.lower() not in found and not _IPV4.fullmatch(name):
-            found[name.lower()] = f"{new}-name{1 + sum(other.startswith(f'{new}-name') for other in found.values())}"
-    return {**{_label(old): _label(new) for old, new in found.items()}, **found}
+    names = {name.lower(): new for name, new in {**robots, **computers}.items()}
+    for name, new in _list_aliases(fleet, robots, computers, aliases):
+        if name and name.lower() not in names and not _IPV4.fullmatch(name):
+            names[name.lower()] = f"{new}-name{1 + sum(other.startswith(f'{new}-name') for other in names.values())}"
+    return {**{_label(old): _label(new) for old, new in names.items()}, **names}
 
 
 def _computers(fleet: FleetPlan, robots: Mapping[str, str]) -> dict[str, str]:
-    found: dict[str, str] = {}
+    names: dict[str, str] = {}
     count = dict.fromkeys(robots, 0)
     for name, plan in fleet.computers.items():
         if plan.robot in count:
             count[plan.robot] += 1
-            found[name] = f"{robots[plan.robot]}-computer{count[plan.robot]}"
+            names[name] = f"{robots[plan.robot]}-computer{count[plan.robot]}"
         else:
-            found[name] = "router"
-    return found
+            names[name] = "router"
+    return names
 
 
-def _others(
+def _list_aliases(
     fleet: FleetPlan, robots: Mapping[str, str], computers: Mapping[str, str], aliases: Mapping[str, Iterable[str]]
 ) -> Iterator[tuple[str, str]]:
-    """List more names, each with the new name of whose it is."""
+    """Yield more names, each with the new name of its owner."""
     at = {
         str(address): computers[name]
         for name, plan in fleet.computers.items()
@@ -162,7 +162,7 @@ def _others(
 
 
 def _label(name: str) -> str:
-    """Return a name as it is part of a ROS name."""
+    """Return a name as a part of a ROS name."""
     return re.sub(r"\W", "_", name)
 
 
@@ -173,7 +173,7 @@ def _pattern(names: Mapping[str, str]) -> re.Pattern[str]:
 
 
 def _persons(people: Mapping[str, str]) -> re.Pattern[str] | None:
-    """Return where the name of a person stands: a home folder, `user anna`, `anna@`."""
+    """Return the pattern of persons: a home folder, `user anna`, `anna@`."""
     if not people:
         return None
     inner = "|".join(map(re.escape, sorted(people, key=lambda name: (-len(name), name))))

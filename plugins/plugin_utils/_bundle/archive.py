@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The file of a bundle: texts by name in a ZIP archive. Pure: bytes in or out, and nothing is ever unpacked to a disk.
+"""The file of a bundle: texts by name in a ZIP archive. Pure: bytes in or out, and no file on a disk.
 
-A bundle that is read may come from anybody. Only members that are asked for by name are read, each up to a bound, so a path,
-a link or a bomb in the archive leads nowhere.
+A bundle may be hostile. Only members with known names are read, each up to a bound. So a path, a link or a bomb in the archive
+has no effect.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Unreadable(ValueError):
     """An archive that is no bundle; one sentence without its name."""
 
 
-def packed(texts: Mapping[str, str], time: tuple[int, int, int, int, int, int]) -> bytes:
+def pack(texts: Mapping[str, str], time: tuple[int, int, int, int, int, int]) -> bytes:
     """Pack texts."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
@@ -35,18 +35,17 @@ def packed(texts: Mapping[str, str], time: tuple[int, int, int, int, int, int]) 
     return stream.getvalue()
 
 
-def unpacked(data: bytes, names: Iterable[str]) -> dict[str, str]:
+def unpack(data: bytes, names: Iterable[str]) -> dict[str, str]:
     """Return the texts of these names. Raises Unreadable."""
     if len(data) > LARGEST:
         raise Unreadable(f"has more than {LARGEST // 1_000_000} MB")
-    left = UNPACKED
-    found = {}
+    left, texts = UNPACKED, {}
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             for name in names:
                 text = _member(archive, name, left)
                 left -= len(text)
-                found[name] = text.decode("utf-8", "replace")
+                texts[name] = text.decode("utf-8", "replace")
     except KeyError as problem:
         raise Unreadable(f"has no {problem.args[0] if problem.args else 'content'}") from None
     except (
@@ -61,11 +60,11 @@ def unpacked(data: bytes, names: Iterable[str]) -> dict[str, str]:
         if isinstance(problem, Unreadable):
             raise
         raise Unreadable(f"is no ZIP archive, or a damaged one ({problem})") from None
-    return found
+    return texts
 
 
 def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
-    """Read a member up to a bound: its own word about its size is not believed."""
+    """Read a member up to a bound; the size in its header may be false."""
     try:
         member = archive.getinfo(FOLDER + name)
     except KeyError:

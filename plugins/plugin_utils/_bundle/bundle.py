@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The content of a bundle: the plan of the fleet, what was seen of it, what ran there, and the last lines of the logs. Pure.
+"""The content of a bundle: the plan of the fleet, observations, versions, and the last lines of the logs. Pure.
 
-`texts` and `read` are the two directions; only what the judgement needs is read again.
+`write_files` and `read_bundle` are the two directions. Only the files of the judgement are read again.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
 
 FORMAT = 1
 ABOUT, PLAN, OBSERVATIONS = "about.json", "plan.json", "observations.json"
-JUDGED = (ABOUT, PLAN, OBSERVATIONS)  # what is read again
+JUDGED = (ABOUT, PLAN, OBSERVATIONS)  # the files that are read again
 COMPUTERS = 2000
 LOGS = 4_000_000  # letters of all logs
 LOG = 60_000  # of one computer
@@ -51,7 +51,7 @@ KEPT = "Names and addresses are those of the fleet. "
 REPLACED = "Names of robots and computers, users and addresses were replaced by others. "
 
 
-def without(run: Run, secrets: Secrets) -> Run:
+def remove_secrets(run: Run, secrets: Secrets) -> Run:
     """Return a run without secrets."""
     logs = {name: secrets.text(text) for name, text in run.logs.items()}
     return dataclasses.replace(
@@ -59,12 +59,12 @@ def without(run: Run, secrets: Secrets) -> Run:
         fleet=secrets.data(run.fleet),
         observations={name: secrets.data(seen) for name, seen in run.observations.items()},
         machines=secrets.data(run.machines),
-        logs=_last(logs),
+        logs=_cut_logs(logs),
     )
 
 
-def renamed(run: Run, aliases: Mapping[str, list[str]], users: set[str]) -> Run:
-    """Return a run with other names and addresses."""
+def rename(run: Run, aliases: Mapping[str, list[str]], users: set[str]) -> Run:
+    """Return a run with new names and addresses."""
     known = (json.dumps([to_plain(run.fleet), {name: to_plain(seen) for name, seen in run.observations.items()}]),)
     other = Anonymous(run.fleet, aliases, users, [*known, *run.logs.values()])
     return dataclasses.replace(
@@ -77,8 +77,8 @@ def renamed(run: Run, aliases: Mapping[str, list[str]], users: set[str]) -> Run:
     )
 
 
-def texts(run: Run, page: str, document: Mapping[str, Any]) -> dict[str, str]:
-    """Return the files of a bundle."""
+def write_files(run: Run, page: str, document: Mapping[str, Any]) -> dict[str, str]:
+    """Return the files of a bundle, by name."""
     about = {"format": FORMAT, **run.about, "computers": dict(run.machines)}
     names = REPLACED if run.about.get("names") else KEPT
     logs = {f"logs/{re.sub(r'[^A-Za-z0-9._-]', '_', name)}.txt": text for name, text in run.logs.items() if text}
@@ -97,23 +97,23 @@ def _json(value: Any) -> str:
     return json.dumps(value, indent=1, ensure_ascii=False) + "\n"
 
 
-def _last(logs: Mapping[str, str]) -> dict[str, str]:
-    """Cut logs to their last lines, so that all together have room."""
+def _cut_logs(logs: Mapping[str, str]) -> dict[str, str]:
+    """Cut logs to their last lines, so that all logs have room."""
     most = min(LOG, LOGS // max(1, len(logs)))
-    return {name: text if len(text) <= most else _shared(text, most) for name, text in logs.items()}
+    return {name: text if len(text) <= most else _share_room(text, most) for name, text in logs.items()}
 
 
-def _shared(text: str, most: int) -> str:
-    """Share the room among the services of a computer: one that writes much takes no room from one that writes little."""
+def _share_room(text: str, most: int) -> str:
+    """Share the room among the services of a computer. A service with little text keeps all of it."""
     parts = re.split(r"^(?=== )", text, flags=re.MULTILINE)
     kept, room = dict.fromkeys(range(len(parts)), ""), most
     for done, number in enumerate(sorted(kept, key=lambda number: len(parts[number]))):
-        kept[number] = _end(parts[number], room // (len(parts) - done))
+        kept[number] = _cut_part(parts[number], room // (len(parts) - done))
         room -= len(kept[number])
     return "".join(kept.values())
 
 
-def _end(part: str, most: int) -> str:
+def _cut_part(part: str, most: int) -> str:
     """Keep the heading and the last lines."""
     if len(part) <= most:
         return part
@@ -125,48 +125,49 @@ def _end(part: str, most: int) -> str:
     return f"{heading}\n{whole_lines}"
 
 
-def read(texts: Mapping[str, str]) -> Run:
-    """Read a bundle, which anybody may have written. Raises Unreadable."""
-    about, plan, observations = (_loaded(name, texts[name]) for name in JUDGED)
+def read_bundle(texts: Mapping[str, str]) -> Run:
+    """Read a bundle, which may be hostile. Raises Unreadable."""
+    about, plan, observations = (_load(name, texts[name]) for name in JUDGED)
     if about.get("format") != FORMAT:
         raise Unreadable(f"has the format {plain(about.get('format'), 20)}; this version reads {FORMAT}")
     if len(observations) > COMPUTERS or len(plan.get("computers", ())) > COMPUTERS:
         raise Unreadable(f"has more than {COMPUTERS} computers")
     try:
         fleet = from_plain(FleetPlan, plan)
-        seen = {name: from_plain(Observation, entry) for name, entry in observations.items()}
+        read = {name: from_plain(Observation, entry) for name, entry in observations.items()}
     except (Mismatch, RecursionError) as problem:
         raise Unreadable(f"does not fit: {plain(problem, LINE)}") from None
     machines = about.get("computers")
     return Run(
         fleet,
-        {name: entry for name, entry in seen.items() if name in fleet.computers},
+        {name: entry for name, entry in read.items() if name in fleet.computers},
         {name: _strings(entry) for name, entry in machines.items()} if isinstance(machines, dict) else {},
         {name: text for name, text in about.items() if isinstance(text, str)},
     )
 
 
-def heard(run: Run) -> Run:
-    """Return a run of anybody's with its texts as they may stand in sentences, as those of robots are (_observed/task_results.py)."""
+def quote_run(run: Run) -> Run:
+    """Return a run whose texts may stand in sentences, as `_observed/task_results.py` makes them for robots."""
     names = list_plan_names(run.fleet)
-    said = {name: quote_texts(to_plain(entry), names=names) for name, entry in run.observations.items()}
-    return dataclasses.replace(run, observations={name: from_plain(Observation, entry) for name, entry in said.items()})
+    quoted = {name: quote_texts(to_plain(entry), names=names) for name, entry in run.observations.items()}
+    return dataclasses.replace(
+        run, observations={name: from_plain(Observation, entry) for name, entry in quoted.items()}
+    )
 
 
 def _strings(entry: Any) -> dict[str, str]:
     return {name: text for name, text in entry.items() if isinstance(text, str)} if isinstance(entry, dict) else {}
 
 
-def _loaded(name: str, text: str) -> dict[str, Any]:
+def _load(name: str, text: str) -> dict[str, Any]:
     try:
-        found = json.loads(text, parse_constant=_no_number)
-        found = plain_data(found)
+        data = plain_data(json.loads(text, parse_constant=_refuse_number))
     except (ValueError, RecursionError):
         raise Unreadable(f"has a {name} that is no JSON, or too deep") from None
-    if not isinstance(found, dict):
+    if not isinstance(data, dict):
         raise Unreadable(f"has a {name} that is no mapping")
-    return found
+    return data
 
 
-def _no_number(text: str) -> float:
+def _refuse_number(text: str) -> float:
     raise ValueError(text)

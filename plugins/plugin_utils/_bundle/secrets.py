@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Secrets, taken out of what goes into a bundle. Pure: data in, the same data without them out.
+"""Secrets, taken out of the data of a bundle. Pure: data in, the same data without them out.
 
-Three ways to know one: by the name beside it (`password: ...`), by its form (`AKIA...`, a private key, a random text), and by its
-value: of each variable of the inventory that is not the collection's own. Rather one text too many is taken out than one too few.
+A secret is known by the name beside it (`password: ...`), by its form (`AKIA...`, a private key, a random text), or by its value:
+that of any variable of the inventory that is not the collection's own. Rather one text too many is taken out than one too few.
 
 `tests/unit/plugins/plugin_utils/_bundle` has lines with secrets as people write them, and lines that stay as they are.
 """
@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, TypeVar
 T = TypeVar("T")
 
 REMOVED = "(removed)"
-SHORTEST = 4  # letters of a value that is looked for on its own
+SHORTEST = 4  # letters of a value that is searched
 LONGEST = 4096
 MOST = 5000  # values
 _SHORT = 200  # letters of a text whose result is kept
@@ -49,49 +49,24 @@ _QUOTED = (
     r"|\\{1,3}\"[^\n]{0,4000}?\\{1,3}\"|\\{1,3}'[^\n]{0,4000}?\\{1,3}'|\"(?:[^\"\\\n]|\\[^\n])*\"|'(?:[^'\\\n]|\\[^\n])*'))"
 )
 _VALUE = rf"(?:{_QUOTED}|[\"'][^\n]+|[^\s,;&'\")\]}}]+)"
-# What a bundle has of an environment: the names of ROS and of lists of folders. Of others it has the names alone.
+# Variables of an environment that a bundle has: those of ROS, and lists of folders. Of others it has the names alone.
 _LISTED = re.compile(r"ROS\w*|CATKIN_\w+|(?:\w+_)?PATH|PYTHON\w*|LANG|LC_\w+")
 # Ansible's own names, and values that many variables have.
 _ANSIBLE = re.compile(
     r"ansible_\w+|groups|group_names|hostvars|inventory_(?:hostname|hostname_short|dir|file)|omit|play_hosts|playbook_dir|role_\w+|vars|environment"
 )
-_CONFIGURATION = {
-    *(
-        "true",
-        "false",
-        "none",
-        "null",
-        "auto",
-        "default",
-        "present",
-        "absent",
-        "started",
-        "stopped",
-        "enabled",
-        "disabled",
-        "localhost",
-    ),
-    *(
-        "root",
-        "local",
-        "ipv4",
-        "ipv6",
-        "noetic",
-        "python3",
-        "production",
-        "master",
-        "robot",
-        "robots",
-        "computer",
-        "network",
-    ),
-}
+_CONFIGURATION = set(
+    """
+    true false none null auto default present absent started stopped enabled disabled localhost root local ipv4 ipv6
+    noetic python3 production master robot robots computer network
+    """.split()
+)
 _NAME = re.compile(rf"(?:{_WORDS}|[_.-]keys?)(?:[_-]file)?$|^vault", re.IGNORECASE)
 _NO_NAME = re.compile(
     r"(?:^|[_.-])(?:public|pub|primary|foreign|sort|host|map|dict|known|cache|topic)[_-]?keys?$|^auth$", re.IGNORECASE
 )
 
-# What begins a line of a journal, and may come between a name and its value on the next line.
+# The begin of a line of a journal; it may be between a name and its value on the next line.
 _PREFIX = r"(?:[^\n]{0,20}\d\d:\d\d:\d\d\S{0,12} (?:[\w.-]{1,60} )?[\w./-]{1,60}(?:\[\d{1,9}\])?: )?"
 _LINE = r"(?:\n|\\{1,3}n)"  # the end of a line, also in a text of JSON
 _NEXT = rf"{_LINE}{_PREFIX}[ \t]*"
@@ -99,7 +74,7 @@ _IS = r"(?:\\{0,3}[\"']?\s{0,4}\]?\s{0,4}(?:[=:]+>?|-{1,2}>|\s(?:is|was|to|are|s
 
 
 class Form(NamedTuple):
-    """A form of a secret: what it is called, its pattern, and what is left of it."""
+    """A form of a secret: its name, its pattern, and the text in its place."""
 
     name: str
     pattern: re.Pattern[str]
@@ -111,9 +86,16 @@ def _form(name: str, pattern: str, left: str | Callable[[re.Match[str]], str] = 
 
 
 _BEHIND = r"\1" + REMOVED
+
+
+def _value_form(name: str, pattern: str) -> Form:
+    """Return the form of a value behind a name, which stays."""
+    return _form(name, pattern, _BEHIND, re.IGNORECASE)
+
+
 _PEM = r"[A-Z0-9 ]{0,40}PRIVATE KEY[A-Z ]{0,40}-----"
 _UPPER, _LOWER, _DIGIT = (rf"(?=[A-Za-z0-9+/]*{kind})" for kind in ("[A-Z]", "[a-z]", r"\d"))
-# Words behind `password` and the like that begin no secret: what people say about one.
+# Words behind `password` and the like that do not begin a secret.
 _ABOUT = (
     r"(?:is|are|for|was|were|and|or|of|has|have|in|to|on|at|by|with|from|not|no|file|files|auth|authentication|login|prompt|required|accepted|rejected"
     r"|expired?|expires|expiry|changed?|changes|ok|failed|failure|failures|mismatch|missing|incorrect|wrong|invalid|check|checked|checks|hash|hashes"
@@ -134,33 +116,21 @@ FORMS = (
     _form("a text of ansible-vault", r"\$ANSIBLE_VAULT;[^\n]*(?:\s+(?:\S{1,40} ){0,3}[0-9a-f]{20,})*"),
     _form("a key of age or PuTTY", r"\bAGE-SECRET-KEY-1[A-Z0-9]+|Private-Lines:[^\n]*(?:\n[A-Za-z0-9+/=]{20,})*"),
     _form("a user in a URL", r"(?<=://)(?:[^\s/@:'\"]{0,200}:[^\s@'\"]{1,200}|[^\s/@'\"]{1,200})(?=@)"),
-    _form(
-        "a hook of a chat",
-        r"(https?://[^\s/'\"<>]{1,200}/(?:[^\s'\"<>]{0,200}/)?(?:web)?hooks?/)[^\s'\"<>]+",
-        _BEHIND,
-        re.IGNORECASE,
-    ),
-    _form(
+    _value_form("a hook of a chat", r"(https?://[^\s/'\"<>]{1,200}/(?:[^\s'\"<>]{0,200}/)?(?:web)?hooks?/)[^\s'\"<>]+"),
+    _value_form(
         "a hook of a chat at its own host",
         r"((?<![\w.-])(?:https?://)?(?:[\w-]{1,63}\.){0,6}(?:hooks?\.\w+|webhook\w*\.\w+"
         r"|outlook\.office|maker\.ifttt|chat\.googleapis|discord(?:app)?|api\.telegram"
         r"|ntfy|logic\.azure|hc-ping|api\.pushover|pipedream)[\w.-]*(?::\d+)?/)[^\s'\"<>]+",
-        _BEHIND,
-        re.IGNORECASE,
     ),
     _form(
         "a query",
         r"([?&](?:[\w.\[\]-]{1,60})=)(?=[^\s&#'\"<>]{16}|[^\s&#'\"<>]{0,15}[A-Z]|[^\s&#'\"<>]{0,7}[A-Za-z][^\s&#'\"<>]{0,7}\d)[^\s&#'\"<>]+",
         _BEHIND,
     ),
-    _form("a header of HTTP", r"(authorization\\?[\"']?\s*[:=,]\s*)[^\n]+", _BEHIND, re.IGNORECASE),
-    _form("a cookie", r"\b(cookie\\?[\"']?\s*[:=]\s*)[^\n]+", _BEHIND, re.IGNORECASE),
-    _form(
-        "a bearer",
-        r"\b((?:bearer|basic|digest)\s+)(?=[A-Za-z._~+/-]*[0-9A-Z=])[A-Za-z0-9._~+/=-]{8,}",
-        _BEHIND,
-        re.IGNORECASE,
-    ),
+    _value_form("a header of HTTP", r"(authorization\\?[\"']?\s*[:=,]\s*)[^\n]+"),
+    _value_form("a cookie", r"\b(cookie\\?[\"']?\s*[:=]\s*)[^\n]+"),
+    _value_form("a bearer", r"\b((?:bearer|basic|digest)\s+)(?=[A-Za-z._~+/-]*[0-9A-Z=])[A-Za-z0-9._~+/=-]{8,}"),
     _form("a JSON web token", r"\beyJ[A-Za-z0-9_-]{8,}\.[A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]*)?"),
     _form("a key of Amazon", r"\b(?:AKIA|ASIA|AROA|AIDA|AGPA|ANPA)[A-Z0-9]{16}\b"),
     _form("a key of Google", r"\bAIza[A-Za-z0-9_-]{30,}|\bya29\.[A-Za-z0-9_-]{20,}|\bGOCSPX-[\w-]{10,}"),
@@ -212,46 +182,31 @@ FORMS = (
         r"|requirepass|iwconfig\s+\S+\s+key|-passin\s+pass:|-passout\s+pass:|pass:)\s*)[^\s'\"]+",
         _BEHIND,
     ),
-    _form(
+    _value_form(
         "a password of SQL",
         rf"\b(identified\s+(?:with\s+\w+\s+)?by\s+(?:password\s+)?|(?:with\s+)?(?:encrypted\s+)?password\s+(?=')){_VALUE}",
-        _BEHIND,
-        re.IGNORECASE,
     ),
     _form("the key of a line of .netrc", r"(\bmachine\s+\S+\s+login\s+\S+\s+password\s+)\S+", _BEHIND),
-    _form(
-        "an element",
-        rf"(<(?:\w{{1,20}}:)?[\w./-]{{0,30}}?{_WORDS}\w{{0,10}}(?:\s[^<>]{{0,200}})?>)[^<]+",
-        _BEHIND,
-        re.IGNORECASE,
-    ),
-    _form(
+    _value_form("an element", rf"(<(?:\w{{1,20}}:)?[\w./-]{{0,30}}?{_WORDS}\w{{0,10}}(?:\s[^<>]{{0,200}})?>)[^<]+"),
+    _value_form(
         "an attribute beside a name",
         rf"((?:\\{{0,3}}[\"'])?(?:name|key|id)(?:\\{{0,3}}[\"'])?\s*[=:]\s*\\{{0,3}}[\"'][\w./-]{{0,40}}?"
         rf"{_WORDS}\\{{0,3}}[\"']\s*[,; ]\s*(?:\\{{0,3}}[\"'])?(?:value|val|content|default)(?:\\{{0,3}}[\"'])?\s*[=:]\s*){_VALUE}",
-        _BEHIND,
-        re.IGNORECASE,
     ),
-    _form(
+    _value_form(
         "a block of YAML",
         rf"({_WORDS}\\{{0,3}}[\"']?\s{{0,4}}:[ \t]*[|>][-+\d]{{0,2}}[ \t]*)(?:{_LINE}{_PREFIX}[ \t]{{1,}}[^\n]+)+",
-        _BEHIND,
-        re.IGNORECASE,
     ),
-    _form(
+    _value_form(
         "a list beside its name",
         rf"({_WORDS}\\{{0,3}}[\"']?\s{{0,4}}[:=]\s{{0,4}})[\[({{](?:{_LINE}{_PREFIX}|[^\])}}]){{0,2000}}[\])}}]?",
-        _BEHIND,
-        re.IGNORECASE,
     ),
-    _form(
+    _value_form(
         "a header of its own name",
         r"((?:x-[\w-]{0,30}(?:auth|key|token|secret)[\w-]{0,20})\\?[\"']?\s*[:=,]\s*)(?![|>][-+\d]{0,2}(?:\s|\\))[^\n]+",
-        _BEHIND,
-        re.IGNORECASE,
     ),
-    _form("a value in quotes beside its name", rf"({_WORDS}{_IS}(?:{_NEXT})?){_QUOTED}", _BEHIND, re.IGNORECASE),
-    _form("a value on the next line", rf"({_WORDS}{_IS}\\?{_NEXT})(?=\S)[^\n]+", _BEHIND, re.IGNORECASE),
+    _value_form("a value in quotes beside its name", rf"({_WORDS}{_IS}(?:{_NEXT})?){_QUOTED}"),
+    _value_form("a value on the next line", rf"({_WORDS}{_IS}\\?{_NEXT})(?=\S)[^\n]+"),
     _form(
         "a phrase beside its name",
         rf"({_PHRASES}{_MORE}{_IS})(?!\(removed\)|{_ABOUT}(?:[ ,;]|\.?$|\. ))[^\s][^\n]*",
@@ -264,50 +219,35 @@ FORMS = (
         _BEHIND,
         re.IGNORECASE | re.MULTILINE,
     ),
-    _form("a value behind its option", rf"((?<![\w-])--?[\w-]{{0,40}}?{_WORDS}\s+){_VALUE}", _BEHIND, re.IGNORECASE),
-    _form(
+    _value_form("a value behind its option", rf"((?<![\w-])--?[\w-]{{0,40}}?{_WORDS}\s+){_VALUE}"),
+    _value_form(
         "a value behind its name",
         rf"((?:{_BEGIN}(?:password|passphrase|passwd|passwort|kennwort|psk|pwd|pin code)|(?<![fn])pw)(?:\s+--\w+)?"
         rf"\s+)(?!\(removed\)|{_ABOUT}|[-/(<])[^\s][^\n]*",
-        _BEHIND,
-        re.IGNORECASE,
     ),
-    _form(
+    _value_form(
         "a value some words behind its name",
         rf"((?:password|passphrase|passwd|passwort|secret word)\s(?:[^\n:=]{{0,40}}?\s)?(?:is|was|will be)\s+)(?!{_ABOUT}){_VALUE}",
-        _BEHIND,
-        re.IGNORECASE,
     ),
-    _form(
-        "a value for somebody",
-        rf"({_PHRASES}\s(?:for|of|at|on|to)\s[^\s:=]{{1,60}}\s?[:=]\s?)(?!{_ABOUT})[^\s][^\n]*",
-        _BEHIND,
-        re.IGNORECASE,
+    _value_form(
+        "a value for somebody", rf"({_PHRASES}\s(?:for|of|at|on|to)\s[^\s:=]{{1,60}}\s?[:=]\s?)(?!{_ABOUT})[^\s][^\n]*"
     ),
-    _form(
+    _value_form(
         "a user and a password",
         r"(\b(?:login|user|as|failed for|credentials?)\s+[\w.-]{1,40}[:/])(?!\d+\b)(?=[^\s]{0,40}\d)[^\s:/]+",
-        _BEHIND,
-        re.IGNORECASE,
     ),
     _form("a text for a command", rf"(<<<\s?){_VALUE}", _BEHIND),
-    _form(
+    _value_form(
         "a line of a router or of Windows",
         rf"(\b(?:enable\s+(?:secret|password)(?:\s+\d)?|snmp-server\s+community|password\s+\d|net\s+use\s[^\n]{{0,100}}?/user:\S+)\s+){_VALUE}",
-        _BEHIND,
-        re.IGNORECASE,
     ),
-    _form(
+    _value_form(
         "a random value behind its name",
         rf"({_BEGIN}(?:(?:{_KEYS} )?key|token|secret|code|pass)\s+)(?!\(removed\))(?=[^\s,;]{{0,99}}\d)(?=[^\s,;]{{0,99}}[A-Za-z])[^\s,;]{{6,}}",
-        _BEHIND,
-        re.IGNORECASE,
     ),
-    _form(
+    _value_form(
         "a random value beside `key`",
         r"(\bkey\\?[\"']?\s*[=:]\s*[\"']?(?:s:)?)(?=[^\s,;&'\"]{0,99}\d)(?=[^\s,;&'\"]{0,99}[A-Za-z])[^\s,;&'\"]{8,}",
-        _BEHIND,
-        re.IGNORECASE,
     ),
     _form(
         "a value behind -p",
@@ -328,40 +268,40 @@ _SUM = re.compile(
 _CHANGE = re.compile(r"(?<=[a-z])[A-Z0-9]|(?<=[A-Z])[a-z0-9]|(?<=[0-9])[A-Za-z]")
 
 
-def named(name: str) -> bool:
-    """Say whether the name of a variable, parameter or key says that its value is a secret."""
+def is_secret(name: str) -> bool:
+    """Tell if the name of a variable, parameter or key is that of a secret."""
     return bool(_NAME.search(name)) and not _NO_NAME.search(name)
 
 
-def values(variables: Mapping[str, Any], encrypted: Iterable[str] = ()) -> set[str]:
-    """Collect the values of variables whose names say that they are secrets, and of those that are `encrypted`."""
-    chosen = set(encrypted)
-    found: set[str] = set()
+def collect_values(variables: Mapping[str, Any], encrypted: Iterable[str] = ()) -> set[str]:
+    """Collect the values of variables with the name of a secret, and of the `encrypted` ones."""
+    names = set(encrypted)
+    values: set[str] = set()
     for name, value in variables.items():
-        if name in chosen or named(name):
-            found |= set(texts(value))
+        if name in names or is_secret(name):
+            values |= set(list_texts(value))
         elif isinstance(value, Mapping):
-            found |= values({str(key): part for key, part in value.items()})
-    return found
+            values |= collect_values({str(key): part for key, part in value.items()})
+    return values
 
 
-def foreign(variables: Mapping[str, Any], listed: Iterable[str]) -> set[str]:
-    """Collect the values of variables that are no part of a bundle: all but those `listed`, and Ansible's own words.
+def collect_foreign(variables: Mapping[str, Any], own: Iterable[str]) -> set[str]:
+    """Collect the values of variables that are no part of a bundle: all but the `own` ones, and Ansible's.
 
-    Of Ansible's variables those stay in logs that say how a computer is reached: addresses and users, see `Anonymous`.
+    Addresses and users in Ansible's variables stay in logs, see `Anonymous`.
     """
-    own = set(listed)
-    found: set[str] = set()
+    names = set(own)
+    values: set[str] = set()
     for name, value in variables.items():
         result = isinstance(value, Mapping) and {"changed", "failed", "skipped"} & value.keys()
         ansible = _ANSIBLE.fullmatch(name) and not name.endswith("_args")
-        if name not in own and not result and not ansible:
-            found |= {text for text in texts(value) if not _ordinary(text)}
-    return found
+        if name not in names and not result and not ansible:
+            values |= {text for text in list_texts(value) if not _ordinary(text)}
+    return values
 
 
 def _ordinary(text: str) -> bool:
-    """Say whether a value says nothing on its own: a word of configuration, a small number, an address."""
+    """Tell if a value means nothing on its own: a word of configuration, a small number, an address."""
     if text.lower() in _CONFIGURATION or "{{" in text or (text.isdigit() and len(text) < 5):
         return True
     try:
@@ -371,38 +311,38 @@ def _ordinary(text: str) -> bool:
     return True
 
 
-def texts(value: Any) -> Iterable[str]:
+def list_texts(value: Any) -> Iterable[str]:
     """Yield the texts and numbers in a value of any depth."""
     if isinstance(value, Mapping):
         value = list(value.values())
     if isinstance(value, (list, tuple)):
         for part in value:
-            yield from texts(part)
+            yield from list_texts(part)
     elif value is not None and not isinstance(value, bool):
         yield str(value)
 
 
 class Secrets:
-    """Takes secrets out. `known` are values of which it is known, `kept` names of the fleet, which are none.
+    """Takes secrets out. `known` are values of secrets, `kept` the names of the fleet, which are not secrets.
 
-    `foreign` are values that are no part of a bundle: they are taken out of sentences and logs. In data they could be a word that
-    means something, such as `ssh`.
+    `foreign` are values that are no part of a bundle. They are taken out of sentences and logs, but not out of data, where a word
+    such as `ssh` may have a meaning.
     """
 
     def __init__(self, known: Iterable[str] = (), kept: Iterable[str] = (), foreign: Iterable[str] = ()) -> None:
         names = {name.lower() for name in kept}
-        self._known = _any_of(known, names)
-        self._foreign = _any_of(foreign, names)
+        self._known = _compile_values(known, names)
+        self._foreign = _compile_values(foreign, names)
 
     def text(self, text: str) -> str:
         """Return a text, of any number of lines, without secrets."""
         for pattern in (self._known, self._foreign):
             text = pattern.sub(REMOVED, text) if pattern else text
-        return _RANDOM.sub(_not_random, _formed(text))
+        return _RANDOM.sub(_replace_random, _remove_forms(text))
 
     def word(self, text: str) -> str:
         """Return a value of data, such as a name or an address, without secrets."""
-        return _formed(self._known.sub(REMOVED, text) if self._known else text)
+        return _remove_forms(self._known.sub(REMOVED, text) if self._known else text)
 
     def data(self, value: Any) -> Any:
         """Return plain data or dataclasses without secrets."""
@@ -411,33 +351,33 @@ class Secrets:
                 return value
             return self.text(value) if " " in value else self.word(value)
         if isinstance(value, Mapping):
-            return {key: self._beside(str(key), part) for key, part in value.items()}
+            return {key: self._clean_value(str(key), part) for key, part in value.items()}
         if isinstance(value, (list, tuple)):
             return type(value)(self.data(part) for part in value)
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             return self._record(value)
         return value
 
-    def _beside(self, name: str, value: Any) -> Any:
-        if named(name) and value not in (None, "", 0, True, False):
+    def _clean_value(self, name: str, value: Any) -> Any:
+        if is_secret(name) and value not in (None, "", 0, True, False):
             return REMOVED
         return self.data(value)
 
     def _record(self, value: T) -> T:
-        """Return a dataclass without secrets; where its `name` is that of a secret, so are its other texts."""
+        """Return a dataclass without secrets. If its `name` is that of a secret, its other texts are removed too."""
         fields = [field.name for field in dataclasses.fields(value)]  # type: ignore[arg-type]
         parts = {name: self.data(getattr(value, name)) for name in fields}
         if isinstance(parts.get("environment"), Mapping):
-            given = parts["environment"].items()
-            parts["environment"] = {name: text if _LISTED.fullmatch(name) else REMOVED for name, text in given}
-        called = parts.get("name")
-        if isinstance(called, str) and named(called) and {"expected", "found", "value"} & parts.keys():
+            variables = parts["environment"].items()
+            parts["environment"] = {name: text if _LISTED.fullmatch(name) else REMOVED for name, text in variables}
+        title = parts.get("name")
+        if isinstance(title, str) and is_secret(title) and {"expected", "found", "value"} & parts.keys():
             parts.update({name: REMOVED for name in ("expected", "found", "value") if parts.get(name)})
         return dataclasses.replace(value, **parts)  # type: ignore[type-var]
 
 
-def _any_of(values_: Iterable[str], names: set[str]) -> re.Pattern[str] | None:
-    """Return the pattern of any of these values, each line of them for itself, the longest first."""
+def _compile_values(values_: Iterable[str], names: set[str]) -> re.Pattern[str] | None:
+    """Return the pattern of the lines of these values, the longest first."""
     lines = {line.strip() for value in values_ for line in value.splitlines()}
     worth = {line for line in lines if SHORTEST <= len(line) <= LONGEST and line.lower() not in names}
     longest = sorted(worth, key=lambda text: (-len(text), text))[:MOST]
@@ -445,29 +385,26 @@ def _any_of(values_: Iterable[str], names: set[str]) -> re.Pattern[str] | None:
     return re.compile(rf"(?<![A-Za-z0-9])(?:{inner})(?![A-Za-z0-9])") if inner else None
 
 
-def _formed(text: str) -> str:
-    return _short(text) if len(text) < _SHORT else _long(text)
+def _remove_forms(text: str) -> str:
+    return _clean_short(text) if len(text) < _SHORT else _clean(text)
 
 
-@functools.lru_cache(maxsize=20_000)
-def _short(text: str) -> str:
-    """Return a text of data: most of them are there many times."""
-    return _long(text)
-
-
-def _long(text: str) -> str:
+def _clean(text: str) -> str:
     for form in FORMS:
         text = form.pattern.sub(form.left, text)
     return text
 
 
-def _not_random(found: re.Match[str]) -> str:
-    """Return a long word, or what stands in its place where it is as random as a key."""
-    word = found[0]
+_clean_short = functools.lru_cache(maxsize=20_000)(_clean)  # most texts of data are there many times
+
+
+def _replace_random(match: re.Match[str]) -> str:
+    """Return a long word, or REMOVED if it is as random as a key."""
+    word = match[0]
     if _UUID.fullmatch(word):
         return word
     if _HEX.fullmatch(word):
-        before = found.string[max(0, found.start() - 100) : found.start()]
+        before = match.string[max(0, match.start() - 100) : match.start()]
         return word if len(word) < 32 or word.isdigit() or _SUM.search(before) else REMOVED
     changes = len(_CHANGE.findall(word))
     return REMOVED if changes >= len(word) / 4 and sum(letter.isdigit() for letter in word) >= 2 else word

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import archive
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import texts
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import write_files
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
@@ -27,8 +27,8 @@ def played(tmp_path, change, *options, callbacks=""):
     fleet = fleets.fig12()
     seen = fleets.observed(fleet)
     change(seen)
-    files = texts(Run(fleet, seen, {}, ABOUT), "", {})
-    (tmp_path / "help.zip").write_bytes(archive.packed(files, (2026, 11, 22, 14, 2, 0)))
+    files = write_files(Run(fleet, seen, {}, ABOUT), "", {})
+    (tmp_path / "help.zip").write_bytes(archive.pack(files, (2026, 11, 22, 14, 2, 0)))
     done = subprocess.run(
         [
             pathlib.Path(sys.executable).with_name("ansible-playbook"),

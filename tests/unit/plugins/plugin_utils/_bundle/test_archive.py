@@ -21,8 +21,8 @@ def zipped(*members, packing=zipfile.ZIP_DEFLATED):
 
 
 def test_what_is_packed_is_read_again():
-    data = archive.packed({"a.json": "{}", "logs/x.txt": "ä\n"}, TIME)
-    assert archive.unpacked(data, ["a.json", "logs/x.txt"]) == {"a.json": "{}", "logs/x.txt": "ä\n"}
+    data = archive.pack({"a.json": "{}", "logs/x.txt": "ä\n"}, TIME)
+    assert archive.unpack(data, ["a.json", "logs/x.txt"]) == {"a.json": "{}", "logs/x.txt": "ä\n"}
     with zipfile.ZipFile(io.BytesIO(data)) as made:
         assert [entry.filename for entry in made.infolist()] == ["rosfleet-bundle/a.json", "rosfleet-bundle/logs/x.txt"]
         assert {entry.external_attr >> 16 for entry in made.infolist()} == {0o600}
@@ -31,36 +31,36 @@ def test_what_is_packed_is_read_again():
 @pytest.mark.parametrize("data", [b"", b"PK", b"\x1f\x8b tar", b"PK\x05\x06" + b"\xff" * 18])
 def test_what_is_no_archive(data):
     with pytest.raises(archive.Unreadable, match="is no ZIP archive"):
-        archive.unpacked(data, ["a.json"])
+        archive.unpack(data, ["a.json"])
 
 
 def test_a_member_that_is_missing():
     with pytest.raises(archive.Unreadable, match="has no rosfleet-bundle/a.json"):
-        archive.unpacked(zipped(("../a.json", "{}"), ("/a.json", "{}")), ["a.json"])
+        archive.unpack(zipped(("../a.json", "{}"), ("/a.json", "{}")), ["a.json"])
 
 
 def test_a_bomb_is_not_unpacked(monkeypatch):
     monkeypatch.setattr(archive, "UNPACKED", 1_000_000)
     with pytest.raises(archive.Unreadable, match="unpacks to more than 1 MB"):
-        archive.unpacked(zipped(("rosfleet-bundle/a.json", b" " * 2_000_000)), ["a.json"])
+        archive.unpack(zipped(("rosfleet-bundle/a.json", b" " * 2_000_000)), ["a.json"])
 
 
 def test_the_bound_is_of_all_members_together(monkeypatch):
     monkeypatch.setattr(archive, "UNPACKED", 1000)
     with pytest.raises(archive.Unreadable):
-        archive.unpacked(zipped(*((f"rosfleet-bundle/{name}", b" " * 600) for name in "ab")), ["a", "b"])
+        archive.unpack(zipped(*((f"rosfleet-bundle/{name}", b" " * 600) for name in "ab")), ["a", "b"])
 
 
 def test_a_large_file_is_not_looked_at(monkeypatch):
     monkeypatch.setattr(archive, "LARGEST", 10)
     with pytest.raises(archive.Unreadable, match="has more than"):
-        archive.unpacked(b" " * 11, [])
+        archive.unpack(b" " * 11, [])
 
 
 def test_a_damaged_member_and_a_packing_that_is_not_ours():
     data = bytearray(zipped(("rosfleet-bundle/a.json", "x" * 500)))
     data[60] ^= 0xFF
     with pytest.raises(archive.Unreadable):
-        archive.unpacked(bytes(data), ["a.json"])
+        archive.unpack(bytes(data), ["a.json"])
     with pytest.raises(archive.Unreadable, match="packing"):
-        archive.unpacked(zipped(("rosfleet-bundle/a.json", "x"), packing=zipfile.ZIP_BZIP2), ["a.json"])
+        archive.unpack(zipped(("rosfleet-bundle/a.json", "x"), packing=zipfile.ZIP_BZIP2), ["a.json"])

@@ -24,7 +24,7 @@ def bundled(fleet, *changes, logs=None):
 
 
 def again(bundle):
-    return bundles.read(bundles.texts(bundle, "", {}))
+    return bundles.read_bundle(bundles.write_files(bundle, "", {}))
 
 
 def kinds(bundle):
@@ -47,15 +47,15 @@ def test_what_is_read_again_is_what_was_written(changes):
 def test_findings_are_the_same_without_names_and_secrets(changes):
     bundle = bundled(fleets.fig12(), *changes, logs={"tibi-nav": "tibi-nav: at 192.168.11.100 password=x1y2\n"})
     assert len(kinds(bundle)) == len(changes)
-    other = bundles.renamed(bundles.without(bundle, Secrets()), {}, set())
+    other = bundles.rename(bundles.remove_secrets(bundle, Secrets()), {}, set())
     assert kinds(again(other)) == kinds(bundle)
-    assert "tibi" not in json.dumps(bundles.texts(other, "", {})) and "names" in other.about
+    assert "tibi" not in json.dumps(bundles.write_files(other, "", {})) and "names" in other.about
     assert other.logs["robot1-computer1"].startswith("robot1-computer1: at 10.")
 
 
 def test_logs_have_the_last_lines_and_a_file_each():
     bundle = bundled(fleets.plan(2), logs={"kobuki1computer": "line\n" * 40_000 + "the last\n", "kobuki2computer": ""})
-    files = bundles.texts(bundles.without(bundle, Secrets()), "", {})
+    files = bundles.write_files(bundles.remove_secrets(bundle, Secrets()), "", {})
     log = files["logs/kobuki1computer.txt"]
     assert len(log) <= bundles.LOG and log.endswith("line\nthe last\n") and log.startswith("line\n")
     assert "logs/kobuki2computer.txt" not in files and "0.1.0" in files["README.txt"]
@@ -64,14 +64,14 @@ def test_logs_have_the_last_lines_and_a_file_each():
 def test_a_service_that_writes_much_takes_no_room_from_others():
     quiet, loud = "== roscore\nstarted\n", "== sync\n" + "synchronised\n" * 40_000 + "the last\n"
     bundle = bundled(fleets.plan(2), logs={"kobuki1computer": quiet + loud + "== discovery\nready\n"})
-    log = bundles.without(bundle, Secrets()).logs["kobuki1computer"]
+    log = bundles.remove_secrets(bundle, Secrets()).logs["kobuki1computer"]
     assert log.startswith(quiet + "== sync\nsynchronised\n") and log.endswith("the last\n== discovery\nready\n")
     assert bundles.LOG - 100 < len(log) <= bundles.LOG
 
 
 def test_the_name_of_a_computer_is_no_path():
     bundle = bundled(fleets.plan(2))
-    texts = bundles.texts(bundles.dataclasses.replace(bundle, logs={"../../etc/passwd": "x"}), "", {})
+    texts = bundles.write_files(bundles.dataclasses.replace(bundle, logs={"../../etc/passwd": "x"}), "", {})
     assert "logs/.._.._etc_passwd.txt" in texts
 
 
@@ -90,17 +90,17 @@ def test_the_name_of_a_computer_is_no_path():
     ],
 )
 def test_what_somebody_changed(name, text, said):
-    files = bundles.texts(bundled(fleets.plan(2)), "", {})
+    files = bundles.write_files(bundled(fleets.plan(2)), "", {})
     with pytest.raises(Unreadable) as problem:
-        bundles.read({**files, name: text})
+        bundles.read_bundle({**files, name: text})
     assert said in str(problem.value)
 
 
 def test_unplanned_computers_are_left_out_and_texts_plain():
-    files = bundles.texts(bundled(fleets.plan(2)), "", {})
+    files = bundles.write_files(bundled(fleets.plan(2)), "", {})
     seen = json.loads(files["observations.json"])
     seen["stranger"] = {}
     seen["kobuki1computer"]["problem"] = "\x1b[2Jx\n{{ 7 * 7 }}"
-    found = bundles.read({**files, "observations.json": json.dumps(seen)})
+    found = bundles.read_bundle({**files, "observations.json": json.dumps(seen)})
     assert set(found.observations) == set(found.fleet.computers)
     assert found.observations["kobuki1computer"].problem == "\\x1b[2Jx {{ 7 * 7 }}"

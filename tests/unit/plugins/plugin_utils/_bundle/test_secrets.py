@@ -10,9 +10,9 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import (
     REMOVED,
     Secrets,
-    foreign,
-    named,
-    values,
+    collect_foreign,
+    collect_values,
+    is_secret,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import ParameterDifference
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
@@ -54,7 +54,7 @@ def test_any_secret_in_any_form_anywhere(seed):
 
 
 def test_values_that_are_known_are_taken_out_wherever_they_stand():
-    known = values(
+    known = collect_values(
         {
             "ansible_become_password": "open sesame",
             "vault_x": ["one1", {"a": "two2"}],
@@ -81,7 +81,7 @@ def test_unlisted_variables_are_taken_out_by_any_name():
         "count": 12,
         "flag": True,
     }
-    found = foreign(variables, ["multimaster_address", "verify_report"])
+    found = collect_foreign(variables, ["multimaster_address", "verify_report"])
     assert found == {"abracadabra", "lab-key", "our lab", "mq tt", "-o ProxyCommand=x"}
     secrets = Secrets(foreign=found, kept=["our lab"])
     assert secrets.text("said abracadabra in our lab") == f"said {REMOVED} in our lab"
@@ -113,7 +113,7 @@ def test_a_name_of_the_fleet_or_a_short_word_is_no_secret():
     ],
 )
 def test_a_name_that_says_so(name):
-    assert named(name)
+    assert is_secret(name)
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_a_name_that_says_so(name):
     ],
 )
 def test_a_name_that_does_not_say_so(name):
-    assert not named(name)
+    assert not is_secret(name)
 
 
 def test_values_beside_such_a_name_in_data():
