@@ -12,19 +12,24 @@ from ipaddress import AddressValueError, IPv4Address
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import observations as seen
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import NO_WAY, OUT, Packet
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import NO_WAY, OUT, Packet, World
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import (
+    APART,
     CIRCLE,
     CLOSED,
+    DOWN,
+    LINK_DOWN,
     NO_ROUTE,
+    NOBODY,
+    OFF,
     REJECTED,
     TOO_LARGE,
+    Trace,
     echo,
-    group,
-    report,
     trace,
 )
 
+from tests.simulator.multicast import send_to_group
 from tests.simulator.state import DEAD
 
 NODES = 45000  # stands for the ports of nodes, which the kernel chooses
@@ -51,6 +56,29 @@ CONNECTED = {
     "No route to host": Outcome.HOST_UNREACHABLE,
     "no answer within 2 s": Outcome.NO_ANSWER,
 }
+# The ICMP message of a router about a packet that ends there, in the words of the probes (RFC 792)
+REPORTS = {
+    NO_ROUTE: "network unreachable",
+    CLOSED: "network unreachable",
+    NOBODY: "host unreachable",
+    OFF: "host unreachable",
+    DOWN: "host unreachable",
+    LINK_DOWN: "host unreachable",
+    APART: "host unreachable",
+    REJECTED: "communication administratively prohibited",
+    CIRCLE: "time to live exceeded: the routers pass it round in a circle",
+}
+
+
+def report_end(world: World, start: str, way: Trace) -> str:
+    """Return the text of the ICMP message to the sender, such as "192.168.1.201 reports: host unreachable"; or empty."""
+    if way.outcome not in REPORTS or way.packet.source is None or way.packet.answer:
+        return ""
+    known = {(machine, new): before for machine, new, before in way.translations}
+    message = trace(world, way.by, Packet("icmp", way.packet.source, answer=True), known)
+    if not message.ok or message.where != start:
+        return ""
+    return f"{message.packet.source} reports: {REPORTS[way.outcome]}"
 
 
 def _known(kind, **values):
@@ -112,7 +140,7 @@ class Network:
         elif way.back is not None and way.back.ok and way.back.packet.source != address:  # somebody else's
             source = str(way.back.packet.source)
             return seen.Ping(error=f"the answer comes from {source}", outcome=Outcome.WRONG_SOURCE, reporter=source)
-        if text := report(self.world, computer, way.there):
+        if text := report_end(self.world, computer, way.there):
             outcome = REPORTED.get(way.there.outcome, Outcome.HOST_UNREACHABLE)
             return seen.Ping(error=text, outcome=outcome, reporter=text.partition(" reports")[0])
         return seen.Ping(error=f"no answer to {TRIES} requests", outcome=Outcome.NO_ANSWER)
@@ -254,7 +282,7 @@ class Network:
         chosen = self.world.machines[computer].route(address)
         if chosen is None or chosen.kind in NO_WAY:
             return "Network is unreachable", ""
-        told = report(self.world, computer, way.there)
+        told = report_end(self.world, computer, way.there)
         if told or way.there.outcome == REJECTED:
             return "No route to host", ""
         return "no answer within 2 s", ""
@@ -301,7 +329,7 @@ class Network:
         member = self.members[sender]
         packet = Packet("udp", self.fleet.multicast_group, port=port, size=size)
         found = {}
-        for entry in group(self.world, sender, member.discovery_address, packet):
+        for entry in send_to_group(self.world, sender, member.discovery_address, packet):
             lost = entry.kept
             for link in entry.links:
                 lost *= 1 - self.world.links[link].loss
@@ -403,7 +431,7 @@ class Network:
         """The pings of the group of all hosts on the own network."""
         packet = Packet("icmp", IPv4Address("224.0.0.1"), size=28)
         answered = [[] for _round in range(ROUNDS)]
-        hearers = {entry.machine for entry in group(self.world, own.name, own.discovery_address, packet)}
+        hearers = {entry.machine for entry in send_to_group(self.world, own.name, own.discovery_address, packet)}
         for name in hearers & set(self.members):
             plan = self.fleet.computers[name]
             answers = any(one.name.endswith("echo_ignore_broadcasts") and one.value == "0" for one in plan.sysctl)

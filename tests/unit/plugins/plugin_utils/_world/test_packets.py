@@ -25,10 +25,14 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     Rule,
     kernel_routes,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo, group, report, trace
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo, trace
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON, make_world
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.prediction import predict
 from worlds import address, change, change_interface, fig12, ping, route, tcp
+
+from tests.simulator import network as simulated
+from tests.simulator.multicast import send_to_group
+from tests.simulator.network import report_end
 
 PLAN = fig12()
 WORLD = make_world(PLAN)
@@ -221,7 +225,7 @@ REPORTS = {
 @pytest.mark.parametrize("name", REPORTS)
 def test_routers_report_what_they_cannot_pass_on(name):
     world = ENDS[name][0]
-    found = report(world, INNER, trace(world, INNER, ping(FAR_ADDRESS)))
+    found = report_end(world, INNER, trace(world, INNER, ping(FAR_ADDRESS)))
     assert REPORTS[name] in found
     assert bool(found) == bool(REPORTS[name])
 
@@ -237,7 +241,7 @@ def test_the_group_is_heard_where_nothing_stands_between():
     datagram, kobuki = tcp("239.255.0.1", 11511), IPv4Address("192.168.1.229")
 
     def heard(world):
-        return {entry.machine for entry in group(world, "kobuki", kobuki, replace(datagram, protocol="udp"))}
+        return {entry.machine for entry in send_to_group(world, "kobuki", kobuki, replace(datagram, protocol="udp"))}
 
     assert heard(WORLD) == {GATEWAY, FAR_GATEWAY, "router"}
     assert heard(_link(COMMON, pruned=frozenset({datagram.destination}))) == set()
@@ -396,7 +400,7 @@ def test_a_kernel_agrees(name, namespaces):
             assert answers[one][other].ok == way.ok, (one, other, way)
             predicted = "reaches" if way.ok else "fails"
             assert expected[one, name_of] == predicted, (one, other, infos)
-            if told := report(world, one, way.there):
+            if told := report_end(world, one, way.there):
                 assert answers[one][other].error == told
             chosen = machine.route(IPv4Address(other))
             way = None
@@ -407,7 +411,7 @@ def test_a_kernel_agrees(name, namespaces):
 
 def test_the_words_of_routers_are_those_of_the_probes():
     text = open(os.path.join(os.path.dirname(packets.__file__), "../../module_utils/_multicast/packets.py")).read()
-    assert all(f'"{words}"' in text for words in packets.REPORTS.values())
+    assert all(f'"{words}"' in text for words in simulated.REPORTS.values())
 
 
 def test_a_computer_reaches_itself():

@@ -6,9 +6,11 @@
 from ipaddress import IPv4Address
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo, group
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON, make_world
 from worlds import COMPUTERS, fig12, ping, tcp
+
+from tests.simulator.multicast import send_to_group
 
 FLEETS = {
     "fig12": {},
@@ -52,8 +54,10 @@ def test_the_group_stays_on_its_network_unless_it_is_routed():
     for routing in ("none", "smcroute"):
         world = make_world(fig12(multimaster_multicast_routing=routing))
         datagram = tcp("239.255.0.1", 11511)
-        heard[routing] = {entry.machine for entry in group(world, "kobuki", IPv4Address("192.168.1.229"), datagram)}
-        inner = {entry.machine for entry in group(world, "tibi-visio", IPv4Address("192.168.1.201"), datagram)}
+        heard[routing] = {
+            entry.machine for entry in send_to_group(world, "kobuki", IPv4Address("192.168.1.229"), datagram)
+        }
+        inner = {entry.machine for entry in send_to_group(world, "tibi-visio", IPv4Address("192.168.1.201"), datagram)}
         assert ("tibi-nav" in inner) == (routing == "smcroute")  # the gateway passes on what it sends itself
     assert heard["none"] == {"tibi-visio", "dabo-visio", "router"}
     assert heard["smcroute"] == set(COMPUTERS) - {"kobuki"} | {"router"}
