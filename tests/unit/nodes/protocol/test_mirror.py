@@ -83,6 +83,14 @@ def test_unknown_is_left_out_and_malformed_refused():
     assert mirror.parameters == {"/do_not_sync": ["/secret"]}
     mirror.take(False, [["parameter", "/do_not_sync"]])
     assert mirror.parameters == {}
-    for malformed in (None, [["publisher", "/one", "/a"]], [["type", 1, "*"]]):
+    for malformed in (
+        None,
+        [["publisher", "/one", "/a"]],
+        [["publisher", "/one", ["/a"], True]],
+        [["service", "/one", {}, "http://own:1/"]],
+        [["node", "/a", ["http://own:1/"]]],
+        [["type", 1, "*"]],
+        [[["node"], "/a", "http://own:1/"]],
+    ):
         with pytest.raises(InvalidDocument):
             mirror.take(False, malformed)

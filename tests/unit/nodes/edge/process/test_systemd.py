@@ -100,3 +100,10 @@ def test_the_sockets_that_systemd_held(pid, names, own):
     assert shown[0] == f"{[ports[number] for number in own]} {[False for _number in own]}"
     assert shown[1].startswith("[]")
     assert pid != "own" or shown[1] == "[] []"
+
+
+@pytest.mark.parametrize("count", ["", "x", "-1", "1.5", "\u00b2", "9" * 5000])
+def test_sockets_without_a_number_are_left_where_they_are(monkeypatch, caplog, count):
+    for name, value in {"LISTEN_PID": str(os.getpid()), "LISTEN_FDS": count, "LISTEN_FDNAMES": "roscore"}.items():
+        monkeypatch.setenv(name, value)
+    assert restore_sockets("roscore") == [] and "LISTEN_FDS" in caplog.text

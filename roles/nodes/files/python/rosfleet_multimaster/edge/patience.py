@@ -7,6 +7,7 @@ from typing import Any, Callable, List
 
 _HANGING = 4  # jobs that may hang at once
 _hanging: List[threading.Thread] = []
+_lock = threading.Lock()  # of this list
 
 
 def run_with_limit(seconds: float, job: Callable[[], Any]) -> Any:
@@ -14,9 +15,10 @@ def run_with_limit(seconds: float, job: Callable[[], Any]) -> Any:
 
     Raises TimeoutError, at once too where several earlier jobs still hang; and what the job raises.
     """
-    _hanging[:] = [thread for thread in _hanging if thread.is_alive()]
-    if len(_hanging) >= _HANGING:
-        raise TimeoutError(f"{_HANGING} earlier calls have not come back yet")
+    with _lock:
+        _hanging[:] = [thread for thread in _hanging if thread.is_alive()]
+        if len(_hanging) >= _HANGING:
+            raise TimeoutError(f"{_HANGING} earlier calls have not come back yet")
     results: List[Any] = []
     problems: List[Exception] = []
 
@@ -32,6 +34,7 @@ def run_with_limit(seconds: float, job: Callable[[], Any]) -> Any:
     if results:
         return results[0]
     if not problems:
-        _hanging.append(thread)
+        with _lock:
+            _hanging.append(thread)
         raise TimeoutError(f"no answer within {seconds:g} s")
     raise problems[0]

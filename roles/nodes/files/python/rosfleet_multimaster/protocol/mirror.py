@@ -18,7 +18,15 @@ REFUSED = "/rosfleet_multimaster/refused"  # and how often it has refused someth
 
 Origins = Mapping[Tuple[str, str], str]  # (node, URI of the node) -> URI of the master that it is of
 _ENDPOINTS = {"publisher": "publishers", "subscriber": "subscribers", "service": "services"}
-_WIDTH = {"publisher": 4, "subscriber": 4, "service": 4, "type": 3, "node": 3, "parameter": 3}
+#: kind -> the types of what follows it
+_TYPES = {
+    "publisher": (str, str, bool),
+    "subscriber": (str, str, bool),
+    "service": (str, str, str),
+    "type": (str, str),
+    "node": (str, str),
+    "parameter": (str, object),
+}
 
 
 class Mirror:
@@ -35,7 +43,7 @@ class Mirror:
         self._origins: Dict[Tuple[str, str], str] = {}
 
     def take(self, whole: bool, records: Any) -> None:
-        """Take records; `whole`: they replace what is held. Raises Malformed. Kinds that are not known are left out."""
+        """Take records; `whole`: they replace what is held. Raises InvalidDocument. Unknown kinds are left out."""
         tables = {part: {} if whole else dict(getattr(self._state, part)) for part in _ENDPOINTS.values()}
         if whole:
             for table in (self._types, self.node_uris, self.service_uris, self._uses, self.parameters):
@@ -142,10 +150,18 @@ def _set_or_remove(table: Dict[str, Any], name: str, value: Optional[Any]) -> No
 def _records(records: Any) -> List[List[Any]]:
     if not isinstance(records, (list, tuple)):
         raise InvalidDocument("the records are no array")
-    found = [list(record) for record in records if isinstance(record, (list, tuple)) and record and record[0] in _WIDTH]
-    for record in found:
-        if record[0] == "parameter" and len(record) == 2:  # it is not set
-            record.append(None)
-        if len(record) != _WIDTH[record[0]] or not isinstance(record[1], str):
-            raise InvalidDocument(f"a record of the kind {record[0]} is malformed")
-    return found
+    known: List[List[Any]] = []
+    for record in records:
+        if not isinstance(record, (list, tuple)) or not record:
+            continue
+        if not isinstance(record[0], str):
+            raise InvalidDocument("the kind of a record is no text")
+        kind, *rest = record
+        if kind == "parameter" and len(rest) == 1:  # it is not set
+            rest.append(None)
+        types = _TYPES.get(kind)
+        if types is not None:
+            if len(rest) != len(types) or not all(map(isinstance, rest, types)):
+                raise InvalidDocument(f"a record of the kind {kind} is malformed")
+            known.append([kind, *rest])
+    return known

@@ -21,7 +21,7 @@ class Child:
     """A program that is started again when it has ended."""
 
     def __init__(self, on_line: Callable[[str], None]) -> None:
-        """`told(line)`: it has written this; called in a thread, the line is still as it was written."""
+        """`on_line(line)`: it has written this; called in a thread, the line is still as it was written."""
         self._process: Optional[subprocess.Popen[bytes]] = None
         self._on_line = on_line
         self._reader: Optional[threading.Thread] = None
@@ -62,6 +62,7 @@ class Child:
                 self._process.wait(seconds)
             except subprocess.TimeoutExpired:
                 self._process.kill()
+                self._process.wait()
 
 
 def _lines(stream: IO[bytes]) -> Iterator[str]:

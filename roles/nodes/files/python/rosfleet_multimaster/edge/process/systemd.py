@@ -4,6 +4,7 @@
 
 import logging
 import os
+import re
 import socket
 import struct
 from typing import List, Optional
@@ -54,11 +55,14 @@ def restore_sockets(name: str) -> List[socket.socket]:
     """The sockets of this name that systemd held (sd_listen_fds(3))."""
     if os.environ.pop("LISTEN_PID", "") != str(os.getpid()):
         return []
-    names = os.environ.pop("LISTEN_FDNAMES", "").split(":")
-    found = []
-    for number in range(int(os.environ.pop("LISTEN_FDS", "0"))):
-        if number < len(names) and names[number] == name:
+    names, count = os.environ.pop("LISTEN_FDNAMES", "").split(":"), os.environ.pop("LISTEN_FDS", "0")
+    if not re.fullmatch("[0-9]{1,9}", count):
+        _log.warning("LISTEN_FDS of systemd is no number, so its sockets are not used: %s", plain(count, LINE))
+        return []
+    sockets = []
+    for number, other in enumerate(names[: int(count)]):
+        if other == name:
             held = socket.socket(fileno=3 + number)
             os.set_inheritable(held.fileno(), False)
-            found.append(held)
-    return found
+            sockets.append(held)
+    return sockets
