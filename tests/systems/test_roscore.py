@@ -364,10 +364,10 @@ def test_the_cores_unit_tests_pass_with_rosmaster(lab):
 
 
 EARLIER = r"""
-from rosfleet_multimaster.roscore.core import remembered
-path = "/var/lib/multimaster-roscore/" + remembered.FILE
+from rosfleet_multimaster.roscore.core import store_format
+path = "/var/lib/multimaster-roscore/" + store_format.FILE
 head, _end, rest = open(path, "rb").read().partition(b"\n")
-open(path, "wb").write(remembered.head("an earlier boot") + rest)
+open(path, "wb").write(store_format.format_head("an earlier boot") + rest)
 """
 
 

@@ -208,8 +208,8 @@ def ignored_by_nodes(name, _there):
 
 def named_twice(name, _there):
     guard = name_guard.NameGuard()
-    guard.imports([(name, "http://b:1/")])
-    return guard.judge(name, f"http://{name}/", "http://b:1/", 0.0).refused
+    guard.set_imports([(name, "http://b:1/")])
+    return guard.judge(name, f"http://{name}/", "http://b:1/", 0.0).refusal
 
 
 PLACES = {

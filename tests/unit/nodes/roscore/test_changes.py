@@ -20,7 +20,7 @@ class Roscore:
         self.registry, self.lock, self.away = Registry(), threading.RLock(), False
         self.caller = types.SimpleNamespace(own=own, gone=lambda: self.away)
         self.feed = module.Changes(
-            "now", self.lock, self.registry.records, lambda: [("/watched", None)], lambda: self.caller
+            "now", self.lock, lambda: [*self.registry.records(), ["parameter", "/watched", None]], lambda: self.caller
         )
 
     def change(self, *records):

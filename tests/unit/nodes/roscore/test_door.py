@@ -13,7 +13,7 @@ import xmlrpc.client
 import pytest
 from rosfleet_multimaster.roscore import door
 from rosfleet_multimaster.roscore.core import bounds
-from rosfleet_multimaster.roscore.core.bounds import BOUNDS, Beyond
+from rosfleet_multimaster.roscore.core.bounds import BOUNDS, Refusal
 
 
 class Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
@@ -60,7 +60,7 @@ def server():
 
 
 def bound(monkeypatch, name, most):
-    monkeypatch.setitem(bounds.BOUNDS, name, bounds.Bound(most, BOUNDS[name].what))
+    monkeypatch.setitem(bounds.BOUNDS, name, bounds.Limit(most, BOUNDS[name].what))
 
 
 def post(server, body, headers=()):
@@ -232,11 +232,11 @@ def test_others_have_half_of_the_memory(monkeypatch):
     monkeypatch.setattr(door, "ROOM", 0.05)
     room = door.UnderWay(1_000_000)
     with room.take(400_000, False):
-        with pytest.raises(Beyond), room.take(200_000, False):
+        with pytest.raises(Refusal), room.take(200_000, False):
             pass
         with room.take(500_000, True), room.take(60_000, False):
             pass
-        with pytest.raises(Beyond), room.take(700_000, True):
+        with pytest.raises(Refusal), room.take(700_000, True):
             pass
     assert room._used == room._foreign == 0
 

@@ -211,7 +211,7 @@ def test_a_watched_parameter_is_told_whatever_changed_it(roscore):
         roscore.call(*call)
     told = [record for record in roscore.handed if record[0] == "parameter"]
     assert told == [["parameter", "/watched", value] for value in (1, 2, None)]
-    assert dict(roscore.master.watched())["/watched"] is None
+    assert ["parameter", "/watched", None] in roscore.master.parameters()
 
 
 # A later life
@@ -460,7 +460,7 @@ def test_what_is_beyond_a_bound_is_refused_and_changes_nothing(roscore):
 
 def test_registrations_are_bounded_and_may_be_repeated(roscore, monkeypatch):
     some(roscore)
-    most = bounds.Bound(roscore.master.room.registrations + 2000, "bytes")
+    most = bounds.Limit(roscore.master.usage.registrations + 2000, "bytes")
     monkeypatch.setitem(bounds.BOUNDS, "registrations", most)
     roscore.call("registerPublisher", "/b", "/chatter", "x/Y", B)
     for call in (
@@ -479,7 +479,7 @@ def test_types_of_unknown_topics_go_when_room_is_short(roscore, monkeypatch):
     for number in range(50):
         roscore.call("registerPublisher", "/a", f"/topic_{number}", "x/Y", A)
         roscore.call("unregisterPublisher", "/a", f"/topic_{number}", A)
-    monkeypatch.setitem(bounds.BOUNDS, "registrations", bounds.Bound(roscore.master.room.registrations, "bytes"))
+    monkeypatch.setitem(bounds.BOUNDS, "registrations", bounds.Limit(roscore.master.usage.registrations, "bytes"))
     roscore.call("registerPublisher", "/a", "/new", "x/Y", A)
     assert set(roscore.master.topics_types) == {"/new"}
 

@@ -12,7 +12,7 @@ def test_the_counts_are_told_and_shown(caplog):
     told = []
     refusals = Refusals(told.append)
     refusals.tick(1.0)
-    assert told == [] and refusals.parameters() == []
+    assert told == [] and refusals.records() == []
     for bound in ("depth", "depth", ""):
         refusals.add(bound, "too much\nof it")
     refusals.tick(1.0)
@@ -20,7 +20,7 @@ def test_the_counts_are_told_and_shown(caplog):
     refusals.tick(2.0)
     assert told == [[["parameter", REFUSED, {"depth": 2, "value": 1}]]]
     refusals.tick(3.1)
-    assert refusals.parameters() == [(REFUSED, {"depth": 3, "value": 1})]
+    assert refusals.records() == [["parameter", REFUSED, {"depth": 3, "value": 1}]]
     mirror = Mirror("http://robot:11311/", "robot")
     mirror.take(False, told[-1])
     shown = roscore("http://robot:11311/", "", mirror.parameters[REFUSED])

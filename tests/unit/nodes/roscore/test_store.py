@@ -12,7 +12,7 @@ from decimal import Decimal
 
 import pytest
 from rosfleet_multimaster.roscore import store
-from rosfleet_multimaster.roscore.core import remembered
+from rosfleet_multimaster.roscore.core import store_format
 from rosfleet_multimaster.roscore.core.registry import Registry
 
 CALLS = ("open", "write", "replace", "fdatasync", "ftruncate", "remove", "makedirs", "fsync")
@@ -53,7 +53,7 @@ def state(count):
 def quick(monkeypatch):
     """No pauses, and a store that is written anew at every second change."""
     monkeypatch.setattr(store, "sleep", lambda _seconds: None)
-    monkeypatch.setattr(store.remembered, "grown", lambda _size, _base: True)
+    monkeypatch.setattr(store.store_format, "is_renewal_due", lambda _size, _base: True)
 
 
 def in_child(work):
@@ -215,7 +215,7 @@ def test_a_file_that_cannot_be_gone_on_with_is_written_anew(tmp_path, monkeypatc
     before = Roscore(tmp_path)
     before.store._renew(rest=False)
     before.change(1)
-    path = tmp_path / remembered.FILE
+    path = tmp_path / store_format.FILE
     if what == "damaged":
         path.write_bytes(path.read_bytes() + b"nonsense\nmore\n")
     if what == "another boot":
@@ -234,17 +234,17 @@ def test_a_file_that_cannot_be_gone_on_with_is_written_anew(tmp_path, monkeypatc
 
 
 def test_the_thread_syncs_and_writes_anew(tmp_path, monkeypatch):
-    monkeypatch.setattr(store.remembered, "SLACK", 2000)
+    monkeypatch.setattr(store.store_format, "SLACK", 2000)
     roscore = Roscore(tmp_path)
     roscore.store.start()
     for count in range(1, 500):
         roscore.change(count)
         time.sleep(0.0005)
     for _try in range(100):
-        if os.path.getsize(tmp_path / remembered.FILE) < 6000:
+        if os.path.getsize(tmp_path / store_format.FILE) < 6000:
             break
         time.sleep(0.05)
-    assert os.path.getsize(tmp_path / remembered.FILE) < 6000
+    assert os.path.getsize(tmp_path / store_format.FILE) < 6000
     assert vars(store.read(str(tmp_path)).registry) == state(499)
 
 
@@ -292,11 +292,11 @@ def test_a_damaged_file_counts_up_to_the_damage_and_is_put_aside(tmp_path, caplo
     roscore.store._renew(rest=False)
     for count in range(1, 4):
         roscore.change(count)
-    path = tmp_path / remembered.FILE
+    path = tmp_path / store_format.FILE
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join([*lines[:-2], b"?" + lines[-2][1:], lines[-1]]))
     assert vars(store.read(str(tmp_path)).registry) == state(1)
-    assert "damaged" in caplog.text and (tmp_path / f"{remembered.FILE}.damaged").exists()
+    assert "damaged" in caplog.text and (tmp_path / f"{store_format.FILE}.damaged").exists()
 
 
 def test_another_boot_is_told(tmp_path, monkeypatch):
@@ -317,19 +317,19 @@ DAMAGE = {
     "nothing": b"",
     "bytes": bytes(range(256)) * 100,
     "deep": b"[" * 100_000,
-    "another format": remembered.line(0, {"format": 99, "boot": ""}),
-    "no mapping": remembered.line(0, [1]),
-    "a head alone and bytes": remembered.head("boot") + b"\0" * 5000 + b"\n",
+    "another format": store_format.format_line(0, {"format": 99, "boot": ""}),
+    "no mapping": store_format.format_line(0, [1]),
+    "a head alone and bytes": store_format.format_head("boot") + b"\0" * 5000 + b"\n",
 }
 
 
 @pytest.mark.parametrize("data", DAMAGE.values(), ids=DAMAGE)
 def test_whatever_is_in_the_file_it_is_read_or_put_aside(tmp_path, data, caplog):
-    path = tmp_path / remembered.FILE
+    path = tmp_path / store_format.FILE
     path.write_bytes(data)
     found = store.read(str(tmp_path))
     assert found is None or vars(found.registry) == vars(Registry())
-    assert not path.exists() and path.with_name(f"{remembered.FILE}.damaged").read_bytes() == data
+    assert not path.exists() and path.with_name(f"{store_format.FILE}.damaged").read_bytes() == data
     assert len(caplog.records) == 1
 
 
@@ -340,15 +340,15 @@ def test_whatever_happens_while_it_is_read_the_roscore_starts(tmp_path, monkeypa
     def fail(*_arguments):
         raise problem
 
-    monkeypatch.setattr(store.remembered, "read", fail)
+    monkeypatch.setattr(store.store_format, "read", fail)
     assert store.read(str(tmp_path)) is None
-    assert os.listdir(tmp_path) == [f"{remembered.FILE}.damaged"]
+    assert os.listdir(tmp_path) == [f"{store_format.FILE}.damaged"]
 
 
 def test_a_file_that_is_far_too_large_is_put_aside_unread(tmp_path, monkeypatch):
     monkeypatch.setattr(store, "LARGEST", 100)
-    (tmp_path / remembered.FILE).write_bytes(remembered.head("boot") + b"x" * 100)
-    assert store.read(str(tmp_path)) is None and os.listdir(tmp_path) == [f"{remembered.FILE}.damaged"]
+    (tmp_path / store_format.FILE).write_bytes(store_format.format_head("boot") + b"x" * 100)
+    assert store.read(str(tmp_path)) is None and os.listdir(tmp_path) == [f"{store_format.FILE}.damaged"]
 
 
 def test_after_five_starts_that_come_to_nothing_it_is_put_aside(tmp_path):
@@ -360,7 +360,7 @@ def test_after_five_starts_that_come_to_nothing_it_is_put_aside(tmp_path):
     store.settled(str(tmp_path))
     for _start in range(store.STARTS):
         assert store.read(str(tmp_path)) is not None
-    assert store.read(str(tmp_path)) is None and os.listdir(tmp_path) == [f"{remembered.FILE}.damaged"]
+    assert store.read(str(tmp_path)) is None and os.listdir(tmp_path) == [f"{store_format.FILE}.damaged"]
 
 
 def test_a_value_that_cannot_be_kept_is_said_once(tmp_path, caplog):
@@ -382,12 +382,12 @@ def test_its_thread_never_ends(tmp_path, monkeypatch, caplog):
     roscore, failures = Roscore(tmp_path), [ValueError(), RecursionError(), MemoryError(), RuntimeError()]
     roscore.store.start()
 
-    def grown(_size, _base):
+    def is_renewal_due(_size, _base):
         if failures:
             raise failures.pop()
         return False
 
-    monkeypatch.setattr(store.remembered, "grown", grown)
+    monkeypatch.setattr(store.store_format, "is_renewal_due", is_renewal_due)
     for count in range(1, 200):
         roscore.change(count)
         time.sleep(0.005)
@@ -404,7 +404,7 @@ def test_its_thread_never_ends(tmp_path, monkeypatch, caplog):
 
 def test_frequent_changes_wait_for_a_new_file(tmp_path, monkeypatch):
     """Else the file, or what waits for the new one, would take all there is."""
-    monkeypatch.setattr(store.remembered, "MOST", 1 << 20)
+    monkeypatch.setattr(store.store_format, "MOST", 1 << 20)
     monkeypatch.setattr(store, "PATIENCE", 0.2)
     roscore, slow = Roscore(tmp_path), threading.Event()
     real = os.fdatasync
@@ -415,7 +415,7 @@ def test_frequent_changes_wait_for_a_new_file(tmp_path, monkeypatch):
         with roscore.lock:
             roscore.store.add([["set", "/large", "x" * 500_000]])
         written += 1
-        assert os.path.getsize(tmp_path / remembered.FILE) < 5 << 20
+        assert os.path.getsize(tmp_path / store_format.FILE) < 5 << 20
     assert 2 < written < 20
     slow.set()
     monkeypatch.setattr(store, "PATIENCE", 20)

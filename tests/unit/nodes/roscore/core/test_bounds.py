@@ -11,7 +11,7 @@ import xmlrpc.client
 import pytest
 from rosfleet_multimaster.protocol import xml_rpc
 from rosfleet_multimaster.roscore.core import bounds
-from rosfleet_multimaster.roscore.core.bounds import BOUNDS, Beyond, Room, freed, weight
+from rosfleet_multimaster.roscore.core.bounds import BOUNDS, Refusal, Usage, weigh, weigh_parameter
 from rosfleet_multimaster.roscore.core.registry import Registry
 
 PAGE = pathlib.Path(__file__).parents[5] / "docs" / "understand" / "roscore.md"
@@ -36,7 +36,7 @@ def some(rng, depth=0):
 @pytest.mark.parametrize("seed", range(200))
 def test_a_value_counts_what_it_costs_in_files_and_answers(seed):
     value = some(random.Random(seed))
-    found = weight(value)
+    found = weigh(value)
     assert found >= len(json.dumps(value, ensure_ascii=False).encode())
     assert found >= len(xmlrpc.client.dumps((value,)).encode()) - 100
     assert found >= size(value)
@@ -50,33 +50,33 @@ def size(value):
 
 @pytest.mark.parametrize("seed", range(100))
 def test_the_sum_of_the_parameters_is_right_after_any_changes(seed):
-    rng, room, registry = random.Random(seed), Room(), Registry()
+    rng, usage, registry = random.Random(seed), Usage(), Registry()
     for _change in range(60):
         name = "/" + "/".join(f"k{rng.randrange(6)}" for _part in range(rng.randrange(1, 4)))
         if rng.random() < 0.3:
-            room.parameters -= freed(registry.parameters, name)
+            usage.parameters -= weigh_parameter(registry.parameters, name)
             registry.apply(["delete", name])
         else:
             value = some(rng) if rng.random() < 0.95 else {"k1": some(rng)}
             name = name if rng.random() < 0.95 or not isinstance(value, dict) else "/"
-            room.parameters += room.set(registry.parameters, name, value)
+            usage.parameters += usage.growth(registry.parameters, name, value)
             registry.apply(["set", name, value])
-        assert room.parameters == weight(registry.parameters)
+        assert usage.parameters == weigh(registry.parameters)
 
 
 def test_the_sum_of_the_registrations_is_right():
-    room = Room()
+    usage = Usage()
     of = ["/a", "http://robot:1/"]
     there = [["publisher", "/t", *of, True], ["service", "/s", "/a", "rosrpc://robot:2", of[1], True], ["node", *of]]
     there += [["type", "/t", "std_msgs/String"], ["service", "/s", "/b", "rosrpc://b:2", "http://b:1/", True]]
     for record in there:
-        room.count(record)
-    assert room.registrations > 3000
+        usage.count(record)
+    assert usage.registrations > 3000
     for record in (["publisher", "/t", *of, False], ["service", "/s", "/b", "rosrpc://b:2", "http://b:1/", False]):
-        room.count(record)
-    room.count(["node", "/a", ""])
-    room.forget("type", "/t")
-    assert room.registrations == 0
+        usage.count(record)
+    usage.count(["node", "/a", ""])
+    usage.count(["type", "/t", ""])
+    assert usage.registrations == 0
 
 
 @pytest.mark.parametrize(
@@ -92,26 +92,26 @@ def test_the_sum_of_the_registrations_is_right():
     ],
 )
 def test_what_is_beyond_is_refused_with_a_sentence(name, value, bound):
-    with pytest.raises(Beyond) as refusal:
-        Room().set({}, name, value)
+    with pytest.raises(Refusal) as refusal:
+        Usage().growth({}, name, value)
     assert refusal.value.bound == bound and str(refusal.value).startswith(name[:10])
 
 
 def test_all_parameters_together_have_a_bound_and_may_shrink():
-    room, tree = Room(), {}
+    usage, tree = Usage(), {}
     for number in range(3):
-        room.parameters += room.set(tree, f"/p{number}", "x" * (20 << 20))
+        usage.parameters += usage.growth(tree, f"/p{number}", "x" * (20 << 20))
         tree[f"p{number}"] = "x" * (20 << 20)
-    with pytest.raises(Beyond, match="64 MiB"):
-        room.set(tree, "/p3", "x" * (20 << 20))
-    assert room.set(tree, "/p1", "small") < 0
+    with pytest.raises(Refusal, match="64 MiB"):
+        usage.growth(tree, "/p3", "x" * (20 << 20))
+    assert usage.growth(tree, "/p1", "small") < 0
 
 
 def test_real_things_are_taken():
     urdf = '<link name="wheel"><visual/></link>\n' * 140_000  # 5 MB
-    assert Room().set({}, "/robot_description", urdf) < BOUNDS["parameter"].most / 2
+    assert Usage().growth({}, "/robot_description", urdf) < BOUNDS["parameter"].most / 2
     topics = sum(
-        bounds.registration(f"/robot_{number}/camera/image_{number}", "/node", "http://robot:40000/")
+        bounds.weigh_registration(f"/robot_{number}/camera/image_{number}", "/node", "http://robot:40000/")
         for number in range(20 * 5000)
     )
     assert topics < 0.7 * BOUNDS["registrations"].most
@@ -119,8 +119,8 @@ def test_real_things_are_taken():
 
 @pytest.mark.parametrize("text", ["\0", "\ud800", "\x1b", "\uffff"])
 def test_characters_that_xml_has_not(text):
-    assert not bounds.writable([["setParam", {"a": [text]}]]) and not bounds.writable([{text: 1}])
-    assert bounds.writable(["\t\n\r \u00fc\U0001f916"])
+    assert not bounds.is_writable([["setParam", {"a": [text]}]]) and not bounds.is_writable([{text: 1}])
+    assert bounds.is_writable(["\t\n\r \u00fc\U0001f916"])
 
 
 def test_the_page_has_the_table():

@@ -27,7 +27,7 @@ def all_of(plan, now, answered=True):
         call, _due = plan.next(now)
         if call is None:
             return found
-        plan.done(call, now, answered)
+        plan.finish(call, now, answered)
         found.append(call)
 
 
@@ -65,7 +65,7 @@ def test_a_burst_is_a_few_calls_for_a_slow_subscriber_too(takes):
         told(plan, value=value)
         oldest = oldest or now
         if current is not None and now >= ends:
-            plan.done(current, now, True)
+            plan.finish(current, now, True)
             current = None
         if current is None:
             current, _due = plan.next(now)
@@ -116,7 +116,7 @@ def test_a_node_has_one_call_at_a_time():
     call, _due = plan.next(0.0)
     told(plan, topic="/other")
     assert plan.next(0.0)[0] is None
-    plan.done(call, 0.0, True)
+    plan.finish(call, 0.0, True)
     assert plan.next(0.0)[0].key == ("publisherUpdate", "/other")
 
 
@@ -138,12 +138,12 @@ def test_a_lost_robot_has_few_workers_and_own_nodes_do_not_wait():
     later = [call for tenth in range(1, 40) for call in begun(plan, tenth / 10)]
     assert len(first + later) == PER_HOST + 1 < WORKERS / 2
     for call in [*first, *later]:
-        plan.done(call, 4.0, call.uri == "http://own:1/")
+        plan.finish(call, 4.0, call.uri == "http://own:1/")
     now = 4.0
     while calls := [call for call in begun(plan, now) if call]:
         now += 0.1
         for call in calls:
-            plan.done(call, now, False)
+            plan.finish(call, now, False)
         if now > 6.5:
             break
     assert len(begun(plan, 100.0)) <= SLOW, "those that were silent have few workers together"
@@ -174,16 +174,16 @@ def test_a_silent_node_is_asked_with_the_newest_and_given_up():
     told(plan, value=1)
     call, _due = plan.next(0.0)
     told(plan, value=2)
-    plan.done(call, 3.0, False)
+    plan.finish(call, 3.0, False)
     assert plan.next(3.0) == (None, 3.0 + notifications.RETRY)
     call, _due = plan.next(4.0)
     assert call.arguments == ("/chatter", 2)
     now = 7.0
-    plan.done(call, now, False)
+    plan.finish(call, now, False)
     while (due := plan.next(now)[1]) is not None:
         call, _due = plan.next(due)
         now = due + 3.0
-        plan.done(call, now, False)
+        plan.finish(call, now, False)
     assert PATIENCE < now < 2 * PATIENCE and plan.dropped == 1
 
 
@@ -191,7 +191,7 @@ def test_a_node_that_answers_again_has_all_that_waits():
     plan = Notifications()
     told(plan)
     call, _due = plan.next(0.0)
-    plan.done(call, 3.0, False)
+    plan.finish(call, 3.0, False)
     told(plan, topic="/other")
     assert [found.key[1] for found in all_of(plan, 5.0)] == ["/chatter", "/other"]
 
@@ -201,7 +201,7 @@ def test_nobody_listens_there_any_more():
     told(plan)
     call, _due = plan.next(0.0)
     told(plan, topic="/other")
-    plan.done(call, 0.0, False, gone=True)
+    plan.finish(call, 0.0, False, gone=True)
     assert plan.next(100.0) == (None, None) and plan.dropped == 2
 
 

@@ -3,7 +3,7 @@
 """Records of a roscore: carried out, made again, told."""
 
 import pytest
-from rosfleet_multimaster.roscore.core.registry import Registry, told, told_whole, touches
+from rosfleet_multimaster.roscore.core.registry import Registry, to_feed, touches
 
 A, B = ("/a", "http://robot:1/"), ("/b", "http://robot:2/")
 SOME = [
@@ -84,16 +84,16 @@ def test_a_record_that_says_nothing_is_an_error(record):
 
 
 def test_a_registry_without_some_nodes():
-    left = made(*SOME).without(lambda name, _uri: name == "/a")
+    left = made(*SOME).exclude(lambda name, _uri: name == "/a")
     assert left.publishers == {"/chatter": {B: None}} and not left.services and list(left.nodes) == ["/b"]
     assert left.parameters == {"speed": 3} and left.types
 
 
 def test_the_feed_has_no_topic_uris_and_few_parameters():
-    assert told(["publisher", "/chatter", *A, True]) == ["publisher", "/chatter", "/a", True]
-    assert told(["service", "/stop", "/a", "rosrpc://robot:3", "", False]) == ["service", "/stop", "/a", ""]
-    assert told(["set", "/speed", 3]) is None and told(["listener", "/speed/", *B, True]) is None
-    whole = told_whole(made(*SOME).records(), [("/speed", 3), ("/none", None)])
+    assert to_feed([["publisher", "/chatter", *A, True]]) == [["publisher", "/chatter", "/a", True]]
+    assert to_feed([["service", "/stop", "/a", "rosrpc://robot:3", "", False]]) == [["service", "/stop", "/a", ""]]
+    assert to_feed([["set", "/speed", 3], ["listener", "/speed/", *B, True]]) == []
+    whole = to_feed([*made(*SOME).records(), ["parameter", "/speed", 3], ["parameter", "/none", None]])
     assert ["parameter", "/speed", 3] in whole and ["parameter", "/none", None] in whole
     assert ["subscriber", "/chatter", "/b", True] in whole and ["node", "/a", "http://robot:1/"] in whole
 

@@ -23,7 +23,7 @@ from ..protocol import imports
 from ..protocol.plain_text import quote
 from . import core_services, master, store
 from .changes import Changes
-from .core.bounds import Beyond, beyond
+from .core.bounds import Refusal, refuse
 from .core.registry import Record, Registry
 from .refusals import Refusals
 from .survivors import THREADS, Survivors, alive_of
@@ -45,8 +45,7 @@ class Roscore:
         self._changes = Changes(
             uuid.uuid4().hex,
             self._master.ps_lock,
-            self._master.registered,
-            lambda: [*self._master.watched(), *self._refusals.parameters()],
+            lambda: [*self._master.registered(), *self._master.parameters(), *self._refusals.records()],
             self._master.caller,
         )
         self._store: Optional[store.Store] = None
@@ -68,7 +67,7 @@ class Roscore:
         self._serve()
         if before is not None:
             self._master.tell_all()
-            self._survivors.begin(before.without(self._is_import))
+            self._survivors.begin(before.exclude(self._is_import))
         if self._late is not None:
             self._survivors.wait_for(self._late)
         start_thread("versions", partial(core_services.versions, self._call))
@@ -115,12 +114,12 @@ class Roscore:
     def _left(self, name: str, uri: str) -> None:
         self._survivors.look_after(name, uri)
 
-    def _refused(self, problem: Beyond) -> None:
+    def _refused(self, problem: Refusal) -> None:
         self._refusals.add(problem.bound, str(problem))
 
     def _wait(self) -> None:
         if self._store is not None and not self._store.wait():
-            raise beyond("under way", "what is changed now, with what others change,")
+            raise refuse("under way", "what is changed now, with what others change,")
 
     def _not_ended(self, name: str, uri: str) -> None:
         text = f"{quote(name)} at {quote(uri)} is not told to end: neither it nor its successor was registered from its computer"
@@ -159,13 +158,13 @@ class Roscore:
         """
         claims = imports.claims_of(registry.parameter(imports.IMPORTS))
         here = addresses.local_uris(registry.nodes.values(), BOOT_PATIENCE)
-        others = registry.without(lambda node, uri: (node, uri) in claims or uri in here)
+        others = registry.exclude(lambda node, uri: (node, uri) in claims or uri in here)
         alive = alive_of(others, BOOT_PATIENCE)
-        self._late = others.without(lambda node, uri: (node, uri) in alive)
+        self._late = others.exclude(lambda node, uri: (node, uri) in alive)
         if not alive:
             program.LOG.info("this computer was started since: nothing from before counts")
             return None
-        left = others.without(lambda node, uri: (node, uri) not in alive)
+        left = others.exclude(lambda node, uri: (node, uri) not in alive)
         for name in (SIM_TIME, imports.IMPORTS):
             left.apply(["delete", name])
         return left

@@ -10,18 +10,16 @@ names another epoch or a revision from long ago gets the whole state, which repl
 """
 
 import threading
-from typing import Any, Callable, ContextManager, Iterable, List, Sequence, Tuple
+from typing import Any, Callable, ContextManager, Iterable, List, Sequence
 
 from ..edge.clock import monotonic
 from ..protocol.json_text import pack_rows
 from .core.feed import Feed
-from .core.registry import Record, told, told_whole
+from .core.registry import Record, to_feed
 
 LONGEST = 60.0  # seconds of waiting
 WAITING = 8  # callers that wait at once
 LOOK = 1.0  # seconds between two looks whether a caller is still there
-
-_WHOLE_LATER = ("refused", "parameter")  # records that are told as they are
 
 
 class Changes:
@@ -31,23 +29,17 @@ class Changes:
         self,
         epoch: str,
         lock: ContextManager[Any],
-        registrations: Callable[[], Iterable[Record]],
-        parameters: Callable[[], Iterable[Tuple[str, Any]]],
+        state: Callable[[], Iterable[Record]],
         caller: Callable[[], Any],
     ) -> None:
-        """What there is, and the parameters that are told, are asked for with the lock of the registrations held.
-
-        `caller()`: who makes this call.
-        """
-        self._feed, self._lock, self._caller = Feed(epoch), lock, caller
-        self._registrations, self._parameters = registrations, parameters
+        """`state()`: all records, read with the lock of the registrations held. `caller()`: the caller of this thread."""
+        self._feed, self._lock, self._state, self._caller = Feed(epoch), lock, state, caller
         self._changed = threading.Condition()
         self._waiting = 0
 
     def add(self, records: Sequence[Record]) -> None:
         """Take the changes of one call. The lock of the registrations is held."""
-        found = [record if record[0] in _WHOLE_LATER else told(record) for record in records]
-        records = [record for record in found if record]
+        records = to_feed(records)
         if records:
             with self._changed:
                 self._feed.add(records)
@@ -67,7 +59,7 @@ class Changes:
         if not caller.own:
             return [-1, "only programs of this computer are told", 0]
         with self._changed:
-            records = self._feed.since(epoch, revision)
+            records = self._feed.records_since(epoch, revision)
             if records == [] and seconds:
                 if self._waiting >= WAITING:
                     return [-1, f"{WAITING} callers wait already", 0]
@@ -85,13 +77,13 @@ class Changes:
         records: Any = []
         while records == [] and monotonic() < end and not caller.gone():
             self._changed.wait(min(LOOK, max(0.0, end - monotonic())))
-            records = self._feed.since(epoch, revision)
+            records = self._feed.records_since(epoch, revision)
         return records
 
     def _whole(self, sent: Callable[[Sequence[Record]], Any]) -> List[Any]:
         with self._lock:
-            found, revision = told_whole(self._registrations(), self._parameters()), self._feed.revision
-        return [1, "whole state", [self._feed.epoch, revision, True, sent(found)]]
+            records, revision = to_feed(self._state()), self._feed.revision
+        return [1, "whole state", [self._feed.epoch, revision, True, sent(records)]]
 
 
 def _sent(records: Sequence[Record]) -> List[Record]:

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO, Callable, Dict, Iterator, List, NamedTuple, Tu
 from ..edge.clock import monotonic
 from ..protocol.plain_text import LINE, plain
 from ..protocol.xml_rpc import Document, DocumentTooLarge
-from .core.bounds import BOUNDS, Beyond, beyond, weight
+from .core.bounds import BOUNDS, Refusal, refuse, weigh
 
 _log = logging.getLogger("rosfleet.door")
 
@@ -63,7 +63,7 @@ class UnderWay:
             return
         with self._freed:
             if not self._freed.wait_for(lambda: self._fits(size, own), ROOM):
-                raise beyond("under way", "what is asked for now, with what others ask for,")
+                raise refuse("under way", "what is asked for now, with what others ask for,")
             self._add(size, own)
         try:
             yield
@@ -122,7 +122,10 @@ class Door:
     """All that the handlers of the connections share."""
 
     def __init__(
-        self, dispatch: Callable[[str, Tuple[Any, ...]], Any], refused: Callable[[Beyond], None], calls: threading.local
+        self,
+        dispatch: Callable[[str, Tuple[Any, ...]], Any],
+        refused: Callable[[Refusal], None],
+        calls: threading.local,
     ) -> None:
         """`refused(why)` is told of each request that is beyond a bound; `calls.caller` is set before each call."""
         self.dispatch, self.refused, self.calls = dispatch, refused, calls
@@ -190,7 +193,7 @@ class Handler(BaseHTTPRequestHandler):
             value = self._value()
             with self._room(value):
                 self._send(_written(value))
-        except Beyond as problem:
+        except Refusal as problem:
             self.door.refused(problem)
             self._send(_written((-1, plain(problem, LINE), 0)))
         finally:
@@ -203,7 +206,7 @@ class Handler(BaseHTTPRequestHandler):
         try:
             name, arguments = self._request()
             return self.door.dispatch(name, arguments)
-        except (Beyond, OSError):
+        except (Refusal, OSError):
             raise
         except xmlrpc.client.Fault as fault:
             return fault
@@ -220,7 +223,7 @@ class Handler(BaseHTTPRequestHandler):
         self._until = monotonic() + PATIENCE
         if left > most:
             self._throw_away(left)
-            raise beyond("request", f"a request of {left:,} bytes")
+            raise refuse("request", f"a request of {left:,} bytes")
         with self.door.under_way.take(min(left * _PACKED, 2 * most) if packed else 2 * left, self._caller.own):
             body = self._body(left)
             document = Document(most, BOUNDS["values"].most, BOUNDS["text"].most, plain_types=False)
@@ -230,7 +233,7 @@ class Handler(BaseHTTPRequestHandler):
                 arguments, name = document.close()
             except DocumentTooLarge as problem:
                 self._throw_away_rest(body)
-                raise Beyond(f"a request is more than the roscore takes: {problem}", "request") from None
+                raise Refusal(f"a request is more than the roscore takes: {problem}", "request") from None
             except Exception:
                 self._throw_away_rest(body)
                 raise
@@ -267,9 +270,9 @@ class Handler(BaseHTTPRequestHandler):
     @contextlib.contextmanager
     def _room(self, value: Any) -> Iterator[None]:
         """The memory for an answer. Raises Beyond."""
-        size = 0 if isinstance(value, xmlrpc.client.Fault) else weight(value)
+        size = 0 if isinstance(value, xmlrpc.client.Fault) else weigh(value)
         if size > BOUNDS["answer"].most:
-            raise beyond("answer", "the answer")
+            raise refuse("answer", "the answer")
         with self.door.under_way.take(_ANSWER * size, self._caller.own):
             yield
 
@@ -335,7 +338,7 @@ def multicall(dispatch: Callable[[str, Tuple[Any, ...]], Any], calls: Any) -> Li
     if not isinstance(calls, list) or not all(isinstance(call, dict) for call in calls):
         raise ValueError("system.multicall takes a list of mappings")
     if len(calls) > BOUNDS["calls"].most:
-        raise beyond("calls", f"a system.multicall of {len(calls):,} calls")
+        raise refuse("calls", f"a system.multicall of {len(calls):,} calls")
     results: List[Any] = []
     size = 0
     for call in calls:
@@ -347,7 +350,7 @@ def multicall(dispatch: Callable[[str, Tuple[Any, ...]], Any], calls: Any) -> Li
         except Exception as problem:
             fault = problem if isinstance(problem, xmlrpc.client.Fault) else _fault(problem)
             results.append({"faultCode": fault.faultCode, "faultString": fault.faultString})
-        size += weight(results[-1])
+        size += weigh(results[-1])
         if size > BOUNDS["answer"].most:
-            raise beyond("answer", "the answer")
+            raise refuse("answer", "the answer")
     return results

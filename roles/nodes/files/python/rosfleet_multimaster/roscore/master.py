@@ -27,10 +27,10 @@ from ..edge.roscore import TOGETHER
 from ..protocol import json_text
 from ..protocol.plain_text import plain, quote
 from . import programs
-from .core.bounds import BOUNDS, Beyond, Room, beyond, freed, names, parts_of, weight, writable
+from .core.bounds import BOUNDS, Refusal, Usage, check_names, is_writable, refuse, weigh, weigh_parameter
 from .core.name_guard import NameGuard
 from .core.notifications import Call
-from .core.registry import Of, Record, Registry, touches
+from .core.registry import NodeKey, Record, Registry, split_name, touches
 from .door import Caller, Door, Handler, multicall
 from .notifier import Notifier
 
@@ -224,7 +224,7 @@ class Callbacks(NamedTuple):
 
     handed_on: Callable[[List[Record]], None]  # the changes of a call; the lock of the registrations is held
     left: Callable[[str, str], None]  # a node, by name and URI, has withdrawn everything
-    refused: Callable[[Beyond], None]
+    refused: Callable[[Refusal], None]
     not_ended: Callable[[str, str], None]  # a node, by name and URI, is not told to end
     wait: Callable[[], None]  # before a change; raises Beyond where there is no room for it now
 
@@ -261,7 +261,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         }
 
         note = self._note
-        self.room = Room()
+        self.usage = Usage()
         self.thread_pool = _Pool(self._notifier, self._is_spared)
         self.ps_lock = self._lock = Lock(self._commit)
         self.reg_manager = _Manager(self.thread_pool, note, self._seen, self._tell_topics)
@@ -284,7 +284,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             if name in CHANGES or name == TOGETHER:
                 self.callbacks.wait()
             return self._dispatch(name, arguments)
-        except Beyond as problem:
+        except Refusal as problem:
             self.callbacks.refused(problem)
             return -1, str(problem), 0
 
@@ -315,7 +315,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             return -1, "only programs of this computer may use it", 0
         try:
             parts = [_calls(text) for text in texts]
-        except Beyond:
+        except Refusal:
             raise
         except (ValueError, TypeError) as problem:
             return -1, f"expected: texts of JSON, each a list of calls: {plain(problem)}", 0
@@ -330,7 +330,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                     if name not in CHANGES:
                         raise ValueError(f"{name} changes nothing")
                     results.append(self._dispatch(name, tuple(arguments)))
-                except Beyond as refusal:
+                except Refusal as refusal:
                     self.callbacks.refused(refusal)
                     results.append((-1, str(refusal), 0))
                 except Exception as problem:  # as in a multicall: one that fails does not end the others
@@ -345,11 +345,11 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def _note(self, record: Record) -> None:
         self._records.append(record)
-        self.room.count(record)
+        self.usage.count(record)
 
     def _change(self, name: str, arguments: Tuple[Any, ...]) -> Any:
         at = CHANGES[name]
-        names(arguments[:-1] if name == "setParam" else arguments)
+        check_names(arguments[:-1] if name == "setParam" else arguments)
         self._check_room(name, arguments)
         arguments = self._guarded(name, arguments)
         heavier = self._heavier(name, arguments)
@@ -363,10 +363,10 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         finally:
             self._spare = False
         if code == 1:
-            self.room.parameters += heavier
+            self.usage.parameters += heavier
             self._changed(name, arguments)
         elif code == 0 and heavier:  # rosmaster failed on its way, and nobody knows how far it came
-            self.room.parameters = weight(self.param_server.parameters)
+            self.usage.parameters = weigh(self.param_server.parameters)
         return code, text, copied(value)
 
     def _changed(self, name: str, arguments: Tuple[Any, ...]) -> None:
@@ -384,14 +384,14 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         if not key:
             return 0
         if name == "deleteParam":
-            return -freed(self.param_server.parameters, key)
+            return -weigh_parameter(self.param_server.parameters, key)
         value = arguments[2]
-        heavier = self.room.set(self.param_server.parameters, key, value)
+        heavier = self.usage.growth(self.param_server.parameters, key, value)
         for watched in self._last:
             if touches(key, watched):
-                part = value if parts_of(key) else dict(value).get(parts_of(watched)[0]) if value else None
-                if weight(part) > BOUNDS["watched"].most:
-                    raise beyond("watched", watched)
+                part = value if split_name(key) else dict(value).get(split_name(watched)[0]) if value else None
+                if weigh(part) > BOUNDS["watched"].most:
+                    raise refuse("watched", watched)
         return heavier
 
     def _check_room(self, name: str, arguments: Tuple[Any, ...]) -> None:
@@ -403,13 +403,13 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         key = rosgraph.names.resolve_name(key, node) + ("/" if kind == "param_subscribers" else "")
         users = getattr(self, kind).map.get(key, ())
         texts = [text for text in arguments if isinstance(text, str)]
-        full = self.room.is_full(*texts)
+        full = self.usage.is_full(*texts)
         if (full or len(users) >= BOUNDS["users"].most) and (node, uri) not in users:
             self._forget_types()
-            if self.room.is_full(*texts):
-                raise beyond("registrations", key)
+            if self.usage.is_full(*texts):
+                raise refuse("registrations", key)
             if kind != "services" and len(users) >= BOUNDS["users"].most:
-                raise beyond("users", key)
+                raise refuse("users", key)
 
     def _forget_types(self) -> None:
         """rosmaster keeps the type of each topic that there ever was. Where there is no room, those of unused ones go."""
@@ -419,7 +419,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         for topic in list(self.topics_types):
             if topic not in self.publishers.map and topic not in self.subscribers.map:
                 del self.topics_types[topic]
-                self.room.forget("type", topic)
+                self.usage.count(["type", topic, ""])
 
     def _guarded(self, name: str, arguments: Tuple[Any, ...]) -> Tuple[Any, ...]:
         """The arguments without what others may not set: what is below the collection's own name. Raises Beyond."""
@@ -427,10 +427,10 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         if not key or not touches(key, self._own) or self._is_own_program():
             return arguments
         held = self._value(self._own)
-        if parts_of(key):
+        if split_name(key):
             if name == "setParam" and arguments[2] == self._value(key):
                 return arguments
-            raise Beyond(f"{key} is set by master_sync of this computer alone", "own")
+            raise Refusal(f"{key} is set by master_sync of this computer alone", "own")
         if name != "setParam" or not isinstance(arguments[2], dict):
             return arguments
         tree = {part: value for part, value in arguments[2].items() if part.strip("/") != self._own.strip("/")}
@@ -477,9 +477,9 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         self._spare = verdict.spared
         if verdict.import_lost and held is not None:
             self._records.append(["refused", node, held.api, f"an own node at {quote(uri)} has taken the name"])
-        if verdict.refused:
-            self._records.append(["refused", node, uri, verdict.refused])
-            return f"refused: {verdict.refused}"
+        if verdict.refusal:
+            self._records.append(["refused", node, uri, verdict.refusal])
+            return f"refused: {verdict.refusal}"
         return ""
 
     def _parameter(self, name: str, arguments: Tuple[Any, ...]) -> None:
@@ -495,7 +495,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                     self._last[watched] = value
                     self._records.append(["parameter", watched, value])
                     if watched == self._imports:
-                        self.guard.imports(self._imported(value))
+                        self.guard.set_imports(self._imported(value))
 
     def _value(self, name: str) -> Any:
         try:
@@ -517,7 +517,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             self._records.clear()
             for record in records:
                 if record[0] == "node" and not record[2]:
-                    self.guard.gone(record[1])
+                    self.guard.forget(record[1])
             self.callbacks.handed_on(records)
 
     def _tell_topics(self, topics: List[str]) -> None:
@@ -540,9 +540,9 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 node, node_uri = users[0]
                 yield ["service", service, node, uris[service][1], node_uri, True]
 
-    def watched(self) -> List[Tuple[str, Any]]:
-        """The parameters whose changes are told, and their values."""
-        return list(self._last.items())
+    def parameters(self) -> List[Record]:
+        """The parameters whose changes are told, with their values."""
+        return [["parameter", name, value] for name, value in self._last.items()]
 
     def parts(self) -> Iterator[List[Record]]:
         """All there is, a few records at a time, so that nobody waits long for the lock.
@@ -585,15 +585,15 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 self._restored["service", key, of.node, of.uri] = None
             for watched in self._last:
                 self._last[watched] = self._value(watched)
-            self.guard.imports(self._imported(self._last.get(self._imports)))
+            self.guard.set_imports(self._imported(self._last.get(self._imports)))
             for name, uri in found.nodes.items():
                 self.guard.judge(name, "", uri, monotonic())
             self._records.clear()
-            self.room = Room()
-            self.room.parameters = weight(found.parameters)
+            self.usage = Usage()
+            self.usage.parameters = weigh(found.parameters)
             for record in found.records():
                 if record[0] != "set":
-                    self.room.count(record)
+                    self.usage.count(record)
 
     def _node(self, name: str, uri: str) -> Any:
         nodes = self.reg_manager.nodes
@@ -628,7 +628,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                     value = self.call("subscribeParam", name, uri, key)[2]
                     self._notifier.tell(uri, "paramUpdate", key, (key, value))
 
-    def _unopposed(self, users: Iterable[Of]) -> Iterator[Of]:
+    def _unopposed(self, users: Iterable[NodeKey]) -> Iterator[NodeKey]:
         """Those whose name nobody else has by now."""
         return (of for of in users if of[0] not in self.reg_manager.nodes or self.has(*of))
 
@@ -687,8 +687,8 @@ def _calls(text: str) -> List[Any]:
     if not isinstance(calls, list) or not all(isinstance(call, list) and call for call in calls):
         raise ValueError("something else")
     if len(calls) > BOUNDS["together"].most:
-        raise beyond("together", f"a text with {len(calls):,} calls")
-    if not writable(calls):
+        raise refuse("together", f"a text with {len(calls):,} calls")
+    if not is_writable(calls):
         raise ValueError("a text with characters that XML has not")
     return calls
 

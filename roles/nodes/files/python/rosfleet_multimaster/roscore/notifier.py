@@ -58,7 +58,7 @@ class Notifier:
             answered, gone = self._make(call)
             with self._wake:
                 self.calls += 1
-                self._plan.done(call, monotonic(), answered, gone)
+                self._plan.finish(call, monotonic(), answered, gone)
 
     def _await(self) -> Optional[Call]:
         """The next call; None where this worker can go. The lock is held."""

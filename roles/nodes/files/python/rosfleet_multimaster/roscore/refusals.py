@@ -6,7 +6,7 @@ Who follows the roscore (roscore/changes.py) is told the counts as if they were 
 """
 
 import threading
-from typing import Any, Callable, Dict, List, Tuple
+from typing import Callable, Dict, List
 
 from ..edge.counter import Count
 from ..edge.process import program
@@ -37,13 +37,13 @@ class Refusals:
         with self._saying:
             self._limited.say("warning", topic, why)
 
-    def parameters(self) -> List[Tuple[str, Any]]:
-        """The counts, as the feed has a parameter."""
-        return [(REFUSED, self._told)] if self._told else []
+    def records(self) -> List[Record]:
+        """The counts, as the feed tells a parameter."""
+        return [["parameter", REFUSED, self._told]] if self._told else []
 
     def tick(self, now: float) -> None:
         """Tell where there is something new."""
         counts = {bound: count.value for bound, count in list(self._counts.items())}
         if now >= self._due and counts != self._told:
             self._due, self._told = now + PAUSE, counts
-            self._tell([["parameter", REFUSED, self._told]])
+            self._tell(self.records())

@@ -28,8 +28,8 @@ from typing import (
 
 from ..edge.clock import monotonic, sleep
 from ..protocol.plain_text import plain
-from .core import remembered
-from .core.bounds import weight
+from .core import store_format
+from .core.bounds import weigh
 from .core.registry import Record, Registry
 
 _log = logging.getLogger("rosfleet.store")
@@ -65,14 +65,14 @@ def boot() -> str:
 
 def read(folder: str) -> Optional[Found]:
     """Read the store of this folder. One that cannot be read is put aside, whole or in part, with a warning: never fatal."""
-    path = os.path.join(folder, remembered.FILE)
+    path = os.path.join(folder, store_format.FILE)
     try:
         if _starts_in_vain(folder) >= STARTS:
             _put_aside(path, f"the last {STARTS} starts with it have come to nothing, so it starts with nothing")
             return None
         with open(path, "rb") as file:
             size = os.fstat(file.fileno()).st_size
-            found = remembered.read(_lines(file), _special) if size <= LARGEST else None
+            found = store_format.read(_lines(file), _special) if size <= LARGEST else None
     except FileNotFoundError:
         return None
     except Exception as problem:  # whatever it is: a roscore that knows nothing is better than none
@@ -81,13 +81,13 @@ def read(folder: str) -> Optional[Found]:
     if found is None:
         _put_aside(path, "nothing in it can be read, so the roscore starts with nothing")
         return None
-    broken = found.damaged or found.left_out
+    broken = found.damaged or found.omissions
     if broken:
         _put_aside(path, "what can be read of it counts")
     elif found.torn:
         _log.info("the last change was not written to its end in %s: nobody had an answer to it", path)
     another_boot = found.boot != boot()
-    return Found(found.registry, another_boot, 0 if broken or another_boot else found.good, found.lines)
+    return Found(found.registry, another_boot, 0 if broken or another_boot else found.size, found.lines)
 
 
 def _lines(file: BinaryIO) -> Iterator[bytes]:
@@ -97,7 +97,7 @@ def _lines(file: BinaryIO) -> Iterator[bytes]:
 
 def _starts_in_vain(folder: str) -> int:
     """How many starts with this store have not come as far as `settled`; this one is counted with them from now on."""
-    path = os.path.join(folder, remembered.FILE)
+    path = os.path.join(folder, store_format.FILE)
     os.stat(path)  # else there is nothing to put aside
     try:
         count = os.path.getsize(path + _STARTS)
@@ -114,25 +114,25 @@ def _starts_in_vain(folder: str) -> int:
 def settled(folder: str) -> None:
     """The roscore works: this start counts no more among those that came to nothing."""
     with contextlib.suppress(OSError):
-        os.remove(os.path.join(folder, remembered.FILE + _STARTS))
+        os.remove(os.path.join(folder, store_format.FILE + _STARTS))
 
 
 def give_up(folder: str, why: str) -> None:
     """Put the store aside: what was read cannot be used."""
-    _put_aside(os.path.join(folder, remembered.FILE), why)
+    _put_aside(os.path.join(folder, store_format.FILE), why)
 
 
 def forget(folder: str) -> bool:
     """Remove the store. Whether there was one. Raises OSError."""
     settled(folder)
     try:
-        os.remove(os.path.join(folder, remembered.FILE))
+        os.remove(os.path.join(folder, store_format.FILE))
     except FileNotFoundError:
         return False
     return True
 
 
-def _special(value: remembered.Special) -> Any:
+def _special(value: store_format.Special) -> Any:
     return getattr(xmlrpc.client, value.kind)(value.content())
 
 
@@ -155,7 +155,7 @@ class Store:
 
         What changes meanwhile may be in it or not: it is added.
         """
-        self._folder, self._path = folder, os.path.join(folder, remembered.FILE)
+        self._folder, self._path = folder, os.path.join(folder, store_format.FILE)
         self._lock, self._parts = lock, parts
         self._file: Optional[int] = None
         self._guard: Optional[int] = None  # the folder, locked: one roscore has it
@@ -177,7 +177,7 @@ class Store:
         """Add the changes of one call."""
         if self._meanwhile is not None:
             self._meanwhile.append(records)
-            self._waiting += sum(weight(record[2]) for record in records if record[0] == "set")
+            self._waiting += sum(weigh(record[2]) for record in records if record[0] == "set")
         if self._file is None:
             return
         try:
@@ -189,7 +189,7 @@ class Store:
     def wait(self) -> bool:
         """Wait where much was changed in a short time; False where that does not help. Before a change, without the lock."""
         until = monotonic() + PATIENCE
-        while remembered.behind(self._size if self._file is not None else 0, self._base, self._waiting):
+        while store_format.must_wait(self._size if self._file is not None else 0, self._base, self._waiting):
             self._dirty.set()
             if monotonic() > until:
                 return False
@@ -218,14 +218,14 @@ class Store:
     def _line(self, number: int, records: Sequence[Record]) -> bytes:
         """A line. Values that cannot be kept are left out of it, which is said once for each parameter."""
         try:
-            return remembered.line(number, records)
+            return store_format.format_line(number, records)
         except (TypeError, ValueError, OverflowError, RecursionError):
-            kept, without = remembered.keepable(records)
+            kept, without = store_format.strip_values(records)
             for name in without:
                 if name not in self._left_out and len(self._left_out) < _SAID:
                     self._left_out.add(name)
                     _log.warning("%s has a value that cannot be kept: after a restart it is without it", plain(name))
-            return remembered.line(number, kept)
+            return store_format.format_line(number, kept)
 
     def _go_on(self, found: Found) -> bool:
         """Add to the file that was found. A new one has to be on the disk first, which takes seconds where that is busy."""
@@ -265,7 +265,7 @@ class Store:
             self._renew()
         else:
             self.sync()
-            if remembered.grown(self._size, self._base):
+            if store_format.is_renewal_due(self._size, self._base):
                 self._renew()
 
     def _renew(self, rest: bool = True) -> None:
@@ -304,7 +304,7 @@ class Store:
 
     def _write(self, file: int, rest: bool) -> int:
         """Write all there is; the number of the last line."""
-        _write_whole(file, remembered.head(boot()))
+        _write_whole(file, store_format.format_head(boot()))
         number = 0
         for part in self._parts():
             number = self._write_all(file, number, [[record] for record in part])

@@ -19,7 +19,7 @@ from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers, run_later
 from ..edge.rpc_client import Rpc
 from ..protocol.xml_rpc import NODE
-from .core.registry import Of, Record, Registry
+from .core.registry import NodeKey, Record, Registry
 from .tcpros import provider
 
 _log = logging.getLogger("rosfleet.survivors")
@@ -53,7 +53,7 @@ class Had(NamedTuple):
     services: Dict[str, str]  # service -> its URI
 
 
-def had(registry: Registry) -> Dict[Of, Had]:
+def had(registry: Registry) -> Dict[NodeKey, Had]:
     """The registrations of each node, by name and URI."""
     found = {of: Had({"publisher": set(), "subscriber": set()}, {}) for of in registry.nodes.items()}
     for kind, table in (("publisher", registry.publishers), ("subscriber", registry.subscribers)):
@@ -150,9 +150,9 @@ class Survivors:
     def __init__(self, workers: Workers, roscore: Registrations) -> None:
         """Ask in these workers, and have it done to this roscore."""
         self._workers, self._roscore = workers, roscore
-        self._left: Set[Of] = set()  # registered nodes that have not answered yet
-        self._warned: Set[Of] = set()
-        self._leaving: Set[Of] = set()
+        self._left: Set[NodeKey] = set()  # registered nodes that have not answered yet
+        self._warned: Set[NodeKey] = set()
+        self._leaving: Set[NodeKey] = set()
         self._alive = self._gone = self._lines = 0
 
     @property
@@ -178,14 +178,14 @@ class Survivors:
             self._leaving.add(of)
             run_later(AGAIN, partial(self._ask, of, Had({}, {}), partial(self._bury, of)))
 
-    def _ask(self, of: Of, held: Had, judge: Callable[[Found], bool], pause: float = AGAIN) -> None:
+    def _ask(self, of: NodeKey, held: Had, judge: Callable[[Found], bool], pause: float = AGAIN) -> None:
         def answered(found: Optional[Found], _problem: Optional[Exception]) -> None:
             if judge(Found(State.SILENT) if found is None else found):
                 run_later(pause, partial(self._ask, of, held, judge, min(2 * pause, LATEST)))
 
         self._workers.submit(partial(ask, *of, held), answered)
 
-    def _judge(self, of: Of, found: Found) -> bool:
+    def _judge(self, of: NodeKey, found: Found) -> bool:
         """Do what the answer of a registered node says. True where it is to be asked again."""
         name, uri = of
         if found.state is State.SILENT and self._roscore.has(name, uri):
@@ -215,7 +215,7 @@ class Survivors:
         elif self._lines == LINES + 1:
             _log.info("what became of further nodes is not logged one by one")
 
-    def _bury(self, of: Of, found: Found) -> bool:
+    def _bury(self, of: NodeKey, found: Found) -> bool:
         """End what is left of a node that is dead. True where it is to be asked again."""
         if found.state is not State.GONE and self._roscore.has(*of) and self._roscore.has_ended(of[0]):
             return True
@@ -224,23 +224,23 @@ class Survivors:
             self._roscore.bury(*of)
         return False
 
-    def _welcome(self, of: Of, registry: Registry, found: Found) -> bool:
+    def _welcome(self, of: NodeKey, registry: Registry, found: Found) -> bool:
         """Register a node again that lives. True where it is to be asked again."""
         if found.state is State.ALIVE:
             _log.info("%s at %s is still there: it is registered again", *of)
-            back = registry.without(lambda *other: other != of)
+            back = registry.exclude(lambda *other: other != of)
             for record in found.ended:
                 back.apply([*record, False])
             self._roscore.come_back(back)
         return found.state is State.SILENT
 
 
-def alive_of(registry: Registry, seconds: float) -> Set[Of]:
+def alive_of(registry: Registry, seconds: float) -> Set[NodeKey]:
     """Those nodes of a registry, by name and URI, that answer within this time."""
     loop, nodes, alive = Loop(), had(registry), set()
     left, end = set(nodes), monotonic() + seconds
 
-    def answered(of: Of, found: Optional[Found], _problem: Optional[Exception]) -> None:
+    def answered(of: NodeKey, found: Optional[Found], _problem: Optional[Exception]) -> None:
         left.discard(of)
         if found is not None and found.state is State.ALIVE:
             alive.add(of)

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which node is told what next: the calls that wait for a worker.
+"""The queue of calls that tell nodes of changes.
 
-- What is newer replaces what waits: a topic has one call at most that waits for a node.
-- A node has one call at a time, in the order in which things changed last.
+- A newer call replaces a waiting one: a node has at most one waiting call for a topic.
+- A node has one call at a time, in the order of the last changes.
 - A first change is told at once. Further ones of the same topic wait a little, and each time longer: a burst is a few calls.
-- A node that does not answer in time is asked again later, and such nodes have few workers together. So has each host:
+- A node that does not answer in time is called again later. Such nodes have few workers together, and so has each host:
   a lost robot keeps no own node waiting.
 """
 
@@ -14,14 +14,14 @@ from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Set, Tuple
 
 WORKERS = 64  # calls at once,
 PER_HOST = 24  # to nodes of one host,
-QUICK = 8  # of which so many are younger than
-YOUNG = 0.1  # seconds: who answers does so by then
+QUICK = 8  # so many of them younger than
+YOUNG = 0.1  # seconds: a node that answers has done so by then
 SLOW = 4  # calls to nodes that did not answer in time
 PAUSE, LONGEST = 0.01, 0.64  # seconds between two calls of one topic: at first, and at most
 BURST = 3  # a change within so many pauses after the last call makes the pause longer: twice as long,
 MANY = 4  # or as many times as there were so many changes since
 QUIET = 3.0  # seconds after which nothing is known of earlier calls
-RETRY, LATEST = 1.0, 16.0  # seconds until a node is asked again that did not answer, doubled up to
+RETRY, LATEST = 1.0, 16.0  # seconds until a silent node is called again, doubled up to
 PATIENCE = 60.0  # seconds after which what waits for such a node is dropped
 
 Key = Tuple[str, str]  # method, and the topic or parameter
@@ -43,7 +43,7 @@ class _Node:
     def __init__(self, host: str) -> None:
         self.host, self.busy = host, False
         self.waiting: OrderedDict[Key, Tuple[str, Tuple[Any, ...], int]] = OrderedDict()  # the last one: changes
-        self.told: Dict[Key, Tuple[float, float]] = {}  # key -> when it was told, and the pause after that
+        self.history: Dict[Key, Tuple[float, float]] = {}  # key -> time of its last call, and the pause after that
         self.silent_since: Optional[float] = None
         self.again, self.pause = 0.0, RETRY
 
@@ -59,7 +59,7 @@ class Notifications:
         self.dropped = 0  # calls that were given up
 
     def add(self, uri: str, host: str, method: str, name: str, arguments: Tuple[Any, ...]) -> None:
-        """A node is to be called; what waits with the same method and name is replaced."""
+        """Add a call of a node. It replaces the waiting one of the same method and name."""
         node = self._nodes.get(uri)
         if node is None:
             node = self._nodes[uri] = _Node(host)
@@ -69,12 +69,12 @@ class Notifications:
             self._ready.setdefault(uri)
 
     def next(self, now: float) -> Tuple[Optional[Call], Optional[float]]:
-        """The call to make now, or the time at which there may be one; (None, None) where only `add` or `done` can bring one."""
+        """The call to make now, or the time at which there may be one. (None, None): `add` or `finish` brings the next one."""
         earliest: Optional[float] = None
-        room = {host: self._room(calls, now) for host, calls in self._busy.items()}
+        room = {host: self._next_slot(calls, now) for host, calls in self._busy.items()}
         for uri in self._candidates():
             node = self._nodes[uri]
-            key, due = self._first(node, now)
+            key, due = self._find_first(node, now)
             due = max(due, room.get(node.host, now))
             if due <= now:
                 method, arguments, changes = node.waiting.pop(key)
@@ -83,8 +83,8 @@ class Notifications:
             earliest = due if earliest is None else min(due, earliest)
         return None, earliest
 
-    def done(self, call: Call, now: float, answered: bool, gone: bool = False) -> None:
-        """A call has ended. `answered`: in time; `gone`: nobody listens there any more."""
+    def finish(self, call: Call, now: float, answered: bool, gone: bool = False) -> None:
+        """End a call. `answered`: in time; `gone`: its port is closed."""
         node = self._nodes[call.uri]
         node.busy = False
         self._slow.discard(call.uri)
@@ -97,27 +97,27 @@ class Notifications:
             return
         if answered:
             node.silent_since, node.pause = None, RETRY
-            last, pause = node.told.get(call.key, (now - QUIET, PAUSE))
+            last, pause = node.history.get(call.key, (now - QUIET, PAUSE))
             burst = call.changes > MANY or now - last < BURST * pause
             longer = min(pause * max(2, call.changes / MANY), LONGEST)
-            node.told[call.key] = (now, longer if burst else PAUSE)
+            node.history[call.key] = (now, longer if burst else PAUSE)
         else:
-            self._was_silent(node, call, now)
+            self._note_silence(node, call, now)
         if node.waiting:
             self._ready[call.uri] = None
-        elif node.silent_since is None and len(node.told) > 64:
-            node.told = {key: (at, pause) for key, (at, pause) in node.told.items() if now - at < QUIET}
-        if not node.waiting and not node.told:
+        elif node.silent_since is None and len(node.history) > 64:
+            node.history = {key: (at, pause) for key, (at, pause) in node.history.items() if now - at < QUIET}
+        if not node.waiting and not node.history:
             del self._nodes[call.uri]
 
     def waits(self) -> bool:
-        """True where there is a node with something that waits, and no call under way."""
+        """True where a call waits for a node that has no call under way."""
         return bool(self._ready)
 
     def tidy(self, now: float) -> None:
-        """Forget nodes that were told all a while ago."""
+        """Forget nodes that have had all their calls a while ago."""
         for uri, node in list(self._nodes.items()):
-            if not node.busy and not node.waiting and all(now - at > QUIET for at, _pause in node.told.values()):
+            if not node.busy and not node.waiting and all(now - at > QUIET for at, _pause in node.history.values()):
                 del self._nodes[uri]
 
     def _candidates(self) -> Iterator[str]:
@@ -127,16 +127,16 @@ class Notifications:
             if node.host not in full and (node.silent_since is None or len(self._slow) < SLOW):
                 yield uri
 
-    def _room(self, calls: Dict[str, float], now: float) -> float:
-        """The time at which one more node of a host may be called."""
+    def _next_slot(self, calls: Dict[str, float], now: float) -> float:
+        """The time at which the next node of a host may be called."""
         young = sorted(since for since in calls.values() if now - since < YOUNG)
         return now if len(young) < QUICK else young[-QUICK] + YOUNG
 
-    def _first(self, node: _Node, now: float) -> Tuple[Key, float]:
-        """The thing that may be told first, and when."""
+    def _find_first(self, node: _Node, now: float) -> Tuple[Key, float]:
+        """The key that may be told first, and when."""
         best: List[Any] = []
         for key in node.waiting:
-            at, pause = node.told.get(key, (0.0, 0.0))
+            at, pause = node.history.get(key, (0.0, 0.0))
             due = max(at + pause, node.again if node.silent_since is not None else 0.0)
             if due <= now:
                 return key, due
@@ -151,7 +151,7 @@ class Notifications:
         if node.silent_since is not None:
             self._slow.add(uri)
 
-    def _was_silent(self, node: _Node, call: Call, now: float) -> None:
+    def _note_silence(self, node: _Node, call: Call, now: float) -> None:
         if node.silent_since is None:
             node.silent_since = now
         node.again, node.pause = now + node.pause, min(2 * node.pause, LATEST)

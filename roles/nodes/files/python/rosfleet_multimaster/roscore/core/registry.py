@@ -1,24 +1,24 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The knowledge of a roscore, as records: one for each thing that was changed. The store keeps them, the feed tells of them.
+"""The knowledge of a roscore, as records: one for each thing that was changed. The store keeps them, the feed tells them.
 
 A record is a list, its kind first:
 
     ["publisher", topic, node, URI of the node, there]     ["subscriber", topic, node, URI of the node, there]
-    ["listener", parameter, node, URI of the node, there]  who hears of changes of a parameter
+    ["listener", parameter, node, URI of the node, there]  a node that is told changes of a parameter
     ["service", service, node, URI of the service, URI of the node, there]
     ["type", topic, type]                                  ["node", node, URI; "" where it is gone]
     ["set", parameter, value]                              ["delete", parameter]
 """
 
-from typing import Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Tuple
 
 Record = List[Any]
-Of = Tuple[str, str]  # a node: its name and its URI
+NodeKey = Tuple[str, str]  # a node: its name and its URI
 
 
 class Service(NamedTuple):
-    """Who provides a service, and where."""
+    """The provider of a service."""
 
     node: str
     node_uri: str
@@ -29,16 +29,16 @@ class Registry:
     """All that a roscore knows, as plain data."""
 
     def __init__(self) -> None:
-        self.publishers: Dict[str, Dict[Of, None]] = {}  # each a set that keeps the order
-        self.subscribers: Dict[str, Dict[Of, None]] = {}
-        self.listeners: Dict[str, Dict[Of, None]] = {}
+        self.publishers: Dict[str, Dict[NodeKey, None]] = {}  # each a set that keeps the order
+        self.subscribers: Dict[str, Dict[NodeKey, None]] = {}
+        self.listeners: Dict[str, Dict[NodeKey, None]] = {}
         self.services: Dict[str, Service] = {}
         self.types: Dict[str, str] = {}
         self.nodes: Dict[str, str] = {}
         self.parameters: Dict[str, Any] = {}
 
     def apply(self, record: Record) -> None:
-        """Carry out what a record says. Raises ValueError where it says nothing."""
+        """Carry out a record. Raises ValueError where it is none."""
         self.check(record)
         try:
             _APPLY[record[0]](self, *record[1:])
@@ -52,15 +52,15 @@ class Registry:
         if kinds is None or len(record) != len(kinds) + 1 or not all(map(isinstance, record[1:], kinds)):
             raise ValueError("no record")
 
-    def now(self, record: Record) -> Record:
-        """The same record as it is now: of a registration, with its presence; of a type or node, with what it is."""
+    def current(self, record: Record) -> Record:
+        """What is true now of the thing in a record: its presence, or the type or the URI that it has."""
         kind, key, *rest = record
         if kind in ("publisher", "subscriber", "listener"):
             return [*record[:4], tuple(rest[:2]) in getattr(self, f"{kind}s").get(key, {})]
         if kind == "service":
-            held = self.services.get(key)
-            there = held is not None and (held.node, held.uri) == tuple(rest[:2])
-            return [kind, key, *rest[:2], held.node_uri if held and there else rest[2], there]
+            service = self.services.get(key)
+            there = service is not None and (service.node, service.uri) == tuple(rest[:2])
+            return [kind, key, *rest[:2], service.node_uri if service and there else rest[2], there]
         return [kind, key, (self.types if kind == "type" else self.nodes).get(key, "")]
 
     def records(self) -> Iterator[Record]:
@@ -78,33 +78,33 @@ class Registry:
             for key, users in table.items():
                 for node, uri in users:
                     yield [name, key, node, uri, True]
-        for service, of in self.services.items():
-            yield ["service", service, of.node, of.uri, of.node_uri, True]
+        for name, service in self.services.items():
+            yield ["service", name, service.node, service.uri, service.node_uri, True]
 
-    def without(self, gone: Callable[[str, str], bool]) -> "Registry":
-        """The same without the nodes for which `gone(name, URI)` is true. Topic types and parameters stay."""
-        left = Registry()
-        left.types, left.parameters = self.types, self.parameters
-        left.nodes = {node: uri for node, uri in self.nodes.items() if not gone(node, uri)}
+    def exclude(self, is_gone: Callable[[str, str], bool]) -> "Registry":
+        """A copy without the nodes for which `is_gone(name, URI)` is true. Topic types and parameters stay."""
+        rest = Registry()
+        rest.types, rest.parameters = self.types, self.parameters
+        rest.nodes = {node: uri for node, uri in self.nodes.items() if not is_gone(node, uri)}
         for name in ("publishers", "subscribers", "listeners"):
             for key, users in getattr(self, name).items():
-                some = {of: None for of in users if not gone(*of)}
+                some = {node: None for node in users if not is_gone(*node)}
                 if some:
-                    getattr(left, name)[key] = some
-        left.services = {name: of for name, of in self.services.items() if not gone(of.node, of.node_uri)}
-        return left
+                    getattr(rest, name)[key] = some
+        rest.services = {key: it for key, it in self.services.items() if not is_gone(it.node, it.node_uri)}
+        return rest
 
     def parameter(self, name: str) -> Any:
         """The value of a parameter, None where it is not set."""
         value: Any = self.parameters
-        for part in _parts(name):
+        for part in split_name(name):
             if not isinstance(value, dict) or part not in value:
                 return None
             value = value[part]
         return value
 
 
-def _user(table: str) -> Callable[[Registry, str, str, str, bool], None]:
+def _make_user_change(table: str) -> Callable[[Registry, str, str, str, bool], None]:
     def change(registry: Registry, key: str, node: str, uri: str, there: bool) -> None:
         users = getattr(registry, table).setdefault(key, {})
         if there:
@@ -117,28 +117,28 @@ def _user(table: str) -> Callable[[Registry, str, str, str, bool], None]:
     return change
 
 
-def _service(registry: Registry, service: str, node: str, uri: str, node_uri: str, there: bool) -> None:
-    held = registry.services.get(service)
+def _set_service(registry: Registry, service: str, node: str, uri: str, node_uri: str, there: bool) -> None:
+    present = registry.services.get(service)
     if there:
         registry.services[service] = Service(node, node_uri, uri)
-    elif held is not None and (held.node, held.uri) == (node, uri):
+    elif present is not None and (present.node, present.uri) == (node, uri):
         del registry.services[service]
 
 
-def _type(registry: Registry, topic: str, kind: str) -> None:
+def _set_type(registry: Registry, topic: str, kind: str) -> None:
     registry.types[topic] = kind
 
 
-def _node(registry: Registry, node: str, uri: str) -> None:
+def _set_node(registry: Registry, node: str, uri: str) -> None:
     if uri:
         registry.nodes[node] = uri
     else:
         registry.nodes.pop(node, None)
 
 
-def _set(registry: Registry, name: str, value: Any) -> None:
-    """As rosmaster does it: what is on the way to the parameter and no mapping becomes one."""
-    parts = _parts(name)
+def _set_parameter(registry: Registry, name: str, value: Any) -> None:
+    """As rosmaster does it: each part of the name above the parameter becomes a mapping."""
+    parts = split_name(name)
     if not parts:
         if not isinstance(value, dict):
             raise TypeError
@@ -152,8 +152,8 @@ def _set(registry: Registry, name: str, value: Any) -> None:
     within[parts[-1]] = value
 
 
-def _delete(registry: Registry, name: str) -> None:
-    parts = _parts(name)
+def _delete_parameter(registry: Registry, name: str) -> None:
+    parts = split_name(name)
     within: Any = registry.parameters
     for part in parts[:-1]:
         within = within.get(part) if isinstance(within, dict) else None
@@ -161,19 +161,20 @@ def _delete(registry: Registry, name: str) -> None:
         within.pop(parts[-1], None)
 
 
-def _parts(name: str) -> List[str]:
+def split_name(name: str) -> List[str]:
+    """The parts of the name of a parameter."""
     return [part for part in name.split("/") if part]
 
 
 _APPLY: Dict[str, Callable[..., None]] = {
-    "publisher": _user("publishers"),
-    "subscriber": _user("subscribers"),
-    "listener": _user("listeners"),
-    "service": _service,
-    "type": _type,
-    "node": _node,
-    "set": _set,
-    "delete": _delete,
+    "publisher": _make_user_change("publishers"),
+    "subscriber": _make_user_change("subscribers"),
+    "listener": _make_user_change("listeners"),
+    "service": _set_service,
+    "type": _set_type,
+    "node": _set_node,
+    "set": _set_parameter,
+    "delete": _delete_parameter,
 }
 #: kind -> the types of what follows it
 _TYPES: Dict[str, Tuple[type, ...]] = {
@@ -188,24 +189,22 @@ _TYPES: Dict[str, Tuple[type, ...]] = {
 }
 
 
-def told(record: Record) -> Optional[Record]:
-    """The record as the feed has it; None where it does not tell of it."""
+def to_feed(records: Iterable[Record]) -> List[Record]:
+    """These records as the feed tells them, without those that it does not tell."""
+    return [record for record in map(_to_feed, records) if record]
+
+
+def _to_feed(record: Record) -> Record:
     kind = record[0]
     if kind in ("publisher", "subscriber"):
         return [kind, record[1], record[2], record[4]]
     if kind == "service":
         return [kind, record[1], record[2], record[3] if record[5] else ""]
-    return record if kind in ("type", "node") else None
-
-
-def told_whole(records: Iterable[Record], parameters: Iterable[Tuple[str, Any]]) -> List[Record]:
-    """The whole state as the feed has it, with these parameters and their values."""
-    found: Iterable[Optional[Record]] = map(told, records)
-    return [record for record in found if record] + [["parameter", *parameter] for parameter in parameters]
+    return record if kind in ("type", "node", "refused", "parameter") else []
 
 
 def touches(name: str, parameter: str) -> bool:
     """True where a change of the parameter `name` may change `parameter`: it is above, the same, or below."""
-    changed, other = _parts(name), _parts(parameter)
+    changed, other = split_name(name), split_name(parameter)
     short = min(len(changed), len(other))
     return changed[:short] == other[:short]

@@ -8,7 +8,7 @@ import xmlrpc.client
 import zlib
 
 import pytest
-from rosfleet_multimaster.roscore.core import remembered
+from rosfleet_multimaster.roscore.core import store_format
 from rosfleet_multimaster.roscore.core.registry import Registry
 
 A = ("/a", "http://robot:1/")
@@ -21,12 +21,12 @@ CHANGES = [
 
 
 def file_of(changes):
-    lines = [remembered.line(number, records) for number, records in enumerate(changes, 1)]
-    return remembered.head("boot") + b"".join(lines)
+    lines = [store_format.format_line(number, records) for number, records in enumerate(changes, 1)]
+    return store_format.format_head("boot") + b"".join(lines)
 
 
 def read(data, *special):
-    return remembered.read(io.BytesIO(data), *special)
+    return store_format.read(io.BytesIO(data), *special)
 
 
 def state_of(changes):
@@ -40,11 +40,11 @@ def state_of(changes):
 def test_what_is_written_is_read():
     found = read(file_of(CHANGES))
     assert vars(found.registry) == state_of(CHANGES)
-    assert found.boot == "boot" and not found.torn and not found.damaged and found.good == len(file_of(CHANGES))
+    assert found.boot == "boot" and not found.torn and not found.damaged and found.size == len(file_of(CHANGES))
 
 
 def test_cut_at_any_byte_it_is_what_was_written_to_its_end():
-    data, first = file_of(CHANGES), len(remembered.head("boot"))
+    data, first = file_of(CHANGES), len(store_format.format_head("boot"))
     for size in range(first, len(data)):
         found = read(data[:size])
         whole = data[:size].count(b"\n") - 1
@@ -53,14 +53,14 @@ def test_cut_at_any_byte_it_is_what_was_written_to_its_end():
 
 
 def test_a_file_without_a_first_line_is_none():
-    for size in range(len(remembered.head("boot"))):
+    for size in range(len(store_format.format_head("boot"))):
         assert read(file_of(CHANGES)[:size]) is None
     assert read(b"something else\n") is None
-    assert read(remembered.line(0, {"format": remembered.FORMAT + 1})) is None
+    assert read(store_format.format_line(0, {"format": store_format.FORMAT + 1})) is None
 
 
 def test_a_changed_byte_ends_the_file_and_makes_no_other_state():
-    data, first = file_of(CHANGES), len(remembered.head("boot"))
+    data, first = file_of(CHANGES), len(store_format.format_head("boot"))
     states = [state_of(CHANGES[:count]) for count in range(len(CHANGES) + 1)]
     for at in range(first, len(data)):
         found = read(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
@@ -88,7 +88,7 @@ def test_binary_values_and_times_stay_what_they_are():
     data = file_of([[["set", "/values", values]]])
     assert read(data, special).registry.parameters["values"] == values
     with pytest.raises(TypeError, match="cannot be kept"):
-        remembered.line(1, object())
+        store_format.format_line(1, object())
 
 
 def test_a_whole_registry_is_read_back():
@@ -98,27 +98,29 @@ def test_a_whole_registry_is_read_back():
 
 
 def test_a_file_is_written_anew_when_it_has_grown_much():
-    assert not remembered.grown(remembered.SLACK, 10) and remembered.grown(remembered.SLACK + 100, 10)
-    assert not remembered.grown(15 << 20, 10 << 20) and remembered.grown(21 << 20, 10 << 20)
+    assert not store_format.is_renewal_due(store_format.SLACK, 10) and store_format.is_renewal_due(
+        store_format.SLACK + 100, 10
+    )
+    assert not store_format.is_renewal_due(15 << 20, 10 << 20) and store_format.is_renewal_due(21 << 20, 10 << 20)
 
 
 def test_a_line_that_is_whole_and_says_nothing_is_left_out_alone():
     deep = "[" * 100_000 + "]" * 100_000
     wrong = [["set", "/x"], ["publisher", "/t", "/a", 7, True], "nothing", ["what", 1], ["set", "/", 5], [["set"], 1]]
     before = [CHANGES[0], wrong, CHANGES[1]]
-    data = remembered.head("boot") + b"".join(
-        remembered.line(number, records) for number, records in enumerate(before, 1)
+    data = store_format.format_head("boot") + b"".join(
+        store_format.format_line(number, records) for number, records in enumerate(before, 1)
     )
     text = f"4 {deep}".encode()
-    data += b"%08x %s\n" % (zlib.crc32(text), text) + remembered.line(5, CHANGES[2])
+    data += b"%08x %s\n" % (zlib.crc32(text), text) + store_format.format_line(5, CHANGES[2])
     found = read(data)
-    assert vars(found.registry) == state_of(CHANGES[:3]) and not found.torn and found.left_out == len(wrong) + 1
+    assert vars(found.registry) == state_of(CHANGES[:3]) and not found.torn and found.omissions == len(wrong) + 1
 
 
 def test_entries_beyond_a_roscores_bounds_are_left_out_alone():
     data = file_of([[["set", f"/p{number}", "x" * (10 << 20)]] for number in range(35)] + [[["set", "/last", 1]]])
     found = read(data)
-    assert set(found.registry.parameters) == {*(f"p{number}" for number in range(6)), "last"} and found.left_out == 29
+    assert set(found.registry.parameters) == {*(f"p{number}" for number in range(6)), "last"} and found.omissions == 29
 
 
 class Strange:
@@ -131,7 +133,7 @@ def test_a_value_that_cannot_be_kept_is_left_out_alone():
         ["set", "/x", Strange()],
     ]
     records += [["node", *A], ["set", "/y", 7]]
-    kept, without = remembered.keepable(records)
+    kept, without = store_format.strip_values(records)
     assert kept == [["set", "/tree", {"a": 1, "c": {}}], ["delete", "/x"], ["node", *A], ["set", "/y", 7]]
     assert without == ["/tree", "/x"]
 
