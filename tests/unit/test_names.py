@@ -23,7 +23,6 @@ LATER = set(
     plugins/module_utils/_verify
     plugins/module_utils/_watch
     roles/nodes/files/python/rosfleet_multimaster/discovery
-    roles/nodes/files/python/rosfleet_multimaster/roscore
     roles/nodes/files/python/rosfleet_multimaster/sync
     roles/nodes/files/python/rosfleet_multimaster/sync/core
     tools

@@ -44,7 +44,7 @@ class Store:
         self._writer, self._cleaner = opened(folder), opened(folder)
         self._dirty = threading.Event()
 
-    def start(self):
+    def start(self, _snapshot=None):
         with self._lock:
             self._writer.execute("BEGIN")
             self._writer.execute("DELETE FROM state")
@@ -67,6 +67,9 @@ class Store:
             else:
                 self._writer.execute("REPLACE INTO state VALUES (?, ?)", (thing(record), json.dumps(record)))
 
+    def wait(self):
+        return True
+
     def sync(self):
         self._cleaner.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchall()
 
@@ -85,7 +88,7 @@ def read(folder):
     found = Registry()
     for (text,) in opened(folder).execute("SELECT record FROM state"):
         found.apply(json.loads(text))
-    return store.Found(found, False)
+    return store.Snapshot(found, False, 0, 0)
 
 
 if __name__ == "__main__":

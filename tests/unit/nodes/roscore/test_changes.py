@@ -18,7 +18,7 @@ PUBLISHER = ["publisher", "/chatter", "/a", "http://robot:1/", True]
 class Roscore:
     def __init__(self, own=True):
         self.registry, self.lock, self.away = Registry(), threading.RLock(), False
-        self.caller = types.SimpleNamespace(own=own, gone=lambda: self.away)
+        self.caller = types.SimpleNamespace(is_own=own, has_left=lambda: self.away)
         self.feed = module.Changes(
             "now", self.lock, lambda: [*self.registry.records(), ["parameter", "/watched", None]], lambda: self.caller
         )

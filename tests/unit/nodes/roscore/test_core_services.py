@@ -26,7 +26,7 @@ class Roscore:
 def test_the_run_id_is_new_once_and_then_stays():
     first, second, later = Roscore(), Roscore(), Roscore(run_id="known")
     for roscore in (first, second, later):
-        module.run_id(roscore)
+        module.set_run_id(roscore)
     assert first.parameters["/run_id"] != second.parameters["/run_id"] and len(first.parameters["/run_id"]) == 36
     assert later.parameters == {"/run_id": "known"} and later.set == []
 
@@ -41,7 +41,7 @@ def test_the_run_id_is_new_once_and_then_stays():
 )
 def test_roslaunch_finds_the_program_by_its_parameter(uri, name):
     roscore = Roscore()
-    module.parameters(roscore, uri)
+    module.set_uri(roscore, uri)
     assert roscore.parameters == {f"/roslaunch/uris/{name}": uri}
 
 
@@ -49,12 +49,12 @@ def test_versions_are_set_where_they_are_known_and_not_again(monkeypatch):
     answers = {("rosversion", "roslaunch"): "1.15.15\n", ("rosversion", "-d"): "noetic\n"}
     monkeypatch.setattr(module, "output", lambda command, _seconds: answers[tuple(command)])
     roscore = Roscore(rosversion="1.15.15\n")
-    module.versions(roscore)
+    module.set_versions(roscore)
     assert roscore.parameters == {"/rosversion": "1.15.15\n", "/rosdistro": "noetic\n"} and roscore.set == [
         "/rosdistro"
     ]
     answers.update(dict.fromkeys(answers, ""))
-    module.versions(roscore)
+    module.set_versions(roscore)
     assert roscore.set == ["/rosdistro"], "nobody could tell"
 
 

@@ -37,14 +37,14 @@ class Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
         if name == "many":
             return [1, "", ["x" * arguments[0]] * arguments[1]]
         if name == "caller":
-            return [1, "", self.calls.caller.own]
+            return [1, "", self.calls.caller.is_own]
         raise Exception(f'method "{name}" is not supported')
 
     def verify_request(self, request, client_address):
-        return self.door.lines.opened(request, True)
+        return self.door.connections.add(request, True)
 
     def shutdown_request(self, request):
-        self.door.lines.closed(request)
+        self.door.connections.remove(request)
         super().shutdown_request(request)
 
     def handle_error(self, _request, _address):
@@ -109,7 +109,7 @@ def test_several_calls_come_over_one_connection(server):
     assert client.caller()[2] is True
     with pytest.raises(xmlrpc.client.Fault, match="not supported"):
         client.nothing()
-    assert len(server.door.lines._open) == 1
+    assert len(server.door.connections._open) == 1
 
 
 def nested(levels):
@@ -191,11 +191,11 @@ def test_an_answer_that_is_not_taken_is_given_up(server, monkeypatch):
         body = call("many", 1 << 20, 40)
         connection.sendall(b"POST / HTTP/1.1\r\nContent-Length: %d\r\n\r\n" % len(body) + body)
         until = time.monotonic() + 20
-        while not server.door.under_way._used and time.monotonic() < until:
+        while not server.door.budget._used and time.monotonic() < until:
             time.sleep(0.01)
-        while server.door.lines._open and time.monotonic() < until:
+        while server.door.connections._open and time.monotonic() < until:
             time.sleep(0.05)
-        assert not server.door.lines._open and server.door.under_way._used == 0
+        assert not server.door.connections._open and server.door.budget._used == 0
 
 
 def test_a_connection_that_breaks_breaks_nothing_else(server):
@@ -204,33 +204,35 @@ def test_a_connection_that_breaks_breaks_nothing_else(server):
             body = call("echo", "x" * 100)
             connection.sendall((b"POST / HTTP/1.1\r\nContent-Length: %d\r\n\r\n" % len(body) + body)[:size])
     assert post(server, call("echo", 1)) == [1, "", 1]
-    assert server.door.under_way._used == 0
+    assert server.door.budget._used == 0
 
 
 def test_the_longest_idle_connection_ends_when_too_many(server, monkeypatch):
-    lines = server.door.lines = door.Lines(3)
+    connections = server.door.connections = door.Connections(3)
     clients = []
     for number in range(5):
         client = xmlrpc.client.ServerProxy(server.uri)
         assert client.echo(number) == [1, "", number]
         clients.append(client)
-        assert len(lines._open) <= 3
+        assert len(connections._open) <= 3
     assert [client.echo(7)[2] for client in clients] == [7] * 5, "a client connects again"
 
 
 def test_connections_of_other_computers_end_first():
-    lines, ends = door.Lines(2), [socket.socketpair() for _pair in range(3)]
-    assert lines.opened(ends[0][0], True) and lines.opened(ends[1][0], False) and lines.opened(ends[2][0], True)
+    connections, ends = door.Connections(2), [socket.socketpair() for _pair in range(3)]
+    assert (
+        connections.add(ends[0][0], True) and connections.add(ends[1][0], False) and connections.add(ends[2][0], True)
+    )
     ends[1][1].settimeout(5)
-    assert ends[1][1].recv(1) == b"" and set(lines._open) == {ends[0][0], ends[2][0]}
-    for end in list(lines._open):
-        lines.used(end, True)
-    assert not lines.opened(ends[1][0], True), "all are busy"
+    assert ends[1][1].recv(1) == b"" and set(connections._open) == {ends[0][0], ends[2][0]}
+    for end in list(connections._open):
+        connections.mark(end, True)
+    assert not connections.add(ends[1][0], True), "all are busy"
 
 
 def test_others_have_half_of_the_memory(monkeypatch):
     monkeypatch.setattr(door, "ROOM", 0.05)
-    room = door.UnderWay(1_000_000)
+    room = door.Budget(1_000_000)
     with room.take(400_000, False):
         with pytest.raises(Refusal), room.take(200_000, False):
             pass
@@ -242,7 +244,7 @@ def test_others_have_half_of_the_memory(monkeypatch):
 
 
 def test_a_large_request_waits_for_room(monkeypatch):
-    room, done = door.UnderWay(1_000_000), []
+    room, done = door.Budget(1_000_000), []
 
     def wait():
         with room.take(900_000, True):

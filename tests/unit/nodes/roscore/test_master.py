@@ -134,7 +134,7 @@ def test_what_is_handed_on_makes_what_there_is(roscore, changes):
 
 def test_all_changes_of_a_call_are_handed_on_before_its_answer(roscore):
     lists = []
-    roscore.hear(handed_on=lists.append)
+    roscore.hear(on_changes=lists.append)
     roscore.call("registerPublisher", "/a", "/chatter", "x/Y", A)
     (records,) = lists
     assert sorted(record[0] for record in records) == ["node", "publisher", "type"]
@@ -145,7 +145,7 @@ def test_what_is_handed_on_between_two_parts_belongs_to_them(roscore, monkeypatc
     monkeypatch.setattr(module, "PART", 2)
     some(roscore)
     read, noted = Registry(), []
-    roscore.hear(handed_on=noted.extend)
+    roscore.hear(on_changes=noted.extend)
     calls = iter(call for changes in CHANGES.values() for call in changes)
     for part in roscore.master.parts():
         for record in part:
@@ -277,7 +277,7 @@ def test_after_a_boot_a_node_is_registered_and_hears_again(roscore):
     second = Roscore()
     second.call("registerSubscriber", "/viewer", "/chatter", "x/Y", NEW)
     second.call("setParam", "/viewer", "/speed", {"most": 7})
-    second.master.come_back(roscore.registry)
+    second.master.readmit(roscore.registry)
     assert second.registry.publishers == roscore.registry.publishers
     assert second.registry.services == roscore.registry.services
     assert second.registry.listeners == roscore.registry.listeners
@@ -292,7 +292,7 @@ def test_after_a_boot_names_that_others_have_by_now_stay_theirs(roscore):
     second = Roscore()
     second.call("registerPublisher", "/a", "/own", "x/Y", NEW)
     second.call("registerService", "/c", "/serve", "rosrpc://c:5", NEW)
-    second.master.come_back(roscore.registry)
+    second.master.readmit(roscore.registry)
     assert second.master.call("lookupNode", "/test", "/a")[2] == NEW
     assert second.registry.services["/serve"].uri == "rosrpc://c:5"
     assert list(second.registry.publishers) == ["/own"] and list(second.registry.subscribers) == ["/chatter"]
@@ -345,7 +345,7 @@ def test_others_can_call_no_other_names(roscore):
 
 def test_changes_of_one_text_are_made_together(roscore):
     handed = []
-    roscore.hear(handed_on=handed.append)
+    roscore.hear(on_changes=handed.append)
     calls = [["registerPublisher", "/a", f"/topic_{number}", "x/Y", A] for number in range(3)]
     calls += [["registerPublisher", "/a"], ["getPid", "/a"], ["rosfleetTogether", "/a", []]]
     texts = [json.dumps(calls), json.dumps([["unregisterPublisher", "/a", "/topic_0", A]])]
@@ -395,7 +395,7 @@ def test_the_lock_may_be_taken_again_by_its_holder():
 
 @pytest.mark.parametrize("address", ["127.0.0.1", "127.0.3.4", "::1", "192.168.1.5", "192.168.1.6"])
 def test_a_caller_of_this_computer(address):
-    assert module.Caller(address, "192.168.1.5").own is (address != "192.168.1.6")
+    assert module.Caller(address, "192.168.1.5").is_own is (address != "192.168.1.6")
 
 
 @pytest.mark.skipif(not REAL, reason="rosmaster is not installed")
@@ -406,13 +406,13 @@ def test_it_serves_on_a_socket_that_was_held(roscore):
 
     def who():
         callers.append(roscore.master.caller())
-        gone.append(callers[0].gone())
+        gone.append(callers[0].has_left())
         return 7
 
     uri, used = module.serve(roscore.master, port, [held], {"whoAmI": who})
     assert used is held and uri.endswith(f":{port}/")
     client = xmlrpc.client.ServerProxy(f"http://127.0.0.1:{port}/")
-    assert client.whoAmI() == 7 and callers[0].own and gone == [False]
+    assert client.whoAmI() == 7 and callers[0].is_own and gone == [False]
     client.registerPublisher("/a", "/chatter", "x/Y", A)
     assert client.getSystemState("/test")[2][0] == [["/chatter", ["/a"]]]
     batch = xmlrpc.client.MultiCall(client)
@@ -421,9 +421,9 @@ def test_it_serves_on_a_socket_that_was_held(roscore):
     assert len(list(batch())[1][2][0]) == 2
     client("close")()
     until = time.monotonic() + 5
-    while not callers[0].gone() and time.monotonic() < until:
+    while not callers[0].has_left() and time.monotonic() < until:
         time.sleep(0.01)
-    assert callers[0].gone()
+    assert callers[0].has_left()
 
 
 @pytest.mark.skipif(not REAL, reason="rosmaster is not installed")
@@ -438,7 +438,7 @@ def test_a_port_that_is_taken_is_an_error(roscore):
 def test_what_is_beyond_a_bound_is_refused_and_changes_nothing(roscore):
     some(roscore)
     counted = []
-    roscore.hear(refused=lambda problem: counted.append(problem.bound))
+    roscore.hear(on_refusal=lambda problem: counted.append(problem.bound))
     before = roscore.without_order()
     deep = 1
     for _level in range(70):

@@ -171,7 +171,7 @@ def test_killed_at_any_call_after_a_kill_nothing_is_lost_either(tmp_path, quick,
             roscore = Roscore(folder)
             roscore.registry = found.registry
             kill_at(step, half)
-            assert roscore.store._go_on(found)
+            assert roscore.store._resume(found)
             for count in range(5, 8):
                 roscore.change(count)
                 answered(count)
@@ -219,7 +219,7 @@ def test_a_file_that_cannot_be_gone_on_with_is_written_anew(tmp_path, monkeypatc
     if what == "damaged":
         path.write_bytes(path.read_bytes() + b"nonsense\nmore\n")
     if what == "another boot":
-        monkeypatch.setattr(store, "boot", lambda: "another")
+        monkeypatch.setattr(store, "read_boot_id", lambda: "another")
     if what != "owned":
         os.close(before.store._guard)
     found = store.read(str(tmp_path))
@@ -227,7 +227,7 @@ def test_a_file_that_cannot_be_gone_on_with_is_written_anew(tmp_path, monkeypatc
         path.unlink()
     roscore = Roscore(tmp_path)
     roscore.registry = found.registry
-    assert not roscore.store._go_on(found)
+    assert not roscore.store._resume(found)
     roscore.store.start(found)
     roscore.change(2)
     assert vars(store.read(str(tmp_path)).registry) == state(1 if what == "owned" else 2)
@@ -303,7 +303,7 @@ def test_another_boot_is_told(tmp_path, monkeypatch):
     roscore = Roscore(tmp_path)
     roscore.store._renew(rest=False)
     assert store.read(str(tmp_path)).another_boot is False
-    monkeypatch.setattr(store, "boot", lambda: "another")
+    monkeypatch.setattr(store, "read_boot_id", lambda: "another")
     assert store.read(str(tmp_path)).another_boot is True
 
 
@@ -357,7 +357,7 @@ def test_after_five_starts_that_come_to_nothing_it_is_put_aside(tmp_path):
     roscore.change(1)
     for _start in range(store.STARTS - 1):
         assert store.read(str(tmp_path)) is not None
-    store.settled(str(tmp_path))
+    store.clear_starts(str(tmp_path))
     for _start in range(store.STARTS):
         assert store.read(str(tmp_path)) is not None
     assert store.read(str(tmp_path)) is None and os.listdir(tmp_path) == [f"{store_format.FILE}.damaged"]

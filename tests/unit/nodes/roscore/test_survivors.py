@@ -11,7 +11,7 @@ from rosfleet_multimaster.discovery.rpc_server import RpcServer
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.roscore import survivors as module
 from rosfleet_multimaster.roscore.core.registry import Registry
-from rosfleet_multimaster.roscore.survivors import Had, State
+from rosfleet_multimaster.roscore.survivors import Endpoints, State
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def node():
 
 
 def had(publishes=("/out",), subscribes=("/in",), services=()):
-    return Had({"publisher": set(publishes), "subscriber": set(subscribes)}, dict(services))
+    return Endpoints({"publisher": set(publishes), "subscriber": set(subscribes)}, dict(services))
 
 
 def test_a_node_that_has_what_it_had(node):
@@ -119,7 +119,7 @@ class Roscore:
     def bury(self, name, _uri):
         self.buried.append(name)
 
-    def come_back(self, registry):
+    def readmit(self, registry):
         self.back.append(registry)
 
 
@@ -147,7 +147,7 @@ def test_all_are_asked_and_a_silent_one_again(node, survey):
     found = registry(**uris)
     found.apply(["publisher", "/rosout", "/less", uris["less"], True])
     threading.Timer(0.6, slow.close).start()
-    done = survey(lambda survivors: survivors.begin(found), lambda survivors, _done: not survivors._left)
+    done = survey(lambda survivors: survivors.begin(found), lambda survivors, _done: not survivors._silent)
     assert sorted(done.ended) == ["/dead", "/slow"] and done.removed == [["publisher", "/out", "/less", uris["less"]]]
 
 
@@ -159,7 +159,7 @@ def test_a_silent_node_stays_as_long_as_it_is_registered(survey, caplog):
         def over(survivors, roscore):
             asked.append(survivors.silent)
             roscore.held = len(asked) < 20  # then somebody else has its name, or `rosnode cleanup` was called
-            return not survivors._left
+            return not survivors._silent
 
         done = survey(lambda survivors: survivors.begin(registry(slow=uri)), over)
     assert asked[20] == 1 and asked[-1] == 0 and done.ended == [] == done.removed
@@ -169,7 +169,7 @@ def test_a_silent_node_stays_as_long_as_it_is_registered(survey, caplog):
 def test_after_a_boot_a_node_comes_back_when_it_answers(node, survey, monkeypatch):
     monkeypatch.setattr(module, "provider", lambda uri, _service, _timeout: "/late" if uri.endswith(":1") else "/x")
     uris = {"dead": "http://127.0.0.1:1/", "late": node()}
-    answers = iter([module.Found(State.SILENT)] * 2)
+    answers = iter([module.Answer(State.SILENT)] * 2)
     ask = module.ask
     monkeypatch.setattr(module, "ask", lambda *of: "late" in of[0] and next(answers, None) or ask(*of))
     found = registry(**uris)
@@ -191,8 +191,8 @@ def test_those_that_answer_within_a_time(node):
             "dead": "http://127.0.0.1:1/",
             "slow": f"http://127.0.0.1:{listener.getsockname()[1]}/",
         }
-        assert module.alive_of(registry(**uris), 0.5) == {("/alive", uris["alive"])}
-    assert module.alive_of(Registry(), 0.5) == set()
+        assert module.find_alive(registry(**uris), 0.5) == {("/alive", uris["alive"])}
+    assert module.find_alive(Registry(), 0.5) == set()
 
 
 def test_a_node_with_nothing_left_is_asked_until_it_is_dead(node, survey):

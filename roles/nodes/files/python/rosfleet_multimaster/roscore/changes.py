@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The method rosfleetChanges: who follows the roscore asks what changed, and waits for the answer.
+"""The method rosfleetChanges: a follower of the roscore asks for changes, and waits for the answer.
 
     rosfleetChanges(caller_id, epoch, revision, wait) -> [1, text, [epoch, revision, whole, records]]
     rosfleetChanges(caller_id, epoch, revision, wait, True)   the same, the records in texts of JSON, a few in each
 
-It answers at once where something changed since that revision, and else within `wait` seconds, with no records. Whoever
-names another epoch or a revision from long ago gets the whole state, which replaces what he has.
+It answers at once where something changed since that revision, and else within `wait` seconds, with no records. The answer to
+another epoch or to a revision from long ago is the whole state, which replaces what the follower has.
 """
 
 import threading
@@ -19,11 +19,11 @@ from .core.registry import Record, to_feed
 
 LONGEST = 60.0  # seconds of waiting
 WAITING = 8  # callers that wait at once
-LOOK = 1.0  # seconds between two looks whether a caller is still there
+LOOK = 1.0  # seconds between two looks for callers that have left
 
 
 class Changes:
-    """The feed, and those who wait for it."""
+    """The feed, and the callers that wait for it."""
 
     def __init__(
         self,
@@ -38,7 +38,7 @@ class Changes:
         self._waiting = 0
 
     def add(self, records: Sequence[Record]) -> None:
-        """Take the changes of one call. The lock of the registrations is held."""
+        """Add the changes of one call. The lock of the registrations is held."""
         records = to_feed(records)
         if records:
             with self._changed:
@@ -52,11 +52,11 @@ class Changes:
             seconds = min(max(float(wait), 0.0), LONGEST)
             if not isinstance(epoch, str) or not isinstance(revision, int) or more not in ([], [False], [True]):
                 raise ValueError
-            sent = pack_rows if more == [True] else _sent
+            convert = pack_rows if more == [True] else _to_xmlrpc
         except (TypeError, ValueError):
             return [-1, "expected: caller_id, epoch (text), revision (int), wait (seconds), packed (bool, optional)", 0]
         caller = self._caller()
-        if not caller.own:
+        if not caller.is_own:
             return [-1, "only programs of this computer are told", 0]
         with self._changed:
             records = self._feed.records_since(epoch, revision)
@@ -69,23 +69,23 @@ class Changes:
                 finally:
                     self._waiting -= 1
             if records is not None:
-                return [1, "changes", [self._feed.epoch, self._feed.revision, False, sent(records)]]
-        return self._whole(sent)
+                return [1, "changes", [self._feed.epoch, self._feed.revision, False, convert(records)]]
+        return self._whole(convert)
 
     def _wait(self, epoch: str, revision: int, end: float, caller: Any) -> Any:
-        """Wait for records until then. The lock of the feed is held, but not while this sleeps."""
+        """Wait for records until `end`. The lock of the feed is held, but not while this sleeps."""
         records: Any = []
-        while records == [] and monotonic() < end and not caller.gone():
+        while records == [] and monotonic() < end and not caller.has_left():
             self._changed.wait(min(LOOK, max(0.0, end - monotonic())))
             records = self._feed.records_since(epoch, revision)
         return records
 
-    def _whole(self, sent: Callable[[Sequence[Record]], Any]) -> List[Any]:
+    def _whole(self, convert: Callable[[Sequence[Record]], Any]) -> List[Any]:
         with self._lock:
             records, revision = to_feed(self._state()), self._feed.revision
-        return [1, "whole state", [self._feed.epoch, revision, True, sent(records)]]
+        return [1, "whole state", [self._feed.epoch, revision, True, convert(records)]]
 
 
-def _sent(records: Sequence[Record]) -> List[Record]:
-    """Records as they travel. XML-RPC has no None: a parameter that is not set has no value there."""
+def _to_xmlrpc(records: Sequence[Record]) -> List[Record]:
+    """Records for XML-RPC, which has no None: a parameter that is not set has no value there."""
     return [record[:-1] if record[-1] is None else record for record in records]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The things that `roscore` brings along beside rosmaster: the parameters that roslaunch reads, and the node rosout."""
+"""The parts of `roscore` beside rosmaster: the parameters that roslaunch reads, and the node rosout."""
 
 import logging
 import os
@@ -20,14 +20,14 @@ PAUSE, LONGEST = 1.0, 30.0  # seconds until rosout is started again, doubled up 
 Call = Callable[..., Any]  # (method, arguments...) of the master
 
 
-def run_id(call: Call) -> None:
-    """Set /run_id, unless it is known from before."""
+def set_run_id(call: Call) -> None:
+    """Set /run_id, unless an earlier life has set it."""
     if not call("hasParam", CALLER, "/run_id")[2]:
         call("setParam", CALLER, "/run_id", str(uuid.uuid1()))
 
 
-def parameters(call: Call, uri: str) -> None:
-    """Say where this program is, as a roslaunch says it."""
+def set_uri(call: Call, uri: str) -> None:
+    """Set the parameter that has the URI of this program, as roslaunch does."""
     parts = urlsplit(uri)
     host = "".join(
         letter if letter.isalnum() and letter.isascii() else "_" for letter in (parts.hostname or "").lower()
@@ -35,7 +35,7 @@ def parameters(call: Call, uri: str) -> None:
     call("setParam", CALLER, f"/roslaunch/uris/host_{host}__{parts.port}", uri)
 
 
-def versions(call: Call) -> None:
+def set_versions(call: Call) -> None:
     """Set /rosversion and /rosdistro. It takes a second, so it runs in a thread."""
     for name, command in (("/rosversion", ["rosversion", "roslaunch"]), ("/rosdistro", ["rosversion", "-d"])):
         value = output(command, PATIENCE)
@@ -44,7 +44,7 @@ def versions(call: Call) -> None:
 
 
 class Rosout:
-    """The node rosout: started where nobody has its name, and again when it has ended."""
+    """The node rosout: started while its name is free, and again when it has ended."""
 
     def __init__(self, lookup: Callable[[str], str]) -> None:
         """`lookup(name)`: the URI of a node, "" where there is none."""
@@ -62,17 +62,16 @@ class Rosout:
         return now + 0.1 if not self._started else now + 1.0
 
     def _start(self) -> None:
+        self._started += 1
         try:
             self._child.start([*node_path("rosout", "rosout"), "__name:=rosout"])
-            self._started += 1
         except OSError as problem:
             if not self._missing:
                 _log.warning("rosout cannot be started: %s", problem)
             self._missing = True
-            self._started += 1
 
     def processes(self) -> Any:
-        """As roslaunch lists its processes."""
+        """The processes, in the words of roslaunch."""
         own = [["rosout-1", max(self._started - 1, 0)]]
         return [1, "processes on parent machine", [own, []] if self._child.runs() else [[], own]]
 

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The door of the roscore: connections, requests and answers of anybody, each with a bound and all of them together.
+"""The door of the roscore: connections, requests and answers of any caller, each with a bound and all of them together.
 
-It answers what xmlrpc.server would answer. What is beyond a bound is answered as a call that failed: [-1, a sentence, 0].
+It answers as xmlrpc.server does. A call that exceeds a bound is answered as one that failed: [-1, a sentence, 0].
 """
 
 import contextlib
@@ -23,33 +23,33 @@ from .core.bounds import BOUNDS, Refusal, refuse, weigh
 _log = logging.getLogger("rosfleet.door")
 
 PATIENCE = 30.0  # seconds for a request from its head to its end, and for an answer to be taken
-ROOM = 10.0  # seconds that a large request or answer waits for others to end
+ROOM = 10.0  # seconds that a large request or answer waits for memory
 _PIECE = 1 << 16  # bytes
 _SMALL = 1 << 16  # bytes of a request or an answer that is not counted: there are at most as many as connections
-_THROWN_AWAY = 1 << 28  # bytes of a request that is too long and read nevertheless, so that its sender hears why
+_DISCARD = 1 << 28  # bytes of a too long request that are read, so that its sender comes to the answer
 _COMPRESS = 1400  # bytes of an answer
 _ANSWER, _PACKED = 2, 20  # times as much memory as its values count, and as a packed request has bytes
-_IN_A_CALL = ("/", "/RPC2", "/pydoc.css")  # the paths of xmlrpc.server
+_PATHS = ("/", "/RPC2", "/pydoc.css")  # the paths of xmlrpc.server
 
 Socket = socket.socket
 
 
 class Caller(NamedTuple):
-    """Who makes the call of this thread."""
+    """The caller of this thread."""
 
     address: str = ""
-    here: str = ""  # the address at which it reached us
-    gone: Callable[[], bool] = lambda: False
+    here: str = ""  # the own address that it called
+    has_left: Callable[[], bool] = lambda: False
     ends: Tuple[Tuple[str, int], Tuple[str, int]] = (("", 0), ("", 0))  # its connection: there, and here
 
     @property
-    def own(self) -> bool:
+    def is_own(self) -> bool:
         """True where it is on this computer."""
         return self.address.startswith("127.") or self.address in ("::1", self.here)
 
 
-class UnderWay:
-    """The memory that requests and answers take together. Others than programs of this computer have half of it."""
+class Budget:
+    """The memory of all requests and answers. Other computers have half of it."""
 
     def __init__(self, most: int) -> None:
         self._most, self._used, self._foreign = most, 0, 0
@@ -57,7 +57,7 @@ class UnderWay:
 
     @contextlib.contextmanager
     def take(self, size: int, own: bool) -> Iterator[None]:
-        """Have so much of it, or wait for it. Raises Beyond where others do not end."""
+        """Take some of it, or wait for it. Raises Refusal where it does not become free."""
         if size <= _SMALL:
             yield
             return
@@ -80,61 +80,61 @@ class UnderWay:
         self._foreign += 0 if own else size
 
 
-class _Line:
+class _Connection:
     """An open connection."""
 
     def __init__(self, own: bool) -> None:
         self.own, self.busy, self.since = own, False, monotonic()
 
 
-class Lines:
-    """The open connections. Where there are too many, the one ends that has been idle longest: of another computer first."""
+class Connections:
+    """The open connections. Where they are too many, the one that was idle longest ends: of another computer first."""
 
     def __init__(self, most: int) -> None:
         self._most = most
-        self._open: Dict[Socket, _Line] = {}
+        self._open: Dict[Socket, _Connection] = {}
 
-    def opened(self, connection: Socket, own: bool) -> bool:
-        """One more. False where there is no room, since all of them are busy."""
+    def add(self, connection: Socket, own: bool) -> bool:
+        """Add one. False where all places are taken by busy ones."""
         if len(self._open) >= self._most:
-            idle = [(line.own, line.since, other) for other, line in list(self._open.items()) if not line.busy]
+            idle = [(state.own, state.since, other) for other, state in list(self._open.items()) if not state.busy]
             if not idle:
                 return False
-            longest = min(idle, key=lambda found: found[:2])[2]
+            longest = min(idle, key=lambda row: row[:2])[2]
             self._open.pop(longest, None)
             with contextlib.suppress(OSError):
                 longest.shutdown(socket.SHUT_RDWR)
-        self._open[connection] = _Line(own)
+        self._open[connection] = _Connection(own)
         return True
 
-    def used(self, connection: Socket, busy: bool) -> None:
-        """A call begins or ends."""
-        line = self._open.get(connection)
-        if line is not None:
-            line.busy, line.since = busy, monotonic()
+    def mark(self, connection: Socket, busy: bool) -> None:
+        """Note that a call begins or ends."""
+        state = self._open.get(connection)
+        if state is not None:
+            state.busy, state.since = busy, monotonic()
 
-    def closed(self, connection: Socket) -> None:
-        """A connection has ended."""
+    def remove(self, connection: Socket) -> None:
+        """Remove one that has ended."""
         self._open.pop(connection, None)
 
 
 class Door:
-    """All that the handlers of the connections share."""
+    """What the handlers of all connections share."""
 
     def __init__(
         self,
         dispatch: Callable[[str, Tuple[Any, ...]], Any],
-        refused: Callable[[Refusal], None],
+        on_refusal: Callable[[Refusal], None],
         calls: threading.local,
     ) -> None:
-        """`refused(why)` is told of each request that is beyond a bound; `calls.caller` is set before each call."""
-        self.dispatch, self.refused, self.calls = dispatch, refused, calls
-        self.under_way = UnderWay(BOUNDS["under way"].most)
-        self.lines = Lines(BOUNDS["connections"].most)
+        """`on_refusal(why)` is called for each request that exceeds a bound; `calls.caller` is set before each call."""
+        self.dispatch, self.on_refusal, self.calls = dispatch, on_refusal, calls
+        self.budget = Budget(BOUNDS["under way"].most)
+        self.connections = Connections(BOUNDS["connections"].most)
 
 
 class _Head:
-    """The file of a connection, whose lines are bounded: the head of a request has few."""
+    """The file of a connection. The head of a request may have only `left` bytes."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file, self.left = file, 0
@@ -161,7 +161,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def __init__(self, request: socket.socket, client_address: Any, server: Any) -> None:
         there, here = client_address[:2], request.getsockname()[:2]
-        self._caller = Caller(there[0], here[0], self._gone, (there, here))
+        self._caller = Caller(there[0], here[0], self._has_left, (there, here))
         self._until = 0.0  # the body of a request is to be here by then
         super().__init__(request, client_address, server)  # serves the connection until its end
 
@@ -176,66 +176,66 @@ class Handler(BaseHTTPRequestHandler):
         try:
             super().handle_one_request()
         finally:
-            self.door.lines.used(self.connection, False)
+            self.door.connections.mark(self.connection, False)
 
     def log_message(self, *_arguments: Any) -> None:
-        """Say nothing of it."""
+        """Log no requests."""
 
     def do_POST(self) -> None:  # the name is the standard library's
         """A call."""
-        self.door.lines.used(self.connection, True)
+        self.door.connections.mark(self.connection, True)
         self.door.calls.caller = self._caller
-        if self.path not in _IN_A_CALL:
+        if self.path not in _PATHS:
             self.close_connection = True
             self.send_error(404)
             return
         try:
-            value = self._value()
-            with self._room(value):
-                self._send(_written(value))
+            value = self._run_call()
+            with self._reserve(value):
+                self._send(_to_xml(value))
         except Refusal as problem:
-            self.door.refused(problem)
-            self._send(_written((-1, plain(problem, LINE), 0)))
+            self.door.on_refusal(problem)
+            self._send(_to_xml((-1, plain(problem, LINE), 0)))
         finally:
             self.connection.settimeout(None)
 
     # The request
 
-    def _value(self) -> Any:
-        """Read a call, and make it: its result, or a Fault."""
+    def _run_call(self) -> Any:
+        """Read a call and run it: its result, or a Fault."""
         try:
-            name, arguments = self._request()
+            name, arguments = self._read_request()
             return self.door.dispatch(name, arguments)
         except (Refusal, OSError):
             raise
         except xmlrpc.client.Fault as fault:
             return fault
         except Exception as problem:  # expat, xmlrpc, zlib and rosmaster have a dozen
-            return _fault(problem)
+            return _to_fault(problem)
 
-    def _request(self) -> Tuple[str, Tuple[Any, ...]]:
-        """The method and its arguments. Raises Beyond, OSError, or what expat and xmlrpc have."""
+    def _read_request(self) -> Tuple[str, Tuple[Any, ...]]:
+        """The method and its arguments. Raises Refusal, OSError, or what expat and xmlrpc raise."""
         length, packed = self.headers.get("Content-Length", ""), self._is_packed()
         if not length.isdecimal() or len(length) > 15 or packed is None:
-            self.close_connection = True  # nobody knows where the next one begins
+            self.close_connection = True  # the next request may begin anywhere
             raise ValueError("a request without its length, or in an encoding that is not known")
         left, most = int(length), BOUNDS["request"].most
         self._until = monotonic() + PATIENCE
         if left > most:
-            self._throw_away(left)
+            self.close_connection = True
+            _drain(self._read_body(min(left, _DISCARD)))
             raise refuse("request", f"a request of {left:,} bytes")
-        with self.door.under_way.take(min(left * _PACKED, 2 * most) if packed else 2 * left, self._caller.own):
-            body = self._body(left)
+        with self.door.budget.take(min(left * _PACKED, 2 * most) if packed else 2 * left, self._caller.is_own):
+            body = self._read_body(left)
             document = Document(most, BOUNDS["values"].most, BOUNDS["text"].most, plain_types=False)
             try:
-                for piece in _unpacked(body, most) if packed else body:
+                for piece in _unpack(body, most) if packed else body:
                     document.feed(piece)
                 arguments, name = document.close()
-            except DocumentTooLarge as problem:
-                self._throw_away_rest(body)
-                raise Refusal(f"a request is more than the roscore takes: {problem}", "request") from None
-            except Exception:
-                self._throw_away_rest(body)
+            except Exception as problem:
+                _drain(body)
+                if isinstance(problem, DocumentTooLarge):
+                    raise Refusal(f"a request is more than the roscore takes: {problem}", "request") from None
                 raise
         self.connection.settimeout(None)
         if not isinstance(name, str):
@@ -246,7 +246,7 @@ class Handler(BaseHTTPRequestHandler):
         encoding = self.headers.get("Content-Encoding", "identity").lower()
         return {"identity": False, "gzip": True}.get(encoding)
 
-    def _body(self, left: int) -> Iterator[bytes]:
+    def _read_body(self, left: int) -> Iterator[bytes]:
         while left > 0:
             self.connection.settimeout(max(0.01, self._until - monotonic()))
             piece = self.rfile.read1(min(left, _PIECE))
@@ -256,24 +256,15 @@ class Handler(BaseHTTPRequestHandler):
             left -= len(piece)
             yield piece
 
-    def _throw_away(self, left: int) -> None:
-        """Read what is too long, so that its sender comes to the answer."""
-        self.close_connection = True
-        self._throw_away_rest(self._body(min(left, _THROWN_AWAY)))
-
-    def _throw_away_rest(self, body: Iterator[bytes]) -> None:
-        for _piece in body:
-            pass
-
     # The answer
 
     @contextlib.contextmanager
-    def _room(self, value: Any) -> Iterator[None]:
-        """The memory for an answer. Raises Beyond."""
+    def _reserve(self, value: Any) -> Iterator[None]:
+        """Take the memory for an answer. Raises Refusal."""
         size = 0 if isinstance(value, xmlrpc.client.Fault) else weigh(value)
         if size > BOUNDS["answer"].most:
             raise refuse("answer", "the answer")
-        with self.door.under_way.take(_ANSWER * size, self._caller.own):
+        with self.door.budget.take(_ANSWER * size, self._caller.is_own):
             yield
 
     def _send(self, body: bytes) -> None:
@@ -295,7 +286,7 @@ class Handler(BaseHTTPRequestHandler):
             if view and monotonic() > until:
                 raise ConnectionAbortedError("an answer that is not taken")
 
-    def _gone(self) -> bool:
+    def _has_left(self) -> bool:
         try:
             return not self.connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
         except BlockingIOError:
@@ -304,23 +295,28 @@ class Handler(BaseHTTPRequestHandler):
             return True
 
 
-def _fault(problem: Exception) -> xmlrpc.client.Fault:
-    """The fault of a call that failed, in the words of the standard library."""
+def _drain(body: Iterator[bytes]) -> None:
+    for _piece in body:
+        pass
+
+
+def _to_fault(problem: Exception) -> xmlrpc.client.Fault:
+    """Make the fault of a call that failed, as the standard library does."""
     return xmlrpc.client.Fault(1, plain(f"{type(problem)}:{problem}", LINE))
 
 
-def _written(value: Any) -> bytes:
-    """An answer, or a fault, in XML."""
+def _to_xml(value: Any) -> bytes:
+    """Write an answer or a fault in XML."""
     fault = isinstance(value, xmlrpc.client.Fault)
     try:
         text = xmlrpc.client.dumps(value if fault else (value,), methodresponse=not fault)
     except Exception as problem:  # a value that XML-RPC has not
-        text = xmlrpc.client.dumps(_fault(problem))
+        text = xmlrpc.client.dumps(_to_fault(problem))
     return text.encode("utf-8", "xmlcharrefreplace")
 
 
-def _unpacked(body: Iterator[bytes], most: int) -> Iterator[bytes]:
-    """Unpack gzip as it comes, but not without a bound. Raises ValueError."""
+def _unpack(body: Iterator[bytes], most: int) -> Iterator[bytes]:
+    """Unpack gzip as it comes, up to `most` bytes. Raises ValueError."""
     unpacker, size = zlib.decompressobj(31), 0
     for packed in body:
         while packed and not unpacker.eof:
@@ -334,7 +330,7 @@ def _unpacked(body: Iterator[bytes], most: int) -> Iterator[bytes]:
 
 
 def multicall(dispatch: Callable[[str, Tuple[Any, ...]], Any], calls: Any) -> List[Any]:
-    """The results of several calls, each in a list of its own, or a mapping with its fault. Raises Beyond or ValueError."""
+    """The results of several calls, each in a list of its own, or a mapping with its fault. Raises Refusal or ValueError."""
     if not isinstance(calls, list) or not all(isinstance(call, dict) for call in calls):
         raise ValueError("system.multicall takes a list of mappings")
     if len(calls) > BOUNDS["calls"].most:
@@ -348,7 +344,7 @@ def multicall(dispatch: Callable[[str, Tuple[Any, ...]], Any], calls: Any) -> Li
                 raise ValueError("a system.multicall in another one, or no call")
             results.append([dispatch(name, tuple(arguments))])
         except Exception as problem:
-            fault = problem if isinstance(problem, xmlrpc.client.Fault) else _fault(problem)
+            fault = problem if isinstance(problem, xmlrpc.client.Fault) else _to_fault(problem)
             results.append({"faultCode": fault.faultCode, "faultString": fault.faultString})
         size += weigh(results[-1])
         if size > BOUNDS["answer"].most:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """rosmaster, in this process: the only file that imports it. Its XML-RPC interface is as it was.
 
-What it calls at its places is ours here: the lock, the tables of registrations, the pool of workers. So each change is
-seen where it is made, and all changes of one call are handed on together before the caller has its answer.
+Its lock, its tables of registrations and its pool of workers are ours here. So each change is noted where it is made, and all
+changes of one call are handed on together before the caller has its answer.
 """
 
 import json
@@ -36,7 +36,7 @@ from .notifier import Notifier
 
 _log = logging.getLogger("rosfleet.master")
 
-#: what changes something -> where the URI of the calling node stands in its arguments
+#: method that changes something -> the index of the URI of the calling node in its arguments
 CHANGES = {
     "registerPublisher": 3,
     "registerSubscriber": 3,
@@ -57,8 +57,8 @@ _REGISTERS = {
 }
 PART = 200  # records that are read at once
 TYPES_AGAIN = 5.0  # seconds until types are looked through again
-MOST_ENDERS = 1000  # nodes that are to be ended
-RESOLVE = 2.0  # seconds to find out where a node is
+MOST_ENDERS = 1000  # nodes to be ended
+RESOLVE = 2.0  # seconds to find the addresses of a node
 _READ_TREES = ("getParam",)  # their answers have parts of the tree, which changes while they are written
 _KINDS = {
     registrations.Registrations.TOPIC_PUBLICATIONS: "publisher",
@@ -78,10 +78,10 @@ Note = Callable[[Record], None]
 
 
 class Lock:
-    """The lock of the registrations. Who holds it may take it again; what changed is handed on before it is free."""
+    """The lock of the registrations. Its holder may take it again. Changes are handed on before it is free."""
 
-    def __init__(self, changed: Callable[[], None]) -> None:
-        self._lock, self._depth, self._changed = threading.RLock(), 0, changed
+    def __init__(self, commit: Callable[[], None]) -> None:
+        self._lock, self._depth, self._commit = threading.RLock(), 0, commit
 
     def acquire(self) -> bool:
         """Take it."""
@@ -93,7 +93,7 @@ class Lock:
         """Give it back."""
         try:
             if self._depth == 1:
-                self._changed()
+                self._commit()
         finally:
             self._depth -= 1
             self._lock.release()
@@ -107,19 +107,21 @@ class Lock:
 
 
 class _Table(registrations.Registrations):  # type: ignore[misc]  # rosmaster has no types
-    """Registrations of one kind that tell what changes."""
+    """Registrations of one kind, which note their changes."""
 
-    def __init__(self, kind: int, note: Note, seen: Note) -> None:
+    def __init__(self, kind: int, note: Note, confirm: Note) -> None:
         super().__init__(kind)
-        self._note, self._seen, self.kind = note, seen, _KINDS[kind]
+        self._note, self._confirm, self.kind = note, confirm, _KINDS[kind]
 
     def register(self, key: str, node: str, node_uri: str, service_uri: Optional[str] = None) -> None:
         """As rosmaster's."""
-        held = (self.map.get(key), (self.service_api_map or {}).get(key)) if service_uri else len(self.map.get(key, ()))
+        before = (
+            (self.map.get(key), (self.service_api_map or {}).get(key)) if service_uri else len(self.map.get(key, ()))
+        )
         super().register(key, node, node_uri, service_uri)
-        known = held == ((self.map[key], self.service_api_map[key]) if service_uri else len(self.map[key]))
+        known = before == ((self.map[key], self.service_api_map[key]) if service_uri else len(self.map[key]))
         record = self._record(key, node, node_uri, service_uri, True)
-        self._seen(record)
+        self._confirm(record)
         if not known:
             self._note(record)
 
@@ -132,11 +134,11 @@ class _Table(registrations.Registrations):  # type: ignore[misc]  # rosmaster ha
 
     def unregister_all(self, node: str) -> None:
         """As rosmaster's."""
-        held = dict(self.service_api_map or {})
-        gone = [(key, of) for key, users in self.map.items() for of in users if of[0] == node]
+        uris = dict(self.service_api_map or {})
+        ends = [(key, uri) for key, users in self.map.items() for name, uri in users if name == node]
         super().unregister_all(node)
-        for key, (_node, node_uri) in gone:
-            self._note(self._record(key, node, node_uri, held.get(key, ("", ""))[1], False))
+        for key, node_uri in ends:
+            self._note(self._record(key, node, node_uri, uris.get(key, ("", ""))[1], False))
 
     def _record(self, key: str, node: str, node_uri: str, service_uri: Optional[str], there: bool) -> Record:
         if self.kind == "service":
@@ -145,7 +147,7 @@ class _Table(registrations.Registrations):  # type: ignore[misc]  # rosmaster ha
 
 
 class _Nodes(Dict[str, Any]):
-    """The nodes, which tell what changes."""
+    """The nodes, which note their changes."""
 
     def __init__(self, note: Note) -> None:
         super().__init__()
@@ -161,7 +163,7 @@ class _Nodes(Dict[str, Any]):
 
 
 class _Types(Dict[str, str]):
-    """The types of topics, which tell what changes."""
+    """The types of topics, which note their changes."""
 
     def __init__(self, note: Note) -> None:
         super().__init__()
@@ -175,16 +177,16 @@ class _Types(Dict[str, str]):
 
 
 class _Manager(registrations.RegistrationManager):  # type: ignore[misc]
-    """rosmaster's registrations. Who loses its name loses it in the eyes of its subscribers, too."""
+    """rosmaster's registrations. The subscribers of a node that loses its name are told so."""
 
-    def __init__(self, pool: Any, note: Note, seen: Note, lost: Callable[[List[str]], None]) -> None:
+    def __init__(self, pool: Any, note: Note, confirm: Note, lost: Callable[[List[str]], None]) -> None:
         super().__init__(pool)
         self.nodes = _Nodes(note)
         kinds = registrations.Registrations
-        self.publishers = _Table(kinds.TOPIC_PUBLICATIONS, note, seen)
-        self.subscribers = _Table(kinds.TOPIC_SUBSCRIPTIONS, note, seen)
-        self.services = _Table(kinds.SERVICE, note, seen)
-        self.param_subscribers = _Table(kinds.PARAM_SUBSCRIPTIONS, note, seen)
+        self.publishers = _Table(kinds.TOPIC_PUBLICATIONS, note, confirm)
+        self.subscribers = _Table(kinds.TOPIC_SUBSCRIPTIONS, note, confirm)
+        self.services = _Table(kinds.SERVICE, note, confirm)
+        self.param_subscribers = _Table(kinds.PARAM_SUBSCRIPTIONS, note, confirm)
         self._lost = lost
 
     def _register(self, table: Any, key: str, node: str, node_uri: str, service_uri: Optional[str] = None) -> None:
@@ -195,23 +197,23 @@ class _Manager(registrations.RegistrationManager):  # type: ignore[misc]
 
 
 class _Pool:
-    """In the place of rosmaster's pool of threads."""
+    """The replacement of rosmaster's pool of threads."""
 
-    def __init__(self, notifier: Notifier, spared: Callable[[str, str], bool]) -> None:
-        self._notifier, self._spared = notifier, spared
+    def __init__(self, notifier: Notifier, is_spared: Callable[[str, str], bool]) -> None:
+        self._notifier, self._is_spared = notifier, is_spared
 
     def queue_task(self, _marker: str, task: Any, arguments: Tuple[Any, ...]) -> bool:
-        """Have a node told. rosmaster holds the lock of the registrations."""
+        """Queue a call of a node. rosmaster holds the lock of the registrations."""
         name = getattr(task, "__name__", "")
         if name == "param_update_task":
             _node, uri, key, value = arguments
-            self._notifier.tell(uri, "paramUpdate", key, (key, copied(value)))
+            self._notifier.tell(uri, "paramUpdate", key, (key, copy_tree(value)))
         elif name == "publisher_update_task":
             uri, topic, uris = arguments
             self._notifier.tell(uri, _TELLING[name], topic, (topic, uris))
         elif name == "shutdown_node_task":
             uri, node, reason = arguments
-            if not self._spared(node, uri):
+            if not self._is_spared(node, uri):
                 self._notifier.tell(uri, _TELLING[name], node, (f"[{node}] Reason: {reason}",))
         return True
 
@@ -220,54 +222,52 @@ class _Pool:
 
 
 class Callbacks(NamedTuple):
-    """What the program hears of, in the thread of a call."""
+    """What the master calls in the thread of a request."""
 
-    handed_on: Callable[[List[Record]], None]  # the changes of a call; the lock of the registrations is held
-    left: Callable[[str, str], None]  # a node, by name and URI, has withdrawn everything
-    refused: Callable[[Refusal], None]
-    not_ended: Callable[[str, str], None]  # a node, by name and URI, is not told to end
-    wait: Callable[[], None]  # before a change; raises Beyond where there is no room for it now
+    on_changes: Callable[[List[Record]], None]  # the changes of a call; the lock of the registrations is held
+    on_leaving: Callable[[str, str], None]  # a node, by name and URI, has withdrawn everything
+    on_refusal: Callable[[Refusal], None]
+    on_spared_node: Callable[[str, str], None]  # a node, by name and URI, is not told to end
+    wait: Callable[[], None]  # before a change; raises Refusal where there is no room for it now
 
 
 class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
-    """The methods of rosmaster, and more of them. Others can call no other names."""
+    """The methods of rosmaster, and `more`. Clients can call no other names."""
 
     def __init__(
         self,
         watched: Tuple[str, ...],
         imports: str,
-        imported: Callable[[Any], Any],
+        read_imports: Callable[[Any], Any],
         callbacks: Callbacks,
     ) -> None:
-        """`watched`: parameters whose changes are told. `imported(value)`: the nodes in the parameter `imports`."""
+        """`watched`: parameters whose changes are told. `read_imports(value)`: the nodes in the parameter `imports`."""
         super().__init__(0)
         self.guard = NameGuard()
         self._spare = False
         self._records: List[Record] = []
         self._last: Dict[str, Any] = dict.fromkeys(watched)
-        self._imports, self._imported = imports, imported
+        self._imports, self._read_imports = imports, read_imports
         self.calls = threading.local()
-        self._restored: Dict[Tuple[Any, ...], None] = {}  # registrations that nobody has confirmed yet
+        self._restored: Dict[Tuple[Any, ...], None] = {}  # registrations that their nodes have not confirmed yet
         self._notifier = Notifier(self._may_tell)
-        self._enders: Dict[
-            Tuple[str, str], Set[Tuple[str, bool]]
-        ] = {}  # (URI, name) of a node to be ended -> from where
+        # (URI, name) of a node to be ended -> addresses of callers, and whether they are own ones
+        self._enders: Dict[Tuple[str, str], Set[Tuple[str, bool]]] = {}
         self._own, self._types_due = "/" + imports.strip("/").partition("/")[0], 0.0
         self.callbacks = callbacks
         self.more: Dict[str, Callable[..., Any]] = {
             "system.listMethods": self._methods,
             "system.multicall": partial(multicall, self.answer),
-            TOGETHER: self._together,
+            TOGETHER: self._run_together,
         }
 
-        note = self._note
         self.usage = Usage()
         self.thread_pool = _Pool(self._notifier, self._is_spared)
         self.ps_lock = self._lock = Lock(self._commit)
-        self.reg_manager = _Manager(self.thread_pool, note, self._seen, self._tell_topics)
+        self.reg_manager = _Manager(self.thread_pool, self._note, self._confirm, self._tell_topics)
         self.publishers, self.subscribers = self.reg_manager.publishers, self.reg_manager.subscribers
         self.services, self.param_subscribers = self.reg_manager.services, self.reg_manager.param_subscribers
-        self.topics_types = _Types(note)
+        self.topics_types = _Types(self._note)
         self.param_server = paramserver.ParamDictionary(self.reg_manager)
         self._known = {
             name
@@ -279,13 +279,13 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     # Calls
 
     def answer(self, name: str, arguments: Tuple[Any, ...]) -> Any:
-        """Each call of others comes here, also those of a multicall. What is beyond a bound has an answer that says so."""
+        """Answer a call of a client, also one in a multicall. A call that exceeds a bound has an answer that says so."""
         try:
             if name in CHANGES or name == TOGETHER:
                 self.callbacks.wait()
             return self._dispatch(name, arguments)
         except Refusal as problem:
-            self.callbacks.refused(problem)
+            self.callbacks.on_refusal(problem)
             return -1, str(problem), 0
 
     def _dispatch(self, name: str, arguments: Tuple[Any, ...]) -> Any:
@@ -299,30 +299,30 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         if name in _READ_TREES:
             with self._lock:
                 code, text, value = getattr(self, name)(*arguments)
-                return code, text, copied(value)
+                return code, text, copy_tree(value)
         return getattr(self, name)(*arguments)
 
     def call(self, name: str, *arguments: Any) -> Any:
-        """A call of this process itself."""
+        """Make a call of this process itself."""
         return self._dispatch(name, arguments)
 
-    def _together(self, _caller_id: str, texts: List[str]) -> Any:
-        """Carry out changes, [method, caller, argument, ...], which come in texts of JSON, and so do the results.
+    def _run_together(self, _caller_id: str, texts: List[str]) -> Any:
+        """Carry out changes, [method, caller, argument, ...], in texts of JSON. The results come in such texts, too.
 
-        Those of one text are made together: nobody sees some of them alone, and they are handed on at once.
+        The changes of one text are made together: no other call comes between them, and they are handed on at once.
         """
-        if not self.caller().own:
+        if not self.caller().is_own:
             return -1, "only programs of this computer may use it", 0
         try:
-            parts = [_calls(text) for text in texts]
+            parts = [_read_calls(text) for text in texts]
         except Refusal:
             raise
         except (ValueError, TypeError) as problem:
             return -1, f"expected: texts of JSON, each a list of calls: {plain(problem)}", 0
-        return 1, "", [json.dumps(self._part(calls), default=str) for calls in parts]
+        return 1, "", [json.dumps(self._run_calls(calls), default=str) for calls in parts]
 
-    def _part(self, calls: List[Any]) -> List[Any]:
-        """The results; of a call that fails, why, as a text."""
+    def _run_calls(self, calls: List[Any]) -> List[Any]:
+        """The results; of a call that fails, a text that says why."""
         results: List[Any] = []
         with self._lock:
             for name, *arguments in calls:
@@ -331,7 +331,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                         raise ValueError(f"{name} changes nothing")
                     results.append(self._dispatch(name, tuple(arguments)))
                 except Refusal as refusal:
-                    self.callbacks.refused(refusal)
+                    self.callbacks.on_refusal(refusal)
                     results.append((-1, str(refusal), 0))
                 except Exception as problem:  # as in a multicall: one that fails does not end the others
                     results.append(f"{type(problem).__name__}: {problem}")
@@ -350,52 +350,52 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def _change(self, name: str, arguments: Tuple[Any, ...]) -> Any:
         at = CHANGES[name]
         check_names(arguments[:-1] if name == "setParam" else arguments)
-        self._check_room(name, arguments)
-        arguments = self._guarded(name, arguments)
-        heavier = self._heavier(name, arguments)
+        self._check_bounds(name, arguments)
+        arguments = self._protect(name, arguments)
+        growth = self._find_growth(name, arguments)
         texts = len(arguments) > max(at, 1) and all(isinstance(arguments[place], str) for place in (0, at))
         if at and texts:
-            refused = self._refusal(arguments[0], arguments[at])
-            if refused:
-                return -1, refused, 0
+            refusal = self._refusal(arguments[0], arguments[at])
+            if refusal:
+                return -1, refusal, 0
         try:
             code, text, value = getattr(self, name)(*arguments)
         finally:
             self._spare = False
         if code == 1:
-            self.usage.parameters += heavier
-            self._changed(name, arguments)
-        elif code == 0 and heavier:  # rosmaster failed on its way, and nobody knows how far it came
+            self.usage.parameters += growth
+            self._note_change(name, arguments)
+        elif code == 0 and growth:  # rosmaster failed half way
             self.usage.parameters = weigh(self.param_server.parameters)
-        return code, text, copied(value)
+        return code, text, copy_tree(value)
 
-    def _changed(self, name: str, arguments: Tuple[Any, ...]) -> None:
+    def _note_change(self, name: str, arguments: Tuple[Any, ...]) -> None:
         """Note what a call has changed."""
         if not CHANGES[name] and name.endswith("Param"):
-            self._parameter(name, arguments)
+            self._note_parameter(name, arguments)
         elif name in _REGISTERS:
-            self._registered_by(arguments[0])
+            self._note_caller(arguments[0])
         if name.startswith("unregister") and self.has_ended(arguments[0]):
-            self.callbacks.left(arguments[0], self.reg_manager.nodes[arguments[0]].api)
+            self.callbacks.on_leaving(arguments[0], self.reg_manager.nodes[arguments[0]].api)
 
-    def _heavier(self, name: str, arguments: Tuple[Any, ...]) -> int:
-        """How much heavier the parameters get by a call. Raises Beyond. Wrong arguments have their answer from rosmaster."""
-        key = _key_of(name, arguments)
+    def _find_growth(self, name: str, arguments: Tuple[Any, ...]) -> int:
+        """How much heavier the parameters get by a call. Raises Refusal. rosmaster answers wrong arguments."""
+        key = _find_parameter(name, arguments)
         if not key:
             return 0
         if name == "deleteParam":
             return -weigh_parameter(self.param_server.parameters, key)
         value = arguments[2]
-        heavier = self.usage.growth(self.param_server.parameters, key, value)
+        growth = self.usage.growth(self.param_server.parameters, key, value)
         for watched in self._last:
             if touches(key, watched):
                 part = value if split_name(key) else dict(value).get(split_name(watched)[0]) if value else None
                 if weigh(part) > BOUNDS["watched"].most:
                     raise refuse("watched", watched)
-        return heavier
+        return growth
 
-    def _check_room(self, name: str, arguments: Tuple[Any, ...]) -> None:
-        """Raise Beyond where there is no room for a registration that is not there yet."""
+    def _check_bounds(self, name: str, arguments: Tuple[Any, ...]) -> None:
+        """Raise Refusal where there is no room for a new registration."""
         kind, at = _REGISTERS.get(name), CHANGES[name]
         if kind is None or len(arguments) <= at or not all(isinstance(text, str) for text in arguments):
             return
@@ -412,7 +412,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 raise refuse("users", key)
 
     def _forget_types(self) -> None:
-        """rosmaster keeps the type of each topic that there ever was. Where there is no room, those of unused ones go."""
+        """Forget the types of unused topics, which rosmaster keeps for ever."""
         if monotonic() < self._types_due:
             return
         self._types_due = monotonic() + TYPES_AGAIN
@@ -421,12 +421,12 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 del self.topics_types[topic]
                 self.usage.count(["type", topic, ""])
 
-    def _guarded(self, name: str, arguments: Tuple[Any, ...]) -> Tuple[Any, ...]:
-        """The arguments without what others may not set: what is below the collection's own name. Raises Beyond."""
-        key = _key_of(name, arguments)
+    def _protect(self, name: str, arguments: Tuple[Any, ...]) -> Tuple[Any, ...]:
+        """The arguments, with what is below the collection's own name as it is: others may not set it. Raises Refusal."""
+        key = _find_parameter(name, arguments)
         if not key or not touches(key, self._own) or self._is_own_program():
             return arguments
-        held = self._value(self._own)
+        own = self._value(self._own)
         if split_name(key):
             if name == "setParam" and arguments[2] == self._value(key):
                 return arguments
@@ -434,31 +434,31 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         if name != "setParam" or not isinstance(arguments[2], dict):
             return arguments
         tree = {part: value for part, value in arguments[2].items() if part.strip("/") != self._own.strip("/")}
-        return (*arguments[:2], tree if held is None else {**tree, self._own.strip("/"): held})
+        return (*arguments[:2], tree if own is None else {**tree, self._own.strip("/"): own})
 
     def _is_own_program(self) -> bool:
         caller = self.caller()
-        return not caller.address or (caller.own and programs.is_own(*caller.ends))
+        return not caller.address or (caller.is_own and programs.is_own(*caller.ends))
 
-    def _registered_by(self, name: str) -> None:
-        """Note from which address a node was registered first: it may be ended from there."""
+    def _note_caller(self, name: str) -> None:
+        """Note the address from which a node was registered first: it may be ended from there."""
         node = self.reg_manager.nodes.get(name)
         if node is not None and not hasattr(node, "by"):
-            node.by = (self.caller().address, self.caller().own)
+            node.by = (self.caller().address, self.caller().is_own)
 
     def _is_spared(self, name: str, uri: str) -> bool:
-        """True where a node whose name another one takes is not to be ended at all."""
+        """True where a node that loses its name is not to be ended at all."""
         by = getattr(self.reg_manager.nodes.get(name), "by", ("", False))
         if len(self._enders) >= MOST_ENDERS:
             self._enders.clear()
-        self._enders[uri, name] = {by, (self.caller().address, self.caller().own)}
+        self._enders[uri, name] = {by, (self.caller().address, self.caller().is_own)}
         return self._spare
 
     def _may_tell(self, call: Call) -> bool:
-        """True where a node may be told that; asked in the notifier's thread.
+        """True where a node may be told that. It runs in the notifier's thread.
 
-        A node is ended only where it is on the computer from which it was registered, or from which its successor was. Else
-        anybody could have any node of any robot ended by this roscore: by a registration in its name, and one more.
+        A node is ended only on the computer from which it or its successor was registered. Else two registrations in the name
+        of any node would have this roscore end that node, on any robot.
         """
         if call.method != "shutdown":
             return True
@@ -468,25 +468,26 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         host = addresses.host_of(call.uri)
         if addresses.addresses_of_all([host]).get(host) in {address for address, _own in callers}:
             return True
-        self.callbacks.not_ended(call.key[1], call.uri)
+        self.callbacks.on_spared_node(call.key[1], call.uri)
         return False
 
     def _refusal(self, node: str, uri: str) -> str:
-        held = self.reg_manager.nodes.get(node)
-        verdict = self.guard.judge(node, held.api if held is not None else "", uri, monotonic())
+        present = self.reg_manager.nodes.get(node)
+        holder = present.api if present is not None else ""
+        verdict = self.guard.judge(node, holder, uri, monotonic())
         self._spare = verdict.spared
-        if verdict.import_lost and held is not None:
-            self._records.append(["refused", node, held.api, f"an own node at {quote(uri)} has taken the name"])
+        if verdict.import_lost:
+            self._records.append(["refused", node, holder, f"an own node at {quote(uri)} has taken the name"])
         if verdict.refusal:
             self._records.append(["refused", node, uri, verdict.refusal])
             return f"refused: {verdict.refusal}"
         return ""
 
-    def _parameter(self, name: str, arguments: Tuple[Any, ...]) -> None:
-        """A parameter was set or deleted."""
+    def _note_parameter(self, name: str, arguments: Tuple[Any, ...]) -> None:
+        """Note that a parameter was set or deleted."""
         if name == "unsubscribeParam":
             return
-        key = _key_of(name, arguments)
+        key = _find_parameter(name, arguments)
         self._records.append(["set", key, arguments[2]] if name == "setParam" else ["delete", key])
         for watched, last in self._last.items():
             if touches(key, watched):
@@ -495,61 +496,61 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                     self._last[watched] = value
                     self._records.append(["parameter", watched, value])
                     if watched == self._imports:
-                        self.guard.set_imports(self._imported(value))
+                        self.guard.set_imports(self._read_imports(value))
 
     def _value(self, name: str) -> Any:
         try:
-            return copied(self.param_server.get_param(name))
+            return copy_tree(self.param_server.get_param(name))
         except KeyError:
             return None
 
     # Changes
 
-    def _seen(self, record: Record) -> None:
-        """A registration was made, or made again by who has it."""
+    def _confirm(self, record: Record) -> None:
+        """Note that a registration was made, or made again by its node."""
         if self._restored:
-            self._restored.pop(_key(record), None)
+            self._restored.pop(_registration_key(record), None)
 
     def _commit(self) -> None:
-        """Hand on what was changed; the lock is about to be free."""
+        """Hand on the changes; the lock is about to be free."""
         if self._records:
             records = self._records[:]
             self._records.clear()
             for record in records:
                 if record[0] == "node" and not record[2]:
                     self.guard.forget(record[1])
-            self.callbacks.handed_on(records)
+            self.callbacks.on_changes(records)
 
     def _tell_topics(self, topics: List[str]) -> None:
         for topic in topics:
             self._notify_topic_subscribers(topic, self.publishers.get_apis(topic), self.subscribers.get_apis(topic))
 
-    def registered(self) -> Iterator[Record]:
-        """All registrations, as records. The lock is held while one is asked for; in between they may change."""
+    def records(self) -> Iterator[Record]:
+        """All registrations, as records. The lock is held while one is read; in between they may change."""
         for topic, kind in list(self.topics_types.items()):
             yield ["type", topic, kind]
-        for name, node in list(self.reg_manager.nodes.items()):
-            yield ["node", name, node.api]
+        for name, reference in list(self.reg_manager.nodes.items()):
+            yield ["node", name, reference.api]
         for table in (self.publishers, self.subscribers, self.param_subscribers):
             for key, users in list(table.map.items()):
-                for of in list(users):
-                    yield [table.kind, key, *of, True]
+                for node in list(users):
+                    yield [table.kind, key, *node, True]
         uris = dict(self.services.service_api_map or {})
         for service, users in list(self.services.map.items()):
             if service in uris and users:
-                node, node_uri = users[0]
-                yield ["service", service, node, uris[service][1], node_uri, True]
+                name, uri = users[0]
+                yield ["service", service, name, uris[service][1], uri, True]
 
     def parameters(self) -> List[Record]:
         """The parameters whose changes are told, with their values."""
         return [["parameter", name, value] for name, value in self._last.items()]
 
     def parts(self) -> Iterator[List[Record]]:
-        """All there is, a few records at a time, so that nobody waits long for the lock.
+        """All that this master knows, a few records at a time: no call waits long for the lock.
 
-        What changes meanwhile may be in it or not. Who notes the changes since, and carries them out after it, has what is.
+        Changes that come meanwhile may be in it or not. With all of them carried out after it, the whole is right.
         """
-        records = chain([["set", "/", {}]], _records_of("", self.param_server.parameters), self.registered())
+        records = chain([["set", "/", {}]], _list_records("", self.param_server.parameters), self.records())
         while True:
             with self._lock:
                 part = list(islice(records, PART))
@@ -559,39 +560,39 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     # After a start
 
-    def restore(self, found: Registry) -> None:
-        """Have what an earlier life knew. Before the first call."""
+    def restore(self, registry: Registry) -> None:
+        """Take the knowledge of an earlier life. Call it before the first request."""
         manager = self.reg_manager
         with self._lock:
-            for name, uri in found.nodes.items():
+            for name, uri in registry.nodes.items():
                 manager.nodes[name] = registrations.NodeRef(name, uri)
-            self.topics_types.update(found.types)
-            for topic in found.publishers:  # rosmaster lists no topics where one of them has no type
+            self.topics_types.update(registry.types)
+            for topic in registry.publishers:  # rosmaster lists no topics where one of them has no type
                 self.topics_types.setdefault(topic, "*")
-            self.param_server.parameters = found.parameters
-            for table, users_of, held in (
-                (self.publishers, found.publishers, "topic_publications"),
-                (self.subscribers, found.subscribers, "topic_subscriptions"),
-                (self.param_subscribers, found.listeners, "param_subscriptions"),
+            self.param_server.parameters = registry.parameters
+            for table, users_of, attribute in (
+                (self.publishers, registry.publishers, "topic_publications"),
+                (self.subscribers, registry.subscribers, "topic_subscriptions"),
+                (self.param_subscribers, registry.listeners, "param_subscriptions"),
             ):
                 for key, users in users_of.items():
-                    table.map[key] = list(users)  # as its method does it, without a search for each
+                    table.map[key] = list(users)  # as its method does, without a search for each
                     for name, uri in users:
-                        getattr(self._node(name, uri), held).append(key)
+                        getattr(self._node(name, uri), attribute).append(key)
                         self._restored[table.kind, key, name, uri] = None
-            for key, of in found.services.items():
-                self.services.register(key, of.node, of.node_uri, of.uri)
-                self._node(of.node, of.node_uri).services.append(key)
-                self._restored["service", key, of.node, of.uri] = None
+            for key, service in registry.services.items():
+                self.services.register(key, service.node, service.node_uri, service.uri)
+                self._node(service.node, service.node_uri).services.append(key)
+                self._restored["service", key, service.node, service.uri] = None
             for watched in self._last:
                 self._last[watched] = self._value(watched)
-            self.guard.set_imports(self._imported(self._last.get(self._imports)))
-            for name, uri in found.nodes.items():
+            self.guard.set_imports(self._read_imports(self._last.get(self._imports)))
+            for name, uri in registry.nodes.items():
                 self.guard.judge(name, "", uri, monotonic())
             self._records.clear()
             self.usage = Usage()
-            self.usage.parameters = weigh(found.parameters)
-            for record in found.records():
+            self.usage.parameters = weigh(registry.parameters)
+            for record in registry.records():
                 if record[0] != "set":
                     self.usage.count(record)
 
@@ -602,7 +603,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         return nodes[name]
 
     def tell_all(self) -> None:
-        """Tell every node what it may have missed: the queue of an earlier life is lost."""
+        """Tell every node what it may have missed: the queue of the earlier life is lost."""
         with self._lock:
             self._tell_topics(list(self.subscribers.map))
             for key, users in self.param_subscribers.map.items():
@@ -610,35 +611,35 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 for _name, uri in users:
                     self._notifier.tell(uri, "paramUpdate", key, (key, {} if value is None else value))
 
-    def come_back(self, found: Registry) -> None:
-        """Register nodes as if they did it themselves, and tell them what they would hear then. Names that others have stay theirs."""
+    def readmit(self, registry: Registry) -> None:
+        """Register nodes as if they did it themselves, and tell them the answers. A name that is taken stays with its node."""
         with self._lock:
-            for topic, users in found.publishers.items():
-                for name, uri in self._unopposed(users):
-                    self.call("registerPublisher", name, topic, found.types.get(topic, "*"), uri)
-            for topic, users in found.subscribers.items():
-                for name, uri in self._unopposed(users):
-                    uris = self.call("registerSubscriber", name, topic, found.types.get(topic, "*"), uri)[2]
+            for topic, users in registry.publishers.items():
+                for name, uri in self._filter_free(users):
+                    self.call("registerPublisher", name, topic, registry.types.get(topic, "*"), uri)
+            for topic, users in registry.subscribers.items():
+                for name, uri in self._filter_free(users):
+                    uris = self.call("registerSubscriber", name, topic, registry.types.get(topic, "*"), uri)[2]
                     self._notifier.tell(uri, "publisherUpdate", topic, (topic, uris))
-            for service, of in found.services.items():
-                if service not in self.services.map and list(self._unopposed([(of.node, of.node_uri)])):
-                    self.call("registerService", of.node, service, of.uri, of.node_uri)
-            for key, users in found.listeners.items():
-                for name, uri in self._unopposed(users):
+            for key, service in registry.services.items():
+                if key not in self.services.map and list(self._filter_free([(service.node, service.node_uri)])):
+                    self.call("registerService", service.node, key, service.uri, service.node_uri)
+            for key, users in registry.listeners.items():
+                for name, uri in self._filter_free(users):
                     value = self.call("subscribeParam", name, uri, key)[2]
                     self._notifier.tell(uri, "paramUpdate", key, (key, value))
 
-    def _unopposed(self, users: Iterable[NodeKey]) -> Iterator[NodeKey]:
-        """Those whose name nobody else has by now."""
-        return (of for of in users if of[0] not in self.reg_manager.nodes or self.has(*of))
+    def _filter_free(self, users: Iterable[NodeKey]) -> Iterator[NodeKey]:
+        """The nodes whose name is free, or theirs."""
+        return (node for node in users if node[0] not in self.reg_manager.nodes or self.has(*node))
 
     def has(self, name: str, uri: str) -> bool:
         """True while this node has the name."""
-        held = self.reg_manager.nodes.get(name)
-        return held is not None and held.api == uri
+        node = self.reg_manager.nodes.get(name)
+        return node is not None and node.api == uri
 
     def end_node(self, name: str, uri: str) -> None:
-        """A node is dead, or another one has its port: nothing restored of it stays. What it registered since does."""
+        """End a node that is dead, or whose port has another owner. What it registered since the restart stays."""
         with self._lock:
             if not self.has(name, uri):
                 return
@@ -648,10 +649,10 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 del self.reg_manager.nodes[name]
 
     def has_ended(self, name: str) -> bool:
-        """True where a node has withdrawn everything and is still known: it may have ended.
+        """True where a known node has withdrawn everything: it may have ended.
 
-        rospy and roscpp leave their parameter subscriptions, and rosmaster leaves services that another node has taken.
-        So their names would be taken for ever, also by an import.
+        rospy and roscpp leave their parameter subscriptions, and rosmaster leaves services that a later node has taken.
+        So the names of such nodes, also of imports, would never be free.
         """
         node = self.reg_manager.nodes.get(name)
         if node is None or node.topic_publications or node.topic_subscriptions:
@@ -659,7 +660,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         return all((name, node.api) not in self.services.map.get(service, ()) for service in node.services)
 
     def bury(self, name: str, uri: str) -> None:
-        """A node that had withdrawn everything is dead."""
+        """End a dead node that had withdrawn everything."""
         with self._lock:
             if self.has(name, uri) and self.has_ended(name):
                 node = self.reg_manager.nodes[name]
@@ -669,19 +670,19 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                     del self.reg_manager.nodes[name]
 
     def end_registration(self, record: Record) -> bool:
-        """A restored registration is not true any more, unless it was made anew since. Whether it was there."""
+        """End a restored registration, unless it was made again since. Whether it was there."""
         kind, key, name, uri = record[:4]
         with self._lock:
-            if _key(record) not in self._restored:
+            if _registration_key(record) not in self._restored:
                 return False
-            del self._restored[_key(record)]
+            del self._restored[_registration_key(record)]
             getattr(self.reg_manager, _UNREGISTER[kind])(key, name, uri)
             if kind == "publisher":
                 self._tell_topics([key])
         return True
 
 
-def _calls(text: str) -> List[Any]:
+def _read_calls(text: str) -> List[Any]:
     """The calls in a text of JSON. Raises ValueError."""
     calls = json_text.from_json(text) if isinstance(text, str) else None
     if not isinstance(calls, list) or not all(isinstance(call, list) and call for call in calls):
@@ -693,8 +694,8 @@ def _calls(text: str) -> List[Any]:
     return calls
 
 
-def _key_of(name: str, arguments: Tuple[Any, ...]) -> str:
-    """The name of the parameter of setParam or deleteParam; "" where it is another call, or none that rosmaster takes."""
+def _find_parameter(name: str, arguments: Tuple[Any, ...]) -> str:
+    """The name of the parameter in setParam or deleteParam; "" in other calls, and in wrong ones."""
     if len(arguments) != {"setParam": 3, "deleteParam": 2}.get(name):
         return ""
     if not all(isinstance(text, str) for text in arguments[:2]) or not arguments[1]:
@@ -702,59 +703,59 @@ def _key_of(name: str, arguments: Tuple[Any, ...]) -> str:
     return str(rosgraph.names.resolve_name(arguments[1], arguments[0]))
 
 
-def _key(record: Record) -> Tuple[Any, ...]:
+def _registration_key(record: Record) -> Tuple[Any, ...]:
     return tuple(record[:4])
 
 
-def _records_of(name: str, tree: Dict[str, Any]) -> Iterator[Record]:
-    """The records of a tree of parameters: many, so that no line of the store is larger than one value."""
+def _list_records(name: str, tree: Dict[str, Any]) -> Iterator[Record]:
+    """The records of a tree of parameters: one for each value, so that the lines of the store stay short."""
     if not tree or any(not key or "/" in key for key in tree):  # no path leads to such a member
-        yield ["set", name or "/", copied(tree)]
+        yield ["set", name or "/", copy_tree(tree)]
         return
     for key, value in list(tree.items()):
         if isinstance(value, dict):
-            yield from _records_of(f"{name}/{key}", value)
+            yield from _list_records(f"{name}/{key}", value)
         else:
             yield ["set", f"{name}/{key}", value]
 
 
-def copied(value: Any) -> Any:
-    """A value whose mappings are others: those of rosmaster change."""
-    return {key: copied(part) for key, part in value.items()} if isinstance(value, dict) else value
+def copy_tree(value: Any) -> Any:
+    """A copy of the mappings in a value: those of rosmaster change."""
+    return {key: copy_tree(part) for key, part in value.items()} if isinstance(value, dict) else value
 
 
 def serve(
-    master: Master, port: int, held: List[socket.socket], more: Mapping[str, Callable[..., Any]]
+    master: Master, port: int, sockets: List[socket.socket], more: Mapping[str, Callable[..., Any]]
 ) -> Tuple[str, socket.socket]:
-    """Answer calls from now on; the URI and the socket. `held`: open sockets, of which a fitting one is used. Raises OSError."""
+    """Answer calls from now on; the URI and the socket. A fitting one of these open sockets is used. Raises OSError."""
     master.more.update(more)
     problems: List[Exception] = []
-    settled = threading.Event()
+    event = threading.Event()
 
-    def failed(problem: Exception) -> None:
+    def on_failure(problem: Exception) -> None:
         problems.append(problem)
-        settled.set()
+        event.set()
 
-    def ready(uri: str) -> None:
+    def on_ready(uri: str) -> None:
         master.uri = uri
-        settled.set()
+        event.set()
 
-    _Server.door, _Server.held = Door(master.answer, master.callbacks.refused, master.calls), held
+    _Server.door, _Server.sockets = Door(master.answer, master.callbacks.on_refusal, master.calls), sockets
     rosgraph.xmlrpc.ThreadingXMLRPCServer = _Server
-    master._ready = ready  # rosgraph calls it
-    node = rosgraph.xmlrpc.XmlRpcNode(port, master, failed)
+    master._ready = on_ready  # rosgraph calls it
+    node = rosgraph.xmlrpc.XmlRpcNode(port, master, on_failure)
     node.start()
-    settled.wait()
+    event.wait()
     if problems:
         raise problems[0] if isinstance(problems[0], OSError) else OSError(str(problems[0]))
     return str(node.uri), node.server.socket
 
 
 class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):  # type: ignore[misc]
-    """rosgraph's, on a socket that systemd may have held."""
+    """rosgraph's server, on a socket that systemd may have held."""
 
     door: Door
-    held: List[Socket] = []
+    sockets: List[Socket] = []
     socket: Socket
     server_address: Any
 
@@ -765,8 +766,8 @@ class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):  # type: ignore[misc]
         self.RequestHandlerClass = type("_Handler", (Handler,), {"door": self.door, "protocol_version": version})
 
     def server_bind(self) -> None:
-        """Take the socket that is there, or open one."""
-        for other in self.held:
+        """Take the socket that systemd held, or open one."""
+        for other in self.sockets:
             if other.family == self.address_family and other.getsockname()[:2] == self.server_address[:2]:
                 self.socket.close()
                 self.socket, self.server_address = other, other.getsockname()
@@ -774,15 +775,15 @@ class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):  # type: ignore[misc]
         super().server_bind()
 
     def verify_request(self, request: Socket, client_address: Any) -> bool:
-        """True where there is room for one more connection."""
-        own = Caller(client_address[0], request.getsockname()[0]).own
-        return self.door.lines.opened(request, own)
+        """True where there is room for this connection."""
+        own = Caller(client_address[0], request.getsockname()[0]).is_own
+        return self.door.connections.add(request, own)
 
     def shutdown_request(self, request: Socket) -> None:
-        """A connection has ended."""
-        self.door.lines.closed(request)
+        """Forget a connection that has ended."""
+        self.door.connections.remove(request)
         super().shutdown_request(request)
 
     def handle_error(self, _request: Any, client_address: Any) -> None:
-        """A connection that breaks is nobody's fault here."""
+        """Log a connection that breaks: it is no fault of this program."""
         _log.debug("a connection of %s broke: %s", client_address, sys.exc_info()[1])

@@ -1,11 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The workers that tell nodes what has changed. They come when there is work, wake at once, and go when there is none."""
+"""The workers that tell nodes of changes. They start and wake at once when there is work, and end when there is none."""
 
 import logging
 import threading
 import urllib.parse
-import xmlrpc.client
 from typing import Any, Callable, Optional, Tuple
 
 from ..edge.clock import monotonic
@@ -19,17 +18,17 @@ IDLE = 10.0  # seconds that a worker waits for work before it goes
 
 
 class Notifier:
-    """Makes the calls that wait."""
+    """Makes the waiting calls."""
 
-    def __init__(self, allowed: Callable[[Call], bool] = lambda _call: True) -> None:
-        """`allowed(call)` is asked right before a call; it may have become pointless."""
-        self._plan, self._allowed = Notifications(), allowed
+    def __init__(self, may_call: Callable[[Call], bool] = lambda _call: True) -> None:
+        """`may_call(call)` is asked right before a call."""
+        self._plan, self._may_call = Notifications(), may_call
         self._wake = threading.Condition()
         self._workers = self._idle = 0
         self.calls = 0  # calls that were made
 
     def tell(self, uri: str, method: str, name: str, arguments: Tuple[Any, ...]) -> None:
-        """Have a node called; what waits for it with the same method and name is replaced."""
+        """Queue a call of a node. It replaces the waiting one of the same method and name."""
         try:
             host = urllib.parse.urlsplit(uri).hostname or ""
         except ValueError:
@@ -39,7 +38,7 @@ class Notifier:
             self._call_worker()
 
     def _call_worker(self) -> None:
-        """Wake a worker, or have one more. The lock is held."""
+        """Wake a worker, or start one. The lock is held."""
         if self._idle:
             self._wake.notify()
         elif self._workers < WORKERS:
@@ -72,15 +71,15 @@ class Notifier:
                 self._plan.tidy(now)
                 return None
             if due is not None and self._idle and now >= patience:
-                return None  # another one waits for that
+                return None  # an idle worker waits for that
             self._idle += 1
             self._wake.wait(max(0.001, (patience if due is None else due) - now))
             self._idle -= 1
 
     def _make(self, call: Call) -> Tuple[bool, bool]:
-        """Call a node: whether it answered in time, and whether nobody is there any more."""
+        """Call a node: whether it answered in time, and whether its port is closed."""
         try:
-            if not self._allowed(call):
+            if not self._may_call(call):
                 return True, False
             rpc = Rpc(call.uri, TIMEOUT)
             try:
@@ -89,11 +88,9 @@ class Notifier:
                 rpc.close()
         except ConnectionRefusedError:
             return False, True
-        except (xmlrpc.client.Fault, ValueError) as problem:
-            _log.debug("%s of %s: %s", call.method, call.uri, problem)
         except OSError as problem:
             _log.debug("%s of %s: %s", call.method, call.uri, problem)
             return False, False
-        except Exception as problem:  # such as a value that XML-RPC has not: this node cannot be told, the others are
+        except Exception as problem:  # a fault, or a value that XML-RPC has not: other nodes are told
             _log.debug("%s of %s: %s: %s", call.method, call.uri, type(problem).__name__, problem)
         return True, False

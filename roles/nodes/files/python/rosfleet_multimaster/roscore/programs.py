@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which programs of this computer are the collection's own, as the kernel knows it: by the user of a connection."""
+"""The collection's own programs on this computer, as the kernel knows them: by the user of a connection."""
 
 import os
 from typing import Set, Tuple
@@ -13,7 +13,7 @@ End = Tuple[str, int]
 
 
 def is_own(there: End, here: End) -> bool:
-    """True where the other end of a connection is of master_sync, of root, or of the user of this process."""
+    """True where the other end of a connection belongs to master_sync, to root, or to the user of this process."""
     try:
         return connections.owner(there, here) in _users()
     except OSError:

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The requests that the roscore has refused since its start, since they were beyond a bound: counted, said, told.
+"""The requests that the roscore has refused since its start because they exceed a bound: counted, logged, told.
 
-Who follows the roscore (roscore/changes.py) is told the counts as if they were a parameter, REFUSED: name of the bound -> how often.
+A follower (roscore/changes.py) is told the counts as if they were a parameter, REFUSED: name of the bound -> how often.
 """
 
 import threading
@@ -20,21 +20,21 @@ class Refusals:
     """The counts."""
 
     def __init__(self, tell: Callable[[List[Record]], None]) -> None:
-        """`tell(records)`: tell who follows."""
+        """`tell(records)`: tell the followers."""
         self._tell, self._limited = tell, program.LimitedLog()
         self._counts: Dict[str, Count] = {}
-        self._saying = threading.Lock()
+        self._lock = threading.Lock()
         self._told: Dict[str, int] = {}
         self._due = 0.0
 
     def add(self, bound: str, why: str) -> None:
-        """A request was beyond this bound; in any thread."""
+        """Count a request that exceeds this bound; in any thread."""
         self._counts.setdefault(bound or "value", Count()).add()
         self.say(f"beyond {bound}", f"a request is refused: {why}")
 
     def say(self, topic: str, why: str) -> None:
         """Log it, once in a while for each topic; in any thread."""
-        with self._saying:
+        with self._lock:
             self._limited.say("warning", topic, why)
 
     def records(self) -> List[Record]:
@@ -42,7 +42,7 @@ class Refusals:
         return [["parameter", REFUSED, self._told]] if self._told else []
 
     def tick(self, now: float) -> None:
-        """Tell where there is something new."""
+        """Tell new counts."""
         counts = {bound: count.value for bound, count in list(self._counts.items())}
         if now >= self._due and counts != self._told:
             self._due, self._told = now + PAUSE, counts

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The store of the roscore: a file with a line for each change, which a thread syncs to the disk and writes anew.
 
-A line is written before the caller has its answer, so it survives the end of the process; within 0.1 s it survives a loss
-of power. Where it cannot be written, there is a warning, the roscore goes on, and a new file is tried again and again.
+A line is written before the caller has its answer, so it survives the end of the process. 0.1 s later it survives a loss of
+power, too. Where it cannot be written, there is a warning, the roscore goes on, and a new file is tried again and again.
 """
 
 import contextlib
@@ -12,19 +12,7 @@ import logging
 import os
 import threading
 import xmlrpc.client
-from typing import (
-    Any,
-    BinaryIO,
-    Callable,
-    ContextManager,
-    Iterable,
-    Iterator,
-    List,
-    NamedTuple,
-    Optional,
-    Sequence,
-    Set,
-)
+from typing import Any, Callable, ContextManager, Iterable, List, NamedTuple, Optional, Sequence, Set
 
 from ..edge.clock import monotonic, sleep
 from ..protocol.plain_text import plain
@@ -41,21 +29,21 @@ STARTS = 5  # starts that come to nothing, after which the store is put aside
 LARGEST = 1 << 30  # bytes of a store that is read; that of a roscore within its bounds has a fourth of it
 LONGEST = 1 << 27  # bytes of one line
 _STARTS = ".starts"  # the file beside it with a byte for each such start
-_SAID = 1000  # parameters of which it is said that they cannot be kept
-_REST = 0.002  # seconds of rest for those who call, while a new file is written
+_WARNINGS = 1000  # about parameters that cannot be kept
+_REST = 0.002  # seconds of rest for callers while a new file is written
 
 
-class Found(NamedTuple):
-    """The registry that was kept, and whether this computer was started since."""
+class Snapshot(NamedTuple):
+    """The registry of an earlier life, and whether this computer was started since."""
 
     registry: Registry
     another_boot: bool
-    size: int  # bytes of the file that count; 0 where it is not gone on with,
+    size: int  # bytes of the file that count; 0 where a new file is to be written,
     lines: int  # and the number of its last line
 
 
-def boot() -> str:
-    """The present boot of this computer."""
+def read_boot_id() -> str:
+    """The id of the present boot of this computer."""
     try:
         with open("/proc/sys/kernel/random/boot_id", encoding="ascii") as file:
             return file.read().strip()
@@ -63,42 +51,38 @@ def boot() -> str:
         return ""
 
 
-def read(folder: str) -> Optional[Found]:
-    """Read the store of this folder. One that cannot be read is put aside, whole or in part, with a warning: never fatal."""
+def read(folder: str) -> Optional[Snapshot]:
+    """Read the store of this folder. One that cannot be read is set aside, whole or in part, with a warning."""
     path = os.path.join(folder, store_format.FILE)
     try:
-        if _starts_in_vain(folder) >= STARTS:
-            _put_aside(path, f"the last {STARTS} starts with it have come to nothing, so it starts with nothing")
+        if _count_start(folder) >= STARTS:
+            set_aside(folder, f"the last {STARTS} starts with it have come to nothing, so it starts with nothing")
             return None
         with open(path, "rb") as file:
             size = os.fstat(file.fileno()).st_size
-            found = store_format.read(_lines(file), _special) if size <= LARGEST else None
+            lines = iter(lambda: file.readline(LONGEST), b"")
+            content = store_format.read(lines, _to_xmlrpc) if size <= LARGEST else None
     except FileNotFoundError:
         return None
-    except Exception as problem:  # whatever it is: a roscore that knows nothing is better than none
-        _put_aside(path, f"it cannot be read ({type(problem).__name__}), so the roscore starts with nothing")
+    except Exception as problem:  # of any kind: a roscore that knows nothing is better than no roscore
+        set_aside(folder, f"it cannot be read ({type(problem).__name__}), so the roscore starts with nothing")
         return None
-    if found is None:
-        _put_aside(path, "nothing in it can be read, so the roscore starts with nothing")
+    if content is None:
+        set_aside(folder, "nothing in it can be read, so the roscore starts with nothing")
         return None
-    broken = found.damaged or found.omissions
+    broken = content.damaged or content.omissions
     if broken:
-        _put_aside(path, "what can be read of it counts")
-    elif found.torn:
+        set_aside(folder, "what can be read of it counts")
+    elif content.torn:
         _log.info("the last change was not written to its end in %s: nobody had an answer to it", path)
-    another_boot = found.boot != boot()
-    return Found(found.registry, another_boot, 0 if broken or another_boot else found.size, found.lines)
+    another_boot = content.boot != read_boot_id()
+    return Snapshot(content.registry, another_boot, 0 if broken or another_boot else content.size, content.lines)
 
 
-def _lines(file: BinaryIO) -> Iterator[bytes]:
-    """The lines of the file, none of them without a bound."""
-    return iter(lambda: file.readline(LONGEST), b"")
-
-
-def _starts_in_vain(folder: str) -> int:
-    """How many starts with this store have not come as far as `settled`; this one is counted with them from now on."""
+def _count_start(folder: str) -> int:
+    """The number of starts with this store that did not come to `clear_starts`. This start is added to them."""
     path = os.path.join(folder, store_format.FILE)
-    os.stat(path)  # else there is nothing to put aside
+    os.stat(path)  # else there is nothing to set aside
     try:
         count = os.path.getsize(path + _STARTS)
     except FileNotFoundError:
@@ -111,20 +95,15 @@ def _starts_in_vain(folder: str) -> int:
     return count
 
 
-def settled(folder: str) -> None:
-    """The roscore works: this start counts no more among those that came to nothing."""
+def clear_starts(folder: str) -> None:
+    """Forget the starts that came to nothing: the roscore works."""
     with contextlib.suppress(OSError):
         os.remove(os.path.join(folder, store_format.FILE + _STARTS))
 
 
-def give_up(folder: str, why: str) -> None:
-    """Put the store aside: what was read cannot be used."""
-    _put_aside(os.path.join(folder, store_format.FILE), why)
-
-
 def forget(folder: str) -> bool:
     """Remove the store. Whether there was one. Raises OSError."""
-    settled(folder)
+    clear_starts(folder)
     try:
         os.remove(os.path.join(folder, store_format.FILE))
     except FileNotFoundError:
@@ -132,11 +111,13 @@ def forget(folder: str) -> bool:
     return True
 
 
-def _special(value: store_format.Special) -> Any:
+def _to_xmlrpc(value: store_format.Special) -> Any:
     return getattr(xmlrpc.client, value.kind)(value.content())
 
 
-def _put_aside(path: str, why: str) -> None:
+def set_aside(folder: str, why: str) -> None:
+    """Rename a store that cannot be used: it is kept."""
+    path = os.path.join(folder, store_format.FILE)
     _log.warning("%s is damaged: %s; the file is kept as %s.damaged", path, why, path)
     try:
         os.replace(path, path + ".damaged")
@@ -148,30 +129,30 @@ def _put_aside(path: str, why: str) -> None:
 
 
 class Store:
-    """The file. Its lines are added by who holds the lock of the registrations."""
+    """The file. A thread that holds the lock of the registrations adds its lines."""
 
     def __init__(self, folder: str, lock: ContextManager[Any], parts: Callable[[], Iterable[List[Record]]]) -> None:
-        """`parts()`: all that the roscore knows, a few records at a time, which takes the lock itself.
+        """`parts()`: all that the roscore knows, a few records at a time. It takes the lock itself.
 
-        What changes meanwhile may be in it or not: it is added.
+        Changes that come meanwhile may be in it or not: they are added.
         """
         self._folder, self._path = folder, os.path.join(folder, store_format.FILE)
         self._lock, self._parts = lock, parts
         self._file: Optional[int] = None
         self._guard: Optional[int] = None  # the folder, locked: one roscore has it
         self._number = self._size = self._base = 0
-        self._waiting = 0  # what the changes count that came while a new file is written
-        self._meanwhile: Optional[List[Sequence[Record]]] = None  # what changes while a new file is written
+        self._waiting = 0  # what the changes in `_meanwhile` count
+        self._meanwhile: Optional[List[Sequence[Record]]] = None  # changes while a new file is written
         self._old = False  # the file is one of an earlier life
         self._dirty = threading.Event()
         self._warned = ""
-        self._left_out: Set[str] = set()  # parameters with values that are not kept, and of which that was said
+        self._left_out: Set[str] = set()  # parameters with values that are not kept, of which a warning was given
 
-    def start(self, found: Optional[Found] = None) -> None:
-        """Go on in the file that was found, or write one with all there is. Then sync and renew it in a thread."""
-        if found is None or not self._go_on(found):
+    def start(self, snapshot: Optional[Snapshot] = None) -> None:
+        """Go on in the file of a snapshot, or write a new one. Then sync and renew it in a thread."""
+        if snapshot is None or not self._resume(snapshot):
             self._renew(rest=False)
-        threading.Thread(target=self._keep, name="store", daemon=True).start()
+        threading.Thread(target=self._run, name="store", daemon=True).start()
 
     def add(self, records: Sequence[Record]) -> None:
         """Add the changes of one call."""
@@ -183,11 +164,11 @@ class Store:
         try:
             self._append(self._file, records)
         except Exception as problem:
-            self._failed(problem)
+            self._abandon(problem)
         self._dirty.set()
 
     def wait(self) -> bool:
-        """Wait where much was changed in a short time; False where that does not help. Before a change, without the lock."""
+        """Wait where much was changed in a short time; False where that does not help. Call it without the lock."""
         until = monotonic() + PATIENCE
         while store_format.must_wait(self._size if self._file is not None else 0, self._base, self._waiting):
             self._dirty.set()
@@ -197,7 +178,7 @@ class Store:
         return True
 
     def sync(self) -> None:
-        """Bring what was written to the disk."""
+        """Sync the written lines to the disk."""
         with self._lock:
             file = self._file
         try:
@@ -205,7 +186,7 @@ class Store:
                 os.fdatasync(file)
         except OSError as problem:
             with self._lock:
-                self._failed(problem)  # what was not written then is nowhere: all is written anew
+                self._abandon(problem)  # lines may be lost: all is written anew
 
     def _append(self, file: int, records: Sequence[Record]) -> None:
         line = self._line(self._number + 1, records)
@@ -216,47 +197,47 @@ class Store:
         self._number, self._size = self._number + 1, self._size + written
 
     def _line(self, number: int, records: Sequence[Record]) -> bytes:
-        """A line. Values that cannot be kept are left out of it, which is said once for each parameter."""
+        """A line. Values that cannot be kept are left out, with one warning for each parameter."""
         try:
             return store_format.format_line(number, records)
         except (TypeError, ValueError, OverflowError, RecursionError):
             kept, without = store_format.strip_values(records)
             for name in without:
-                if name not in self._left_out and len(self._left_out) < _SAID:
+                if name not in self._left_out and len(self._left_out) < _WARNINGS:
                     self._left_out.add(name)
                     _log.warning("%s has a value that cannot be kept: after a restart it is without it", plain(name))
             return store_format.format_line(number, kept)
 
-    def _go_on(self, found: Found) -> bool:
-        """Add to the file that was found. A new one has to be on the disk first, which takes seconds where that is busy."""
-        if not found.size:
+    def _resume(self, snapshot: Snapshot) -> bool:
+        """Go on in the file of a snapshot. The sync of a new one takes seconds where the disk is busy."""
+        if not snapshot.size:
             return False
         try:
-            self._own()
+            self._lock_folder()
             file = os.open(self._path, os.O_WRONLY | os.O_CLOEXEC)
         except OSError:
             return False
         try:
-            os.ftruncate(file, found.size)  # what was not written to its end
+            os.ftruncate(file, snapshot.size)  # without half a line
             os.lseek(file, 0, os.SEEK_END)
         except OSError:
             os.close(file)
             return False
-        self._file, self._size, self._number = file, found.size, found.lines
+        self._file, self._size, self._number = file, snapshot.size, snapshot.lines
         self._old = True
         return True
 
-    def _keep(self) -> None:
+    def _run(self) -> None:
         if self._old:
             self._renew()
         while True:
             try:
-                self._keep_once()
-            except Exception as problem:  # this thread never ends: nothing would be kept any more
+                self._sync_once()
+            except Exception as problem:  # without this thread nothing would be kept any more
                 with self._lock:
-                    self._failed(problem)
+                    self._abandon(problem)
 
-    def _keep_once(self) -> None:
+    def _sync_once(self) -> None:
         self._dirty.wait(None if self._file is not None else AGAIN)
         sleep(SYNC)
         self._dirty.clear()
@@ -269,11 +250,11 @@ class Store:
                 self._renew()
 
     def _renew(self, rest: bool = True) -> None:
-        """Write a new file beside the old one, which counts until the new one takes its place."""
+        """Write a new file beside the old one, and replace the old one by it."""
         new = None
         self._start_over()
         try:
-            self._own()
+            self._lock_folder()
             new = os.open(self._path + ".new", os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
             number = self._write(new, rest)
             number = self._write_all(new, number, self._start_over())
@@ -283,28 +264,29 @@ class Store:
             new = None
             if old is not None:
                 os.close(old)
-            self._sync_folder()
+            if self._guard is not None:
+                os.fsync(self._guard)
             if self._warned:
                 _log.warning("what the roscore knows is kept again")
                 self._warned = ""
         except Exception as problem:
             with self._lock:
                 self._meanwhile, self._waiting = None, 0
-                self._failed(problem)
+                self._abandon(problem)
             if new is not None:
                 os.close(new)
                 with contextlib.suppress(OSError):
                     os.remove(self._path + ".new")
 
     def _start_over(self) -> List[Sequence[Record]]:
-        """Note what changes from now on; what changed since this was called before."""
+        """Note changes from now on; the changes since the call before."""
         with self._lock:
             meanwhile, self._meanwhile, self._waiting = self._meanwhile or [], [], 0
         return meanwhile
 
     def _write(self, file: int, rest: bool) -> int:
         """Write all there is; the number of the last line."""
-        _write_whole(file, store_format.format_head(boot()))
+        _write_whole(file, store_format.format_head(read_boot_id()))
         number = 0
         for part in self._parts():
             number = self._write_all(file, number, [[record] for record in part])
@@ -319,7 +301,7 @@ class Store:
         return number + len(changes)
 
     def _take(self, new: int, number: int) -> Optional[int]:
-        """The new file takes the place of the old one, which is returned. The lock is held."""
+        """Replace the old file by the new one; the old one. The lock is held."""
         self._base = os.fstat(new).st_size
         number = self._write_all(new, number, self._meanwhile or [])
         os.replace(self._path + ".new", self._path)
@@ -329,8 +311,8 @@ class Store:
         self._dirty.set()
         return old
 
-    def _own(self) -> None:
-        """One roscore has the folder. Raises OSError."""
+    def _lock_folder(self) -> None:
+        """Lock the folder for this roscore. Raises OSError."""
         if self._guard is None:
             os.makedirs(self._folder, mode=0o700, exist_ok=True)
             guard = os.open(self._folder, os.O_RDONLY | os.O_CLOEXEC)
@@ -341,12 +323,8 @@ class Store:
                 raise OSError(f"another roscore keeps its registrations in {self._folder}") from None
             self._guard = guard
 
-    def _sync_folder(self) -> None:
-        if self._guard is not None:
-            os.fsync(self._guard)
-
-    def _failed(self, problem: Exception) -> None:
-        """Give the file up: it stays as it was up to now; a new one is tried later."""
+    def _abandon(self, problem: Exception) -> None:
+        """Give the file up. It stays as it is, and a new one is tried later."""
         if self._file is not None:
             os.close(self._file)
             self._file = None

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which nodes are still there after the roscore has ended and come back: each is asked what it has.
+"""The nodes that are still there after a restart of the roscore: each is asked what it has.
 
-Who refuses the connection is dead. Silence proves nothing: the cable of another computer may be out, or a debugger hold the
-process. So who does not answer stays, and is asked again for as long as it is registered. A port may be another process's by
-now, so what the node says that it publishes and subscribes to is compared with what it had registered.
+A node whose port is closed is dead. Silence proves nothing: a cable may be out, or a debugger may hold the process. So a silent
+node stays, and is asked again as long as it is registered. By now another process may have the port. So the topics of the
+answer are compared with those that the node had registered.
 
-After a boot of the computer it is the other way round: a node of another computer counts from its first answer on.
+After a boot of the computer a node of another computer counts only from its first answer on.
 """
 
 import enum
@@ -32,43 +32,43 @@ LINES = 100  # of the log, about nodes one by one
 
 
 class State(enum.Enum):
-    """The fate of a node."""
+    """The state of a node."""
 
     ALIVE = "alive"
     GONE = "gone"
     SILENT = "silent"
 
 
-class Found(NamedTuple):
+class Answer(NamedTuple):
     """The answer of a node."""
 
     state: State
     ended: List[Record] = []  # registrations that it does not have any more
 
 
-class Had(NamedTuple):
+class Endpoints(NamedTuple):
     """The registrations of a node."""
 
     topics: Dict[str, Set[str]]  # "publisher" and "subscriber" -> topics
     services: Dict[str, str]  # service -> its URI
 
 
-def had(registry: Registry) -> Dict[NodeKey, Had]:
+def collect_endpoints(registry: Registry) -> Dict[NodeKey, Endpoints]:
     """The registrations of each node, by name and URI."""
-    found = {of: Had({"publisher": set(), "subscriber": set()}, {}) for of in registry.nodes.items()}
+    nodes = {node: Endpoints({"publisher": set(), "subscriber": set()}, {}) for node in registry.nodes.items()}
     for kind, table in (("publisher", registry.publishers), ("subscriber", registry.subscribers)):
         for topic, users in table.items():
-            for of in users:
-                if of in found:
-                    found[of].topics[kind].add(topic)
-    for service, held in registry.services.items():
-        if (held.node, held.node_uri) in found:
-            found[held.node, held.node_uri].services[service] = held.uri
-    return found
+            for node in users:
+                if node in nodes:
+                    nodes[node].topics[kind].add(topic)
+    for name, service in registry.services.items():
+        if (service.node, service.node_uri) in nodes:
+            nodes[service.node, service.node_uri].services[name] = service.uri
+    return nodes
 
 
-def ask(name: str, uri: str, held: Had) -> Found:
-    """The fate of a node."""
+def ask(name: str, uri: str, endpoints: Endpoints) -> Answer:
+    """Ask a node what it has."""
     try:
         rpc = Rpc(uri, TIMEOUT, NODE)
         try:
@@ -77,32 +77,34 @@ def ask(name: str, uri: str, held: Had) -> Found:
         finally:
             rpc.close()
     except ConnectionRefusedError:
-        return Found(State.GONE)
+        return Answer(State.GONE)
     except OSError as problem:
         _log.debug("%s at %s: %s", name, uri, problem)
-        return Found(State.SILENT)
+        return Answer(State.SILENT)
     except (ValueError, xmlrpc.client.Fault):
-        return Found(State.GONE)  # somebody else's port by now
-    if None not in has.values() and any(held.topics.values()):
-        if not any(held.topics[kind] & (has[kind] or set()) for kind in has):
-            return Found(State.GONE)
+        return Answer(State.GONE)  # another program has the port
+    if None not in has.values() and any(endpoints.topics.values()):
+        if not any(endpoints.topics[kind] & (has[kind] or set()) for kind in has):
+            return Answer(State.GONE)
     ended = [
         [kind, topic, name, uri]
         for kind, topics in has.items()
         if topics is not None
-        for topic in sorted(held.topics[kind] - topics)
+        for topic in sorted(endpoints.topics[kind] - topics)
     ]
     ended += [
-        ["service", service, name, at, uri] for service, at in held.services.items() if not _provides(name, service, at)
+        ["service", service, name, at, uri]
+        for service, at in endpoints.services.items()
+        if not _provides(name, service, at)
     ]
-    return Found(State.ALIVE, ended)
+    return Answer(State.ALIVE, ended)
 
 
 _LISTS = {"publisher": "getPublications", "subscriber": "getSubscriptions"}
 
 
 def _topics(rpc: Rpc, method: str) -> Optional[Set[str]]:
-    """The topics of a node, None where it does not tell them."""
+    """The topics of a node; None where it does not tell them."""
     try:
         answer = rpc.call(method, CALLER)
         return {topic for topic, _type in answer[2]} if answer[0] == 1 else None
@@ -111,9 +113,9 @@ def _topics(rpc: Rpc, method: str) -> Optional[Set[str]]:
 
 
 def _provides(name: str, service: str, uri: str) -> bool:
-    """True where a node that lives still provides a service; true where nobody can tell.
+    """True where a living node still provides a service, or where that cannot be found out.
 
-    A port that refuses says nothing: rospy and roscpp keep it open when a service ends, so there is a filter, or another name.
+    A closed port proves nothing: rospy and roscpp keep it open when a service ends, so a filter or a wrong name is the cause.
     """
     try:
         return provider(uri, service, TIMEOUT) == name
@@ -123,127 +125,127 @@ def _provides(name: str, service: str, uri: str) -> bool:
 
 
 class Registrations(Protocol):
-    """What a survey does to the roscore."""
+    """The methods of the roscore that a survey calls."""
 
     def has(self, name: str, uri: str) -> bool:
         """True while this node has the name."""
 
     def end_node(self, name: str, uri: str) -> None:
-        """End a node that is dead."""
+        """End a dead node."""
 
     def end_registration(self, record: Record) -> bool:
-        """End what a node has no more. Whether it was there."""
+        """End a registration that is not true any more. Whether it was there."""
 
-    def come_back(self, registry: Registry) -> None:
-        """Register nodes anew that live."""
+    def readmit(self, registry: Registry) -> None:
+        """Register living nodes again."""
 
     def has_ended(self, name: str) -> bool:
-        """True where a node has withdrawn everything and is still known."""
+        """True where a known node has withdrawn everything."""
 
     def bury(self, name: str, uri: str) -> None:
-        """End what is left of such a node."""
+        """End the rest of such a node."""
 
 
 class Survivors:
-    """Asks the nodes of an earlier life, until each has answered or is gone."""
+    """Asks the nodes of an earlier life until each has answered or is gone."""
 
     def __init__(self, workers: Workers, roscore: Registrations) -> None:
-        """Ask in these workers, and have it done to this roscore."""
+        """Ask in these workers, and change this roscore."""
         self._workers, self._roscore = workers, roscore
-        self._left: Set[NodeKey] = set()  # registered nodes that have not answered yet
+        self._silent: Set[NodeKey] = set()  # registered nodes that have not answered yet
         self._warned: Set[NodeKey] = set()
         self._leaving: Set[NodeKey] = set()
         self._alive = self._gone = self._lines = 0
 
     @property
     def silent(self) -> int:
-        """How many registered nodes have not answered yet."""
-        return len(self._left)
+        """The number of registered nodes that have not answered yet."""
+        return len(self._silent)
 
     def begin(self, registry: Registry) -> None:
-        """Ask nodes that are registered: each stays until it is known that it has ended."""
-        self._left = set(registry.nodes.items())
-        for of, held in had(registry).items():
-            self._ask(of, held, partial(self._judge, of))
+        """Ask registered nodes: each stays until it is known to have ended."""
+        self._silent = set(registry.nodes.items())
+        for node, endpoints in collect_endpoints(registry).items():
+            self._ask(node, endpoints, partial(self._judge, node))
 
     def wait_for(self, registry: Registry) -> None:
-        """Ask nodes that are not registered: each comes back when it answers."""
-        for of, held in had(registry).items():
-            self._ask(of, held, partial(self._welcome, of, registry))
+        """Ask nodes that are not registered: each is registered again when it answers."""
+        for node, endpoints in collect_endpoints(registry).items():
+            self._ask(node, endpoints, partial(self._welcome, node, registry))
 
     def look_after(self, name: str, uri: str) -> None:
         """Ask a node that has withdrawn everything, until it has ended or has something again."""
-        of = (name, uri)
-        if of not in self._leaving:
-            self._leaving.add(of)
-            run_later(AGAIN, partial(self._ask, of, Had({}, {}), partial(self._bury, of)))
+        node = (name, uri)
+        if node not in self._leaving:
+            self._leaving.add(node)
+            run_later(AGAIN, partial(self._ask, node, Endpoints({}, {}), partial(self._bury, node)))
 
-    def _ask(self, of: NodeKey, held: Had, judge: Callable[[Found], bool], pause: float = AGAIN) -> None:
-        def answered(found: Optional[Found], _problem: Optional[Exception]) -> None:
-            if judge(Found(State.SILENT) if found is None else found):
-                run_later(pause, partial(self._ask, of, held, judge, min(2 * pause, LATEST)))
+    def _ask(self, node: NodeKey, endpoints: Endpoints, judge: Callable[[Answer], bool], pause: float = AGAIN) -> None:
+        def on_answer(answer: Optional[Answer], _problem: Optional[Exception]) -> None:
+            if judge(Answer(State.SILENT) if answer is None else answer):
+                run_later(pause, partial(self._ask, node, endpoints, judge, min(2 * pause, LATEST)))
 
-        self._workers.submit(partial(ask, *of, held), answered)
+        self._workers.submit(partial(ask, *node, endpoints), on_answer)
 
-    def _judge(self, of: NodeKey, found: Found) -> bool:
-        """Do what the answer of a registered node says. True where it is to be asked again."""
-        name, uri = of
-        if found.state is State.SILENT and self._roscore.has(name, uri):
-            if of not in self._warned:
-                self._warned.add(of)
+    def _judge(self, node: NodeKey, answer: Answer) -> bool:
+        """Act on the answer of a registered node. True where the node is to be asked again."""
+        name, uri = node
+        if answer.state is State.SILENT and self._roscore.has(name, uri):
+            if node not in self._warned:
+                self._warned.add(node)
                 self._say(_log.warning, "%s at %s does not answer: it stays registered, and is asked again", name, uri)
             return True
-        self._left.discard(of)
-        if found.state is State.GONE:
+        self._silent.discard(node)
+        if answer.state is State.GONE:
             self._gone += 1
             self._say(_log.info, "%s at %s has ended meanwhile", name, uri)
             self._roscore.end_node(name, uri)
-        elif found.state is State.ALIVE:
+        elif answer.state is State.ALIVE:
             self._alive += 1
-            for record in found.ended:
+            for record in answer.ended:
                 if self._roscore.end_registration(record):
                     _log.info("%s does not have the %s %s any more", name, record[0], record[1])
-        if not self._left:
+        if not self._silent:
             _log.info("of the nodes from before, %d are still there and %d have ended", self._alive, self._gone)
         return False
 
-    def _say(self, log: Callable[..., None], text: str, *of: str) -> None:
-        """Log what became of a node; there may be a hundred thousand of them."""
+    def _say(self, log: Callable[..., None], text: str, *names: str) -> None:
+        """Log a line about a node; there may be a hundred thousand of them."""
         self._lines += 1
         if self._lines <= LINES:
-            log(text, *of)
+            log(text, *names)
         elif self._lines == LINES + 1:
             _log.info("what became of further nodes is not logged one by one")
 
-    def _bury(self, of: NodeKey, found: Found) -> bool:
-        """End what is left of a node that is dead. True where it is to be asked again."""
-        if found.state is not State.GONE and self._roscore.has(*of) and self._roscore.has_ended(of[0]):
+    def _bury(self, node: NodeKey, answer: Answer) -> bool:
+        """End the rest of a node if it is dead. True where the node is to be asked again."""
+        if answer.state is not State.GONE and self._roscore.has(*node) and self._roscore.has_ended(node[0]):
             return True
-        self._leaving.discard(of)
-        if found.state is State.GONE:
-            self._roscore.bury(*of)
+        self._leaving.discard(node)
+        if answer.state is State.GONE:
+            self._roscore.bury(*node)
         return False
 
-    def _welcome(self, of: NodeKey, registry: Registry, found: Found) -> bool:
-        """Register a node again that lives. True where it is to be asked again."""
-        if found.state is State.ALIVE:
-            _log.info("%s at %s is still there: it is registered again", *of)
-            back = registry.exclude(lambda *other: other != of)
-            for record in found.ended:
+    def _welcome(self, node: NodeKey, registry: Registry, answer: Answer) -> bool:
+        """Register a node again if it lives. True where the node is to be asked again."""
+        if answer.state is State.ALIVE:
+            _log.info("%s at %s is still there: it is registered again", *node)
+            back = registry.exclude(lambda *other: other != node)
+            for record in answer.ended:
                 back.apply([*record, False])
-            self._roscore.come_back(back)
-        return found.state is State.SILENT
+            self._roscore.readmit(back)
+        return answer.state is State.SILENT
 
 
-def alive_of(registry: Registry, seconds: float) -> Set[NodeKey]:
-    """Those nodes of a registry, by name and URI, that answer within this time."""
-    loop, nodes, alive = Loop(), had(registry), set()
+def find_alive(registry: Registry, seconds: float) -> Set[NodeKey]:
+    """The nodes of a registry, by name and URI, that answer within this time."""
+    loop, nodes, alive = Loop(), collect_endpoints(registry), set()
     left, end = set(nodes), monotonic() + seconds
 
-    def answered(of: NodeKey, found: Optional[Found], _problem: Optional[Exception]) -> None:
-        left.discard(of)
-        if found is not None and found.state is State.ALIVE:
-            alive.add(of)
+    def on_answer(node: NodeKey, answer: Optional[Answer], _problem: Optional[Exception]) -> None:
+        left.discard(node)
+        if answer is not None and answer.state is State.ALIVE:
+            alive.add(node)
 
     def tick(now: float) -> float:
         if not left or now >= end:
@@ -251,7 +253,7 @@ def alive_of(registry: Registry, seconds: float) -> Set[NodeKey]:
         return end
 
     workers = Workers(loop, min(THREADS, len(nodes)), len(nodes) + 1)
-    for of, held in nodes.items():
-        workers.submit(partial(ask, *of, held), partial(answered, of))
+    for node, endpoints in nodes.items():
+        workers.submit(partial(ask, *node, endpoints), partial(on_answer, node))
     loop.run(tick)
     return alive

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The question who provides a service, by the header of a connection (http://wiki.ros.org/ROS/TCPROS)."""
+"""The provider of a service, asked by the header of a connection (http://wiki.ros.org/ROS/TCPROS)."""
 
 import socket
 import struct
@@ -47,10 +47,10 @@ def _read(connection: socket.socket, size: int, deadline: float) -> bytes:
 
 
 def _fields(head: bytes) -> Dict[str, str]:
-    found, at = {}, 0
+    fields, at = {}, 0
     while at + 4 <= len(head):
         (size,) = struct.unpack_from("<I", head, at)
         name, _equals, value = head[at + 4 : at + 4 + size].decode("utf-8", "replace").partition("=")
-        found[name] = value
+        fields[name] = value
         at += 4 + size
-    return found
+    return fields

@@ -49,7 +49,7 @@ _REGISTRATION = 1500
 
 _DEAR = '<>&"\\\n\r\t'  # signs that XML or JSON writes as several
 _ANY_DEAR = re.compile(r'[<>&"\\\n\r\t]')
-_UNWRITABLE = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")  # XML has none of them
+_UNWRITABLE = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")  # XML has no such characters
 _TIME = re.compile(r"[-+0-9T:Z. ]{0,40}\Z")
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The history of changes of a roscore, for those who follow it.
+"""The history of changes of a roscore, for its followers.
 
 A call that changed something is one revision. A follower that knows a revision of this epoch gets what came after it. Without
 one, or with one from before the history, it needs the whole state.

@@ -38,7 +38,7 @@ class Registry:
         self.parameters: Dict[str, Any] = {}
 
     def apply(self, record: Record) -> None:
-        """Carry out a record. Raises ValueError where it is none."""
+        """Carry out a record. Raises ValueError where it is malformed."""
         self.check(record)
         try:
             _APPLY[record[0]](self, *record[1:])
