@@ -61,7 +61,11 @@ class Store:
 
     def _write(self, records):
         for record in records:
-            gone = record[0] == "delete" or (record[0] in THERE and not record[-1]) or record == ["node", record[1], ""]
+            gone = (
+                record[0] == "delete"
+                or (record[0] in THERE and not record[-1])
+                or (record[0] in ("node", "type") and not record[2])
+            )
             if gone:
                 self._writer.execute("DELETE FROM state WHERE thing = ?", (thing(record),))
             else:

@@ -58,7 +58,7 @@ class Mirror:
             elif kind == "node":
                 _set_or_remove(self.node_uris, name, record[2] or None)
             elif kind == "type":
-                self._types[name] = record[2]
+                _set_or_remove(self._types, name, record[2] or None)
             else:
                 _set_or_remove(self.parameters, name, record[2])
             touched.add(name)

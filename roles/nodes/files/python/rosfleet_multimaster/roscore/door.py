@@ -215,7 +215,8 @@ class Handler(BaseHTTPRequestHandler):
 
     def _read_request(self) -> Tuple[str, Tuple[Any, ...]]:
         """The method and its arguments. Raises Refusal, OSError, or what expat and xmlrpc raise."""
-        length, packed = self.headers.get("Content-Length", ""), self._is_packed()
+        length, encoding = self.headers.get("Content-Length", ""), self.headers.get("Content-Encoding", "identity")
+        packed = {"identity": False, "gzip": True}.get(encoding.lower())
         if not length.isdecimal() or len(length) > 15 or packed is None:
             self.close_connection = True  # the next request may begin anywhere
             raise ValueError("a request without its length, or in an encoding that is not known")
@@ -241,10 +242,6 @@ class Handler(BaseHTTPRequestHandler):
         if not isinstance(name, str):
             raise ValueError("no method is named")
         return name, arguments
-
-    def _is_packed(self) -> Any:
-        encoding = self.headers.get("Content-Encoding", "identity").lower()
-        return {"identity": False, "gzip": True}.get(encoding)
 
     def _read_body(self, left: int) -> Iterator[bytes]:
         while left > 0:

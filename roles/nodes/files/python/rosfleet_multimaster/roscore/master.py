@@ -72,7 +72,6 @@ _UNREGISTER = {
     "listener": "unregister_param_subscriber",
     "service": "unregister_service",
 }
-_TELLING = {"publisher_update_task": "publisherUpdate", "shutdown_node_task": "shutdown"}
 
 Note = Callable[[Record], None]
 
@@ -115,11 +114,9 @@ class _Table(registrations.Registrations):  # type: ignore[misc]  # rosmaster ha
 
     def register(self, key: str, node: str, node_uri: str, service_uri: Optional[str] = None) -> None:
         """As rosmaster's."""
-        before = (
-            (self.map.get(key), (self.service_api_map or {}).get(key)) if service_uri else len(self.map.get(key, ()))
-        )
+        old = (self.map.get(key), (self.service_api_map or {}).get(key)) if service_uri else len(self.map.get(key, ()))
         super().register(key, node, node_uri, service_uri)
-        known = before == ((self.map[key], self.service_api_map[key]) if service_uri else len(self.map[key]))
+        known = old == ((self.map[key], self.service_api_map[key]) if service_uri else len(self.map[key]))
         record = self._record(key, node, node_uri, service_uri, True)
         self._confirm(record)
         if not known:
@@ -146,34 +143,22 @@ class _Table(registrations.Registrations):  # type: ignore[misc]  # rosmaster ha
         return [self.kind, key, node, node_uri, there]
 
 
-class _Nodes(Dict[str, Any]):
-    """The nodes, which note their changes."""
+class _Values(Dict[str, Any]):
+    """The nodes, or the types of topics, which note their changes."""
 
-    def __init__(self, note: Note) -> None:
+    def __init__(self, kind: str, note: Note) -> None:
         super().__init__()
-        self._note = note
+        self._kind, self._note = kind, note
 
-    def __setitem__(self, name: str, node: Any) -> None:
-        super().__setitem__(name, node)
-        self._note(["node", name, node.api])
+    def __setitem__(self, name: str, value: Any) -> None:
+        known = self.get(name) == value
+        super().__setitem__(name, value)
+        if not known:
+            self._note([self._kind, name, getattr(value, "api", value)])
 
     def __delitem__(self, name: str) -> None:
         super().__delitem__(name)
-        self._note(["node", name, ""])
-
-
-class _Types(Dict[str, str]):
-    """The types of topics, which note their changes."""
-
-    def __init__(self, note: Note) -> None:
-        super().__init__()
-        self._note = note
-
-    def __setitem__(self, topic: str, kind: str) -> None:
-        known = self.get(topic) == kind
-        super().__setitem__(topic, kind)
-        if not known:
-            self._note(["type", topic, kind])
+        self._note([self._kind, name, ""])
 
 
 class _Manager(registrations.RegistrationManager):  # type: ignore[misc]
@@ -181,7 +166,7 @@ class _Manager(registrations.RegistrationManager):  # type: ignore[misc]
 
     def __init__(self, pool: Any, note: Note, confirm: Note, lost: Callable[[List[str]], None]) -> None:
         super().__init__(pool)
-        self.nodes = _Nodes(note)
+        self.nodes = _Values("node", note)
         kinds = registrations.Registrations
         self.publishers = _Table(kinds.TOPIC_PUBLICATIONS, note, confirm)
         self.subscribers = _Table(kinds.TOPIC_SUBSCRIPTIONS, note, confirm)
@@ -210,11 +195,11 @@ class _Pool:
             self._notifier.tell(uri, "paramUpdate", key, (key, copy_tree(value)))
         elif name == "publisher_update_task":
             uri, topic, uris = arguments
-            self._notifier.tell(uri, _TELLING[name], topic, (topic, uris))
+            self._notifier.tell(uri, "publisherUpdate", topic, (topic, uris))
         elif name == "shutdown_node_task":
             uri, node, reason = arguments
             if not self._is_spared(node, uri):
-                self._notifier.tell(uri, _TELLING[name], node, (f"[{node}] Reason: {reason}",))
+                self._notifier.tell(uri, "shutdown", node, (f"[{node}] Reason: {reason}",))
         return True
 
     def join_all(self, **_options: bool) -> None:
@@ -267,7 +252,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         self.reg_manager = _Manager(self.thread_pool, self._note, self._confirm, self._tell_topics)
         self.publishers, self.subscribers = self.reg_manager.publishers, self.reg_manager.subscribers
         self.services, self.param_subscribers = self.reg_manager.services, self.reg_manager.param_subscribers
-        self.topics_types = _Types(self._note)
+        self.topics_types = _Values("type", self._note)
         self.param_server = paramserver.ParamDictionary(self.reg_manager)
         self._known = {
             name
@@ -283,12 +268,13 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         try:
             if name in CHANGES or name == TOGETHER:
                 self.callbacks.wait()
-            return self._dispatch(name, arguments)
+            return self.call(name, *arguments)
         except Refusal as problem:
             self.callbacks.on_refusal(problem)
             return -1, str(problem), 0
 
-    def _dispatch(self, name: str, arguments: Tuple[Any, ...]) -> Any:
+    def call(self, name: str, *arguments: Any) -> Any:
+        """Make a call, also one of this process itself. Raises Refusal."""
         if name in self.more:
             return self.more[name](*arguments)
         if name not in self._known:
@@ -301,10 +287,6 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 code, text, value = getattr(self, name)(*arguments)
                 return code, text, copy_tree(value)
         return getattr(self, name)(*arguments)
-
-    def call(self, name: str, *arguments: Any) -> Any:
-        """Make a call of this process itself."""
-        return self._dispatch(name, arguments)
 
     def _run_together(self, _caller_id: str, texts: List[str]) -> Any:
         """Carry out changes, [method, caller, argument, ...], in texts of JSON. The results come in such texts, too.
@@ -329,7 +311,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 try:
                     if name not in CHANGES:
                         raise ValueError(f"{name} changes nothing")
-                    results.append(self._dispatch(name, tuple(arguments)))
+                    results.append(self.call(name, *arguments))
                 except Refusal as refusal:
                     self.callbacks.on_refusal(refusal)
                     results.append((-1, str(refusal), 0))
@@ -371,7 +353,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def _note_change(self, name: str, arguments: Tuple[Any, ...]) -> None:
         """Note what a call has changed."""
-        if not CHANGES[name] and name.endswith("Param"):
+        if name in ("setParam", "deleteParam"):
             self._note_parameter(name, arguments)
         elif name in _REGISTERS:
             self._note_caller(arguments[0])
@@ -419,7 +401,6 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         for topic in list(self.topics_types):
             if topic not in self.publishers.map and topic not in self.subscribers.map:
                 del self.topics_types[topic]
-                self.usage.count(["type", topic, ""])
 
     def _protect(self, name: str, arguments: Tuple[Any, ...]) -> Tuple[Any, ...]:
         """The arguments, with what is below the collection's own name as it is: others may not set it. Raises Refusal."""
@@ -485,8 +466,6 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def _note_parameter(self, name: str, arguments: Tuple[Any, ...]) -> None:
         """Note that a parameter was set or deleted."""
-        if name == "unsubscribeParam":
-            return
         key = _find_parameter(name, arguments)
         self._records.append(["set", key, arguments[2]] if name == "setParam" else ["delete", key])
         for watched, last in self._last.items():

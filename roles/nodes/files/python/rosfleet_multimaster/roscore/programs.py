@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The collection's own programs on this computer, as the kernel knows them: by the user of a connection."""
 
+import contextlib
 import os
-from typing import Set, Tuple
+from typing import Tuple
 
 from ..edge import connections
 
@@ -14,16 +15,9 @@ End = Tuple[str, int]
 
 def is_own(there: End, here: End) -> bool:
     """True where the other end of a connection belongs to master_sync, to root, or to the user of this process."""
-    try:
-        return connections.owner(there, here) in _users()
-    except OSError:
-        return False
-
-
-def _users() -> Set[int]:
     users = {0, os.geteuid()}
-    try:
+    with contextlib.suppress(OSError):
         users.add(os.lstat(SERVICE).st_uid)
-    except OSError:
-        pass
-    return users
+    with contextlib.suppress(OSError):
+        return connections.owner(there, here) in users
+    return False

@@ -143,16 +143,16 @@ class Store:
         self._number = self._size = self._base = 0
         self._waiting = 0  # what the changes in `_meanwhile` count
         self._meanwhile: Optional[List[Sequence[Record]]] = None  # changes while a new file is written
-        self._old = False  # the file is one of an earlier life
         self._dirty = threading.Event()
         self._warned = ""
         self._left_out: Set[str] = set()  # parameters with values that are not kept, of which a warning was given
 
     def start(self, snapshot: Optional[Snapshot] = None) -> None:
         """Go on in the file of a snapshot, or write a new one. Then sync and renew it in a thread."""
-        if snapshot is None or not self._resume(snapshot):
+        old = snapshot is not None and self._resume(snapshot)
+        if not old:
             self._renew(rest=False)
-        threading.Thread(target=self._run, name="store", daemon=True).start()
+        threading.Thread(target=self._run, args=(old,), name="store", daemon=True).start()
 
     def add(self, records: Sequence[Record]) -> None:
         """Add the changes of one call."""
@@ -224,11 +224,10 @@ class Store:
             os.close(file)
             return False
         self._file, self._size, self._number = file, snapshot.size, snapshot.lines
-        self._old = True
         return True
 
-    def _run(self) -> None:
-        if self._old:
+    def _run(self, old: bool) -> None:
+        if old:
             self._renew()
         while True:
             try:

@@ -13,7 +13,7 @@ import enum
 import logging
 import xmlrpc.client
 from functools import partial
-from typing import Callable, Dict, List, NamedTuple, Optional, Protocol, Set
+from typing import TYPE_CHECKING, Callable, Dict, List, NamedTuple, Optional, Set
 
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers, run_later
@@ -21,6 +21,9 @@ from ..edge.rpc_client import Rpc
 from ..protocol.xml_rpc import NODE
 from .core.registry import NodeKey, Record, Registry
 from .tcpros import provider
+
+if TYPE_CHECKING:  # it needs rosmaster
+    from .master import Master
 
 _log = logging.getLogger("rosfleet.survivors")
 
@@ -124,32 +127,10 @@ def _provides(name: str, service: str, uri: str) -> bool:
         return True
 
 
-class Registrations(Protocol):
-    """The methods of the roscore that a survey calls."""
-
-    def has(self, name: str, uri: str) -> bool:
-        """True while this node has the name."""
-
-    def end_node(self, name: str, uri: str) -> None:
-        """End a dead node."""
-
-    def end_registration(self, record: Record) -> bool:
-        """End a registration that is not true any more. Whether it was there."""
-
-    def readmit(self, registry: Registry) -> None:
-        """Register living nodes again."""
-
-    def has_ended(self, name: str) -> bool:
-        """True where a known node has withdrawn everything."""
-
-    def bury(self, name: str, uri: str) -> None:
-        """End the rest of such a node."""
-
-
 class Survivors:
     """Asks the nodes of an earlier life until each has answered or is gone."""
 
-    def __init__(self, workers: Workers, roscore: Registrations) -> None:
+    def __init__(self, workers: Workers, roscore: "Master") -> None:
         """Ask in these workers, and change this roscore."""
         self._workers, self._roscore = workers, roscore
         self._silent: Set[NodeKey] = set()  # registered nodes that have not answered yet

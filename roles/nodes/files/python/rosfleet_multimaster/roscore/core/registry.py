@@ -7,7 +7,7 @@ A record is a list, its kind first:
     ["publisher", topic, node, URI of the node, there]     ["subscriber", topic, node, URI of the node, there]
     ["listener", parameter, node, URI of the node, there]  a node that is told changes of a parameter
     ["service", service, node, URI of the service, URI of the node, there]
-    ["type", topic, type]                                  ["node", node, URI; "" where it is gone]
+    ["type", topic, type; "" where it is forgotten]        ["node", node, URI; "" where it is gone]
     ["set", parameter, value]                              ["delete", parameter]
 """
 
@@ -126,14 +126,18 @@ def _set_service(registry: Registry, service: str, node: str, uri: str, node_uri
 
 
 def _set_type(registry: Registry, topic: str, kind: str) -> None:
-    registry.types[topic] = kind
+    _set_or_remove(registry.types, topic, kind)
 
 
 def _set_node(registry: Registry, node: str, uri: str) -> None:
-    if uri:
-        registry.nodes[node] = uri
+    _set_or_remove(registry.nodes, node, uri)
+
+
+def _set_or_remove(table: Dict[str, str], name: str, value: str) -> None:
+    if value:
+        table[name] = value
     else:
-        registry.nodes.pop(node, None)
+        table.pop(name, None)
 
 
 def _set_parameter(registry: Registry, name: str, value: Any) -> None:
