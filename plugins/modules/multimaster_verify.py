@@ -1579,7 +1579,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._module impor
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_all
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
     changes,
     claims,
@@ -1649,7 +1649,7 @@ def look_claims(params: Params, ros: Ros, deadline: float) -> typing.List[Result
 def look_masters(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
     """Look at the discovery nodes of all masters. Wait only for those of computers that take part."""
     awaited = present(params)
-    return concurrently(
+    return call_all(
         lambda master: masters.discovery(master, deadline if master["computer"] in awaited else 0.0),
         params["masters"],
         LONGEST,
@@ -1776,10 +1776,10 @@ def look_in_lanes(
 
     def lane(members: typing.List[Part]) -> typing.List[PartResult]:
         stages = ([part for part in members if part.final == final] for final in (False, True))
-        return [result for stage in stages for result in concurrently(attempt, stage, LONGEST, late)]
+        return [result for stage in stages for result in call_all(attempt, stage, LONGEST, late)]
 
     lanes = [[part for part in parts if part.shared == shared] for shared in (True, False)]
-    return list(chain.from_iterable(concurrently(lane, lanes, 2 * LONGEST, lambda members: list(map(late, members)))))
+    return list(chain.from_iterable(call_all(lane, lanes, 2 * LONGEST, lambda members: list(map(late, members)))))
 
 
 def look(params: Params, quiet: bool) -> Result:

@@ -210,7 +210,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.left_behind import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import (
     Visit,
     end_others,
     leave,

@@ -17,9 +17,7 @@ LATER = set(
     """
     plugins/module_utils/_client
     plugins/module_utils/_machine
-    plugins/module_utils/_module
     plugins/module_utils/_multicast
-    plugins/module_utils/_process
     plugins/module_utils/_verify
     plugins/module_utils/_watch
     roles/nodes/files/python/rosfleet_multimaster/discovery

@@ -67,7 +67,7 @@ class Systemd:
     def find_newer_file(self, content: str, state: State) -> str:
         """Name a file that a unit's text names, and that was written after its process had started; raises OSError."""
         paths = files_read(content) if state.pid not in ("", "0") else []
-        start = processes.started(state.pid) if paths else None
+        start = processes.start_time(state.pid) if paths else None
         return next((path for path in paths if start is not None and _is_newer(path, start)), "")
 
     def unit_path(self) -> typing.List[str]:

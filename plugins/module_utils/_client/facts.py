@@ -14,7 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.docum
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_all
 
 CALLER = "/multimaster_info"
 LIST_MASTERS, SYNC_INFO = "/list_masters", "/get_sync_info"  # the ends of the names of services
@@ -37,7 +37,7 @@ def masters(wanted: typing.List[Row], proc: str = "/proc") -> typing.List[Row]:
     for entry in ports.holders([entry for entry in wanted if entry["protocol"] == "tcp"], proc):
         held.setdefault(entry["port"], entry)
     places = [held[port] for port in sorted(held)]
-    found = concurrently(_master, places, PATIENCE, lambda place: _entry(place, f"no answer within {PATIENCE:g} s"))
+    found = call_all(_master, places, PATIENCE, lambda place: _entry(place, f"no answer within {PATIENCE:g} s"))
     return [entry for entry in found if entry is not None]
 
 

@@ -19,10 +19,10 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.docum
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, classify_error
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.reading import read_regular
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.regular_files import read_regular
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import BASE_PATH, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import poll
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import foreign
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import awaited
 
 CALLER = "/multimaster_verify"
 SHORTEST = 10  # seconds that a command of ROS may take at least: rospy alone needs several to start on a small computer
@@ -110,7 +110,7 @@ def roscore(ros: Ros, deadline: float) -> typing.Dict[str, str]:
     if not ros.uri:
         error = f"{ros.file} has no ROS_MASTER_URI"
         return {"uri": "", "answer": "", "error": error, "outcome": Outcome.NOT_TRIED.value}
-    return awaited(look, lambda seen: not seen["error"], deadline)
+    return poll(look, lambda seen: not seen["error"], deadline)
 
 
 def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.Dict[str, typing.Any]:
@@ -127,7 +127,7 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
             return {"masters": [], "error": plain(problem), "hopeless": False}
         return {"masters": rows, "error": error, "hopeless": False}
 
-    seen = awaited(
+    seen = poll(
         look,
         lambda seen: seen["hopeless"] or wanted <= {entry["name"] for entry in seen["masters"] if entry["online"]},
         deadline,

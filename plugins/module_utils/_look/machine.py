@@ -117,7 +117,7 @@ def look(parameters: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.An
         if part.name not in parameters["parts"]:
             continue
         try:
-            value = commands.within(part.limit, part.look, *[parameters[option] for option in part.options])
+            value = commands.call_within(part.limit, part.look, *[parameters[option] for option in part.options])
         except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
             value = part.nothing
             result["problems"].append(

@@ -20,6 +20,6 @@ def difference(path: str, before: typing.Optional[bytes], after: typing.Optional
     }
 
 
-def of_mode(path: str, before: int, after: int) -> typing.Dict[str, str]:
+def mode_difference(path: str, before: int, after: int) -> typing.Dict[str, str]:
     """The entry for a file whose permissions alone change."""
     return difference(path, f"mode {before:04o}\n".encode("ascii"), f"mode {after:04o}\n".encode("ascii"))

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The ends of a module, and its warnings: what they quote of files, commands and strangers is plain text.
+"""The ends of a module, and its warnings. All quotations of files, commands and strangers become plain text.
 
 Nothing else calls exit_json, fail_json or warn (tests/unit/test_exits.py).
 """
@@ -20,12 +20,12 @@ _LONG = 1000  # characters of an option that are still returned
 
 def leave(module: typing.Any, **result: typing.Any) -> None:
     """End a module with its result."""
-    module.exit_json(**_plain(result), **_asked(module))
+    module.exit_json(**_plain(result), **_long_options(module))
 
 
 def fail(module: typing.Any, msg: str, **result: typing.Any) -> None:
     """End a module with a sentence, and with the rest of its result."""
-    module.fail_json(**_plain(dict(result, msg=msg)), **_asked(module))
+    module.fail_json(**_plain(dict(result, msg=msg)), **_long_options(module))
 
 
 def warn(module: typing.Any, sentence: str) -> None:
@@ -33,30 +33,27 @@ def warn(module: typing.Any, sentence: str) -> None:
     module.warn(plain(sentence, VALUE))
 
 
-def _asked(module: typing.Any) -> typing.Dict[str, typing.Any]:
-    """Return what the module was asked for, where that is long: Ansible returns it, and the controller keeps it for each host.
-
-    The nodes' files are half a megabyte, which each computer would send back.
-    """
+def _long_options(module: typing.Any) -> typing.Dict[str, typing.Any]:
+    """Return the options, shortened, where one is long: Ansible returns them, and the controller keeps them for each host."""
     if not hasattr(module, "argument_spec"):  # a part of a module, whose result has no such entry
         return {}
-    short = _shortened(module.params)
+    short = _shorten(module.params)
     return {} if short == module.params else {"invocation": {"module_args": short}}
 
 
-def _shortened(value: typing.Any) -> typing.Any:
-    """A copy in which a long text is its length."""
+def _shorten(value: typing.Any) -> typing.Any:
+    """Return a copy with the length in place of each long text."""
     if isinstance(value, str) and len(value) > _LONG:
         return f"({len(value)} characters)"
     if isinstance(value, dict):
-        return {name: _shortened(part) for name, part in value.items()}
+        return {name: _shorten(part) for name, part in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_shortened(part) for part in value]
+        return [_shorten(part) for part in value]
     return value
 
 
 def _plain(result: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
-    """A result of plain texts. Those of `diff` are files: there, lines stay lines."""
+    """Make all texts of a result plain. Those of `diff` are files and keep their lines."""
     made = plain_data({name: value for name, value in result.items() if name != "diff"})
     if "diff" in result:
         made["diff"] = _lines(result["diff"])

@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The AnsibleModule of our modules: wrong options are a sentence, and the log of a computer has what was asked for without the values.
+"""The AnsibleModule of our modules. Wrong options give a sentence. The log gets the names of options without their values.
 
-Ansible writes all values there: the files of the nodes are half a megabyte for each run, and the label that seals what the
-listeners send each other would be there for everybody who may read logs.
+Ansible would log all values: the nodes' files of half a megabyte, and the label that seals the messages of listeners.
 """
 
 import typing
@@ -12,19 +11,19 @@ import typing
 from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
 
-#: The sentence for what ansible-core (2.19 and before) looks into before it has seen that it is no object.
+#: ansible-core up to 2.19 reads an item as an object before it checks the type, and raises TypeError.
 NO_OBJECT = "A list among the options has an item that is no object, expected items of names and values, as the documentation has them."
 
 
 class Module(AnsibleModule):
     """An AnsibleModule with a short line in the log."""
 
-    def __init__(self, **given: typing.Any) -> None:
+    def __init__(self, **arguments: typing.Any) -> None:
         try:
-            super().__init__(**given)
+            super().__init__(**arguments)
         except TypeError:
             ends.fail(self, NO_OBJECT)
 
     def _log_invocation(self) -> None:
-        asked = sorted(name for name, value in self.params.items() if value not in (None, "", [], {}))
-        self.log(f"Invoked with {', '.join(asked)}" if asked else "Invoked")
+        names = sorted(name for name, value in self.params.items() if value not in (None, "", [], {}))
+        self.log(f"Invoked with {', '.join(names)}" if names else "Invoked")

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The exception Problem: its text is a sentence for the user; and what to do about an OSError."""
+"""The exception Problem, whose text is a sentence for the user, and the remedies of an OSError."""
 
 import errno
 import os
@@ -10,7 +10,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain
 
 
 class Problem(Exception):
-    """One sentence for the user: what was found, what was expected, what to do."""
+    """One sentence for the user: the finding, the expectation, the remedy."""
 
 
 _REMEDIES = {
@@ -27,7 +27,7 @@ _REMEDIES = {
 
 
 def remedy(problem: OSError) -> str:
-    """Return what to do about an error of a file."""
+    """Return the remedy of an error of a file."""
     if problem.errno in (errno.EACCES, errno.EPERM):
         if os.geteuid() != 0:
             return "run as root (become: true)"

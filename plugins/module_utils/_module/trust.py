@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The answer to: who can change this path, and may root, a person or a service act on it? Ownership decides."""
+"""The users that can change a path. They decide if root, a person or a service may act on it."""
 
 import grp
 import os
@@ -16,7 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain
 _LINKS = 40  # as many as the kernel follows (path_resolution(7))
 _ACL = "system.posix_acl_access"
 _ACCOUNT = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]{0,31}")
-EVERYBODY = -1  # stands for a user id: whoever has an account
+EVERYBODY = -1  # in place of a user id: all accounts
 A_GROUP = -2  # the members of a group, or of an access control list
 # A workspace of a hundred packages has some hundred folders. Others choose the paths, and every link may have 2,000 parts.
 MOST = 10000  # parts of paths
@@ -25,7 +25,7 @@ _UNKNOWN = ", so it is not known who can change them"
 
 
 class Doubt(typing.NamedTuple):
-    """A part of a path that somebody else than root can change: who (a user id, or one of the above), and a few words."""
+    """A part of a path that other users than root can change: the user id, or a constant from above, and a few words."""
 
     who: int
     words: str
@@ -34,68 +34,68 @@ class Doubt(typing.NamedTuple):
 def doubts(path: str, root: int = 0) -> typing.List[Doubt]:
     """Find the parts of an absolute path, up to `/`, that others than root can change; links are followed.
 
-    A part that is not there yet is in the hands of those who can change the folder above it.
+    The folder above decides about a part that does not exist yet.
     """
     return Look(root).doubts(path)
 
 
 class Look:
-    """A look at many paths of one subject. Each part is looked at once, and there are limits, since others choose the paths."""
+    """A look at many paths. Each part is looked at once. There are limits, because others choose the paths."""
 
     def __init__(self, root: int = 0, most: int = MOST, limit: float = LIMIT) -> None:
-        """`most` parts, in `limit` seconds."""
+        """Look at `most` parts in `limit` seconds."""
         self._root, self._most, self._limit = root, most, limit
         self._end = time.monotonic() + limit
         self._seen: typing.Dict[typing.Tuple[str, bool], typing.Tuple[bool, typing.Optional[Doubt]]] = {}
 
     def doubts(self, path: str) -> typing.List[Doubt]:
-        """Find the doubts about one path, as the function `doubts` does; beyond a limit, that is the doubt."""
-        found: typing.Dict[Doubt, None] = {}
+        """Find the doubts about one path, as the function `doubts` does. A limit that is reached is a doubt, too."""
+        doubts: typing.Dict[Doubt, None] = {}
         try:
-            self._follow(path, found)
-        except _TooMuchError as problem:
-            found[Doubt(EVERYBODY, str(problem))] = None
-        return list(found)
+            self._follow(path, doubts)
+        except _LimitError as problem:
+            doubts[Doubt(EVERYBODY, str(problem))] = None
+        return list(doubts)
 
-    def _follow(self, path: str, found: typing.Dict[Doubt, None]) -> None:
+    def _follow(self, path: str, doubts: typing.Dict[Doubt, None]) -> None:
         here, links = "/", 0
         waiting = [part for part in reversed(path.split("/")) if part]
-        self._look(here, not waiting, found)
+        self._look(here, not waiting, doubts)
         while waiting:
             if time.monotonic() > self._end:
-                raise _TooMuchError(f"a look at its paths takes more than {self._limit:g} s{_UNKNOWN}")
+                raise _LimitError(f"a look at its paths takes more than {self._limit:g} s{_UNKNOWN}")
             part = waiting.pop()
             if part in (".", ".."):
                 here = os.path.dirname(here) if part == ".." else here
                 continue
             above, here = here, os.path.join(here, part)
-            if not self._look(here, not waiting, found):
-                self._look(above, True, found)
+            if not self._look(here, not waiting, doubts):
+                self._look(above, True, doubts)
                 break
             if os.path.islink(here):
                 links += 1
                 try:
                     target = os.readlink(here)
-                except OSError:  # it is another thing by now; who may do that is in the list already
+                except OSError:  # replaced meanwhile, by a user that is in the list already
                     break
                 if links > _LINKS:
                     break  # it leads nowhere, also for the kernel
                 here = "/" if target.startswith("/") else above
                 waiting += [part for part in reversed(target.split("/")) if part]
 
-    def _look(self, path: str, last: bool, found: typing.Dict[Doubt, None]) -> bool:
+    def _look(self, path: str, last: bool, doubts: typing.Dict[Doubt, None]) -> bool:
         """Note who can change this one part; False where it is not there."""
         if (path, last) not in self._seen:
             if len(self._seen) >= self._most:
-                raise _TooMuchError(f"its paths have more than {self._most} parts{_UNKNOWN}")
+                raise _LimitError(f"its paths have more than {self._most} parts{_UNKNOWN}")
             self._seen[path, last] = _look(path, last, self._root)
         there, doubt = self._seen[path, last]
         if doubt:
-            found[doubt] = None
+            doubts[doubt] = None
         return there
 
 
-class _TooMuchError(Exception):
+class _LimitError(Exception):
     """A limit of a look is reached; its text says which."""
 
 
@@ -111,18 +111,18 @@ def _look(path: str, last: bool, root: int) -> typing.Tuple[bool, typing.Optiona
     if status.st_uid not in (0, root):
         doubt = Doubt(status.st_uid, f"{quote(path)} belongs to {account(status.st_uid) or status.st_uid}")
     if stat.S_ISLNK(status.st_mode):
-        return True, doubt  # who may replace it is decided by its folder
-    # In a folder as /tmp nobody replaces what belongs to others, but everybody adds.
+        return True, doubt  # its folder decides who may replace it
+    # In a folder such as /tmp, users replace their own files only, but all users add files.
     sticky = stat.S_ISDIR(status.st_mode) and status.st_mode & stat.S_ISVTX and not last
     if status.st_mode & stat.S_IWOTH and not sticky:
         return True, Doubt(EVERYBODY, f"{quote(path)} can be written by everybody")
-    if doubt is None and status.st_mode & stat.S_IWGRP and not sticky and _shared(path, status, root):
+    if doubt is None and status.st_mode & stat.S_IWGRP and not sticky and _is_shared(path, status, root):
         return True, Doubt(A_GROUP, f"{quote(path)} can be written by a group")
     return True, doubt
 
 
-def _shared(path: str, status: os.stat_result, root: int) -> bool:
-    """Return True if the right to write of a group, or of an access control list, is that of others than the owner and root."""
+def _is_shared(path: str, status: os.stat_result, root: int) -> bool:
+    """Return True if a group, or an access control list, gives others than the owner and root the right to write."""
     try:
         if os.getxattr(path, _ACL, follow_symlinks=False):
             return True
@@ -137,7 +137,7 @@ def _shared(path: str, status: os.stat_result, root: int) -> bool:
 
 
 def account(uid: int) -> str:
-    """Return the name of a user; empty where there is none, or one that files of settings would misread."""
+    """Return the name of a user; empty without a name, or with one that files of settings would misread."""
     try:
         name = pwd.getpwuid(uid).pw_name
     except KeyError:

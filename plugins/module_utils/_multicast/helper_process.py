@@ -24,11 +24,11 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.he
     Settings,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import echo, echo_request, packet
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.left_behind import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import (
     admit,
     answer,
     open_door,
-    put_away,
+    remove_door,
 )
 
 # linux/in.h, linux/icmp.h and asm-generic/socket.h; Python does not name them in every version
@@ -143,7 +143,7 @@ def serve(sockets: Sockets, settings: Settings, path: str) -> None:
                     helper.measure(time.monotonic(), request["rounds"], request["interval"], request["unicast"])
                     waiting.append(connection)
     finally:
-        put_away(path)
+        remove_door(path)
         for connection in waiting:
             connection.close()
 

@@ -27,7 +27,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.mu
     explain,
     icmp_round,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.left_behind import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import (
     Visit,
     end_others,
     leave,

@@ -12,14 +12,14 @@ import tempfile
 import threading
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.reading import read_regular
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.regular_files import read_regular
 
 BASE_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 CLEAN = {"PATH": BASE_PATH, "HOME": "/", "LC_ALL": "C.UTF-8"}
 _LIMIT = 5.0  # seconds; every command asked here answers in a few hundredths
 _NOBODY = 65534
 MOST = 4 << 20  # bytes of a command's output
-_SAID = 1 << 16  # bytes of its errors, the last ones
+_MOST_ERRORS = 1 << 16  # bytes of its errors, the last ones
 
 
 class Answer(typing.NamedTuple):
@@ -40,13 +40,13 @@ def run(
 ) -> Answer:
     """Run a command in a clean environment for at most `limit` seconds, then end all its processes.
 
-    With `unprivileged`, root becomes the user nobody first, or `user` (uid, gid); `given` is what it reads. No exception:
-    a command that does not exist, or is too slow, gives an Answer with the status -1 and a sentence as its error.
+    With `unprivileged`, root becomes the user nobody first, or `user` (uid, gid); `given` is the input of the command.
+    No exception: a missing or slow command gives an Answer with the status -1 and a sentence as its error.
     """
-    # Without steps of our own before exec(2) Python from 3.10 on needs no copy of this process (vfork), which costs more than most commands.
+    # Without a preexec_fn, Python from 3.10 on uses vfork. A copy of this process costs more than most commands.
     become = None
     if (unprivileged or user) and os.geteuid() == 0:
-        become = _become(user or nobody())
+        become = _become(user or find_nobody())
     # Files instead of pipes: a process that the command leaves in the background holds no pipe that we wait for.
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as error, tempfile.TemporaryFile() as question:
         question.write(given)
@@ -65,7 +65,7 @@ def run(
         except (OSError, ValueError, subprocess.SubprocessError) as problem:  # ValueError: a word with a NUL
             return Answer(-1, b"", f"{argv[0]} could not be started: {problem}")
         late = threading.Event()
-        # The time limit of subprocess looks again and again, up to 0.05 s apart, and that for each command.
+        # The time limit of subprocess polls, up to 0.05 s apart, for each command.
         timer = threading.Timer(limit, _end_late, (process.pid, late))
         timer.daemon = True
         timer.start()
@@ -75,8 +75,8 @@ def run(
         if late.is_set():
             return Answer(-1, b"", f"{argv[0]} gave no answer within {limit:g} s")
         output.seek(0)
-        error.seek(max(0, os.fstat(error.fileno()).st_size - _SAID))
-        return Answer(status, output.read(MOST), error.read(_SAID).decode("utf-8", "replace").strip())
+        error.seek(max(0, os.fstat(error.fileno()).st_size - _MOST_ERRORS))
+        return Answer(status, output.read(MOST), error.read(_MOST_ERRORS).decode("utf-8", "replace").strip())
 
 
 def _end(group: int) -> None:
@@ -92,7 +92,7 @@ def _end_late(group: int, late: threading.Event) -> None:
     _end(group)
 
 
-def nobody() -> typing.Tuple[int, int]:
+def find_nobody() -> typing.Tuple[int, int]:
     """The (uid, gid) of the user without rights."""
     try:
         entry = pwd.getpwnam("nobody")
@@ -113,18 +113,18 @@ def _become(who: typing.Tuple[int, int]) -> typing.Callable[[], None]:
     return become
 
 
-def within(limit: float, function: typing.Callable[..., typing.Any], *arguments: typing.Any) -> typing.Any:
+def call_within(limit: float, function: typing.Callable[..., typing.Any], *arguments: typing.Any) -> typing.Any:
     """Call a function; raise TimeoutError after `limit` seconds, since a file on a dead network disk blocks."""
     results: typing.List[typing.Tuple[bool, typing.Any]] = []
 
     def work() -> None:
         try:
             results.append((True, function(*arguments)))
-        except Exception as problem:  # handed to the caller, who is another thread
+        except Exception as problem:  # raised again in the thread of the caller
             results.append((False, problem))
 
     thread = threading.Thread(target=work)
-    thread.daemon = True  # a blocked one does not keep the process
+    thread.daemon = True  # a blocked thread does not keep the process
     thread.start()
     thread.join(limit)
     if not results:
@@ -136,7 +136,7 @@ def within(limit: float, function: typing.Callable[..., typing.Any], *arguments:
 
 
 def text(path: str, most: int = 1 << 20) -> str:
-    """Read the text of a regular file, at most `most` bytes of it; empty where there is none to read."""
+    """Read the text of a regular file, at most `most` bytes of it; empty where it cannot be read."""
     try:
         return read_regular(path, most).decode("utf-8", "replace")
     except (OSError, ValueError):  # ValueError: a path with a NUL

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Code of somebody else's: a person's set-up file, or what it leads to, run without rights; and what it answers."""
+"""Code of other people, such as a person's set-up file: it runs without rights, and its answer is not trusted."""
 
 import json
 import os
@@ -15,7 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.comm
     BASE_PATH,
     MOST,
     Answer,
-    nobody,
+    find_nobody,
     run,
 )
 
@@ -34,7 +34,7 @@ os.dup2(question.fileno(), 0)
 os.execvpe(coded(argv[0]), [coded(word) for word in argv], {coded(name): coded(variables[name]) for name in variables})
 """
 _LAUNCHER = "/usr/bin/python3"
-# The sandbox of the services. What it starts ends with it, whatever session or group that made for itself.
+# The sandbox of the services. All processes end with it, also those with a session or group of their own.
 _SANDBOX = (
     "DynamicUser=yes",
     "PrivateTmp=yes",
@@ -60,20 +60,20 @@ def foreign(
     given: str = "",
     homes: typing.Sequence[str] = (),
 ) -> Answer:
-    """Run code of somebody else's: a person's set-up file, or what it leads to. Its answer is to be judged as theirs.
+    """Run code of other people, such as a person's set-up file. Its answer is foreign, too.
 
-    Root runs it in a unit of systemd with a user of its own, which ends with all its processes after `limit` seconds at
-    most. The variables `homes` name a folder of its own that it may write. Without systemd, where preflight refuses the
-    machine, it is the user nobody, and a process that leaves its session may stay. Who is not root runs it as it is.
+    Root runs it in a unit of systemd with a user of its own. The unit ends with all its processes after `limit` seconds.
+    The variables `homes` name a folder of its own that it may write. Without systemd (preflight refuses such a machine)
+    it runs as the user nobody, and a process that leaves its session may stay. Other users than root run it directly.
     """
     if not (os.geteuid() == 0 and os.path.isdir("/run/systemd/system") and shutil.which("systemd-run", path=BASE_PATH)):
         return _as_nobody(argv, variables, limit, given, homes)
-    told = json.dumps([list(argv), dict(variables, **dict.fromkeys(homes, "/tmp")), given])
+    request = json.dumps([list(argv), dict(variables, **dict.fromkeys(homes, "/tmp")), given])
     unit = f"rosfleet-foreign-{uuid.uuid4().hex[:8]}.service"
     command = ["systemd-run", "--quiet", "--collect", "--wait", "--pipe", f"--unit={unit}"]
     command += [f"--property={line}" for line in _SANDBOX + (f"RuntimeMaxSec={max(limit, 0.1):.1f}",)]
     began = time.monotonic()
-    answer = run(command + ["--", _LAUNCHER, "-I", "-c", _LAUNCH], limit=limit + _OVER, given=told.encode())
+    answer = run(command + ["--", _LAUNCHER, "-I", "-c", _LAUNCH], limit=limit + _OVER, given=request.encode())
     if answer.status == -1:
         run(["systemctl", "stop", unit], limit=_OVER)
     late = answer.status != 0 and time.monotonic() - began >= limit
@@ -90,7 +90,7 @@ def _as_nobody(
     folder = tempfile.mkdtemp(prefix="rosfleet-foreign-")
     try:
         if os.geteuid() == 0:
-            os.chown(folder, *nobody())
+            os.chown(folder, *find_nobody())
         variables = dict(variables, **dict.fromkeys(homes, folder))
         return run(argv, variables, limit, unprivileged=True, given=given.encode("utf-8", "surrogateescape"))
     finally:
@@ -98,7 +98,7 @@ def _as_nobody(
 
 
 def last_line(output: bytes) -> typing.Any:
-    """Read the JSON in the last line that foreign code wrote; None where there is none. Its shape is still unknown."""
+    """Read the JSON in the last line that foreign code wrote; None without JSON. Callers check its shape."""
     lines = output.rstrip().rsplit(b"\n", 1)
     if len(lines[-1]) > _LONGEST:
         return None

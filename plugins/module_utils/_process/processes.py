@@ -17,8 +17,8 @@ def environment(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Dict
         return parse(stream.read())
 
 
-def started(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optional[float]:
-    """Tell when a process was started, by the clock of now (proc(5), /proc/PID/stat); None where it has ended."""
+def start_time(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optional[float]:
+    """Return the Unix time at which a process was started (proc(5), /proc/PID/stat); None where it has ended."""
     try:
         with open(os.path.join(proc, str(pid), "stat"), "rb") as stream:
             fields = stream.read().rpartition(b")")[2].split()

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What this process may do: asked before a change, so that check mode refuses what the real run would."""
+"""The rights of this process, read before a change, so that check mode refuses the same as the real run."""
 
 import os
 import re

@@ -8,7 +8,7 @@ import os
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference, of_mode
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference, mode_difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route, format_route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.contract import (
@@ -141,7 +141,7 @@ class Boot:
             if before != after:
                 differences.append(difference(place, content(before), content(after)))
             elif place in self.modes:
-                differences.append(of_mode(place, self.modes[place], self.backends[name].mode))
+                differences.append(mode_difference(place, self.modes[place], self.backends[name].mode))
         return differences
 
     def _find_missing_folders(self) -> typing.List[str]:

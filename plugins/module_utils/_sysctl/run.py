@@ -21,7 +21,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.tran
     StepFailure,
     carry_out,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference, of_mode
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference, mode_difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import record
@@ -298,7 +298,7 @@ class Run(ModuleRun):
         files += [(path, text, None) for path, text in self.stale.items()]
         entries = [difference(path, _encode(old), _encode(new)) for path, old, new in files if old != new]
         if self.wrong_mode is not None and self.before == self.plan.text:
-            entries.append(of_mode(self.drop_in, self.wrong_mode, _MODE))
+            entries.append(mode_difference(self.drop_in, self.wrong_mode, _MODE))
         keys = sorted({write.key for write in self.plan.writes})
         if keys:
             before, after = (

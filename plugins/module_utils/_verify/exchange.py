@@ -16,8 +16,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros i
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, classify_error
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_all
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import last_line
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import resolve
 
 IMPORTS = "/rosfleet_multimaster/imports"  # the bundled master_sync writes there what it registers, and for whom
@@ -184,7 +184,7 @@ def _connections(
     """
     robot = places.robot(own.lower())
     found, silent = [], {}
-    answers = concurrently(_bus_info, sorted(nodes.items()), NODES, lambda node: ([], "", Outcome.NOT_TRIED))
+    answers = call_all(_bus_info, sorted(nodes.items()), NODES, lambda node: ([], "", Outcome.NOT_TRIED))
     for node, (answer, error, outcome) in zip(sorted(nodes), answers):
         if error:
             silent[node] = error, outcome
@@ -232,7 +232,7 @@ class Places:
     def robot(self, host: str) -> str:
         """Return the robot of a host, or empty; a name that is nobody's is looked up, once."""
         if host and host not in self._robots:
-            addresses = concurrently(resolve, [host], 5.0, lambda name: ([], ""))[0][0]
+            addresses = call_all(resolve, [host], 5.0, lambda name: ([], ""))[0][0]
             self._robots[host] = next((self._robots[found] for found in addresses if found in self._robots), "")
         return self._robots.get(host, "")
 

@@ -12,7 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_r
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, connect
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import awaited
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import poll
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
 
 CONNECT = 2.0  # seconds that a TCP connection may take: one lost SYN is sent again after one second
@@ -26,7 +26,7 @@ SAMPLES = 3  # readings of a clock
 def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.Dict[str, typing.Any]:
     """Try the TCP port of a master's discovery node until the deadline, and compare its clock with the one here."""
     found = {"computer": master["computer"], "address": master["address"], "port": master["rpc_port"]}
-    found.update(awaited(lambda: _connect(master["address"], master["rpc_port"]), lambda seen: seen["open"], deadline))
+    found.update(poll(lambda: _connect(master["address"], master["rpc_port"]), lambda seen: seen["open"], deadline))
     found["roscore"], found["roscore_outcome"] = _roscore(master)
     found["route"] = network.route_to_plain(machine.route_to(master["address"]))
     found.update(clock_offset_s=None, clock_uncertainty_s=None, clock_error="")

@@ -28,8 +28,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.pa
     echo_request,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import run, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_all
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import last_line
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.changes import carrier
 
 TRIES = 3  # echo requests per address; the report's wireless links lose some
@@ -101,7 +101,7 @@ def members(
     Without `by_name` no name is looked up: the router is not told any.
     """
     if by_name:
-        resolved = concurrently(
+        resolved = call_all(
             lambda member: resolve(member["name"]), others, 15.0, lambda member: ([], "no answer within 15 s")
         )
         usual = user_addresses([member["name"] for member in others])
@@ -151,7 +151,7 @@ def _look_closer(answered: typing.List[typing.Dict[str, typing.Any]]) -> None:
     known = neighbours()
     lost = losses(some([entry["address"] for entry in answered]))
     silent = [entry["address"] for entry in answered if entry["address"] not in sizes]
-    tcp = dict(zip(silent, concurrently(unused_port, silent, 10.0, lambda address: (Outcome.NO_ANSWER, "no answer"))))
+    tcp = dict(zip(silent, call_all(unused_port, silent, 10.0, lambda address: (Outcome.NO_ANSWER, "no answer"))))
     late = ping(silent, tries=1, answer=TOLD)
     for entry in answered:
         address = entry["address"]

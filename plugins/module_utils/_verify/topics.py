@@ -11,7 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.liste
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, connect
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import PAUSE, awaited, concurrently
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import PAUSE, call_all, poll
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import TRIES
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talker import sentence_of, topic_of
 
@@ -26,7 +26,7 @@ def topics(
     """Hear the topics of all talkers with one node, and look up the registered publishers of each."""
     if not talkers or ros.missing():
         return []
-    awaited(lambda: _answers(ros), bool, deadline)
+    poll(lambda: _answers(ros), bool, deadline)
     heard, errors, listened = listen(ros, talkers, label, own, deadline)
     settled = time.monotonic() + REGISTERING
     try:
@@ -52,7 +52,7 @@ def topics(
 def _reach_unheard(found: typing.List[typing.Dict[str, typing.Any]]) -> None:
     unheard = [entry for entry in found if entry["publishers"] and not entry["heard"]]
     for entry, (outcome, text) in zip(
-        unheard, concurrently(_reach, unheard, REACHING, lambda entry: (Outcome.NO_ANSWER, "no answer"))
+        unheard, call_all(_reach, unheard, REACHING, lambda entry: (Outcome.NO_ANSWER, "no answer"))
     ):
         entry.update(reached=text, reached_outcome=outcome.value)
 

@@ -16,7 +16,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper_process import only_port
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import packet
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.left_behind import admit, answer, put_away
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import admit, answer, remove_door
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.readings import Before, Wanted, everything
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.watch import Watch
 
@@ -131,7 +131,7 @@ def serve(raw: socket.socket, door: socket.socket, path: str, wanted: Wanted, po
                 waiting.append(Waiting(connection, watch.began + float(request.get("until", 0))))
             waiting = _reply(watch, waiting, lost)
     finally:
-        put_away(path)
+        remove_door(path)
         _reply(watch, waiting, True)
 
 

@@ -15,7 +15,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network, systemd
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.memberships import igmp_memberships
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import concurrently
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_all
 
 CONNECT = 2.0  # seconds that a TCP port has to open
 STEP = 0.1  # seconds by which the clock may move beside the time that has passed
@@ -104,7 +104,7 @@ def services(units: typing.Sequence[str], before: "Before") -> Values:
 
 def ports(masters: typing.Sequence[typing.Tuple[str, str, int]]) -> Values:
     """Open the TCP port of the discovery node of each master, and close it again."""
-    found = concurrently(lambda master: _opens(*master[1:]), masters, 2 * CONNECT + 1, lambda master: "no answer")
+    found = call_all(lambda master: _opens(*master[1:]), masters, 2 * CONNECT + 1, lambda master: "no answer")
     return {("port", master[0]): value for master, value in zip(masters, found)}
 
 

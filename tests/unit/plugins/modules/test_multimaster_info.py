@@ -58,11 +58,11 @@ def test_run_as_nobody_in_a_clean_environment(monkeypatch):
 
 
 def test_within_gives_the_value_the_error_or_a_timeout():
-    assert commands.within(1, int, "7") == 7
+    assert commands.call_within(1, int, "7") == 7
     with pytest.raises(ValueError, match="invalid literal"):
-        commands.within(1, int, "x")
+        commands.call_within(1, int, "x")
     with pytest.raises(TimeoutError, match="no answer within 0.05 s"):
-        commands.within(0.05, time.sleep, 5)
+        commands.call_within(0.05, time.sleep, 5)
 
 
 def test_text_never_opens_a_fifo(tmp_path):

@@ -36,12 +36,12 @@ def test_a_process_that_has_ended_is_an_error(tmp_path):
 def test_the_start_of_a_process_by_the_clock_of_now(tmp_path):
     before = time.time()
     with subprocess.Popen(["sleep", "9"]) as process:
-        began = processes.started(process.pid)
+        began = processes.start_time(process.pid)
         process.kill()
     assert before - 0.1 <= began <= time.time() + 0.1
-    assert processes.started(process.pid) is None
+    assert processes.start_time(process.pid) is None
     (tmp_path / "7").mkdir()
     (tmp_path / "7" / "stat").write_text(f"7 (a ) b) S {' '.join(['0'] * 18)} 5000 0")
     (tmp_path / "uptime").write_text("100.25 7.00\n")
     ago = 100.25 - 5000 / os.sysconf("SC_CLK_TCK")
-    assert processes.started(7, str(tmp_path)) == pytest.approx(time.time() - ago, abs=1.0)
+    assert processes.start_time(7, str(tmp_path)) == pytest.approx(time.time() - ago, abs=1.0)

@@ -9,7 +9,7 @@ import time
 import xmlrpc.server
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.waiting import awaited
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import poll
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import masters
 
 
@@ -79,5 +79,5 @@ def test_discovery_that_comes_late_is_awaited():
         assert masters.discovery(master(port), time.monotonic() + 0)["open"] is False
         found = {}
         began = time.monotonic()
-        found.update(awaited(lambda: masters._connect("127.0.0.1", port), lambda seen: seen["open"], began + 10))
+        found.update(poll(lambda: masters._connect("127.0.0.1", port), lambda seen: seen["open"], began + 10))
         assert found["open"] and time.monotonic() - began < 5

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Regular files, read without waiting: a FIFO, a device or a huge file in their place gives an error, and no hang."""
+"""The reader of regular files. It never waits: a FIFO, a device or a huge file in their place gives an error."""
 
 import errno
 import os
@@ -18,7 +18,7 @@ _NOT_REGULAR = (
 
 
 def read_regular(path: str, most: typing.Optional[int] = None) -> bytes:
-    """Read a regular file: its first `most` bytes, or all of it. Raises OSError, EFBIG for more than is read whole."""
+    """Read a regular file: its first `most` bytes, or all of it. Raises OSError, with EFBIG for a huge file."""
     # Opening a FIFO waits for its writer; O_NONBLOCK means nothing to a regular file.
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
@@ -35,7 +35,7 @@ def read_regular(path: str, most: typing.Optional[int] = None) -> bytes:
 
 
 def _refuse(status: os.stat_result, path: str, whole: bool) -> None:
-    """Raise OSError for what is no regular file, and for one that is too large to be read whole."""
+    """Raise OSError for a path that is no regular file, and for a file that is too large to be read whole."""
     for kind, number, sentence in _NOT_REGULAR:
         if kind(status.st_mode):
             raise OSError(number, sentence, path)

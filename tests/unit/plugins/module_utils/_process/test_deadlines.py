@@ -6,22 +6,22 @@
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import waiting
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import deadlines
 
 
 def test_concurrently_keeps_the_order_and_leaves_the_late_behind():
     began = time.monotonic()
-    results = waiting.concurrently(lambda item: time.sleep(item) or item, [0.2, 0, 60, 0.1], 2.0, lambda item: "late")
+    results = deadlines.call_all(lambda item: time.sleep(item) or item, [0.2, 0, 60, 0.1], 2.0, lambda item: "late")
     assert results == [0.2, 0, "late", 0.1]
     assert time.monotonic() - began < 30
 
 
 def test_concurrently_does_not_hide_a_mistake():
     with pytest.raises(ZeroDivisionError):
-        waiting.concurrently(lambda item: 1 / item, [1, 0], 1, str)
+        deadlines.call_all(lambda item: 1 / item, [1, 0], 1, str)
 
 
 def test_awaited_ends_as_soon_as_it_may_and_at_the_deadline():
     seen = iter([1, 2, 3])
-    assert waiting.awaited(lambda: next(seen), lambda value: value == 2, time.monotonic() + 10) == 2
-    assert waiting.awaited(lambda: "no", lambda value: False, time.monotonic()) == "no"
+    assert deadlines.poll(lambda: next(seen), lambda value: value == 2, time.monotonic() + 10) == 2
+    assert deadlines.poll(lambda: "no", lambda value: False, time.monotonic()) == "no"

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Waiting with a limit: many questions at the same time, and looks that are repeated until a deadline."""
+"""Deadlines: many calls at the same time with one limit, and a look that is repeated until a deadline."""
 
 import queue
 import threading
@@ -9,15 +9,13 @@ import time
 import typing
 
 WORKERS = 16
+PAUSE = 0.5  # seconds between two looks
 
 
-PAUSE = 0.5  # seconds between two looks at something that is awaited
-
-
-def concurrently(
+def call_all(
     function: typing.Callable, items: typing.Sequence, limit: float, late: typing.Callable, workers: int = WORKERS
 ) -> typing.List:
-    """Call a function for each item, in several threads; late(item) replaces a result that is not there after `limit` seconds.
+    """Call a function for each item in several threads; after `limit` seconds late(item) replaces a missing result.
 
     The threads are daemons, so a name server that never answers does not keep the process.
     """
@@ -35,7 +33,7 @@ def concurrently(
                 return
             try:
                 finished.put((number, True, function(item)))
-            except Exception as problem:  # raised again where it can be seen
+            except Exception as problem:  # raised again in the thread of the caller
                 finished.put((number, False, problem))
 
     for number in range(min(workers, len(items))):
@@ -54,12 +52,12 @@ def concurrently(
     return [results[number] if number in results else late(item) for number, item in enumerate(items)]
 
 
-def awaited(
+def poll(
     look: typing.Callable[[], typing.Any], wanted: typing.Callable[[typing.Any], bool], deadline: float
 ) -> typing.Any:
-    """Look again until the result is wanted, or until the deadline (monotonic seconds); return the last result."""
+    """Look until the result is wanted, or until the deadline (monotonic seconds); return the last result."""
     while True:
-        seen = look()
-        if wanted(seen) or time.monotonic() + PAUSE > deadline:
-            return seen
+        result = look()
+        if wanted(result) or time.monotonic() + PAUSE > deadline:
+            return result
         time.sleep(PAUSE)

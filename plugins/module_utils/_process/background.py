@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-"""A process that a module leaves behind, and its door: the socket at which a later run of the module asks it.
+"""A process that outlives its module, and its door: the socket at which a later run of the module asks it.
 
-A request is one JSON line, and so is the reply. The folder of the doors is root's, so nobody else can put one there.
+A request is one JSON line, and so is the reply. The folder of the doors is root's, so other users cannot add one.
 """
 
 import glob
@@ -25,8 +25,8 @@ Line = typing.Dict[str, typing.Any]
 # The process
 
 
-def leave(serve: typing.Callable[[], None], kept: typing.Iterable[socket.socket], who: str) -> None:
-    """Leave a process behind that has nothing open but the sockets `kept`, and runs `serve`; `who` it is goes to the log."""
+def leave(serve: typing.Callable[[], None], sockets: typing.Iterable[socket.socket], who: str) -> None:
+    """Leave a process behind that runs `serve` and keeps only `sockets` open; the log calls it `who`."""
     child = os.fork()
     if child:
         os.waitpid(child, 0)
@@ -35,25 +35,25 @@ def leave(serve: typing.Callable[[], None], kept: typing.Iterable[socket.socket]
         os.setsid()
         if os.fork():
             os._exit(0)
-        _let_go(item.fileno() for item in kept)
+        _let_go(item.fileno() for item in sockets)
         serve()
-    except Exception as error:  # nobody else is left to tell
+    except Exception as error:  # the module has ended, so only the log is left
         syslog.syslog(syslog.LOG_ERR, plain(f"{who} ended: {quote(repr(error), LINE)}", LINE))
     finally:
         os._exit(0)
 
 
 def _end(*unused: typing.Any) -> None:
-    raise SystemExit  # so that `serve` puts the door away
+    raise SystemExit  # so that `serve` removes the door
 
 
-def _let_go(kept: typing.Iterable[int]) -> None:
+def _let_go(descriptors: typing.Iterable[int]) -> None:
     """Close everything but these descriptors: no terminal, no pipe of Ansible's and no folder stays busy."""
     os.chdir("/")
     syslog.closelog()  # else it would write to whatever gets the number of its descriptor
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _end)
-    numbers = set(kept)
+    numbers = set(descriptors)
     for number in [int(name) for name in os.listdir("/proc/self/fd")]:
         if number not in numbers:
             try:
@@ -68,7 +68,7 @@ def _let_go(kept: typing.Iterable[int]) -> None:
 
 
 def path_of(kind: str, run: str) -> str:
-    """Return the path of the door of a run. Everybody here can read it: it does not give the label of the run away."""
+    """Return the path of the door of a run. All users can read it, so the label of the run is hashed."""
     name = hashlib.sha256(b"door " + run.encode()).hexdigest()[:16]
     return os.path.join(FOLDER, f"{kind}-{name}.sock")
 
@@ -90,7 +90,7 @@ def open_door(path: str) -> socket.socket:
 
 
 def admit(door: socket.socket) -> typing.Tuple[socket.socket, Line]:
-    """Accept the next visitor; its request is empty where it is not understood."""
+    """Accept the next visitor; a request that is not understood is empty."""
     connection = door.accept()[0]
     connection.settimeout(2)
     try:
@@ -106,12 +106,12 @@ def answer(connection: socket.socket, reply: Line) -> None:
         connection.settimeout(5)
         connection.sendall(json.dumps(reply).encode() + b"\n")
     except OSError:
-        pass  # the one who asked is gone
+        pass  # the visitor is gone
     finally:
         connection.close()
 
 
-def put_away(path: str) -> None:
+def remove_door(path: str) -> None:
     """Remove a door, and its folder if that is empty."""
     for remove, what in ((os.unlink, path), (os.rmdir, os.path.dirname(path))):
         try:
@@ -124,7 +124,7 @@ def put_away(path: str) -> None:
 
 
 class Visit:
-    """A request to a process that was left behind here. Raises OSError when there is none."""
+    """A request to such a process. Raises OSError where no process listens."""
 
     def __init__(self, path: str, request: Line) -> None:
         if os.stat(path).st_uid != os.geteuid():
@@ -146,14 +146,14 @@ class Visit:
 
 
 def end_others(kind: str) -> int:
-    """End every older process of a kind through its own door; a door without a process is only removed."""
+    """End each older process of a kind through its door, and remove doors without a process; return how many ended."""
     ended = 0
     for path in glob.glob(os.path.join(FOLDER, f"{kind}-*.sock")):
         try:
             Visit(path, {"do": "end"}).reply(5)
             ended += 1
         except ConnectionRefusedError:
-            put_away(path)
+            remove_door(path)
         except FileNotFoundError:
             pass  # it has just ended by itself
     return ended

@@ -8,8 +8,8 @@ import socket
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.fkie import packages
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.reading import read_regular
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text, within
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.regular_files import read_regular
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import call_within, text
 
 
 def test_a_regular_file_is_read_whole_or_its_beginning(tmp_path):
@@ -34,7 +34,7 @@ def test_a_special_or_huge_file_is_refused_at_once(tmp_path):
             ("/dev/zero", "Is a device"),
         ):
             with pytest.raises(OSError, match=words) as caught:
-                within(5.0, read_regular, str(path))
+                call_within(5.0, read_regular, str(path))
             assert caught.value.filename == str(path)
             assert path == tmp_path / "huge" or text(str(path)) == ""
     assert text(str(tmp_path / "huge"), 10) == "\0" * 10
@@ -42,4 +42,4 @@ def test_a_special_or_huge_file_is_refused_at_once(tmp_path):
 
 def test_a_pipe_in_the_place_of_the_package_list_does_not_hang(tmp_path):
     os.mkfifo(str(tmp_path / "packages"))
-    assert within(5.0, packages, [], str(tmp_path / "packages")) == []
+    assert call_within(5.0, packages, [], str(tmp_path / "packages")) == []
