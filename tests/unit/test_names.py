@@ -16,7 +16,6 @@ TREES = ("plugins", "roles", "lab", "tools")
 LATER = set(
     """
     plugins/module_utils/_client
-    plugins/module_utils/_machine
     plugins/module_utils/_multicast
     plugins/module_utils/_verify
     plugins/module_utils/_watch

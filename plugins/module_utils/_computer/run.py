@@ -142,7 +142,7 @@ def _read_shells(results: typing.Sequence[typing.Tuple[str, Fields]]) -> Fields:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells
 
     try:
-        return {"shells": commands.call_within(_SHELLS_LIMIT, shells.seen)}
+        return {"shells": commands.call_within(_SHELLS_LIMIT, shells.probe)}
     except Exception:  # a strange machine may raise anything: then the environment of shells is not known
         return {"shells": dict(shells.NOTHING_SEEN)}
 

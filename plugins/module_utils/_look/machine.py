@@ -103,7 +103,7 @@ PARTS = (
     Part("masters", masters, 60, [], options=("ports",)),
     Part("exports", shells.exports, 5, []),
     Part("sshd", shells.sshd, 10, NO_SSHD),
-    Part("environment", shells.seen, 20, dict(shells.NOTHING_SEEN)),
+    Part("environment", shells.probe, 20, dict(shells.NOTHING_SEEN)),
 )
 
 

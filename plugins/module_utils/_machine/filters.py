@@ -24,12 +24,12 @@ VERDICTS = ("accept", "drop", "reject", "masquerade")
 ANSWERS = {"established", "related"}
 
 
-class NotUnderstood(Exception):
-    """A rule that says more than is read here."""
+class UnknownRule(Exception):
+    """A rule with words that this reader does not know."""
 
 
 def filters() -> Words:
-    """Read the chains of IPv4. `readable` is false where nft is not there, or does not answer in JSON."""
+    """Read the chains of IPv4. `readable` is false without nft, or without an answer in JSON."""
     nft = shutil.which("nft", path="/usr/sbin:/usr/bin:/sbin:/bin")
     if nft is None:
         return {"readable": False, "chains": []}
@@ -51,7 +51,7 @@ def chains(ruleset: Words) -> typing.List[Words]:
             rule = entry["rule"]
             rules.setdefault((rule["family"], rule["table"], rule["chain"]), []).append(rule["expr"])
     bases = [entry["chain"] for entry in entries if entry.get("chain", {}).get("hook") in HOOKS]
-    found: typing.List[Words] = []
+    made: typing.List[Words] = []
     for base in sorted(bases, key=lambda chain: int(chain.get("prio", 0))):
         if base["family"] not in ("ip", "inet") or base["table"] == OWN:
             continue
@@ -59,10 +59,8 @@ def chains(ruleset: Words) -> typing.List[Words]:
         read.chain(base["name"], {}, 0)
         policy = base.get("policy", "accept")
         table = f"{base['family']} {base['table']}"
-        found.append(
-            {"hook": base["hook"], "table": table, "policy": policy, "rules": read.found, "unread": read.unread}
-        )
-    return [chain for chain in found if chain["rules"] or chain["unread"] or chain["policy"] != "accept"]
+        made.append({"hook": base["hook"], "table": table, "policy": policy, "rules": read.flat, "unread": read.unread})
+    return [chain for chain in made if chain["rules"] or chain["unread"] or chain["policy"] != "accept"]
 
 
 class _Reader:
@@ -72,69 +70,69 @@ class _Reader:
         self, family: str, table: str, rules: typing.Dict[typing.Tuple[str, str, str], typing.List[typing.List[Words]]]
     ) -> None:
         self.family, self.table, self.rules = family, table, rules
-        self.found: typing.List[Words] = []
+        self.flat: typing.List[Words] = []
         self.unread = 0
 
     def chain(self, name: str, before: Words, depth: int) -> None:
         rules = self.rules.get((self.family, self.table, name), [])
         for words in rules:
-            if len(self.found) >= MOST_RULES:
+            if len(self.flat) >= MOST_RULES:
                 self.unread += 1
                 return
             if words is rules[-1] and "return" in words[-1]:
                 return
             try:
                 self._rule(words, before, depth)
-            except NotUnderstood:
+            except UnknownRule:
                 self.unread += 1
 
     def _rule(self, words: typing.List[Words], before: Words, depth: int) -> None:
-        said = dict(before)
+        rule = dict(before)
         for word in words:
             kind, value = next(iter(word.items()))
             if kind == "match":
-                _together(said, _match(value))
+                _together(rule, _match(value))
             elif kind in VERDICTS:
-                self.found.append(dict(said, verdict=kind))
+                self.flat.append(dict(rule, verdict=kind))
                 return
             elif kind in ("jump", "goto"):
                 if depth >= DEEPEST:
-                    raise NotUnderstood
-                self.chain(value["target"], said, depth + 1)
+                    raise UnknownRule
+                self.chain(value["target"], rule, depth + 1)
                 return
             elif kind == "return" or kind not in ("counter", "log", "comment"):
-                raise NotUnderstood
+                raise UnknownRule
         # A rule without a verdict counts or logs.
 
 
-def _together(said: Words, more: Words) -> None:
-    """Add what a match says; the same said twice is not understood."""
+def _together(rule: Words, more: Words) -> None:
+    """Add the words of a match. Raises UnknownRule for a word with two values."""
     for name, value in more.items():
-        if said.get(name, value) != value:
-            raise NotUnderstood
-        said[name] = value
+        if rule.get(name, value) != value:
+            raise UnknownRule
+        rule[name] = value
 
 
 def _match(words: Words) -> Words:
-    """Read one match. Raises NotUnderstood."""
+    """Read one match. Raises UnknownRule."""
     left, right = words["left"], words["right"]
     if left in _LENGTHS and words.get("op") in (">", ">=") and isinstance(right, int):
         return {"above": right - (words["op"] == ">=")}
     if words.get("op") not in ("==", "in") or not isinstance(left, dict):
-        raise NotUnderstood
+        raise UnknownRule
     kind, value = next(iter(left.items()))
     if kind == "payload":
         return _payload(value, right)
     reader = _READERS.get((kind, value["key"])) if kind in ("meta", "ct") else None
     if reader is None:
-        raise NotUnderstood
+        raise UnknownRule
     return reader(right)
 
 
 def _interface(name: str) -> Reader:
     def read(right: typing.Any) -> Words:
         if not isinstance(right, str) or "*" in right:
-            raise NotUnderstood
+            raise UnknownRule
         return {name: right}
 
     return read
@@ -150,12 +148,12 @@ def _payload(value: Words, right: typing.Any) -> Words:
         return {"protocol": value["protocol"], "ports": _ports(right)}
     if value.get("protocol") == "icmp" and field == "type" and right == "echo-request":
         return {"protocol": "icmp", "state": "new"}
-    raise NotUnderstood
+    raise UnknownRule
 
 
 def _protocol(right: typing.Any) -> str:
     if right not in ("tcp", "udp", "icmp"):
-        raise NotUnderstood
+        raise UnknownRule
     return str(right)
 
 
@@ -165,11 +163,11 @@ def _state(right: typing.Any) -> str:
         return "new"
     if states and states <= ANSWERS | {"untracked"} and "established" in states:
         return "answer"
-    raise NotUnderstood
+    raise UnknownRule
 
 
 def _networks(right: typing.Any) -> typing.List[str]:
-    found = []
+    networks = []
     for entry in right["set"] if isinstance(right, dict) and "set" in right else [right]:
         text = (
             f"{entry['prefix']['addr']}/{entry['prefix']['len']}"
@@ -177,10 +175,10 @@ def _networks(right: typing.Any) -> typing.List[str]:
             else entry
         )
         try:
-            found.append(str(ipaddress.IPv4Network(text)))
+            networks.append(str(ipaddress.IPv4Network(text)))
         except ValueError:
-            raise NotUnderstood from None  # a range, or the name of a set
-    return found
+            raise UnknownRule from None  # a range, or the name of a set
+    return networks
 
 
 def _ports(right: typing.Any) -> typing.List[int]:
@@ -188,7 +186,7 @@ def _ports(right: typing.Any) -> typing.List[int]:
         return [right, right]
     if isinstance(right, dict) and "range" in right:
         return [int(number) for number in right["range"]]
-    raise NotUnderstood  # several of them
+    raise UnknownRule  # several of them
 
 
 _LENGTHS: typing.Tuple[Words, ...] = ({"meta": {"key": "length"}}, {"payload": {"protocol": "ip", "field": "length"}})

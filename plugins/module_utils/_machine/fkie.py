@@ -67,24 +67,24 @@ print(json.dumps(found))
 def nodes(
     wanted: typing.List[typing.Dict[str, typing.Any]], python: str, environment: typing.Dict[str, str]
 ) -> typing.List[typing.Dict[str, str]]:
-    """Find each wanted executable of a ROS package: its path, empty where it does not exist, and why it would not run.
+    """Find each wanted executable of a ROS package: its path or "", and the problem that keeps it from running.
 
-    `environment` is the whole one that the services have.
+    `environment` is the whole environment of the services.
     """
     if not wanted:
         return []
     answer = foreign([python, "-c", _LOOK, json.dumps(wanted)], environment, _LOOKING)
-    told = last_line(answer.output)
-    if not isinstance(told, list) or len(told) != len(wanted):
+    answers = last_line(answer.output)
+    if not isinstance(answers, list) or len(answers) != len(wanted):
         why = plain((answer.error.splitlines() or ["no answer"])[-1])
         return [_node(node, "", why) for node in wanted]
-    return [_checked(node, entry) for node, entry in zip(wanted, told)]
+    return [_check_answer(node, entry) for node, entry in zip(wanted, answers)]
 
 
-def _checked(node: typing.Dict[str, typing.Any], told: typing.Any) -> typing.Dict[str, str]:
-    """Return what was told of a node, as far as it is so: modules that were imported could tell anything."""
-    path = told.get("path") if isinstance(told, dict) else None
-    problem = told.get("problem") if isinstance(told, dict) else None
+def _check_answer(node: typing.Dict[str, typing.Any], entry: typing.Any) -> typing.Dict[str, str]:
+    """Check the answer about a node: an imported module could print anything."""
+    path = entry.get("path") if isinstance(entry, dict) else None
+    problem = entry.get("problem") if isinstance(entry, dict) else None
     if not isinstance(path, str) or not isinstance(problem, str):
         return _node(node, "", "the modules of the workspace gave an answer that cannot be read")
     if path and not _PATH.fullmatch(path):
@@ -100,32 +100,32 @@ def _node(node: typing.Dict[str, typing.Any], path: str, problem: str) -> typing
 
 def packages(wanted: typing.List[str], record: str = INSTALLED) -> typing.List[typing.Dict[str, typing.Any]]:
     """Look up the wanted Debian packages, and those that the collection installed: installed and available versions."""
-    ours = _recorded(record)
+    ours = _read_record(record)
     names = wanted + [name for name in ours if name not in wanted]
-    known: typing.Dict[str, typing.Dict[str, str]] = {}
+    versions: typing.Dict[str, typing.Dict[str, str]] = {}
     if names:
         # As nobody, so that not even apt's cache is written.
-        known = policy(
+        versions = policy(
             run(["apt-cache", "policy"] + names, limit=_APT, unprivileged=True).output.decode("utf-8", "replace")
         )
     nothing = {"installed": "", "candidate": ""}
-    return [dict(known.get(name, nothing), name=name, ours=name in ours) for name in names]
+    return [dict(versions.get(name, nothing), name=name, ours=name in ours) for name in names]
 
 
 def policy(output: str) -> typing.Dict[str, typing.Dict[str, str]]:
-    """Read {package: versions} in the output of apt-cache policy; packages that apt does not know are left out."""
-    known: typing.Dict[str, typing.Dict[str, str]] = {}
+    """Read {package: versions} in the output of apt-cache policy, without packages that apt does not know."""
+    versions: typing.Dict[str, typing.Dict[str, str]] = {}
     name = ""
     for line in output.splitlines():
         word, colon, value = line.strip().partition(":")
         if line and not line[0].isspace():
             name = word
-            known[name] = {"installed": "", "candidate": ""}
-        elif name and colon and word.lower() in known[name] and value.strip() != "(none)":
-            known[name][word.lower()] = value.strip()
-    return known
+            versions[name] = {"installed": "", "candidate": ""}
+        elif name and colon and word.lower() in versions[name] and value.strip() != "(none)":
+            versions[name][word.lower()] = value.strip()
+    return versions
 
 
-def _recorded(path: str) -> typing.List[str]:
+def _read_record(path: str) -> typing.List[str]:
     lines = text(path).splitlines()
     return [line.strip() for line in lines if line.strip() and not line.startswith("#")]

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Whether a user without rights can import modules of Python: the services of the nodes run as such a user."""
+"""A trial import of Python modules by a user without rights: the services of the nodes run as such a user."""
 
 import re
 import typing
@@ -25,20 +25,20 @@ print(json.dumps({"version": "%d.%d.%d" % sys.version_info[:3], "missing": missi
 """
 
 
-class Imported(typing.NamedTuple):
-    """An import that was tried: the version of Python ("" for no answer), the modules that are missing, and what was said."""
+class Trial(typing.NamedTuple):
+    """A trial import: the version of Python ("" for no answer), the missing modules, and the error."""
 
     version: str
     missing: typing.List[str]
-    said: str = ""
+    error: str = ""
 
 
-def tried(python: str, modules: typing.Sequence[str], environment: typing.Dict[str, str]) -> Imported:
+def attempt(python: str, modules: typing.Sequence[str], environment: typing.Dict[str, str]) -> Trial:
     """Let a user without rights import modules with this Python."""
     answer = foreign([python, "-c", _ASK, *modules], environment, _IMPORTING)
-    told = last_line(answer.output)
-    told = told if isinstance(told, dict) else {}
-    version, missing = told.get("version"), told.get("missing")
+    result = last_line(answer.output)
+    result = result if isinstance(result, dict) else {}
+    version, missing = result.get("version"), result.get("missing")
     if not isinstance(version, str) or not _VERSION.fullmatch(version) or not isinstance(missing, list):
-        return Imported("", [], plain((answer.error.splitlines() or ["no answer"])[-1]))
-    return Imported(version, [name for name in modules if name in missing])
+        return Trial("", [], plain((answer.error.splitlines() or ["no answer"])[-1]))
+    return Trial(version, [name for name in modules if name in missing])

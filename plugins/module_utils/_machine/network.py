@@ -3,8 +3,8 @@
 
 """The network of this machine: its interfaces with their addresses, and the routes that the kernel takes.
 
-Every caller reads the output of `ip address`, `ip route get` and `ip route show default` through this file.
-(`_routes/kernel.py` reads whole routing tables, because it must be able to make every route again.)
+This file alone reads the output of `ip address`, `ip route get` and `ip route show default`.
+(`_routes/kernel.py` reads whole routing tables, because it must be able to make each route again.)
 """
 
 import ipaddress
@@ -77,7 +77,7 @@ class RouteTo(typing.NamedTuple):
 
 
 def interfaces() -> typing.List[Interface]:
-    """The network interfaces with their addresses. Raises OSError where the machine cannot be asked."""
+    """Read the network interfaces with their addresses. Raises OSError where `ip` fails."""
     answer = run(["ip", "-json", "address"])
     if answer.status == 0:
         try:
@@ -91,7 +91,7 @@ def interfaces() -> typing.List[Interface]:
 
 
 def from_json(output: str) -> typing.List[Interface]:
-    """The interfaces in the output of `ip -json address`. Raises ValueError for anything else."""
+    """Read the interfaces in the output of `ip -json address`. Raises ValueError for anything else."""
     data = json.loads(output)
     if not isinstance(data, list):
         raise ValueError("expected a list of interfaces")
@@ -114,8 +114,8 @@ def from_json(output: str) -> typing.List[Interface]:
     ]
 
 
-def from_text(output: str, found: typing.Iterable[Interface]) -> typing.List[Interface]:
-    """These interfaces with the addresses in the output of `ip -oneline address`."""
+def from_text(output: str, devices: typing.Iterable[Interface]) -> typing.List[Interface]:
+    """Add the addresses in the output of `ip -oneline address` to interfaces."""
     addresses: typing.Dict[str, typing.List[Address]] = {}
     lines = re.findall(
         r"^\d+:\s+([^\s@]+)\S*\s+(inet6?)\s+([^\s/]+)(?: peer [^\s/]+)?(?:/(\d+))?", output, re.MULTILINE
@@ -123,82 +123,80 @@ def from_text(output: str, found: typing.Iterable[Interface]) -> typing.List[Int
     for name, family, address, prefix in lines:
         length = int(prefix) if prefix else _HOST_PREFIX[family]
         addresses.setdefault(name, []).append(Address(address, length, family))
-    return [link._replace(addresses=link.addresses + tuple(addresses.get(link.name, ()))) for link in found]
+    return [link._replace(addresses=link.addresses + tuple(addresses.get(link.name, ()))) for link in devices]
 
 
 def links(folder: str = "/sys/class/net") -> typing.List[Interface]:
-    """The interfaces without their addresses, from the files of the kernel (sysfs(5))."""
-    found = []
+    """Read the interfaces without their addresses from the files of the kernel (sysfs(5))."""
+    devices = []
     for name in sorted(os.listdir(folder)):
         flags = text(os.path.join(folder, name, "flags")).strip()
         if not flags:
             continue  # a file such as bonding_masters
         up, loopback, multicast = (bool(int(flags, 16) & bit) for bit in (_UP, _LOOPBACK, _MULTICAST))
         index, mtu = (int(text(os.path.join(folder, name, file)).strip() or 0) for file in ("ifindex", "mtu"))
-        found.append(Interface(name, index, up, multicast, loopback, mtu))
-    return found
+        devices.append(Interface(name, index, up, multicast, loopback, mtu))
+    return devices
 
 
 # Routes
 
 
 def route_to(destination: str) -> RouteTo:
-    """The route that the kernel takes to an IPv4 address (ip-route(8), get)."""
+    """Read the route that the kernel takes to an IPv4 address (ip-route(8), get)."""
     return routes_to([destination])[0]
 
 
 def routes_to(destinations: typing.Iterable[str]) -> typing.List[RouteTo]:
-    """The routes that the kernel takes to IPv4 addresses, all asked for by one process (ip(8), -batch)."""
-    every = list(destinations)
-    asked = list(dict.fromkeys(address for address in every if is_address(address)))  # ip gives up at anything else
-    lines = "".join(f"route get {address}\n" for address in asked)
-    found = routes_from_batch(run(["ip", "-4", "-oneline", "-force", "-batch", "-"], given=lines.encode()), asked)
-    return [found.get(address) or RouteTo(address, error="this is no IPv4 address") for address in every]
+    """Read the routes that the kernel takes to IPv4 addresses, with one process (ip(8), -batch)."""
+    places = list(destinations)
+    addresses = list(dict.fromkeys(filter(is_address, places)))  # ip gives up at anything else
+    lines = "".join(f"route get {address}\n" for address in addresses)
+    answer = run(["ip", "-4", "-oneline", "-force", "-batch", "-"], given=lines.encode())
+    routes = routes_from_batch(answer, addresses)
+    return [routes.get(place) or RouteTo(place, error="this is no IPv4 address") for place in places]
 
 
-def routes_from_batch(answer: Answer, asked: typing.Sequence[str]) -> typing.Dict[str, RouteTo]:
-    """{address: its route} from a line of output for each address that has one, and `Command failed -:N` for the Nth that has none."""
+def routes_from_batch(answer: Answer, addresses: typing.Sequence[str]) -> typing.Dict[str, RouteTo]:
+    """Read {address: route}. A route is a line of output; for the Nth address without one, `Command failed -:N` is an error."""
     failed = {
-        asked[int(number) - 1]: why.replace("RTNETLINK answers: ", "").strip()
+        addresses[int(number) - 1]: why.replace("RTNETLINK answers: ", "").strip()
         for why, number in re.findall(r"([^\n]*)\n?Command failed -:(\d+)", answer.error)
-        if 0 < int(number) <= len(asked)
+        if 0 < int(number) <= len(addresses)
     }
     lines = answer.output.decode("utf-8", "replace").splitlines()
-    reached = [address for address in asked if address not in failed]
+    reached = [address for address in addresses if address not in failed]
     if len(lines) != len(reached):
-        return {address: RouteTo(address, error=answer.error or "ip gave no answer") for address in asked}
-    found = {address: route_from_text(line, address) for address, line in zip(reached, lines)}
-    return {**found, **{address: RouteTo(address, error=why or "no route") for address, why in failed.items()}}
+        return {address: RouteTo(address, error=answer.error or "ip gave no answer") for address in addresses}
+    routes = {address: route_from_text(line, address) for address, line in zip(reached, lines)}
+    return {**routes, **{address: RouteTo(address, error=why or "no route") for address, why in failed.items()}}
 
 
-def is_address(said: str) -> bool:
+def is_address(text: str) -> bool:
     """True for an IPv4 address."""
     try:
-        ipaddress.IPv4Address(said)
+        ipaddress.IPv4Address(text)
     except ValueError:
         return False
     return True
 
 
 def default_routes() -> typing.List[RouteTo]:
-    """The default routes of IPv4 in the table main."""
+    """Read the default routes of IPv4 in the table main."""
     output = run(["ip", "-4", "route", "show", "default"]).output.decode("utf-8", "replace")
     return [route_from_text(line, "default") for line in output.splitlines() if line.startswith("default")]
 
 
 def policy_rules() -> typing.List[str]:
-    """The rules of IPv4 that lead to other tables than the kernel's own three do (ip-rule(8))."""
+    """Read the rules of IPv4 beside the kernel's own three (ip-rule(8))."""
     output = run(["ip", "-4", "rule", "show"]).output.decode("utf-8", "replace")
     lines = (" ".join(line.split()) for line in output.splitlines())
     return [line for line in lines if not re.fullmatch(r"\d+: from all lookup (local|main|default)", line)]
 
 
 def route_from_text(output: str, destination: str) -> RouteTo:
-    """The route in the output of `ip route get`, or in a line of `ip route show`."""
-
-    def after(word: str) -> typing.Optional[str]:
-        match = re.search(rf"\b{word} (\S+)", output)
-        return match.group(1) if match else None
-
+    """Read the route in the output of `ip route get`, or in a line of `ip route show`."""
     # A route to an IPv4 address may go by a gateway that has an IPv6 address: `via inet6 fe80::1`.
-    return RouteTo(destination, after("via(?: inet6)?"), after("dev"), after("src"), after("metric"))
+    matches = [re.search(rf"\b{word} (\S+)", output) for word in ("via(?: inet6)?", "dev", "src", "metric")]
+    gateway, device, source, metric = (match.group(1) if match else None for match in matches)
+    return RouteTo(destination, gateway, device, source, metric)

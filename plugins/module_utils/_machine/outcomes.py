@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The outcome of a probe: one fixed word that programs decide by. A sentence about it is made where a result is returned."""
+"""The outcome of a probe: one fixed word. Programs decide by the word; a sentence is made where a result is returned."""
 
 import enum
 import errno
@@ -11,7 +11,7 @@ import typing
 
 
 class Outcome(enum.Enum):
-    """What became of a probe. The controller has the same words (plugins/plugin_utils/_observed/outcomes.py)."""
+    """The outcome of a probe. The controller has the same words (plugins/plugin_utils/_observed/outcomes.py)."""
 
     NOT_TRIED = "not_tried"
     ANSWERED = "answered"  # an echo reply came from the address itself

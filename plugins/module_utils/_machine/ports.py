@@ -32,25 +32,25 @@ def holders(
     wanted: typing.Iterable[typing.Dict[str, typing.Any]], proc: str = "/proc"
 ) -> typing.List[typing.Dict[str, typing.Any]]:
     """Find the listening TCP and bound UDP sockets on the wanted {protocol, port}, with process, user and unit."""
-    asked = {(entry["protocol"], entry["port"]) for entry in wanted}
+    places = {(entry["protocol"], entry["port"]) for entry in wanted}
     sockets = [
         entry
         for protocol, table in _TABLES
-        for entry in parse(protocol, text(os.path.join(proc, "net", table), 1 << 24))
-        if (entry.protocol, entry.port) in asked
+        for entry in read_table(protocol, text(os.path.join(proc, "net", table), 1 << 24))
+        if (entry.protocol, entry.port) in places
     ]
-    owners, closed = _owners({entry.inode for entry in sockets}, proc)
-    found = []
+    owners, unreadable = _owners({entry.inode for entry in sockets}, proc)
+    processes = []
     for entry in sockets:
         pid = owners.get(entry.inode, 0)
-        if pid <= 1:  # systemd may hold it for a service whose processes are closed
-            pid = _only_one(closed.get(entry.uid, []), proc) or pid
-        found.append(_holder(entry, pid, proc))
-    return found
+        if pid <= 1:  # systemd may hold it for a service whose processes root may not read
+            pid = _single_unit(unreadable.get(entry.uid, []), proc) or pid
+        processes.append(_holder(entry, pid, proc))
+    return processes
 
 
-def parse(protocol: str, table: str) -> typing.List[Socket]:
-    """Read the sockets of one table of /proc/net that wait for others: TCP in LISTEN, UDP in any state."""
+def read_table(protocol: str, table: str) -> typing.List[Socket]:
+    """Read the sockets of one table of /proc/net that take packets: TCP in LISTEN, UDP in any state."""
     sockets = []
     for line in table.splitlines()[1:]:
         fields = line.split()
@@ -72,28 +72,28 @@ def address_of(digits: str) -> str:
 def _owners(
     inodes: typing.Set[str], proc: str
 ) -> typing.Tuple[typing.Dict[str, int], typing.Dict[int, typing.List[int]]]:
-    """Find the process that has each socket open; of several the last one, since the first may be systemd's own copy.
+    """Find the process that has each socket open; of several the last, because the first may be systemd's own copy.
 
-    Root in a container may not look into some processes; these are returned as well, by their user.
+    Root in a container may not read some processes. They are returned as well, by user.
     """
     owners: typing.Dict[str, int] = {}
-    closed: typing.Dict[int, typing.List[int]] = {}
+    unreadable: typing.Dict[int, typing.List[int]] = {}
     if not inodes:
-        return owners, closed
+        return owners, unreadable
     wanted = {f"socket:[{inode}]": inode for inode in inodes}
     for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
         folder = os.path.join(proc, str(pid), "fd")
         try:
             links = [_link(os.path.join(folder, descriptor)) for descriptor in os.listdir(folder)]
         except PermissionError:
-            closed.setdefault(_user_of(pid, proc), []).append(pid)
+            unreadable.setdefault(_user_of(pid, proc), []).append(pid)
             continue
         except OSError:
             continue  # it ended
         for link in links:
             if link in wanted:
                 owners[wanted[link]] = pid
-    return owners, closed
+    return owners, unreadable
 
 
 def _link(path: str) -> str:
@@ -108,8 +108,8 @@ def _user_of(pid: int, proc: str) -> int:
     return int(fields.group(1)) if fields else -1
 
 
-def _only_one(pids: typing.List[int], proc: str) -> int:
-    """Return the first of a user's processes where all of them are of one unit, as with a service's own user; else 0."""
+def _single_unit(pids: typing.List[int], proc: str) -> int:
+    """Return the first of a user's processes if all belong to one unit, as with a service's own user; else 0."""
     units = {unit(text(os.path.join(proc, str(pid), "cgroup"))) for pid in pids}
     return pids[0] if len(units) == 1 else 0
 
@@ -132,7 +132,7 @@ def _holder(entry: Socket, pid: int, proc: str) -> typing.Dict[str, typing.Any]:
 
 
 def unit(cgroups: str) -> str:
-    """Read the systemd unit in the text of /proc/PID/cgroup: of systemd's hierarchy (version 1), or of the only one."""
+    """Read the systemd unit in the text of /proc/PID/cgroup: in systemd's hierarchy (version 1), or in the single one."""
     for line in cgroups.splitlines():
         _number, controllers, path = (line.split(":", 2) + ["", ""])[:3]
         if controllers in ("name=systemd", ""):

@@ -3,8 +3,8 @@
 
 """The installations of ROS 1 on this machine, and the environment that each gives to a program.
 
-A set-up file is sourced, and rospy is imported, by a user of its own without any rights. The services run as such a user,
-and a person's workspace is no code for root. What it answers is somebody else's word: each value is looked at again.
+A user without any rights sources a set-up file and imports rospy. The services run as such a user, and a person's
+workspace is no code for root. Its answer is not trusted: each value is checked.
 """
 
 import glob
@@ -55,8 +55,8 @@ for path in sys.argv[1:]:
 Record = typing.Dict[str, typing.Any]
 
 
-class NotFound(Exception):
-    """ROS was not found; one sentence says what was looked for, where, and what to do."""
+class RosError(Exception):
+    """ROS is not there; one sentence says where it was expected, and the remedy."""
 
 
 def find(
@@ -65,14 +65,14 @@ def find(
     root: str = "/opt/ros",
     debian: str = _DEBIAN,
 ) -> Record:
-    """Return `found`, `chosen` and `problem`: the installations of ROS, the one to use, and one sentence where that fails.
+    """Return `found`, `chosen` and `problem`: the installations of ROS, the one to use, and a sentence where that fails.
 
-    `choice` is "auto", "debian", or the path of a set-up file or of the folder that holds it; `nodes` are executables
-    that are looked for in the chosen one.
+    `choice` is "auto", "debian", or the path of a set-up file or of its folder; `nodes` are executables to find in the
+    chosen installation.
     """
     try:
         found = [examine(kind, setup, root) for kind, setup in candidates(choice, root, debian)]
-    except NotFound as problem:
+    except RosError as problem:
         return {"found": [], "chosen": None, "problem": str(problem)}
     chosen, wrong = choose(found, root)
     if chosen:
@@ -81,13 +81,13 @@ def find(
 
 
 def candidates(choice: str, root: str = "/opt/ros", debian: str = _DEBIAN) -> typing.List[typing.Tuple[str, str]]:
-    """List (kind, set-up file) of what `choice` may mean, in the order of preference. Raises NotFound."""
+    """List (kind, set-up file) of what `choice` may mean, in the order of preference. Raises RosError."""
     if choice == "auto":
         prefixes = [("prefix", setup_file(os.path.dirname(path))) for path in sorted(glob.glob(root + "/*/setup.sh"))]
         return prefixes + ([("debian", "")] if os.path.isdir(debian) else [])
     if choice == "debian":
         if not os.path.isdir(debian):
-            raise NotFound(
+            raise RosError(
                 f"multimaster_ros_setup is debian, but {debian} is not there; install python3-rospy, or name a set-up file."
             )
         return [("debian", "")]
@@ -96,21 +96,21 @@ def candidates(choice: str, root: str = "/opt/ros", debian: str = _DEBIAN) -> ty
 
 
 def setup_file(path: str) -> str:
-    """Find the set-up file that a path names, itself or as its folder. Raises NotFound."""
+    """Find the set-up file that a path names, itself or as its folder. Raises RosError."""
     path = os.path.normpath(path)
     if os.path.isfile(path):
         return path
     for name in _IN_A_FOLDER:
         if os.path.isfile(os.path.join(path, name)):
             return os.path.join(path, name)
-    raise NotFound(
+    raise RosError(
         f"multimaster_ros_setup is {path}, but that is neither a file nor a folder with {' or '.join(_IN_A_FOLDER)}; "
         "name the set-up file that a person sources."
     )
 
 
 def choose(found: typing.List[Record], root: str = "/opt/ros") -> typing.Tuple[typing.Any, str]:
-    """Return the installation to use, or None, and the sentence that says what is wrong with it."""
+    """Return the installation to use, or None, and a sentence about its problem."""
     ros1 = [record for record in found if record["version"] != "2"]
     prefixes = [record for record in ros1 if record["kind"] == "prefix"]
     if not ros1:
@@ -128,7 +128,7 @@ def choose(found: typing.List[Record], root: str = "/opt/ros") -> typing.Tuple[t
 
 
 def examine(kind: str, setup: str, root: str = "/opt/ros") -> Record:
-    """Look at one installation: its environment, its commands, and if an unprivileged user can import rospy."""
+    """Read one installation: its environment, its commands, and a trial import of rospy."""
     environment, problem = source(setup) if setup else ({}, "")
     variables = set_up.sort(environment)
     reach = set_up.reach(setup, variables)
@@ -138,7 +138,7 @@ def examine(kind: str, setup: str, root: str = "/opt/ros") -> Record:
             f"The set-up file {quote(setup)} is no code for the services, since {reach.refusal}; expected files and folders that "
             "one user alone can change: take the right to write away from others (chmod o-w)."
         )
-    below, for_root = ("", reach.for_root) if not reach.doubt else of_root_below(setup, environment, root)
+    below, for_root = ("", reach.for_root) if not reach.doubt else find_underlay(setup, environment, root)
     folder, closed_hooks = hooks(environment)
     fallback = {"prefix": os.path.basename(os.path.dirname(setup)), "workspace": "", "debian": "debian"}
     version = "2" if environment.get("ROS_VERSION") == "2" else "1"
@@ -168,12 +168,12 @@ def examine(kind: str, setup: str, root: str = "/opt/ros") -> Record:
     return record
 
 
-def of_root_below(
+def find_underlay(
     setup: str, environment: typing.Dict[str, str], root: str
 ) -> typing.Tuple[str, typing.Dict[str, str]]:
-    """Return the set-up file in `root` that a person's workspace is built on, and its variables for root; nothing where there is none.
+    """Return the set-up file in `root` below a person's workspace, and its variables for root; both empty without one.
 
-    Of what the workspace says, only the name of the installation counts: that one is sourced and judged on its own.
+    The workspace gives only the name of the installation, which is then sourced and judged on its own.
     """
     installed = {os.path.dirname(path) for path in glob.glob(root + "/*/setup.sh")} - {os.path.dirname(setup)}
     for prefix in environment.get("CMAKE_PREFIX_PATH", "").split(":"):
@@ -187,9 +187,9 @@ def of_root_below(
 
 
 def source(setup: str) -> typing.Tuple[typing.Dict[str, str], str]:
-    """Source a set-up file as nobody; return what it adds to a clean environment, and one sentence where it fails."""
+    """Source a set-up file as nobody; return the variables that it adds to a clean environment, or a sentence."""
     shell = _SHELLS.get(os.path.splitext(setup)[1], "bash")
-    # No positional parameters: catkin's files hand theirs on. What they print is not the environment.
+    # No positional parameters: catkin's files hand theirs on. Their output is not the environment.
     script = f"{{ . {shlex.quote(setup)}; }} >&2; exec /usr/bin/env -0"
     answer = foreign([shell, "-c", script], CLEAN, _SOURCING)
     if len(answer.output) > _LARGEST:
@@ -197,18 +197,19 @@ def source(setup: str) -> typing.Tuple[typing.Dict[str, str], str]:
             {},
             f"The set-up file {quote(setup)} makes more than {_LARGEST >> 10} KiB of variables; expected those of ROS.",
         )
-    variables = added(answer.output)
+    variables = read_variables(answer.output)
     if answer.status == 0 and variables:
         return variables, ""
-    said = quote((answer.error.splitlines() or [""])[-1].rstrip(".")) or "it says nothing"
-    return {}, closed([setup]) or f"The set-up file {quote(setup)}, sourced by {shell}, sets no variables: {said}."
+    error = quote((answer.error.splitlines() or [""])[-1].rstrip(".")) or "it says nothing"
+    return {}, explain_closed(
+        [setup]
+    ) or f"The set-up file {quote(setup)}, sourced by {shell}, sets no variables: {error}."
 
 
-def added(output: bytes) -> typing.Dict[str, str]:
-    """Read the variables in the output of `env -0` that a set-up file made; of PATH only the entries that it added.
+def read_variables(output: bytes) -> typing.Dict[str, str]:
+    """Read the variables of a set-up file in the output of `env -0`; of PATH only the added entries.
 
-    A value with a line break, another control character or bytes that are no UTF-8 fits into no file of an environment
-    and is left out.
+    No environment file takes a value with a line break, another control character or bytes that are no UTF-8: it is left out.
     """
     variables = {}
     for entry in output.decode("utf-8", "surrogateescape").split("\0"):
@@ -224,15 +225,15 @@ def added(output: bytes) -> typing.Dict[str, str]:
 
 
 def full(environment: typing.Dict[str, str]) -> typing.Dict[str, str]:
-    """Make a whole environment for a process out of the variables that a set-up file adds."""
+    """Make a whole environment for a process from the variables of a set-up file."""
     path = ":".join(filter(None, [environment.get("PATH", ""), BASE_PATH]))
     return dict(environment, **dict(CLEAN, PATH=path))
 
 
 def hooks(environment: typing.Dict[str, str]) -> typing.Tuple[str, str]:
-    """Return the folder of shell files that the prefix's set-up file sources at its end, and else why there is none to write to.
+    """Return the folder of shell files that the prefix's set-up file sources at its end, or "" and the reason.
 
-    Root writes there. So a folder that somebody else can replace, by a link for example, is passed over.
+    Root writes there. So a folder that other users can replace, for example by a link, is passed over.
     """
     passed_over = ""
     for prefix in reversed(environment.get("CMAKE_PREFIX_PATH", "").split(":")):
@@ -253,28 +254,28 @@ def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
         return {
             "problem": f"The rospy of {where} is made for Python 2, but there is no {python}; install it (python2.7)."
         }
-    found = imports.tried(python, MODULES, full(environment))
-    if not found.version:
-        return {"problem": f"The modules of {where} cannot be imported: {quote(found.said)}."}
+    trial = imports.attempt(python, MODULES, full(environment))
+    if not trial.version:
+        return {"problem": f"The modules of {where} cannot be imported: {quote(trial.error)}."}
     result = {
         "python": python,
-        "python_version": found.version,
-        "missing": found.missing,
-        "rospy": "rospy" not in found.missing,
+        "python_version": trial.version,
+        "missing": trial.missing,
+        "rospy": "rospy" not in trial.missing,
     }
-    if found.missing:
+    if trial.missing:
         folders = [item for item in environment.get("PYTHONPATH", "").split(":") if os.path.isabs(item)]
-        packages = ", ".join("python3-" + name.replace("_", "-") for name in found.missing)
+        packages = ", ".join("python3-" + name.replace("_", "-") for name in trial.missing)
         advice = "install what is missing" if setup else f"install {packages}"
         result["problem"] = (
-            closed(folders)
-            or f"{python} cannot import {', '.join(map(quote, found.missing))} out of {where}; {advice}."
+            explain_closed(folders)
+            or f"{python} cannot import {', '.join(map(quote, trial.missing))} out of {where}; {advice}."
         )
     return result
 
 
-def closed(paths: typing.Iterable[str]) -> str:
-    """Name the first folder or file on the way to these paths that is closed to the user nobody, in a sentence."""
+def explain_closed(paths: typing.Iterable[str]) -> str:
+    """Explain in a sentence which folder or file on the way to these paths is closed to the user nobody; "" if all are open."""
     answer = run([PYTHON, "-I", "-c", _CLOSED] + [path for path in paths if os.path.exists(path)], unprivileged=True)
     part = answer.output.decode("utf-8", "replace").strip()
     if not part:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The variables of shells on this machine: older assignments in files, SetEnv of sshd, and the variables that arrive."""
+"""The variables of shells on this machine: older assignments in files, SetEnv of sshd, and the effective values."""
 
 import fnmatch
 import glob
@@ -23,7 +23,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.comm
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import last_line
 
-Found = typing.List[typing.Dict[str, typing.Any]]
+Rows = typing.List[typing.Dict[str, typing.Any]]
 
 VARIABLES = ("ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME")
 _OURS = ("/etc/profile.d/rosfleet-multimaster.sh", "/etc/environment.d/90-rosfleet-multimaster.conf")
@@ -61,25 +61,25 @@ _DEEPEST = 16  # sshd refuses files that include each other more deeply
 _OF_THE_SHELL = ("PWD", "OLDPWD", "SHLVL", "_", "HOME", "TERM")
 
 
-def exports(root: str = "/") -> Found:
-    """Find older assignments of the variables that name a master or this computer, in the files that shells read.
+def exports(root: str = "/") -> Rows:
+    """Find older assignments of VARIABLES in the files that shells read.
 
-    A person's files are read as that person: a link to a file of root's gives nothing away, and nothing is waited for long.
+    A person's files are read as that person, with a limit of time: so a link to a file of root's gives nothing away.
     """
     under = os.path.join(root, "")
-    found = [
+    rows = [
         dict(entry, file=path)
-        for path in _matching(under, _SYSTEM)
+        for path in _expand(under, _SYSTEM)
         if path not in _OURS
         for entry in assignments(text(under + path[1:]))
     ]
     for person in people(text(under + "etc/passwd")):
         for path, content in _read_as(person, under):
-            found += [dict(entry, file=path) for entry in assignments(content)]
-    return found
+            rows += [dict(entry, file=path) for entry in assignments(content)]
+    return rows
 
 
-def _matching(under: str, patterns: typing.Iterable[str]) -> typing.List[str]:
+def _expand(under: str, patterns: typing.Iterable[str]) -> typing.List[str]:
     return ["/" + path[len(under) :] for pattern in patterns for path in sorted(glob.glob(under + pattern[1:]))]
 
 
@@ -93,55 +93,55 @@ class Person(typing.NamedTuple):
 
 def people(passwd: str) -> typing.List[Person]:
     """List root and the persons in the text of /etc/passwd, one for each home folder."""
-    found: typing.Dict[str, Person] = {}
+    persons: typing.Dict[str, Person] = {}
     for line in passwd.splitlines():
         fields = line.split(":")
         if len(fields) != 7 or not (fields[2] + fields[3]).isdigit() or os.path.basename(fields[6]) in _NO_LOGIN:
             continue
         if (int(fields[2]) >= 1000 or fields[2] == "0") and os.path.isabs(fields[5]):
-            found.setdefault(fields[5], Person(fields[5], int(fields[2]), int(fields[3])))
-    return list(found.values())
+            persons.setdefault(fields[5], Person(fields[5], int(fields[2]), int(fields[3])))
+    return list(persons.values())
 
 
-# What a process of another person runs.
+# The program of a process that runs as the person.
 _READ = (
     inspect.getsource(home_files)
     + """
 import json, sys
-print(json.dumps(lines_of(*json.load(sys.stdin))))
+print(json.dumps(find_lines(*json.load(sys.stdin))))
 """
 )
 
 
 def _read_as(person: Person, under: str) -> typing.List[typing.Tuple[str, str]]:
-    """Read the files of a home folder as the person: (path, text), as far as the text may be of interest."""
+    """Read the files of a home folder as the person: (path, text), with the lines about VARIABLES alone."""
     patterns = [under + os.path.join(person.home, name)[1:] for name in _PERSONAL]
     if person.uid == os.geteuid():
-        told = home_files.lines_of(patterns, VARIABLES)
+        files = home_files.find_lines(patterns, VARIABLES)
     else:
         answer = run(
             ["/usr/bin/python3", "-I", "-c", _READ],
             given=json.dumps([patterns, VARIABLES]).encode(),
             user=(person.uid, person.gid),
         )
-        told = last_line(answer.output)
-    try:  # the process was the person's, and so may be its answer
-        return [("/" + plain(path[len(under) :]), "\n".join(map(str, lines))) for path, lines in told]
+        files = last_line(answer.output)
+    try:  # the person could change the process, and its answer
+        return [("/" + plain(path[len(under) :]), "\n".join(map(str, lines))) for path, lines in files]
     except (TypeError, ValueError):
         return []
 
 
-def assignments(content: str) -> Found:
+def assignments(content: str) -> Rows:
     """Find the lines of a shell's file (sh, csh, pam_env.conf(5)) that assign one of VARIABLES."""
-    found = []
+    rows = []
     for number, line in enumerate(content.splitlines(), 1):
         if any(name in line for name in VARIABLES):
-            for variable, value in _assigned(line):
-                found.append({"line": number, "variable": variable, "value": plain(value), "text": plain(line)})
-    return found
+            for variable, value in _read_line(line):
+                rows.append({"line": number, "variable": variable, "value": plain(value), "text": plain(line)})
+    return rows
 
 
-def _assigned(line: str) -> typing.List[typing.Tuple[str, str]]:
+def _read_line(line: str) -> typing.List[typing.Tuple[str, str]]:
     words = _words(line)
     other = None if not words else _SETENV.match(" ".join(words)) or _PAM.match(" ".join(words))
     if other:
@@ -160,7 +160,7 @@ def _words(line: str) -> typing.List[str]:
 
 
 def sshd(root: str = "/") -> typing.Dict[str, typing.Any]:
-    """Look at sshd: is it installed, does it read drop-ins, its SetEnv lines, and has it read our file as it is now."""
+    """Read the settings of sshd: its SetEnv lines, and if it is installed, reads drop-ins, and has read our present file."""
     directives = list(_directives(os.path.join(root, "etc/ssh/sshd_config"), os.path.join(root, ""), False))
     path = re.search(r"^PATH=[\"']?([^\"'\n]+)", text(os.path.join(root, "etc/environment")), re.MULTILINE)
     service, since = _listener() if root == "/" else ("", 0.0)
@@ -181,7 +181,7 @@ def sshd(root: str = "/") -> typing.Dict[str, typing.Any]:
         "match_setenv": _match_setenv() if root == "/" else True,
         "path": path.group(1) if path else "",
         "service": service,
-        "reload_due": bool(service) and since < _changed(os.path.join(root, OUR_DROP_IN[1:])),
+        "reload_due": bool(service) and since < _change_time(os.path.join(root, OUR_DROP_IN[1:])),
     }
 
 
@@ -190,10 +190,10 @@ def _directives(
 ) -> typing.Iterator[typing.Tuple[str, int, str, str, bool]]:
     """Yield (file, line, keyword, arguments, inside a Match) of sshd_config(5) and its includes, in the order of reading."""
     for number, line in enumerate(text(path).splitlines(), 1):
-        found = re.match(r"\s*([A-Za-z]+)[\s=]+(.*?)\s*$", line)
-        if not found:
+        words = re.match(r"\s*([A-Za-z]+)[\s=]+(.*?)\s*$", line)
+        if not words:
             continue  # a comment, or empty
-        keyword, rest = found.group(1).lower(), found.group(2)
+        keyword, rest = words.group(1).lower(), words.group(2)
         if keyword == "match":
             match = rest.split("#")[0].strip().lower() != "all"
         yield "/" + path[len(root) :], number, keyword, rest, match
@@ -208,10 +208,10 @@ def _patterns(rest: str) -> typing.List[str]:
 
 
 def _match_setenv() -> bool:
-    """Ask sshd if it knows SetEnv below a Match: OpenSSH 8.4 reads it, and gives nobody the variables."""
+    """Ask sshd if it knows SetEnv below a Match: OpenSSH 8.4 reads it, but sets no variables."""
     daemon = shutil.which("sshd", path=BASE_PATH)
-    asked = [str(daemon), "-T", "-f", "/dev/stdin", "-C", "user=nobody,host=localhost,addr=127.0.0.1"]
-    answer = run(asked, given=b"Match User nobody\nSetEnv ASKED=1\n") if daemon else None
+    command = [str(daemon), "-T", "-f", "/dev/stdin", "-C", "user=nobody,host=localhost,addr=127.0.0.1"]
+    answer = run(command, given=b"Match User nobody\nSetEnv ASKED=1\n") if daemon else None
     return answer is None or answer.status != 0 or b"setenv ASKED=1" in answer.output
 
 
@@ -226,7 +226,7 @@ def _listener() -> typing.Tuple[str, float]:
     return "", 0.0
 
 
-def _changed(path: str) -> float:
+def _change_time(path: str) -> float:
     """Return the time (s since 1970) of the last change of a file, or of its folder; 0 for a time in the future."""
     for place in (path, os.path.dirname(path)):
         try:
@@ -240,18 +240,18 @@ def _changed(path: str) -> float:
 NOTHING_SEEN: typing.Dict[str, None] = {"login": None, "ssh": None, "desktop": None}
 
 
-def seen() -> typing.Dict[str, typing.Optional[typing.Dict[str, str]]]:
-    """Return the variables that reach a new login shell, a command by ssh and a terminal of a desktop.
+def probe() -> typing.Dict[str, typing.Optional[typing.Dict[str, str]]]:
+    """Return the variables of a new login shell, a command by ssh and a terminal of a desktop.
 
-    The programs themselves read their files, as the user nobody, who has no files of his own. None stands for a program
-    that does not exist, or cannot be asked.
+    The programs themselves read their files, as the user nobody, which has no home folder. None stands for a program that
+    does not exist, or fails.
     """
     return {"login": _login(), "ssh": _ssh(), "desktop": _desktop()}
 
 
 def _login() -> typing.Optional[typing.Dict[str, str]]:
     clean = {"HOME": "/nonexistent", "PATH": BASE_PATH, "TERM": "dumb"}
-    # Whatever the files print comes before the mark.
+    # The output of the files comes before the mark.
     answer = run(["bash", "-lc", "printf '\\0\\0'; exec /usr/bin/env -0"], clean, unprivileged=True)
     if answer.status == -1:
         return None
@@ -279,18 +279,18 @@ def _desktop() -> typing.Optional[typing.Dict[str, str]]:
     for folder in ("/usr/lib", "/lib"):
         if os.path.exists(folder + _GENERATOR):
             variables = {"HOME": "/nonexistent", "PATH": BASE_PATH}
-            seen: typing.Dict[str, str] = {}
-            # Ours comes later, and sees what the earlier one has said.
+            environment: typing.Dict[str, str] = {}
+            # Our generator comes later, and gets the variables of systemd's own.
             for program in [folder + _GENERATOR] + ([_OUR_GENERATOR] if os.path.exists(_OUR_GENERATOR) else []):
-                answer = run([program], dict(variables, **seen), unprivileged=True)
+                answer = run([program], dict(variables, **environment), unprivileged=True)
                 if answer.status != 0:
                     return None
-                seen.update(unquoted(answer.output.decode("utf-8", "replace")))
-            return seen
+                environment.update(read_generated(answer.output.decode("utf-8", "replace")))
+            return environment
     return None
 
 
-def unquoted(output: str) -> typing.Dict[str, str]:
+def read_generated(output: str) -> typing.Dict[str, str]:
     """Read the variables in the output of an environment generator of systemd (systemd.environment-generator(7))."""
     variables = {}
     for line in output.splitlines():

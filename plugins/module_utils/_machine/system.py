@@ -41,7 +41,7 @@ _CAP_NET_ADMIN = 12  # capabilities(7)
 
 
 def net_admin(status: str) -> bool:
-    """True where a process with this /proc/PID/status may give CAP_NET_ADMIN to others, and where it does not say."""
+    """True if a process with this /proc/PID/status may give CAP_NET_ADMIN to others, or if the line is missing."""
     bounds = re.search(r"^CapBnd:\s*([0-9a-fA-F]+)$", status, re.MULTILINE)
     return bounds is None or bool(int(bounds.group(1), 16) >> _CAP_NET_ADMIN & 1)
 
@@ -58,7 +58,7 @@ _MULTICAST_ROUTERS = ("smcroute.service", "mrouted.service", "pimd.service", "ig
 
 
 def folders(wanted: typing.Iterable[str]) -> typing.List[str]:
-    """Those of these paths that are folders."""
+    """Return the paths that are folders."""
     return [path for path in wanted if os.path.isdir(path)]
 
 

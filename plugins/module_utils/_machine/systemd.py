@@ -12,22 +12,22 @@ _LIMIT = 5.0  # seconds; systemctl show starts nothing
 Properties = typing.Dict[str, str]
 
 
-class Shown(typing.NamedTuple):
-    """The properties of each unit, in the order in which they were asked for; and the error, empty if there is none."""
+class UnitProperties(typing.NamedTuple):
+    """The properties of each unit in the order of the question, and the error or ""."""
 
     units: typing.List[Properties]
     error: str = ""
 
 
-def show(units: typing.Sequence[str], properties: typing.Sequence[str], limit: float = _LIMIT) -> Shown:
+def show(units: typing.Sequence[str], properties: typing.Sequence[str], limit: float = _LIMIT) -> UnitProperties:
     """Ask systemd for properties of units in one call of at most `limit` seconds; without units of systemd itself.
 
-    The names of properties are those of org.freedesktop.systemd1(5). A unit that does not exist has the LoadState
-    "not-found", and that is no error.
+    The names of properties are those of org.freedesktop.systemd1(5). A missing unit has the LoadState "not-found", without
+    an error.
     """
     answer = commands.run(["systemctl", "show", "--property=" + ",".join(properties), "--"] + list(units), limit=limit)
     error = "" if answer.status == 0 else answer.error or str(answer.status)
-    return Shown(parse(answer.output.decode("utf-8", "replace")), error)
+    return UnitProperties(parse(answer.output.decode("utf-8", "replace")), error)
 
 
 def parse(output: str) -> typing.List[Properties]:

@@ -259,10 +259,10 @@ def test_sshd_loop_of_includes_ends(tmp_path):
 
 
 def test_a_login_shell_is_really_started():
-    seen = shells.seen()["login"]
+    seen = shells.probe()["login"]
     assert seen["PATH"]
     assert not {"HOME", "PWD", "_"} & set(seen)
 
 
 def test_unquoted_generator_output():
-    assert shells.unquoted('A=plain\nB="a \\"q\\" \\$x \\\\"\n') == {"A": "plain", "B": 'a "q" $x \\'}
+    assert shells.read_generated('A=plain\nB="a \\"q\\" \\$x \\\\"\n') == {"A": "plain", "B": 'a "q" $x \\'}

@@ -60,7 +60,7 @@ STATES = {
 def test_units(state, monkeypatch):
     load, file_state, folder = state
     unit = {"Id": UNIT, "LoadState": load, "UnitFileState": file_state, "FragmentPath": f"{folder}/{UNIT}"}
-    monkeypatch.setattr(systemd, "show", lambda names, properties: systemd.Shown([unit]))
+    monkeypatch.setattr(systemd, "show", lambda names, properties: systemd.UnitProperties([unit]))
     found = next_boot.units([UNIT])
     expected = STATES[state]
     assert [(row["kind"], row["name"], row["found"]) for row in found] == (
@@ -145,7 +145,9 @@ def test_names(case, files):
 
 def test_all_of_it(files, monkeypatch):
     monkeypatch.setattr(
-        systemd, "show", lambda names, properties: systemd.Shown([{"Id": names[0], "UnitFileState": "disabled"}])
+        systemd,
+        "show",
+        lambda names, properties: systemd.UnitProperties([{"Id": names[0], "UnitFileState": "disabled"}]),
     )
     root = files(**{"/etc/cloud/cloud.cfg": ""})
     planned = {"settings": [FORWARD], "routes": [ROUTE], "hosts": True}

@@ -192,7 +192,7 @@ def test_what_is_confirmed_stays_where_a_later_one_fails(carry_out, tmp_path):
 
 
 def test_what_shells_see_is_read_after_files_were_written(carry_out, monkeypatch):
-    monkeypatch.setattr(shells, "seen", lambda: {"login": {}})
+    monkeypatch.setattr(shells, "probe", lambda: {"login": {}})
     assert carry_out(REST[0], read_back=True, check_mode=True).get("shells") is None
     assert carry_out(REST[0], (FILES, {"name": "x", "fails": "plan"}), read_back=True).get("shells") is None
     assert carry_out(REST[1], read_back=True)["shells"] == {"login": {}}
@@ -200,7 +200,7 @@ def test_what_shells_see_is_read_after_files_were_written(carry_out, monkeypatch
 
 
 def test_a_shell_that_cannot_be_asked_is_no_failure(carry_out, monkeypatch):
-    monkeypatch.setattr(shells, "seen", lambda: 1 / 0)
+    monkeypatch.setattr(shells, "probe", lambda: 1 / 0)
     assert carry_out(REST[0], read_back=True)["shells"] == {"login": None, "ssh": None, "desktop": None}
 
 

@@ -57,7 +57,7 @@ def test_a_process_with_a_connection_is_found_among_ancestors():
 @pytest.fixture
 def ssh_ports(tmp_path, monkeypatch):
     """The ports of ssh for a value of SSH_CONNECTION. Root listens on 2022 and 3022, a user on 5000; each serves 10.0.0.5."""
-    monkeypatch.setattr(access.systemd, "show", lambda *_arguments: access.systemd.Shown([]))
+    monkeypatch.setattr(access.systemd, "show", lambda *_arguments: access.systemd.UnitProperties([]))
     rows = [row(port, "00000000:0000", "0A", uid) for port, uid in ((2022, 0), (3022, 0), (5000, 1000), (65535, 0))]
     rows += [row(port, "0500000A:9C40", "01", 0) for port in (2022, 5000, 4000)]
     (tmp_path / "net").mkdir()
@@ -143,7 +143,7 @@ def test_no_other_text_opens_a_port_or_ends_the_module(ssh_ports, seed):
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs a server of root's")
 def test_a_real_connection_that_the_environment_names(monkeypatch):
-    monkeypatch.setattr(access.systemd, "show", lambda *_arguments: access.systemd.Shown([]))
+    monkeypatch.setattr(access.systemd, "show", lambda *_arguments: access.systemd.UnitProperties([]))
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         monkeypatch.setitem(os.environ, "SSH_CONNECTION", f"127.0.0.1 40000 127.0.0.1 {port}")
@@ -157,7 +157,7 @@ def test_ports_on_which_systemd_listens_for_ssh(monkeypatch):
         {"ActiveState": "active", "Listen": "0.0.0.0:2200 (Stream) [::]:2200 (Stream)"},
         {"ActiveState": "inactive", "Listen": "0.0.0.0:2300 (Stream)"},
     ]
-    monkeypatch.setattr(access.systemd, "show", lambda *_arguments: access.systemd.Shown(units))
+    monkeypatch.setattr(access.systemd, "show", lambda *_arguments: access.systemd.UnitProperties(units))
     assert 2200 in access.read_access().ssh
     assert 2300 not in access.read_access().ssh
 

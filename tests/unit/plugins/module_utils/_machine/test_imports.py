@@ -30,12 +30,12 @@ def fixture_package():
 
 def tried(package, *modules):
     environment = {"PYTHONPATH": str(package.parent), "PATH": "/usr/bin:/bin", "PYTHONDONTWRITEBYTECODE": "1"}
-    return imports.tried(PYTHON, modules or ("rospy",), environment)
+    return imports.attempt(PYTHON, modules or ("rospy",), environment)
 
 
 def test_modules_that_are_there(package):
     found = tried(package, "rospy", "json")
-    assert (found.missing, found.said) == ([], "") and found.version.startswith("3.")
+    assert (found.missing, found.error) == ([], "") and found.version.startswith("3.")
 
 
 def test_a_module_that_fails_is_missing(package):
@@ -59,4 +59,4 @@ def test_what_it_prints_is_not_the_answer(package):
 )
 def test_no_answer_is_said(package, monkeypatch, answer):
     monkeypatch.setattr(imports, "foreign", lambda *words: Answer(1, answer, "what\nit said \x1b[0m"))
-    assert tried(package) == imports.Imported("", [], "it said \\x1b[0m")
+    assert tried(package) == imports.Trial("", [], "it said \\x1b[0m")

@@ -249,7 +249,7 @@ def test_a_set_up_file_that_hangs_is_ended(opt, monkeypatch):
 
 def test_values_that_fit_into_no_file_are_left_out():
     output = b"ROS_NOTE=a\nb\0ROS_IP=1\0BASH_FUNC_x%%=() { :; }\0PATH=/x/bin:/usr/bin:/bin\0PYTHONPATH=/x::\0_=/x\0"
-    assert ros.added(output) == {"ROS_IP": "1", "PATH": "/x/bin", "PYTHONPATH": "/x"}
+    assert ros.read_variables(output) == {"ROS_IP": "1", "PATH": "/x/bin", "PYTHONPATH": "/x"}
 
 
 # Executables of ROS packages

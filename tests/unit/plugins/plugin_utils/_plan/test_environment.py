@@ -71,7 +71,7 @@ def generated(content, before=None):
     }
     done = subprocess.run([GENERATOR], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, check=True)
     assert done.stderr == b""
-    return shells.unquoted(done.stdout.decode())
+    return shells.read_generated(done.stdout.decode())
 
 
 @pytest.fixture(autouse=True)
@@ -305,7 +305,7 @@ def test_what_is_not_roots_reaches_those_it_may(monkeypatch, person, those, name
         program = as_user(files[environment_module.GENERATOR], monkeypatch, name, USERS[name])
         done = subprocess.run(["sh", "-c", program], env={"PATH": "/usr/bin:/bin"}, capture_output=True, check=True)
         assert done.stderr == b""
-        seen = shells.unquoted(done.stdout.decode())
+        seen = shells.read_generated(done.stdout.decode())
     theirs = ["/home/robot/ws/python"] if name in those else []
     assert seen["PYTHONPATH"].split(":") == [PYTHON, *theirs]
     assert ("ROS_DISTRO" in seen) is (name in those)
@@ -355,7 +355,7 @@ def test_the_generator_quotes_everything(text, entry):
     environment = environment_module.merge_for_users({"ROS_NOTE": text, "PYTHONPATH": entry}, {}, "*", OURS)
     program = rendered(environment)[environment_module.GENERATOR].replace("/usr/bin/id -u", "echo 7")
     done = subprocess.run(["sh", "-c", program], env={"PATH": "/usr/bin:/bin"}, capture_output=True, check=True)
-    seen = shells.unquoted(done.stdout.decode())
+    seen = shells.read_generated(done.stdout.decode())
     assert (seen["ROS_NOTE"], seen["PYTHONPATH"]) == (text, f"{PYTHON}:{entry}")
 
 
