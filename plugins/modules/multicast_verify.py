@@ -505,7 +505,7 @@ def main() -> None:
     )
     module.get_bin_path("ip", required=True)
     try:
-        result = multicast.measured(module.params, module.check_mode)
+        result = multicast.run_state(module.params, module.check_mode)
     except Problem as problem:
         ends.fail(module, msg=str(problem))
     if module.params["fail_on_missing"] and result.get("multicast_ok") is False:

@@ -1698,7 +1698,7 @@ def group(params: Params, state: str) -> typing.Optional[Result]:
         options = validate_options(
             "multicast", dict(params["multicast"], state=state), multicast.OPTIONS, multicast.REQUIRED_IF
         )
-        return multicast.measured(options, quiet=False)
+        return multicast.run_state(options, quiet=False)
     except Problem as problem:
         return {"failed": True, "msg": str(problem)}
 
@@ -1753,7 +1753,7 @@ PARTS = (
     Part("clock", lambda params, ros, deadline: resources.clock(), {"synchronised": None}),
     Part("changes", lambda params, ros, deadline: changes.changes(), [], on_router=True),
     Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], on_router=True),
-    Part("ros_missing", lambda params, ros, deadline: ros.missing(), "not looked at"),
+    Part("ros_missing", lambda params, ros, deadline: ros.problem(), "not looked at"),
     Part("next_boot", look_next_boot, [], on_router=True),
     Part("services", lambda params, ros, deadline: services.services(params["services"], environment(params, ros)), []),
 )
@@ -1835,7 +1835,7 @@ def talk(params: Params, machine: typing.Optional[Result]) -> Result:
     if params["is_router"]:
         return {"msg": "The router of the common network has no talker."}
     ros = Ros(params["environment_file"], choose_environment(params, machine))
-    missing = ros.missing()
+    missing = ros.problem()
     if not missing:
         ghosts.end_ghosts(ros, params["name"])
     error = missing or talker.start(ros, params["run"], params["name"], params["lifetime"])
@@ -1899,7 +1899,7 @@ def stream_to_talkers(module: Module) -> Result:
     ros = Ros(params["environment_file"], params["environment"])
     results = (
         streams.streams(ros, list_talkers(params), params["run"], params["name"], params["seconds"])
-        if not ros.missing()
+        if not ros.problem()
         else []
     )
     return {"msg": f"Sent to {len(results)} computers.", "streams": results}

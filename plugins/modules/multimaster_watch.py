@@ -218,7 +218,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.back
     path_of,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.process import heartbeats_socket, serve
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.readings import Wanted
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.readings import Targets
 
 KIND = "watch"  # of the doors of watches
 LONGEST = 600  # seconds that a task waits
@@ -261,7 +261,7 @@ def start_watch(module: Module) -> Result:
     """Leave a watch behind. Its sockets are opened first, so an error shows in this task."""
     params = module.params
     path = path_of(KIND, params["run"])
-    wanted = Wanted(
+    wanted = Targets(
         group=params["group"],
         addresses=tuple(params["addresses"]),
         masters=tuple(

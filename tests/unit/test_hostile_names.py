@@ -234,7 +234,7 @@ PLACES = {
     ).refusal(packet_filter.PacketFilter((), (), ())),
     "a profile": lambda name, _there: raised(networkmanager.parse_lines, 4, f"{{ {name} }}", "7a9f2a3e"),
     "interfaces": lambda name, _there: route_options._list_names(["eth0", name]),
-    "a member of the group": lambda name, _there: multicast.listed(
+    "a member of the group": lambda name, _there: multicast.describe(
         {"memberships": [{"interface": name, "group": "226.0.0.0"}]}, "226.0.0.0"
     ),
     "a message": lambda name, _there: topics._topic("kobuki2", "/talk", {"text": name}, "expected")["error"],

@@ -15,10 +15,6 @@ TREES = ("plugins", "roles", "lab", "tools")
 #: rooms whose names are still to be changed
 LATER = set(
     """
-    plugins/module_utils/_client
-    plugins/module_utils/_multicast
-    plugins/module_utils/_verify
-    plugins/module_utils/_watch
     roles/nodes/files/python/rosfleet_multimaster/discovery
     roles/nodes/files/python/rosfleet_multimaster/sync
     roles/nodes/files/python/rosfleet_multimaster/sync/core

@@ -33,12 +33,12 @@ class Strange(OSError):
 
 def masters(wanted: typing.List[Row], proc: str = "/proc") -> typing.List[Row]:
     """Describe each roscore on the TCP ports of `wanted`; a port on which something else answers is left out."""
-    held: typing.Dict[int, Row] = {}
+    holders: typing.Dict[int, Row] = {}
     for entry in ports.holders([entry for entry in wanted if entry["protocol"] == "tcp"], proc):
-        held.setdefault(entry["port"], entry)
-    places = [held[port] for port in sorted(held)]
-    found = call_all(_master, places, PATIENCE, lambda place: _entry(place, f"no answer within {PATIENCE:g} s"))
-    return [entry for entry in found if entry is not None]
+        holders.setdefault(entry["port"], entry)
+    places = [holders[port] for port in sorted(holders)]
+    rows = call_all(_master, places, PATIENCE, lambda place: _entry(place, f"no answer within {PATIENCE:g} s"))
+    return [entry for entry in rows if entry is not None]
 
 
 def _master(place: Row) -> typing.Optional[Row]:
@@ -122,9 +122,9 @@ class Roscore:
 
     def state(self) -> Tables:
         """Return publishers, subscribers and services: {name: nodes}."""
-        told = self.ask("getSystemState")
+        state = self.ask("getSystemState")
         try:
-            return [{str(name): [str(node) for node in nodes] for name, nodes in told[part]} for part in range(3)]
+            return [{str(name): [str(node) for node in nodes] for name, nodes in state[part]} for part in range(3)]
         except (LookupError, TypeError, ValueError) as problem:
             raise Strange(f"{self._uri}: no state of a roscore") from problem
 
@@ -172,14 +172,14 @@ def _sync(roscore: Roscore, service: str, node: str) -> Row:
     """Describe a sync node, by what it tells of its imports."""
     entry: Row = {"node": plain(node), "service": plain(service), "imports": [], "error": ""}
     try:
-        entry["imports"] = [_imported(host) for host in roscore.call(service, tcpros.GET_SYNC_INFO)]
+        entry["imports"] = [_count_imports(host) for host in roscore.call(service, tcpros.GET_SYNC_INFO)]
     except OSError as problem:
         entry["error"] = plain(problem)
     entry["implementation"] = BUNDLED if _private(roscore, "", IMPORTS[1:], None) is not None else UPSTREAM
     return entry
 
 
-def _imported(host: Row) -> Row:
+def _count_imports(host: Row) -> Row:
     """Count what is registered for another master."""
     entries = [*host["publisher"], *host["subscriber"], *host["services"]]
     return {

@@ -22,14 +22,14 @@ WORKERS = 32  # publishers that are asked at the same time: one that does not an
 AGAIN = 0.5  # seconds until a publisher is asked again that did not answer
 FAREWELL = 30.0  # seconds in which a busy roscore may take the registrations back
 
-Said = typing.Dict[str, typing.Any]
+Message = typing.Dict[str, typing.Any]
 
 
 def place_of(topic: str, uri: str, caller: str) -> typing.Tuple[str, int]:
     """Ask a publisher where its topic is to be had. Raises OSError, and what a strange answer makes of it."""
-    code, said, place = server(uri).requestTopic(caller, topic, [["TCPROS"]])
+    code, answer, place = server(uri).requestTopic(caller, topic, [["TCPROS"]])
     if code != 1:
-        raise OSError(f"it does not give the topic: {quote(said)}")
+        raise OSError(f"it does not give the topic: {quote(answer)}")
     return str(place[1]), int(place[2])
 
 
@@ -44,7 +44,7 @@ class Listener:
     def __init__(self, ros: Ros, name: str, wanted: typing.Mapping[str, str]) -> None:
         """`wanted`: {topic: its text}. Raises OSError."""
         self.ros, self.wanted = ros, wanted
-        self.heard: typing.Dict[str, Said] = {}  # topic -> text, node, seconds
+        self.heard: typing.Dict[str, Message] = {}  # topic -> text, node, seconds
         self.errors: typing.Dict[str, str] = {}  # topic -> why a publisher of it could not be heard
         self._began = time.monotonic()
         self._publishers: typing.Dict[str, typing.Set[str]] = {topic: set() for topic in wanted}
@@ -53,7 +53,7 @@ class Listener:
         self._open = set(wanted)  # topics that have not said it yet
         self._done = threading.Event()
         self.name = f"/{name}_{os.getpid()}_{int(time.time() * 1000)}"
-        self.node = node.Node(self.name, node.host_of(ros.variables, ros.uri), ros.uri, {}, self._told)
+        self.node = node.Node(self.name, node.host_of(ros.variables, ros.uri), ros.uri, {}, self._on_publishers)
 
     def run(self, deadline: float) -> None:
         """Listen until everything is heard, or until the deadline (monotonic seconds). Raises OSError without a roscore."""
@@ -61,15 +61,17 @@ class Listener:
             thread = threading.Thread(target=work)
             thread.daemon = True
             thread.start()
-        registered: typing.List[str] = []
+        topics: typing.List[str] = []
         try:
             for topic in self.wanted:
-                registered.append(topic)  # also where the answer does not come in time: the roscore may carry it out
-                self._told(topic, self.ros.ask("registerSubscriber", topic, node.TYPE, self.node.uri, caller=self.name))
+                topics.append(topic)  # also where the answer does not come in time: the roscore may carry it out
+                self._on_publishers(
+                    topic, self.ros.ask("registerSubscriber", topic, node.TYPE, self.node.uri, caller=self.name)
+                )
             self._done.wait(max(0.0, deadline - time.monotonic()))
         finally:
             self._done.set()
-            self._leave(registered, time.monotonic() + FAREWELL)
+            self._leave(topics, time.monotonic() + FAREWELL)
             self.node.ended = True
 
     def _leave(self, topics: typing.Sequence[str], deadline: float) -> None:
@@ -84,7 +86,7 @@ class Listener:
                         return  # the roscore has ended
                     time.sleep(AGAIN)
 
-    def _told(self, topic: str, publishers: typing.Any) -> None:
+    def _on_publishers(self, topic: str, publishers: typing.Any) -> None:
         """Ask the publishers that are new."""
         if topic not in self.wanted or not isinstance(publishers, list):
             return
@@ -112,7 +114,7 @@ class Listener:
 
     def _ask(self, topic: str, uri: str) -> typing.Tuple[str, str]:
         """Ask a publisher for its topic; return its message, and its node. Raises as place_of does."""
-        return tcpros.heard(place_of(topic, uri, self.name), topic, self.name)
+        return tcpros.hear(place_of(topic, uri, self.name), topic, self.name)
 
     def _hear(self, topic: str, text: str, publisher: str) -> None:
         """Note what was said; an older talker may come first."""

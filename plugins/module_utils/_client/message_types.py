@@ -16,35 +16,35 @@ def md5sums(types):
     """Return {type: md5 sum} of the types whose classes are there."""
     import roslib.message  # noqa: PLC0415 only where it runs as a program
 
-    found = {}
+    result = {}
     for name in types:
         try:
-            found[name] = roslib.message.get_message_class(name)._md5sum
+            result[name] = roslib.message.get_message_class(name)._md5sum
         except Exception:  # whatever the import of somebody's package raises
             continue
-    return found
+    return result
 
 
-def registered(service):
+def sync_nodes(service):
     """Return {URI of a master: {node: URI of the node}} by a get_sync_info, in whichever package its type is."""
     import rospy  # noqa: PLC0415 only where it runs as a program
     import rosservice  # noqa: PLC0415
 
-    found = {}
+    result = {}
     try:
         hosts = rosservice.call_service(service, [])[1].hosts
     finally:
         rospy.signal_shutdown("asked")  # the call made a node, and the end of main() would leave it registered
     for host in hosts:
-        nodes = found.setdefault(host.masteruri, {})
+        nodes = result.setdefault(host.masteruri, {})
         for entry in list(host.publisher) + list(host.subscriber) + list(host.services):
             nodes[entry.node] = entry.nodeuri
-    return found
+    return result
 
 
 def main(questions):
     """Answer the questions, one line each, so that a service that never answers keeps nothing else back."""
-    for name, answer in (("types", md5sums), ("service", registered)):
+    for name, answer in (("types", md5sums), ("service", sync_nodes)):
         if questions[name]:
             sys.stdout.write(json.dumps({name: answer(questions[name])}) + "\n")
             sys.stdout.flush()

@@ -32,9 +32,9 @@ Fields = typing.Dict[str, str]
 
 def host_of(variables: typing.Mapping[str, str], uri: str) -> str:
     """Return the host by which a node of this computer calls itself, as rosgraph.network does; `uri` is that of its roscore."""
-    given = variables.get("ROS_HOSTNAME") or variables.get("ROS_IP")
-    named = given or socket.gethostname()
-    if given or not (named == "localhost" or named.startswith("127.")):
+    chosen = variables.get("ROS_HOSTNAME") or variables.get("ROS_IP")
+    named = chosen or socket.gethostname()
+    if chosen or not (named == "localhost" or named.startswith("127.")):
         return named
     place = uri.split("://")[-1].split("/")[0]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:  # nothing is sent
@@ -54,13 +54,13 @@ def header(fields: Fields) -> bytes:
 
 def fields_of(content: bytes) -> Fields:
     """Read the fields of a header, without its own length; a broken end is left out."""
-    found, at = {}, 0
+    fields, at = {}, 0
     while at + 4 <= len(content):
         (size,) = struct.unpack_from("<I", content, at)
         name, _equals, value = content[at + 4 : at + 4 + size].decode("utf-8", "replace").partition("=")
-        found[name] = value
+        fields[name] = value
         at += 4 + size
-    return found
+    return fields
 
 
 def message(text: str) -> bytes:
@@ -116,8 +116,8 @@ class Node:
         self.ended = False
         self._links: typing.Set[_Link] = set()
         self._selector = selectors.DefaultSelector()
-        within = "127.0.0.1" if host == "localhost" or host.startswith("127.") else ""
-        self._ports = [self._open(within, answer) for answer in (self._called, self._subscribed)]
+        bind_address = "127.0.0.1" if host == "localhost" or host.startswith("127.") else ""
+        self._ports = [self._open(bind_address, answer) for answer in (self._answer_call, self._answer_subscriber)]
         self.uri = f"http://{host}:{self._ports[0]}/"
 
     def _open(self, address: str, answer: typing.Callable[[_Link], None]) -> int:
@@ -211,7 +211,7 @@ class Node:
 
     # Subscribers: http://wiki.ros.org/ROS/TCPROS
 
-    def _subscribed(self, link: _Link) -> None:
+    def _answer_subscriber(self, link: _Link) -> None:
         size = struct.unpack("<I", link.read[:4])[0] if len(link.read) >= 4 else 0
         if len(link.read) < 4 or len(link.read) < 4 + size:
             return
@@ -245,7 +245,7 @@ class Node:
 
     # Callers: http://wiki.ros.org/ROS/Slave_API
 
-    def _called(self, link: _Link) -> None:
+    def _answer_call(self, link: _Link) -> None:
         head, end, body = link.read.partition(b"\r\n\r\n")
         if not end:
             return
@@ -285,13 +285,13 @@ class Node:
 
     def bus(self) -> typing.List[typing.Any]:
         """List the connections with subscribers, in the words of rospy."""
-        found: typing.List[typing.Any] = []
+        connections: typing.List[typing.Any] = []
         for link in self._links:
             if link.topic:
                 place = "{}:{} on socket {}".format(*link.connection.getpeername()[:2], link.connection.fileno())
                 words = f"TCPROS connection on port {self._ports[1]} to [{place}]"
-                found.append([len(found), link.name, "o", "TCPROS", link.topic, True, words])
-        return found
+                connections.append([len(connections), link.name, "o", "TCPROS", link.topic, True, words])
+        return connections
 
 
 # method -> its answer, without the name of who asks
@@ -322,7 +322,7 @@ def main(name: str, topic: str, text: str) -> None:
     node = Node(name, host_of(os.environ, uri), uri, {topic: text})
     roscore = xmlrpc.client.ServerProxy(uri)
     try:
-        while not _registered(roscore, name, topic, node.uri):
+        while not _register(roscore, name, topic, node.uri):
             time.sleep(RETRY)
         node.serve()
     finally:
@@ -330,7 +330,7 @@ def main(name: str, topic: str, text: str) -> None:
             roscore.unregisterPublisher(name, topic, node.uri)
 
 
-def _registered(roscore: typing.Any, name: str, topic: str, uri: str) -> bool:
+def _register(roscore: typing.Any, name: str, topic: str, uri: str) -> bool:
     try:
         code, said, _publishers = roscore.registerPublisher(name, topic, TYPE, uri)
     except (OSError, xmlrpc.client.Error):

@@ -31,7 +31,7 @@ FAREWELL = 10  # seconds that its node has to unregister: on a busy computer Pyt
 NO_SCRIPT = "rostopic is no script, so the Python of ROS is not known"
 
 
-class NoRos(Exception):
+class RosMissing(Exception):
     """ROS is missing here; one sentence says what, and what to do."""
 
 
@@ -47,17 +47,17 @@ class Ros:
     def command(self, name: str) -> str:
         """The path of a command of ROS. Raises NoRos."""
         if not self.uri:
-            raise NoRos(f"{self.file} has no ROS_MASTER_URI; run site.yml before the verification")
+            raise RosMissing(f"{self.file} has no ROS_MASTER_URI; run site.yml before the verification")
         path = shutil.which(name, path=self.variables.get("PATH", BASE_PATH))
         if path is None:
-            raise NoRos(f"there is no command {name} in the PATH of {self.file}; install it")
+            raise RosMissing(f"there is no command {name} in the PATH of {self.file}; install it")
         return path
 
-    def missing(self) -> str:
+    def problem(self) -> str:
         """Say why no node can run here, or nothing: a second computer of a robot may be without ROS."""
         try:
             self.command("rostopic")
-        except NoRos as problem:
+        except RosMissing as problem:
             return str(problem)
         return ""
 
@@ -120,8 +120,8 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
     def look() -> typing.Dict[str, typing.Any]:
         try:
             ros.command("rosservice")
-            rows, error = _listed(ros, deadline)
-        except NoRos as problem:
+            rows, error = _call_list_masters(ros, deadline)
+        except RosMissing as problem:
             return {"masters": [], "error": str(problem), "hopeless": True}
         except OSError as problem:
             return {"masters": [], "error": plain(problem), "hopeless": False}
@@ -135,33 +135,33 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
     return {"masters": seen["masters"], "error": seen["error"], "seconds": round(time.monotonic() - began, 1)}
 
 
-def _listed(ros: Ros, deadline: float) -> typing.Tuple[typing.List[typing.Dict[str, typing.Any]], str]:
+def _call_list_masters(ros: Ros, deadline: float) -> typing.Tuple[typing.List[typing.Dict[str, typing.Any]], str]:
     """Call list_masters; return its masters, and an error or ''. Raises OSError with a sentence, and NoRos."""
     try:
         rows = tcpros.call(str(ros.ask("lookupService", LIST_MASTERS)), LIST_MASTERS, tcpros.LIST_MASTERS, CALLER)
     except tcpros.UnknownType:  # of another version of multimaster_fkie, whose classes the command may know
         output, error = ros.run("rosservice", ["call", LIST_MASTERS], deadline - time.monotonic())
-        return listed(output), error
+        return read_masters(output), error
     return [{key: row[key] for key in ("name", "uri", "online", "monitoruri")} for row in rows], ""
 
 
-def listed(output: str) -> typing.List[typing.Dict[str, typing.Any]]:
+def read_masters(output: str) -> typing.List[typing.Dict[str, typing.Any]]:
     """Read the masters in the output of `rosservice call .../list_masters` (YAML by genpy).
 
     The deeper lines (secs and nsecs of the times) are left out; the report's version had other fields for them.
     """
-    found: typing.List[typing.Dict[str, typing.Any]] = []
+    rows: typing.List[typing.Dict[str, typing.Any]] = []
     for line in output.splitlines():
         if re.match(r"\s*-\s*$", line):
-            found.append({"name": "", "uri": "", "online": False, "monitoruri": ""})
+            rows.append({"name": "", "uri": "", "online": False, "monitoruri": ""})
         field = re.match(r" {4}(name|uri|online|monitoruri):\s*(.*?)\s*$", line)
-        if field and found:
+        if field and rows:
             name, value = field.groups()
-            found[-1][name] = value == "True" if name == "online" else unquoted(value)
-    return found
+            rows[-1][name] = value == "True" if name == "online" else _strip_quotes(value)
+    return rows
 
 
-def unquoted(value: str) -> str:
+def _strip_quotes(value: str) -> str:
     """Take the quotes off a text that genpy printed; older versions print none."""
     return value[1:-1] if len(value) > 1 and value[0] == value[-1] and value[0] in "\"'" else value
 

@@ -48,7 +48,7 @@ class Reader:
         """A string."""
         return self._take(self.number()).decode("utf-8", "replace")
 
-    def many(self, read: typing.Callable[["Reader"], typing.Any]) -> typing.List[typing.Any]:
+    def items(self, read: typing.Callable[["Reader"], typing.Any]) -> typing.List[typing.Any]:
         """A list of values that `read` reads."""
         count = self.number()
         self._entries += count
@@ -60,8 +60,8 @@ class Reader:
         end = self._at + size
         if end > len(self._data):
             raise ValueError("its end is missing")
-        taken, self._at = self._data[self._at : end], end
-        return taken
+        piece, self._at = self._data[self._at : end], end
+        return piece
 
 
 def _master(reader: Reader) -> Row:
@@ -93,20 +93,20 @@ def _service(reader: Reader) -> Row:
     }
 
 
-def _synced(reader: Reader) -> Row:
+def _sync_master(reader: Reader) -> Row:
     """fkie_multimaster_msgs/SyncMasterInfo."""
     return {
         "masteruri": reader.text(),
-        "nodes": reader.many(Reader.text),
-        "publisher": reader.many(_topic),
-        "subscriber": reader.many(_topic),
-        "services": reader.many(_service),
+        "nodes": reader.items(Reader.text),
+        "publisher": reader.items(_topic),
+        "subscriber": reader.items(_topic),
+        "services": reader.items(_service),
     }
 
 
 # md5 sum of a service -> how an entry of its answer is read; both services answer with one list, and ask nothing
 LIST_MASTERS = {"31a962d97ea3e3c12d428ff4786f124b": _master}
-GET_SYNC_INFO = {"d5261ec56e202860a07fb47b41e1b2a8": _synced}
+GET_SYNC_INFO = {"d5261ec56e202860a07fb47b41e1b2a8": _sync_master}
 
 
 def call(
@@ -133,39 +133,39 @@ def _call(
         raise ValueError(f"{quote(uri)} is no address of a service")
     with socket.create_connection((place.hostname, place.port), CALL) as connection:
         connection.sendall(node.header({"callerid": caller, "service": service, "md5sum": "*"}))
-        told = node.fields_of(_read_block(connection, _HEADER, deadline))
-        if "error" in told:
-            raise OSError(f"{service}: {quote(told['error'])}")
-        if told.get("md5sum") not in known:
+        fields = node.fields_of(_read_block(connection, _HEADER, deadline))
+        if "error" in fields:
+            raise OSError(f"{service}: {quote(fields['error'])}")
+        if fields.get("md5sum") not in known:
             raise UnknownType(
-                f"{service} is of the type {quote(told.get('type', ''))} ({quote(told.get('md5sum', ''))}), which is not known"
+                f"{service} is of the type {quote(fields.get('type', ''))} ({quote(fields.get('md5sum', ''))}), which is not known"
             )
         connection.sendall(node.block(b""))
         good = _read(connection, 1, deadline) == b"\1"
         answer = _read_block(connection, MOST, deadline)
     if not good:
         raise OSError(f"{service}: {quote(answer.decode('utf-8', 'replace'))}")
-    return Reader(answer).many(known[told["md5sum"]])
+    return Reader(answer).items(known[fields["md5sum"]])
 
 
-def heard(place: typing.Tuple[str, int], topic: str, caller: str) -> typing.Tuple[str, str]:
+def hear(place: typing.Tuple[str, int], topic: str, caller: str) -> typing.Tuple[str, str]:
     """Subscribe a topic of texts at its publisher, and return its next message, and its node. Raises OSError with a sentence."""
     deadline = time.monotonic() + CALL
     try:
         with socket.create_connection(place, CALL) as connection:
             fields = {"callerid": caller, "topic": topic, "type": node.TYPE, "md5sum": node.SUM, "tcp_nodelay": "1"}
             connection.sendall(node.header(fields))
-            told = node.fields_of(_read_block(connection, _HEADER, deadline))
-            if "error" in told:
-                raise OSError(plain(told["error"]))
-            return plain(Reader(_read_block(connection, _HEADER, deadline)).text()), plain(told.get("callerid", ""))
+            fields = node.fields_of(_read_block(connection, _HEADER, deadline))
+            if "error" in fields:
+                raise OSError(plain(fields["error"]))
+            return plain(Reader(_read_block(connection, _HEADER, deadline)).text()), plain(fields.get("callerid", ""))
     except socket.timeout:
         raise OSError(f"no message within {CALL:g} s") from None
     except (ValueError, struct.error) as problem:
         raise OSError(f"a message that is none: {quote(problem)}") from None
 
 
-def streamed(place: typing.Tuple[str, int], topic: str, caller: str, seconds: float) -> typing.Tuple[int, float]:
+def send_stream(place: typing.Tuple[str, int], topic: str, caller: str, seconds: float) -> typing.Tuple[int, float]:
     """Send to a talker as fast as it takes it; return the bytes that came there, and in how many seconds.
 
     Raises OSError with a sentence.
@@ -182,9 +182,9 @@ def streamed(place: typing.Tuple[str, int], topic: str, caller: str, seconds: fl
                 "stream": f"{seconds:g}",
             }
             connection.sendall(node.header(fields))
-            told = node.fields_of(_read_block(connection, _HEADER, deadline))
-            if "error" in told or "stream" not in told:
-                raise OSError(plain(told.get("error", "it takes no stream")))
+            fields = node.fields_of(_read_block(connection, _HEADER, deadline))
+            if "error" in fields or "stream" not in fields:
+                raise OSError(plain(fields.get("error", "it takes no stream")))
             _send(connection, deadline)
             came, took = Reader(_read_block(connection, _HEADER, deadline)).text().split()
             if not 0 < int(came) <= 2 * node.STREAM_BYTES or not 0 < float(took) <= node.REQUEST:

@@ -161,7 +161,7 @@ class Helper:
             peer.source = message.source
             offset = ((message.arrived - message.asked) + (message.arrived - wall)) / 2  # RFC 5905, section 8
             peer.samples.append((now - asked, offset))
-            self._answered(peer, now)
+            self._on_answer(peer, now)
         return []
 
     def _peer_at(self, address: str) -> typing.Optional[Peer]:
@@ -172,10 +172,10 @@ class Helper:
         return bool({address, self.settings.address} & self.settings.apart)
 
     def _may_answer(self, now: float) -> bool:
-        second, given = self.budget
-        given = given + 1 if second == int(now) else 1
-        self.budget = (int(now), given)
-        return given <= ANSWERS * len(self.settings.computers)
+        second, answers = self.budget
+        answers = answers + 1 if second == int(now) else 1
+        self.budget = (int(now), answers)
+        return answers <= ANSWERS * len(self.settings.computers)
 
     def _introduce(self, source: Address) -> Datagrams:
         """Introduce this helper to a new source: it may not hear us on the group, and could not ask us otherwise."""
@@ -207,7 +207,7 @@ class Helper:
                 self.rounds, self.done = None, True
                 self.telling.update((peer.control, TELLS) for peer in self.peers.values() if peer.control)
         self.due = now + IDLE
-        return self._probes(False) + [told for source in list(self.telling) for told in self._tell(source)]
+        return self._probes(False) + [hello for source in list(self.telling) for hello in self._tell(source)]
 
     def _measurement(self, rounds: int, interval: float, unicast: bool) -> Steps:
         """Take the steps of a measurement.
@@ -234,7 +234,7 @@ class Helper:
             yield PATIENCE, self._asks(late, when)
         self.awaited = set()
 
-    def _answered(self, peer: Peer, now: float) -> None:
+    def _on_answer(self, peer: Peer, now: float) -> None:
         if peer in self.awaited:
             self.awaited.remove(peer)
             if not self.awaited:
@@ -265,7 +265,7 @@ class Helper:
     def _message(self, kind: int, **fields: typing.Any) -> bytes:
         return encode(Message(kind, self.done, self.settings.address, **fields), self.settings.run)
 
-    def over(self, now: float) -> bool:
+    def is_over(self, now: float) -> bool:
         """Say if this helper is no longer needed: its time is up, or nobody is left that needs it."""
         if self.rounds is not None:
             return False
@@ -315,7 +315,7 @@ class Helper:
         heard = sum(count for interface, address, count in probes if interface == planned)
         translated = sorted({address for interface, address, count in probes} - {peer.address})
         after = peer.accounts.get(AFTER) or peer.accounts.get(DURING)
-        heard_by, loss = self._heard_by(peer, after)
+        heard_by, loss = self._rate_reception(peer, after)
         return dict(
             name=peer.name,
             address=peer.address,
@@ -331,7 +331,7 @@ class Helper:
             **times(peer.samples),
         )
 
-    def _heard_by(
+    def _rate_reception(
         self, peer: Peer, after: typing.Optional[Account]
     ) -> typing.Tuple[typing.Optional[bool], typing.Optional[float]]:
         """Say if a peer hears this computer on the group, and which share of the probes was lost; None if unknown."""

@@ -57,19 +57,19 @@ class Sockets(typing.NamedTuple):
 
 def open_sockets(settings: Settings, index: int, path: str) -> Sockets:
     """Open the sockets of a helper; `index` is the number of the interface, `path` that of the door. Raises OSError."""
-    opened: typing.List[socket.socket] = []
+    sockets: typing.List[socket.socket] = []
     try:
         for make in (
             lambda: _copies(settings, index),
             lambda: _control(settings, index),
             lambda: open_door(path),
         ):
-            opened.append(make())
+            sockets.append(make())
     except OSError:
-        for item in opened:
+        for item in sockets:
             item.close()
         raise
-    return Sockets(*opened)
+    return Sockets(*sockets)
 
 
 def _member(group: str, address: str, index: int) -> bytes:
@@ -80,13 +80,13 @@ def _member(group: str, address: str, index: int) -> bytes:
 def _copies(settings: Settings, index: int) -> socket.socket:
     raw = socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_UDP)
     raw.setblocking(False)
-    only_port(raw, settings.port)
+    filter_port(raw, settings.port)
     raw.setsockopt(socket.IPPROTO_IP, IP_PKTINFO, 1)
     raw.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _member(settings.group, settings.address, index))
     return raw
 
 
-def only_port(raw: socket.socket, port: int) -> None:
+def filter_port(raw: socket.socket, port: int) -> None:
     """Let only UDP datagrams to port through, and 64 bytes of each: a robot's other UDP traffic costs nothing here.
 
     The classic BPF program sees the packet from its IP header on: x = length of that header; port = 16 bits at x + 2.
@@ -118,7 +118,7 @@ def serve(sockets: Sockets, settings: Settings, path: str) -> None:
     errors: typing.Dict[str, typing.Any] = {"count": 0, "last": None}
     waiting: typing.List[socket.socket] = []
     try:
-        while not helper.over(time.monotonic()):
+        while not helper.is_over(time.monotonic()):
             send(sockets.control, helper.poll(time.monotonic(), time.time()), errors)
             if waiting and helper.rounds is None:
                 reply = dict(helper.result(), send_errors=errors)

@@ -53,7 +53,7 @@ def igmp6_memberships(text: str) -> typing.List[Membership]:
     ]
 
 
-def without_own(memberships: typing.List[Membership], interface: str, group: str) -> typing.List[Membership]:
+def drop_own(memberships: typing.List[Membership], interface: str, group: str) -> typing.List[Membership]:
     """Return the memberships without one user of (interface, group): the measurement itself is that user."""
     others = []
     for item in memberships:

@@ -19,9 +19,9 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.he
     serve,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.memberships import (
+    drop_own,
     igmp6_memberships,
     igmp_memberships,
-    without_own,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.multicast_report import (
     explain,
@@ -142,7 +142,7 @@ def look(params: Params) -> typing.Tuple[Result, typing.Tuple[str, ...], int]:
     return seen, tuple(addresses), interface.index if interface else 0
 
 
-def listed(seen: Result, group: str) -> str:
+def describe(seen: Result, group: str) -> str:
     """Return the message of the state `listed`."""
     members = sorted({item["interface"] for item in seen["memberships"] if item["group"] == group})
     return f"{group} has members on {', '.join(map(quote, members)) or 'no interface'}."
@@ -227,19 +227,19 @@ def settings_of(params: Params, interface: str, addresses: typing.Tuple[str, ...
     )
 
 
-def measured(params: Params, quiet: bool) -> Result:
+def run_state(params: Params, quiet: bool) -> Result:
     """Do what the state asks for, and return the result; with `quiet` nothing is sent. Raises Problem."""
     error = wrong(params)
     if error:
         raise Problem(error)
     seen, addresses, index = look(params)
-    result = dict(seen, msg=listed(seen, params["group"]))
+    result = dict(seen, msg=describe(seen, params["group"]))
     if params["state"] != "listed" and quiet:
         result["msg"] += " Check mode: nothing was sent, and no helper was started or asked."
     elif params["state"] == "started":
         result.update(start(settings_of(params, seen["interface"], addresses), index))
     elif params["state"] == "collected":
-        result["memberships"] = without_own(seen["memberships"], seen["interface"], params["group"])
+        result["memberships"] = drop_own(seen["memberships"], seen["interface"], params["group"])
         result.update(collect(params, settings_of(params, seen["interface"], addresses), index))
     return result
 

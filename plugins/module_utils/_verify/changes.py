@@ -54,11 +54,11 @@ Row = typing.Dict[str, str]
 def changes(root: str = "/") -> typing.List[Row]:
     """Tell what was changed when: files by their content, services that filter packets by their start, the computer itself."""
     found = [
-        {"about": about, "what": path, "how": "was changed", "when": told(when)}
+        {"about": about, "what": path, "how": "was changed", "when": format_time(when)}
         for about, groups in FILES.items()
         for path, when in filter(None, (latest(group, root) for group in groups))
     ]
-    return found + filters() + started(root)
+    return found + filters() + start_rows(root)
 
 
 def latest(patterns: typing.Sequence[str], root: str = "/") -> typing.Optional[typing.Tuple[str, float]]:
@@ -73,29 +73,29 @@ def latest(patterns: typing.Sequence[str], root: str = "/") -> typing.Optional[t
     return (max(times)[1], max(times)[0]) if times else None
 
 
-def told(when: float) -> str:
+def format_time(when: float) -> str:
     """Write a time as the findings say it."""
     return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(when))
 
 
 def filters() -> typing.List[Row]:
     """Tell when the services started that filter packets."""
-    shown = systemd.show([f"{name}.service" for name in FILTERS], ("Id", "ActiveState", "StateChangeTimestamp")).units
+    units = systemd.show([f"{name}.service" for name in FILTERS], ("Id", "ActiveState", "StateChangeTimestamp")).units
     return [
         {"about": "filter", "what": unit["Id"], "how": "was started", "when": unit["StateChangeTimestamp"]}
-        for unit in shown
+        for unit in units
         if unit.get("ActiveState") == "active" and unit.get("StateChangeTimestamp")
     ]
 
 
-def started(root: str = "/") -> typing.List[Row]:
+def start_rows(root: str = "/") -> typing.List[Row]:
     """Tell when the first process of this computer was started (proc(5)): with a container the container's."""
     words = commands.text(os.path.join(root, "proc/1/stat")).rpartition(")")[2].split()
     booted = re.search(r"^btime (\d+)", commands.text(os.path.join(root, "proc/stat")), re.MULTILINE)
     if booted is None or len(words) < 20 or not words[19].isdigit():
         return []
     when = int(booted.group(1)) + int(words[19]) / os.sysconf("SC_CLK_TCK")
-    return [{"about": "start", "what": "the computer", "how": "was started", "when": told(when)}]
+    return [{"about": "start", "what": "the computer", "how": "was started", "when": format_time(when)}]
 
 
 def carrier(interface: str) -> str:

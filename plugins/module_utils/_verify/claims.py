@@ -33,10 +33,10 @@ Answers = typing.Dict[Question, typing.List[str]]
 
 def claims(addresses: typing.Iterable[str], path: str = "/proc/net/route") -> typing.List[typing.Dict[str, typing.Any]]:
     """Ask who has the own addresses, and who has those of these and of the gateways that are on a network of this computer."""
-    asked = questions(network.interfaces(), [*addresses, *gateways(text(path))])
+    wanted = questions(network.interfaces(), [*addresses, *gateways(text(path))])
     return [
         {"address": address, "interface": interface, "macs": macs}
-        for (interface, address), macs in ask(asked[:MOST]).items()
+        for (interface, address), macs in ask(wanted[:MOST]).items()
     ]
 
 
@@ -56,30 +56,30 @@ def questions(interfaces: typing.Iterable[network.Interface], addresses: typing.
 def gateways(table: str, byteorder: typing.Any = sys.byteorder) -> typing.List[str]:
     """List the gateways in the content of /proc/net/route; the kernel prints an address as a number of the machine."""
     rows = (line.split() for line in table.splitlines()[1:])
-    found = (int(row[2], 16).to_bytes(4, byteorder) for row in rows if len(row) > 2)
-    return sorted({socket.inet_ntoa(address) for address in found if any(address)})
+    numbers = (int(row[2], 16).to_bytes(4, byteorder) for row in rows if len(row) > 2)
+    return sorted({socket.inet_ntoa(address) for address in numbers if any(address)})
 
 
-def ask(asked: typing.Sequence[Question]) -> Answers:
+def ask(wanted: typing.Sequence[Question]) -> Answers:
     """Send the questions, and collect the hardware addresses of all who answer; empty where this is not allowed here."""
-    found: Answers = {question: [] for question in asked}
+    answers: Answers = {question: [] for question in wanted}
     try:
         link = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(ARP))
     except (OSError, AttributeError):
         return {}
     with link:
         link.setblocking(False)
-        for unused in range(TRIES if asked else 0):
-            for interface, address in asked:
+        for unused in range(TRIES if wanted else 0):
+            for interface, address in wanted:
                 _send(link, interface, address)
-            _gather(link, found, time.monotonic() + ANSWER)
-    return found
+            _gather(link, answers, time.monotonic() + ANSWER)
+    return answers
 
 
 def _send(link: socket.socket, interface: str, address: str) -> None:
     try:
-        told = fcntl.ioctl(link, HARDWARE_ADDRESS, struct.pack("256s", interface.encode()[:15]))
-        kind, mac = struct.unpack("=H", told[16:18])[0], told[18:24]
+        reply = fcntl.ioctl(link, HARDWARE_ADDRESS, struct.pack("256s", interface.encode()[:15]))
+        kind, mac = struct.unpack("=H", reply[16:18])[0], reply[18:24]
         if kind == ETHERNET:
             link.sendto(question(mac, address), (interface, ARP, 0, ETHERNET, EVERYBODY))
     except OSError:
@@ -101,13 +101,13 @@ def answer(message: bytes) -> typing.Optional[typing.Tuple[str, str]]:
     return socket.inet_ntoa(address), ":".join(f"{byte:02x}" for byte in mac)
 
 
-def _gather(link: socket.socket, found: Answers, deadline: float) -> None:
+def _gather(link: socket.socket, answers: Answers, deadline: float) -> None:
     while select.select([link], [], [], max(0.0, deadline - time.monotonic()))[0]:
         try:
             message, sender = link.recvfrom(256)
         except OSError:
             return
-        told = answer(message)
-        macs = found.get((sender[0], told[0])) if told else None
-        if told and macs is not None and told[1] not in macs and len(macs) < MOST_ANSWERS:
-            macs.append(told[1])
+        reply = answer(message)
+        macs = answers.get((sender[0], reply[0])) if reply else None
+        if reply and macs is not None and reply[1] not in macs and len(macs) < MOST_ANSWERS:
+            macs.append(reply[1])

@@ -60,7 +60,7 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
     nodes = {node: uri for node, uri in uris.items() if node not in imported}
     named = {uri: node for node, uri in uris.items()}
     found["connections"], silent = _connections(ros, nodes, named, Places(members), own)
-    found["silent"] = _still_registered(ros, sorted(silent), nodes)
+    found["silent"] = _drop_ended(ros, sorted(silent), nodes)
     found["silences"] = [
         {"node": node, "host": host(nodes[node]), "error": silent[node][0], "outcome": silent[node][1].value}
         for node in found["silent"]
@@ -83,25 +83,27 @@ def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]
     """Read the nodes that master_sync has registered: {URI of a master: {node: URI}}. Raises OSError if nobody tells."""
     try:
         # Anybody may set a parameter. A number of some millions of digits would keep a processor for minutes as an int.
-        told = json.loads(ros.ask("getParam", IMPORTS), parse_int=float)["imports"]
-        if _of_masters(told):
-            return told
+        value = json.loads(ros.ask("getParam", IMPORTS), parse_int=float)["imports"]
+        if _are_masters(value):
+            return value
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         pass  # another implementation
     service = next((name for name in sorted(services) if name.endswith(SYNC_INFO)), None)
     if service is None:
         raise OSError(f"{ros.uri}: no master_sync tells what it has registered")
     try:
-        return _synced(tcpros.call(str(ros.ask("lookupService", service)), service, tcpros.GET_SYNC_INFO, CALLER))
+        return _read_sync_info(
+            tcpros.call(str(ros.ask("lookupService", service)), service, tcpros.GET_SYNC_INFO, CALLER)
+        )
     except tcpros.UnknownType:
         pass  # of another version of multimaster_fkie, whose classes may be there
     answers, error = _ask(ros, {"types": [], "service": service})
-    if not _of_masters(answers.get("service")):
+    if not _are_masters(answers.get("service")):
         raise OSError(f"{service} does not tell what is registered: {quote(error) or 'no answer'}")
     return answers["service"]
 
 
-def _synced(hosts: typing.List[typing.Dict[str, typing.Any]]) -> typing.Dict[str, typing.Dict[str, str]]:
+def _read_sync_info(hosts: typing.List[typing.Dict[str, typing.Any]]) -> typing.Dict[str, typing.Dict[str, str]]:
     """Return {URI of a master: {node: URI}} out of the answer of get_sync_info."""
     found: typing.Dict[str, typing.Dict[str, str]] = {}
     for host in hosts:
@@ -125,23 +127,23 @@ def _ask(ros: Ros, questions: typing.Dict[str, typing.Any]) -> typing.Tuple[typi
     output, error = ros.program("the Python of ROS", words, TYPES, json.dumps(questions))
     answers: typing.Dict[str, typing.Any] = {}
     for line in output.splitlines():  # among what somebody's package prints when it is imported
-        told = last_line(line.encode()) if line.startswith("{") else None
-        if isinstance(told, dict):
-            answers.update({name: told[name] for name in ("types", "service") if _texts(told.get(name))})
+        value = last_line(line.encode()) if line.startswith("{") else None
+        if isinstance(value, dict):
+            answers.update({name: value[name] for name in ("types", "service") if _texts(value.get(name))})
     return answers, error
 
 
-def _of_masters(told: typing.Any) -> bool:
+def _are_masters(value: typing.Any) -> bool:
     """Return True for {URI of a master: {node: URI}}."""
-    return _texts(told) and all(isinstance(nodes, dict) for nodes in told.values())
+    return _texts(value) and all(isinstance(nodes, dict) for nodes in value.values())
 
 
-def _texts(told: typing.Any) -> bool:
+def _texts(value: typing.Any) -> bool:
     """Return True for {text: text}, or {text: {text: text}}: what the program should answer."""
-    if not isinstance(told, dict):
+    if not isinstance(value, dict):
         return False
-    values = [value for entry in told.values() for value in (entry.values() if isinstance(entry, dict) else [entry])]
-    return all(isinstance(value, str) for value in values)
+    texts = [text for entry in value.values() for text in (entry.values() if isinstance(entry, dict) else [entry])]
+    return all(isinstance(text, str) for text in texts)
 
 
 def _parts(
@@ -207,7 +209,7 @@ def _bus_info(item: typing.Tuple[str, str]) -> typing.Tuple[typing.Any, str, Out
         return [], plain(str(problem)) or type(problem).__name__, Outcome.FAILED
 
 
-def _still_registered(ros: Ros, silent: typing.List[str], nodes: typing.Dict[str, str]) -> typing.List[str]:
+def _drop_ended(ros: Ros, silent: typing.List[str], nodes: typing.Dict[str, str]) -> typing.List[str]:
     """Leave out the nodes that have ended properly meanwhile."""
     if not silent:
         return []

@@ -149,9 +149,9 @@ def _look_closer(answered: typing.List[typing.Dict[str, typing.Any]]) -> None:
     }
     large = ping(sizes, sizes=sizes)
     known = neighbours()
-    lost = losses(some([entry["address"] for entry in answered]))
+    lost = losses(sample([entry["address"] for entry in answered]))
     silent = [entry["address"] for entry in answered if entry["address"] not in sizes]
-    tcp = dict(zip(silent, call_all(unused_port, silent, 10.0, lambda address: (Outcome.NO_ANSWER, "no answer"))))
+    tcp = dict(zip(silent, call_all(try_unused_port, silent, 10.0, lambda address: (Outcome.NO_ANSWER, "no answer"))))
     late = ping(silent, tries=1, answer=TOLD)
     for entry in answered:
         address = entry["address"]
@@ -171,7 +171,7 @@ def _add_late(entry: typing.Dict[str, typing.Any], late: Answer) -> None:
             entry["ping_address"] = late
 
 
-def some(addresses: typing.List[str]) -> typing.List[str]:
+def sample(addresses: typing.List[str]) -> typing.List[str]:
     """Take every so many of the addresses, so that a large fleet is not flooded."""
     return addresses[:: -(-len(addresses) // MOST_COUNTED) or 1]
 
@@ -212,7 +212,7 @@ def _count(link: socket.socket, identifier: int, got: typing.Dict[str, typing.Se
             got[heard.source].add(heard.sequence)
 
 
-def unused_port(address: str) -> typing.Tuple[Outcome, str]:
+def try_unused_port(address: str) -> typing.Tuple[Outcome, str]:
     """Try a TCP port that no program uses. It is refused where the computer is there; else the text says why nothing came."""
     answer = connect(address, UNUSED, ANSWER)
     if answer.outcome in (

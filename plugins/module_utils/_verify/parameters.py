@@ -28,11 +28,11 @@ def parameters(ros: Ros, planned: typing.Dict[str, typing.Dict[str, typing.Any]]
             continue
         if isinstance(there, dict):
             found["nodes"].append(node)
-            found["differing"] += differing(node, wanted, there)
+            found["differing"] += compare(node, wanted, there)
     return found
 
 
-def differing(
+def compare(
     node: str, wanted: typing.Dict[str, typing.Any], there: typing.Dict[str, typing.Any]
 ) -> typing.List[typing.Dict[str, str]]:
     """List the parameters with another value; None is one that is not set.

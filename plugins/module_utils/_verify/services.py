@@ -42,7 +42,7 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
         pid = seen.get("MainPID", "0")
         if pid != "0" and seen.get("EnvironmentFiles"):  # a service without the file needs no ROS
             try:
-                entry["differing"] = differing(processes.environment(pid), variables)
+                entry["differing"] = find_changed(processes.environment(pid), variables)
             except OSError:
                 entry["differing"] = None  # it ended since, or is not ours to look at
         if entry["differing"]:
@@ -66,6 +66,6 @@ def sets_environment(path: str) -> bool:
     return any(line.lstrip().startswith(b"Environment") for line in lines)
 
 
-def differing(process: typing.Dict[str, str], wanted: typing.Dict[str, str]) -> typing.List[str]:
+def find_changed(process: typing.Dict[str, str], wanted: typing.Dict[str, str]) -> typing.List[str]:
     """Name the wanted variables that have another value, or none, in the environment of a process."""
     return sorted(name for name, value in wanted.items() if process.get(name) != value)

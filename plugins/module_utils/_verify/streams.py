@@ -33,7 +33,7 @@ def _stream(ros: Ros, talker: str, label: str, caller: str, seconds: float, dead
     topic = topic_of(talker)
     try:
         place = place_of(topic, ros.ask("lookupNode", node_of(label, talker)), caller)
-        came, took = tcpros.streamed(place, topic, caller, seconds)
+        came, took = tcpros.send_stream(place, topic, caller, seconds)
     except Exception as problem:  # whatever a stranger answers
         return {"computer": talker, "mbit_s": None, "error": plain(problem)}
     return {"computer": talker, "mbit_s": round(came * 8 / took / 1e6, 1), "error": ""}

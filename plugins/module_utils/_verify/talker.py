@@ -95,6 +95,6 @@ def state() -> typing.Dict[str, typing.Any]:
     state = states_of([TALKER])[0].get("ActiveState", "")
     if state == "active":
         return {"running": True, "error": ""}
-    lines = run(["journalctl", "--quiet", "--no-pager", "--output=cat", "--lines=5", "--unit=" + TALKER])
-    said = lines.output.decode("utf-8", "replace").strip().splitlines()
-    return {"running": False, "error": plain(said[-1]) if said else "it did not run"}
+    answer = run(["journalctl", "--quiet", "--no-pager", "--output=cat", "--lines=5", "--unit=" + TALKER])
+    lines = answer.output.decode("utf-8", "replace").strip().splitlines()
+    return {"running": False, "error": plain(lines[-1]) if lines else "it did not run"}

@@ -7,7 +7,11 @@ import time
 import typing
 from urllib.parse import urlsplit
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.listener import Listener, Said, listener_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.listener import (
+    Listener,
+    Message,
+    listener_of,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, connect
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
@@ -24,16 +28,16 @@ def topics(
     ros: Ros, talkers: typing.List[str], label: str, own: str, deadline: float
 ) -> typing.List[typing.Dict[str, typing.Any]]:
     """Hear the topics of all talkers with one node, and look up the registered publishers of each."""
-    if not talkers or ros.missing():
+    if not talkers or ros.problem():
         return []
     poll(lambda: _answers(ros), bool, deadline)
     heard, errors, listened = listen(ros, talkers, label, own, deadline)
     settled = time.monotonic() + REGISTERING
     try:
-        published = _published(ros)
+        published = _read_publishers(ros)
     except OSError as problem:
         published, errors = {}, dict.fromkeys(map(topic_of, talkers), str(problem))
-    found = []
+    rows = []
     for talker in talkers:
         name = topic_of(talker)
         entry = dict(_topic(talker, name, heard.get(name, {}), sentence_of(label, talker)), listened=listened)
@@ -44,13 +48,13 @@ def topics(
         if not entry["heard"] and not entry["error"]:
             unknown = published and name not in published
             entry["error"] = f"the topic is not registered at {ros.uri}" if unknown else errors.get(name) or "nothing"
-        found.append(entry)
-    _reach_unheard(found)
-    return found
+        rows.append(entry)
+    _reach_unheard(rows)
+    return rows
 
 
-def _reach_unheard(found: typing.List[typing.Dict[str, typing.Any]]) -> None:
-    unheard = [entry for entry in found if entry["publishers"] and not entry["heard"]]
+def _reach_unheard(rows: typing.List[typing.Dict[str, typing.Any]]) -> None:
+    unheard = [entry for entry in rows if entry["publishers"] and not entry["heard"]]
     for entry, (outcome, text) in zip(
         unheard, call_all(_reach, unheard, REACHING, lambda entry: (Outcome.NO_ANSWER, "no answer"))
     ):
@@ -68,9 +72,9 @@ def _reach(entry: typing.Dict[str, typing.Any]) -> typing.Tuple[Outcome, str]:
     return answer.outcome, "open" if answer.outcome == Outcome.OPEN else answer.error or "no answer"
 
 
-def _topic(talker: str, name: str, said: typing.Dict[str, typing.Any], wanted: str) -> typing.Dict[str, typing.Any]:
+def _topic(talker: str, name: str, message: typing.Dict[str, typing.Any], wanted: str) -> typing.Dict[str, typing.Any]:
     """Compare what was heard on a topic (empty for nothing) with the text that is wanted."""
-    heard = said.get("text") == wanted
+    heard = message.get("text") == wanted
     return {
         "computer": talker,
         "topic": name,
@@ -78,13 +82,13 @@ def _topic(talker: str, name: str, said: typing.Dict[str, typing.Any], wanted: s
         "reached": "",
         "reached_outcome": Outcome.NOT_TRIED.value,
         "heard": heard,
-        "text": plain(said.get("text", "")),
-        "seconds": said.get("seconds"),
-        "error": f"heard {quote(said.get('text', ''))} instead" if said and not heard else "",
+        "text": plain(message.get("text", "")),
+        "seconds": message.get("seconds"),
+        "error": f"heard {quote(message.get('text', ''))} instead" if message and not heard else "",
     }
 
 
-def _published(ros: Ros) -> typing.Dict[str, typing.List[str]]:
+def _read_publishers(ros: Ros) -> typing.Dict[str, typing.List[str]]:
     """Read {topic: publishers} from the roscore. Raises OSError.
 
     A roscore may answer 500 while much is registered at the same time: it iterates over what is being changed.
@@ -106,7 +110,7 @@ def _answers(ros: Ros) -> bool:
 
 def listen(
     ros: Ros, talkers: typing.List[str], label: str, own: str, deadline: float
-) -> typing.Tuple[typing.Dict[str, Said], typing.Dict[str, str], bool]:
+) -> typing.Tuple[typing.Dict[str, Message], typing.Dict[str, str], bool]:
     """Listen to all talkers.
 
     Return {topic: text, node and seconds} of what was heard, {topic: why it was not}, and whether the listener itself ran.

@@ -14,10 +14,10 @@ import threading
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper_process import only_port
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper_process import filter_port
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import packet
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import admit, answer, remove_door
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.readings import Before, Wanted, everything
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.readings import LastLook, Targets, read_all
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.watch import Watch
 
 LOOK = 3.0  # seconds between two looks at the parts of this computer
@@ -30,7 +30,7 @@ AT_ONCE = 1000  # datagrams that are read in one turn
 Sources = typing.Mapping[str, str]  # address -> computer
 
 
-class Waiting(typing.NamedTuple):
+class Visitor(typing.NamedTuple):
     """A visitor who waits for the next loss, until a time (monotonic seconds)."""
 
     connection: socket.socket
@@ -42,7 +42,7 @@ def heartbeats_socket(port: int) -> socket.socket:
     raw = socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_UDP)
     try:
         raw.setblocking(False)
-        only_port(raw, port)
+        filter_port(raw, port)
     except OSError:
         raw.close()
         raise
@@ -69,7 +69,7 @@ def heartbeat(data: bytes, port: int) -> typing.Optional[Beat]:
     return Beat(found.source, found.destination, record[2] / 10)
 
 
-def arrived(raw: socket.socket, port: int) -> typing.Iterator[Beat]:
+def read_beats(raw: socket.socket, port: int) -> typing.Iterator[Beat]:
     """Yield the heartbeats that wait in a raw socket."""
     for _unused in range(AT_ONCE):
         try:
@@ -84,9 +84,9 @@ def arrived(raw: socket.socket, port: int) -> typing.Iterator[Beat]:
 class Looks:
     """Looks at the parts of this computer, in a thread: a command that hangs must not make others look silent."""
 
-    def __init__(self, wanted: Wanted) -> None:
-        self._wanted = wanted
-        self._before = Before(time.monotonic(), time.time())
+    def __init__(self, targets: Targets) -> None:
+        self._targets = targets
+        self._before = LastLook(time.monotonic(), time.time())
         self._done: queue.Queue = queue.Queue()
         self._busy = False
         self._due = 0.0
@@ -95,7 +95,7 @@ class Looks:
         """Begin a look where one is due."""
         if not self._busy and now >= self._due:
             self._busy, self._due = True, now + LOOK
-            thread = threading.Thread(target=lambda: self._done.put(everything(self._wanted, self._before)))
+            thread = threading.Thread(target=lambda: self._done.put(read_all(self._targets, self._before)))
             thread.daemon = True
             thread.start()
 
@@ -109,26 +109,26 @@ class Looks:
             return
 
 
-def serve(raw: socket.socket, door: socket.socket, path: str, wanted: Wanted, port: int, lifetime: float) -> None:
+def serve(raw: socket.socket, door: socket.socket, path: str, targets: Targets, port: int, lifetime: float) -> None:
     """Watch until the lifetime is over, or a visitor ends it."""
-    sources = {address: computer for computer, address, _port in wanted.masters if address not in wanted.addresses}
-    watch, looks = Watch(time.monotonic(), time.time()), Looks(wanted)
+    sources = {address: computer for computer, address, _port in targets.masters if address not in targets.addresses}
+    watch, looks = Watch(time.monotonic(), time.time()), Looks(targets)
     until = watch.began + lifetime
-    waiting: typing.List[Waiting] = []
+    waiting: typing.List[Visitor] = []
     try:
         while time.monotonic() < until:
             looks.begin(time.monotonic())
             ready = select.select([raw, door], [], [], TURN)[0]
-            _hear(watch, arrived(raw, port), sources, wanted.group)
+            _hear(watch, read_beats(raw, port), sources, targets.group)
             lost = watch.beat(time.monotonic(), time.time())
             for values in looks.results():
                 lost = watch.read(time.time(), values) or lost
             if door in ready:
                 connection, request = admit(door)
                 if request.get("do") == "end":
-                    waiting.append(Waiting(connection, 0.0))
+                    waiting.append(Visitor(connection, 0.0))
                     return
-                waiting.append(Waiting(connection, watch.began + float(request.get("until", 0))))
+                waiting.append(Visitor(connection, watch.began + float(request.get("until", 0))))
             waiting = _reply(watch, waiting, lost)
     finally:
         remove_door(path)
@@ -141,10 +141,10 @@ def _hear(watch: Watch, beats: typing.Iterable[Beat], sources: Sources, group: s
             continue
         # A node that sends to the group also answers who asks it directly, now and then: so no way but the group has a rhythm.
         for kind in ("group", "master") if beat.destination == group else ("master",):
-            watch.heard(time.monotonic(), kind, sources[beat.source], beat.rate)
+            watch.hear(time.monotonic(), kind, sources[beat.source], beat.rate)
 
 
-def _reply(watch: Watch, waiting: typing.List[Waiting], lost: bool) -> typing.List[Waiting]:
+def _reply(watch: Watch, waiting: typing.List[Visitor], lost: bool) -> typing.List[Visitor]:
     """Answer those who have waited long enough, or all after a loss; return the others."""
     now = time.monotonic()
     for visitor in waiting:

@@ -24,7 +24,7 @@ MOST_BYTES = 1 << 20  # of a file
 Values = typing.Dict[typing.Tuple[str, str], str]
 
 
-class Wanted(typing.NamedTuple):
+class Targets(typing.NamedTuple):
     """The parts of this computer that are watched."""
 
     group: str
@@ -35,14 +35,14 @@ class Wanted(typing.NamedTuple):
     destinations: typing.Tuple[str, ...]  # of routes of the plan: networks, or default
 
 
-def everything(wanted: Wanted, before: "Before") -> Values:
+def read_all(targets: Targets, before: "LastLook") -> Values:
     """Read all parts."""
     values: Values = {}
-    values.update(links(wanted.addresses, wanted.group))
-    values.update(routes(wanted.destinations, _text("/proc/net/route")))
-    values.update({("setting", name): setting(name) for name in wanted.settings})
-    values.update(services(wanted.services, before))
-    values.update(ports(wanted.masters))
+    values.update(links(targets.addresses, targets.group))
+    values.update(routes(targets.destinations, _text("/proc/net/route")))
+    values.update({("setting", name): setting(name) for name in targets.settings})
+    values.update(services(targets.services, before))
+    values.update(ports(targets.masters))
     values["hosts", "/etc/hosts"] = _sum("/etc/hosts")
     values["clock", "clock"] = before.clock(time.monotonic(), time.time())
     return values
@@ -89,7 +89,7 @@ def setting(name: str) -> str:
     return _text("/proc/sys/" + path).strip() or "not there"
 
 
-def services(units: typing.Sequence[str], before: "Before") -> Values:
+def services(units: typing.Sequence[str], before: "LastLook") -> Values:
     """Read the state of units, and whether they were started again."""
     if not units:
         return {}
@@ -118,7 +118,7 @@ def _opens(address: str, port: int) -> str:
     return why
 
 
-class Before:
+class LastLook:
     """The last look at things that happen in a moment: a step of the clock, a service that is started again."""
 
     def __init__(self, now: float, wall: float) -> None:

@@ -30,7 +30,7 @@ Key = typing.Tuple[str, str]  # kind and name
 Plain = typing.Dict[str, typing.Any]
 
 
-class Beat:
+class Sender:
     """When a sender was heard last, and how long it may be silent."""
 
     __slots__ = ("last", "limit")
@@ -51,15 +51,15 @@ class Watch:
         self.began, self.wall = now, wall  # monotonic seconds, Unix time
         self.first: typing.Dict[Key, str] = {}
         self.lost: typing.Dict[Key, float] = {}  # -> the Unix time since when
-        self.beats: typing.Dict[Key, Beat] = {}
+        self.beats: typing.Dict[Key, Sender] = {}
         self.events: typing.List[Plain] = []
         self.dropped = 0
 
-    def heard(self, now: float, kind: str, name: str, rate: float) -> None:
+    def hear(self, now: float, kind: str, name: str, rate: float) -> None:
         """Note a heartbeat; `rate` is what it promises, in heartbeats a second."""
         key = kind, name
         if key in self.beats or len(self.beats) < SENDERS:
-            self.beats[key] = Beat(now, silence(rate))
+            self.beats[key] = Sender(now, silence(rate))
             self.first.setdefault(key, HEARD)
 
     def beat(self, now: float, wall: float) -> bool:

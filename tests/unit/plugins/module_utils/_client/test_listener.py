@@ -70,8 +70,8 @@ def test_who_does_not_answer_is_asked_again_and_named(made, master):
 @pytest.mark.parametrize("publishers", ["text", 7, [7, None], {"a": 1}])
 def test_a_strange_list_of_publishers_is_nobody(made, master, publishers):
     listener = Listener(made, "listener", {ONE: "run one"})
-    listener._told(ONE, publishers)
-    listener._told("/other", ["http://127.0.0.1:9/"])
+    listener._on_publishers(ONE, publishers)
+    listener._on_publishers("/other", ["http://127.0.0.1:9/"])
     assert listener._due.empty()
     listener.node.ended = True
     listener.node.serve()

@@ -46,7 +46,7 @@ def test_a_talker_is_registered_heard_and_unregistered():
             assert asked.getMasterUri("/x")[2] == uri
             assert asked.getPublications("/x")[2] == [[TOPIC, "std_msgs/String"]]
             _code, _said, (_protocol, host, port) = asked.requestTopic("/x", TOPIC, [["TCPROS"]])
-            assert tcpros.heard((host, port), TOPIC, "/x") == ("run kobuki1computer", "/talker")
+            assert tcpros.hear((host, port), TOPIC, "/x") == ("run kobuki1computer", "/talker")
         assert process.returncode == 0 and roscore.of(TOPIC) == []
 
 
@@ -125,7 +125,7 @@ def test_a_stranger_is_let_go_and_the_others_are_served(own, said):
                 assert connection.recv(1 << 16) == b""
             except (ConnectionResetError, BrokenPipeError):
                 pass
-    assert tcpros.heard(place(own), TOPIC, "/x") == ("hello", "/talker")
+    assert tcpros.hear(place(own), TOPIC, "/x") == ("hello", "/talker")
 
 
 def test_a_caller_that_says_nothing_is_let_go(own, monkeypatch):
@@ -161,7 +161,7 @@ def test_a_node_calls_itself_as_rosgraph_does(monkeypatch, variables, hostname, 
 
 
 def stream(own, seconds, name="/x"):
-    return tcpros.streamed(place(own), TOPIC, name, seconds)
+    return tcpros.send_stream(place(own), TOPIC, name, seconds)
 
 
 def test_a_stream_is_counted_where_it_comes_and_is_bounded(own, monkeypatch):
@@ -172,7 +172,7 @@ def test_a_stream_is_counted_where_it_comes_and_is_bounded(own, monkeypatch):
     monkeypatch.setattr(node, "STREAM_BYTES", 100_000)
     came, took = stream(own, 2.0)
     assert 100_000 <= came < 300_000 and took < 2.0
-    assert tcpros.heard(place(own), TOPIC, "/x") == ("hello", "/talker")
+    assert tcpros.hear(place(own), TOPIC, "/x") == ("hello", "/talker")
 
 
 def test_a_stream_is_no_longer_than_the_talker_allows(own, monkeypatch):
@@ -211,7 +211,7 @@ def test_whatever_length_a_stranger_asks_for_the_talker_stays(own, seconds, monk
                 pass
     except (struct.error, ConnectionResetError):
         pass
-    assert tcpros.heard(place(own), TOPIC, "/x") == ("hello", "/talker")
+    assert tcpros.hear(place(own), TOPIC, "/x") == ("hello", "/talker")
 
 
 def test_one_who_is_no_talker_of_this_run_takes_no_stream():
@@ -219,7 +219,7 @@ def test_one_who_is_no_talker_of_this_run_takes_no_stream():
         thread = threading.Thread(target=lambda: door.accept()[0].sendall(node.header({"topic": TOPIC})))
         thread.start()
         with pytest.raises(OSError, match="it takes no stream"):
-            tcpros.streamed(door.getsockname(), TOPIC, "/x", 0.1)
+            tcpros.send_stream(door.getsockname(), TOPIC, "/x", 0.1)
         thread.join()
 
 
@@ -236,4 +236,4 @@ def test_a_number_that_cannot_be_is_a_sentence(said):
         thread = threading.Thread(target=answer, args=(door,), daemon=True)
         thread.start()
         with pytest.raises(OSError, match="an answer that is none"):
-            tcpros.streamed(door.getsockname(), TOPIC, "/x", 0.1)
+            tcpros.send_stream(door.getsockname(), TOPIC, "/x", 0.1)

@@ -35,7 +35,7 @@ def test_command_that_fails_or_is_not_there(ros):
     made, command = ros
     command("rostopic", "echo first >&2; echo 'ERROR: Unable to communicate with master!' >&2; exit 1")
     assert made.run("rostopic", [], 5)[1] == "ERROR: Unable to communicate with master!"
-    with pytest.raises(probe_ros.NoRos, match="no command roscall"):
+    with pytest.raises(probe_ros.RosMissing, match="no command roscall"):
         made.run("roscall", [], 5)
 
 
@@ -44,7 +44,7 @@ def test_without_an_environment_there_is_a_sentence(tmp_path):
     assert "no ROS_MASTER_URI" in probe_ros.roscore(made, 0)["error"]
     assert "site.yml" in probe_ros.list_masters(made, set(), 0)["error"]
     assert topics.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0) == []
-    assert "site.yml" in made.missing()
+    assert "site.yml" in made.problem()
 
 
 def test_master_api(roscore):
@@ -97,7 +97,7 @@ OLD = """masters:
 
 
 def test_masters_of_today_and_of_the_report():
-    first, second = probe_ros.listed(LISTED)
+    first, second = probe_ros.read_masters(LISTED)
     assert first == {
         "name": "kobuki1computer",
         "uri": "http://kobuki1computer:11311/",
@@ -105,19 +105,19 @@ def test_masters_of_today_and_of_the_report():
         "monitoruri": "http://192.168.1.229:11611",
     }
     assert (second["name"], second["online"]) == ("kobuki2computer", False)
-    assert probe_ros.listed(OLD) == [first]
+    assert probe_ros.read_masters(OLD) == [first]
 
 
 @pytest.mark.parametrize(
     "text", ["", "masters: []\n", "ERROR: Service [/master_discovery/list_masters] is not available.\n"]
 )
 def test_no_masters(text):
-    assert probe_ros.listed(text) == []
+    assert probe_ros.read_masters(text) == []
 
 
 @given(st.text(max_size=300))
 def test_any_output_is_read(text):
-    probe_ros.listed(text)
+    probe_ros.read_masters(text)
     probe_ros.interpreter(text.encode())
     probe_ros.environment(text)
 

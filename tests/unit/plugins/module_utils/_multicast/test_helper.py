@@ -63,7 +63,7 @@ class Air:
             else:
                 self.send(number, helper.message(self.now, self.now + self.clocks[number], source, payload))
         for number, helper in enumerate(self.helpers):
-            self.ended[number] = self.ended[number] or helper.over(self.now)
+            self.ended[number] = self.ended[number] or helper.is_over(self.now)
             if not self.ended[number]:
                 self.send(number, helper.poll(self.now, self.now + self.clocks[number]))
         self.now += 0.005
@@ -266,9 +266,9 @@ def test_probes_are_empty_and_slow_while_nobody_measures():
 
 def test_lifetime_ends_a_helper_between_measurements():
     one = helper()
-    assert not one.over(99) and one.over(100)
+    assert not one.is_over(99) and one.is_over(100)
     one.measure(99, 1, 0.1, False)
-    assert not one.over(100)
+    assert not one.is_over(100)
 
 
 # The module's options

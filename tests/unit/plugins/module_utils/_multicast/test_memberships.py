@@ -37,6 +37,6 @@ def test_memberships_of_the_kernels_tables():
 
 def test_own_membership_is_not_counted():
     found = m.igmp_memberships(IGMP, "little")
-    assert m.without_own(found, "eth0", "226.0.0.0")[1]["users"] == 1
-    assert len(m.without_own(found, "eth0", "224.0.0.1")) == len(found) - 1
+    assert m.drop_own(found, "eth0", "226.0.0.0")[1]["users"] == 1
+    assert len(m.drop_own(found, "eth0", "224.0.0.1")) == len(found) - 1
     assert found == m.igmp_memberships(IGMP, "little")

@@ -30,13 +30,13 @@ def test_the_last_changed_file_of_a_group_is_named(tmp_path):
 
 
 def test_the_start_of_this_computer():
-    (found,) = changes.started()
+    (found,) = changes.start_rows()
     assert found["about"] == "start" and re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC", found["when"])
     assert found["when"] <= time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(time.time() + 2))
 
 
 def test_without_a_kernel_that_tells_it_there_is_no_start(tmp_path):
-    assert changes.started(str(tmp_path)) == []
+    assert changes.start_rows(str(tmp_path)) == []
 
 
 def test_an_interface_without_a_line_in_the_journal_has_none():

@@ -142,8 +142,8 @@ def test_a_host_that_drops_pings_is_silent_without_a_cause(hosts):
 
 def test_no_answer_is_a_loss_and_a_large_fleet_is_not_flooded():
     assert network.losses([]) == {}
-    assert len(network.some([str(number) for number in range(1000)])) <= network.MOST_COUNTED
-    assert network.some(["one", "two"]) == ["one", "two"] and network.some([]) == []
+    assert len(network.sample([str(number) for number in range(1000)])) <= network.MOST_COUNTED
+    assert network.sample(["one", "two"]) == ["one", "two"] and network.sample([]) == []
 
 
 @root
@@ -152,7 +152,7 @@ def test_lost_pings_are_counted():
 
 
 def test_a_port_that_nobody_uses():
-    assert network.unused_port("127.0.0.1") == (Outcome.REFUSED, "refused")
+    assert network.try_unused_port("127.0.0.1") == (Outcome.REFUSED, "refused")
 
 
 HIDDEN = """

@@ -58,12 +58,12 @@ def test_what_differs_and_what_is_not_there():
     ],
 )
 def test_of_what_the_plan_does_not_have_only_filters_count(name, value, counts):
-    assert bool(parameters.differing("master_sync", {}, {name: value})) == counts
+    assert bool(parameters.compare("master_sync", {}, {name: value})) == counts
 
 
 @pytest.mark.parametrize("value", ["x" * 10**6, "\x1b[2J", [[1]] * 10**5, b"\x00", float("nan")])
 def test_what_anybody_may_have_set_is_short_and_plain(value):
-    (entry,) = parameters.differing("master_sync", {"ignore_topics": []}, {"ignore_topics": value})
+    (entry,) = parameters.compare("master_sync", {"ignore_topics": []}, {"ignore_topics": value})
     assert len(entry["found"]) <= parameters.LONGEST and entry["found"].isprintable()
 
 

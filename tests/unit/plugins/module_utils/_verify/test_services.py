@@ -12,7 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify impor
 def test_differing_names_what_the_process_lacks():
     process = {"ROS_MASTER_URI": "http://old:11311", "PATH": "/bin"}
     wanted = {"ROS_MASTER_URI": "http://new:11311", "ROS_HOSTNAME": "kobuki1computer", "PATH": "/bin"}
-    assert services.differing(process, wanted) == ["ROS_HOSTNAME", "ROS_MASTER_URI"]
+    assert services.find_changed(process, wanted) == ["ROS_HOSTNAME", "ROS_MASTER_URI"]
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def test_an_address_that_nobody_has():
 
 
 def test_the_clock_and_services_are_compared_with_the_last_look():
-    before = readings.Before(0.0, 1000.0)
+    before = readings.LastLook(0.0, 1000.0)
     assert before.clock(3.0, 1003.01) == "steady"
     assert before.clock(6.0, 1008.01) == "stepped by +2.0 s"
     assert before.clock(9.0, 1011.01) == "steady"

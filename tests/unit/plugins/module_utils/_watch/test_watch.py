@@ -34,10 +34,10 @@ def test_a_service_down_at_the_first_look_is_lost_at_once():
 def test_silence_is_lost_from_the_last_heartbeat_on():
     watch = Watch(0.0, WALL)
     for second in range(10):
-        watch.heard(float(second), "group", "pc", 1.0)
+        watch.hear(float(second), "group", "pc", 1.0)
     assert not watch.beat(9.0 + module.QUIET, WALL + 9 + module.QUIET)
     assert watch.beat(9.1 + module.QUIET, WALL + 9.1 + module.QUIET)
-    watch.heard(20.0, "group", "pc", 1.0)
+    watch.hear(20.0, "group", "pc", 1.0)
     watch.beat(20.5, WALL + 20.5)
     assert events(watch) == [("group", "pc", False, 9.0), ("group", "pc", True, 20.5)]
 
@@ -50,8 +50,8 @@ def test_who_promises_few_heartbeats_may_be_silent_for_longer():
 
 def test_a_promise_that_changes_counts_from_then_on():
     watch = Watch(0.0, WALL)
-    watch.heard(0.0, "group", "pc", 1.0)
-    watch.heard(1.0, "group", "pc", 0.1)
+    watch.hear(0.0, "group", "pc", 1.0)
+    watch.hear(1.0, "group", "pc", 0.1)
     assert not watch.beat(30.0, WALL + 30)
     assert watch.beat(42.0, WALL + 42)
 
@@ -67,5 +67,5 @@ def test_events_are_bounded_and_counted():
 def test_a_flood_of_senders_is_bounded():
     watch = Watch(0.0, WALL)
     for number in range(module.SENDERS + 100):
-        watch.heard(0.0, "group", f"pc{number}", 1.0)
+        watch.hear(0.0, "group", f"pc{number}", 1.0)
     assert watch.report(0.0)["watched"] == module.SENDERS
