@@ -43,6 +43,7 @@ ROOMS = {
         "_multicast": {"_machine", "_module", "_process"},
         "_verify": {"_client", "_machine", "_module", "_multicast", "_process"},
         "_look": {"_changes", "_client", "_machine", "_module", "_process", "_routes", "_verify"},
+        "_probe": {"_boot", "_client", "_look", "_machine", "_module", "_multicast", "_process", "_verify"},
         "_watch": {"_machine", "_multicast", "_process"},
     },
     PLUGIN_UTILS: {

@@ -45,7 +45,7 @@ class Ros:
         self.uri = self.variables.get("ROS_MASTER_URI", "")
 
     def command(self, name: str) -> str:
-        """The path of a command of ROS. Raises NoRos."""
+        """The path of a command of ROS. Raises RosMissing."""
         if not self.uri:
             raise RosMissing(f"{self.file} has no ROS_MASTER_URI; run site.yml before the verification")
         path = shutil.which(name, path=self.variables.get("PATH", BASE_PATH))
@@ -62,7 +62,7 @@ class Ros:
         return ""
 
     def python(self) -> typing.List[str]:
-        """Return the words that run the Python of this computer's ROS; empty where rostopic is no script. Raises NoRos."""
+        """Return the words that run the Python of this computer's ROS; empty where rostopic is no script. Raises RosMissing."""
         return interpreter(read_regular(self.command("rostopic"), 4096))
 
     def run(self, name: str, arguments: typing.List[str], seconds: float) -> typing.Tuple[str, str]:
@@ -136,7 +136,7 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
 
 
 def _call_list_masters(ros: Ros, deadline: float) -> typing.Tuple[typing.List[typing.Dict[str, typing.Any]], str]:
-    """Call list_masters; return its masters, and an error or ''. Raises OSError with a sentence, and NoRos."""
+    """Call list_masters; return its masters, and an error or ''. Raises OSError with a sentence, and RosMissing."""
     try:
         rows = tcpros.call(str(ros.ask("lookupService", LIST_MASTERS)), LIST_MASTERS, tcpros.LIST_MASTERS, CALLER)
     except tcpros.UnknownType:  # of another version of multimaster_fkie, whose classes the command may know

@@ -1,0 +1,63 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The options of multimaster_verify, checked before anything is sent."""
+
+import re
+import typing
+
+from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import is_address
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import is_network
+
+Params = typing.Dict[str, typing.Any]
+
+
+def find_wrong_option(params: Params) -> typing.Optional[str]:
+    """Say in one sentence which option cannot be used; None where all can."""
+    if not re.match(r"[A-Za-z0-9._-]{1,64}\Z", params["run"]):
+        return f"run is {params['run']!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores."
+    for option, least, most in (("patience", 0, 600), ("lifetime", 10, 7200), ("seconds", 0.1, 2)):
+        if not least <= params[option] <= most:
+            return f"{option} is {params[option]}, expected {least} to {most} seconds."
+    members = [member["name"] for member in params["members"] or []]
+    if members and params["name"] not in members and not params["is_router"]:
+        return (
+            f"name is {params['name']!r}, which is not among members ({', '.join(members)}); "
+            "add this computer to the list."
+        )
+    return next(filter(None, list_wrong_places(params)), None)
+
+
+def list_wrong_places(params: Params) -> typing.Iterator[str]:
+    """Find the texts that are no address, network or port, one sentence each."""
+    members, masters = params["members"] or [], params["masters"] or []
+    ports = [("port", params["port"])]
+    addresses = []
+    for member in members:
+        place = f"members: the %s of {member['name']}"
+        addresses.append((place % "address", member["address"]))
+        if member["discovery_address"]:
+            addresses.append((place % "discovery_address", member["discovery_address"]))
+        if member["network"] and not is_network(member["network"]):
+            yield f"{place % 'network'} is {member['network']!r}, expected a network such as 192.168.1.0/24."
+    for master in masters:
+        addresses.append((f"masters: the address of {master['computer']}", master["address"]))
+        ports.append((f"masters: the rpc_port of {master['computer']}", master["rpc_port"]))
+    for place, address in addresses:
+        if not is_address(address):
+            yield f"{place} is {address!r}, expected an IPv4 address such as 192.168.1.239."
+    for place, number in ports:
+        if not 1 <= number <= 65535:
+            yield f"{place} is {number}, expected a port from 1 to 65535."
+
+
+def validate_options(
+    option: str, options: Params, specification: Params, required_if: typing.Sequence[typing.Any] = ()
+) -> Params:
+    """Return the options of another module, given as an option of this one. Raises Problem."""
+    validation = ArgumentSpecValidator(specification, required_if=required_if).validate(options)
+    if validation.error_messages:
+        raise Problem(f"{option}: {'; '.join(validation.error_messages)}.")
+    return dict(validation.validated_parameters)

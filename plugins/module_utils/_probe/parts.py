@@ -1,0 +1,188 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The parts of a verification: their keys in the result, and the functions that look."""
+
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import ros as ros_commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.options import Params, validate_options
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_all
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
+    changes,
+    claims,
+    exchange,
+    masters,
+    network,
+    parameters,
+    resources,
+    services,
+    topics,
+)
+
+# Seconds; more than any part takes by its own limits. A part that is later is named and left behind.
+LONGEST = 900.0
+
+Result = typing.Dict[str, typing.Any]
+
+
+class Part(typing.NamedTuple):
+    """A part of the result: its key, the function that looks, and the value where it cannot look."""
+
+    name: str
+    look: typing.Callable[[Params, Ros, float], typing.Any]  # options, ROS, deadline (monotonic seconds)
+    default: typing.Any
+    runs_commands: bool = False  # it runs commands of ROS or measures with others, so it is left out in check mode
+    on_router: bool = False  # the router of the common network has it, too
+    # It is looked at when the other parts are through, and on the computer of a roscore only. By then what was waited for
+    # is there, and a robot's other computers would only ask the same roscore.
+    final: bool = False
+    # It measures with the others of the fleet and waits for them alone, so all else goes on meanwhile.
+    shared: bool = False
+
+
+def present(params: Params) -> typing.Set[str]:
+    """Name the computers that take part."""
+    members = [member["name"] for member in params["members"]]
+    return set(members if params["present"] is None else params["present"])
+
+
+def list_members(params: Params) -> typing.List[Result]:
+    """List the members to look at, this computer among them."""
+    names = None if params["tried"] is None else {params["name"], *params["tried"]}
+    return [member for member in params["members"] if names is None or member["name"] in names]
+
+
+def list_talkers(params: Params) -> typing.List[str]:
+    """Name the computers whose talkers are to be heard here, in the order of the members."""
+    talkers = (present(params) if params["talkers"] is None else set(params["talkers"])) - {params["name"]}
+    return [member["name"] for member in list_members(params) if member["name"] in talkers]
+
+
+def look_members(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+    return network.members(list_members(params), params["name"], not params["is_router"])
+
+
+def look_claims(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+    """Ask for the owners of the own addresses, and of the others' addresses on the same networks."""
+    others = [member for member in list_members(params) if member["name"] != params["name"]]
+    return claims.claims(
+        address for member in others for address in (member["address"], member["discovery_address"]) if address
+    )
+
+
+def look_masters(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+    """Look at the discovery nodes of all masters. Wait only for those of computers that take part."""
+    awaited = present(params)
+    return call_all(
+        lambda master: masters.discovery(master, deadline if master["computer"] in awaited else 0.0),
+        params["masters"],
+        LONGEST,
+        lambda master: None,
+    )
+
+
+def look_list_masters(params: Params, ros: Ros, deadline: float) -> Result:
+    """Call list_masters until it has the masters of all computers that take part."""
+    computers = present(params)
+    names = {master["name"] for master in params["masters"] if master["computer"] in computers}
+    return ros_commands.list_masters(ros, names, deadline)
+
+
+def look_outsiders(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+    """Ask the discovery node of this computer for the peers that it ignores."""
+    own = [master["monitor_uri"] for master in params["masters"] if master["computer"] == params["name"]]
+    return masters.outsiders(own[0]) if own else []
+
+
+def look_topics(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+    return topics.topics(ros, list_talkers(params), params["run"], params["name"], deadline)
+
+
+# Imports take most of a module's start. A part that few computers or states need is imported where it is used.
+
+
+def look_next_boot(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._boot import next_boot
+
+    return [] if params["boot"] is None else next_boot.differences(params["services"], params["boot"])
+
+
+def look_multicast(params: Params, ros: Ros, deadline: float) -> typing.Optional[Result]:
+    """Measure on the group. An obstacle is a result too, since the other parts still count."""
+    return group(params, "collected")
+
+
+def group(params: Params, state: str) -> typing.Optional[Result]:
+    """Return what multicast_verify returns in this state; None where nothing is measured on the group."""
+    if params["multicast"] is None:
+        return None
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import multicast
+
+    try:
+        options = validate_options(
+            "multicast", dict(params["multicast"], state=state), multicast.OPTIONS, multicast.REQUIRED_IF
+        )
+        return multicast.run_state(options, quiet=False)
+    except Problem as problem:
+        return {"failed": True, "msg": str(problem)}
+
+
+def environment(params: Params, ros: Ros) -> typing.Dict[str, str]:
+    """The environment that services are to have: that of the file, and what the plan says in any case."""
+    return {**ros.variables, **{name: str(value) for name, value in params["variables"].items()}}
+
+
+PARTS = (
+    Part("multicast", look_multicast, None, runs_commands=True, shared=True),  # first: it waits most
+    Part("members", look_members, [], on_router=True),
+    Part("claims", look_claims, [], on_router=True),
+    Part("policy", lambda params, ros, deadline: network.policy(), {"rules": [], "closed": []}, on_router=True),
+    Part("name_sources", lambda params, ros, deadline: network.name_sources(), []),
+    Part("default_routes", lambda params, ros, deadline: network.default_routes(), [], on_router=True),
+    Part(
+        "forwarding",
+        lambda params, ros, deadline: network.forwarding(),
+        {"ip_forward": None, "interfaces": []},
+        on_router=True,
+    ),
+    Part("masters", look_masters, []),
+    Part(
+        "roscore",
+        lambda params, ros, deadline: ros_commands.roscore(ros, deadline),
+        {"uri": "", "answer": "", "error": "not looked at"},
+    ),
+    Part(
+        "list_masters", look_list_masters, {"masters": [], "seconds": 0.0, "error": "not looked at"}, runs_commands=True
+    ),
+    Part("topics", look_topics, [], runs_commands=True),
+    Part("outsiders", look_outsiders, [], final=True),
+    Part(
+        "exchange",
+        lambda params, ros, deadline: exchange.exchange(ros, params["members"], params["name"]),
+        dict(exchange.NOTHING, error="not looked at"),
+        runs_commands=True,
+        final=True,
+    ),
+    Part(
+        "parameters",
+        lambda params, ros, deadline: parameters.parameters(ros, params["parameters"] or {}),
+        parameters.NOTHING,
+        final=True,
+    ),
+    Part("clock", lambda params, ros, deadline: resources.clock(), {"synchronised": None}),
+    Part("changes", lambda params, ros, deadline: changes.changes(), [], on_router=True),
+    Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], on_router=True),
+    Part("ros_missing", lambda params, ros, deadline: ros.problem(), "not looked at"),
+    Part("next_boot", look_next_boot, [], on_router=True),
+    Part("services", lambda params, ros, deadline: services.services(params["services"], environment(params, ros)), []),
+)
+
+
+def is_due(part: Part, params: Params, quiet: bool) -> bool:
+    """Say if a part is looked at on this computer; with `quiet` no command of ROS is run."""
+    if params["is_router"] and not part.on_router:
+        return False
+    return not (quiet and part.runs_commands) and (params["is_master"] or not part.final)

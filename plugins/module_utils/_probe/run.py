@@ -1,0 +1,147 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The states of multimaster_verify: start, collect, stream and stop."""
+
+import typing
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.lanes import look
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.options import (
+    Params,
+    find_wrong_option,
+    validate_options,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.parts import (
+    Result,
+    group,
+    list_members,
+    list_talkers,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ghosts, network, talker
+
+
+def start_verification(module: Module) -> Result:
+    """Look at the machine, start the listener, call the listeners of others, and start the talker. Raises Problem."""
+    params = module.params
+    # First: the listeners that start below are no part of the machine.
+    machine = look_at_machine(params)
+    multicast = None if module.check_mode else group(params, "started")
+    result = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
+    parts = {"multicast": multicast, "machine": machine}
+    return dict(result, **{name: value for name, value in parts.items() if value is not None})
+
+
+def look_at_machine(params: Params) -> typing.Optional[Result]:
+    """Return what multimaster_info returns; None where it is not asked for. Raises Problem."""
+    if params["look"] is None:
+        return None
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine
+
+    options = validate_options("look", params["look"], machine.OPTIONS)
+    error = machine.wrong(options)
+    if error:
+        raise Problem(f"look: {error}")
+    return machine.look(options)
+
+
+def talk(params: Params, machine: typing.Optional[Result]) -> Result:
+    """Call the listeners of others, and start the talker. A talker that does not start is a result too."""
+    call(params)
+    if params["is_router"]:
+        return {"msg": "The router of the common network has no talker."}
+    ros = Ros(params["environment_file"], choose_environment(params, machine))
+    missing = ros.problem()
+    if not missing:
+        ghosts.end_ghosts(ros, params["name"])
+    error = missing or talker.start(ros, params["run"], params["name"], params["lifetime"])
+    if not error:
+        return {
+            "msg": f"The talker runs for {params['lifetime']} s at most.",
+            "talker": {"running": True, "error": "", "failed": False},
+        }
+    failed = params["is_master"] or not missing
+    msg = f"{'Cannot start the talker' if failed else 'No talker'}: {error.rstrip('.')}."
+    return {"msg": msg, "talker": {"running": False, "error": error, "failed": failed, "msg": msg}}
+
+
+def choose_environment(params: Params, machine: typing.Optional[Result]) -> typing.Dict[str, str]:
+    """Return the variables of ROS where there is no file with them; none where the collection has set up the machine."""
+    if machine is None:
+        return dict(params["environment"])
+    chosen = (machine.get("ros") or {}).get("chosen")
+    return {} if machine.get("owned") or not chosen else {**chosen["environment"], **params["variables"]}
+
+
+def call(params: Params) -> None:
+    """Send to the helpers. In other networks they see a translation of addresses, in the own network a loss of packets."""
+    network.call(
+        [
+            member["discovery_address"] or member["address"]
+            for member in params["members"] or []
+            if member["discovery"] and member["name"] != params["name"]
+        ],
+        params["port"],
+    )
+
+
+def collect_results(module: Module) -> Result:
+    """Look at all others."""
+    params = module.params
+    if not module.check_mode:
+        call(params)  # once more: those whose listener was not there at the first time hear it now
+    result = look(params, module.check_mode)
+    if not params["is_router"]:
+        missing = result["ros_missing"]
+        result["talker"] = {"running": False, "error": missing} if missing else talker.state()
+    if result["multicast"] is None:
+        del result["multicast"]
+    result["msg"] = f"Looked at {len(list_members(params))} computers in {result['seconds']:.1f} s."
+    return result
+
+
+def stream_to_talkers(module: Module) -> Result:
+    """Send to the talkers of the others, one after the other."""
+    params = module.params
+    if module.check_mode or params["is_router"]:
+        return {"msg": "Nothing was sent.", "streams": []}
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import streams
+
+    ros = Ros(params["environment_file"], params["environment"])
+    results = (
+        streams.streams(ros, list_talkers(params), params["run"], params["name"], params["seconds"])
+        if not ros.problem()
+        else []
+    )
+    return {"msg": f"Sent to {len(results)} computers.", "streams": results}
+
+
+def stop_talker(module: Module) -> Result:
+    """End the talker, wherever there is one."""
+    if module.check_mode:
+        return {"msg": "Check mode: no talker was stopped."}
+    talker.stop()
+    return {"msg": "No talker runs."}
+
+
+STATES = {
+    "started": start_verification,
+    "collected": collect_results,
+    "streamed": stream_to_talkers,
+    "stopped": stop_talker,
+}
+
+
+def run(module: Module) -> None:
+    """Do what the state asks for, and end the module."""
+    error = find_wrong_option(module.params)
+    if error:
+        ends.fail(module, msg=error)
+    try:
+        result = STATES[module.params["state"]](module)
+    except Problem as problem:
+        ends.fail(module, msg=str(problem))
+    ends.leave(module, changed=False, **result)
