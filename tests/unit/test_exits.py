@@ -32,8 +32,8 @@ sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))
 
 from rosfleet_multimaster.discovery.core import report as links  # noqa: E402
 from rosfleet_multimaster.discovery.core.health import LinkHealth, LinkList  # noqa: E402
-from rosfleet_multimaster.discovery.rpc_server import Refused, RpcServer  # noqa: E402
-from rosfleet_multimaster.discovery.served import OwnMaster, Served  # noqa: E402
+from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster  # noqa: E402
+from rosfleet_multimaster.discovery.rpc_server import RefusedCall, RpcServer  # noqa: E402
 from rosfleet_multimaster.edge import journal  # noqa: E402
 from rosfleet_multimaster.edge.process import systemd  # noqa: E402
 from rosfleet_multimaster.edge.rpc_client import Rpc  # noqa: E402
@@ -245,8 +245,8 @@ def through_metrics(text):
 
 def through_an_answer(text):
     """A fault of the server; and masterErrors."""
-    own = OwnMaster("http://own:11311/", "own", "/master_discovery", lambda: "own", 11611)
-    served = Served(own, MagicMock(), {"x": text}, set, lambda: None, lambda _name: None, list)
+    own = ServedMaster("http://own:11311/", "own", "/master_discovery", lambda: "own", 11611)
+    served = RpcMethods(own, MagicMock(), {"x": text}, set, lambda: None, lambda _name: None, list)
     return list(texts(served.methods()["masterErrors"]()))
 
 
@@ -276,7 +276,7 @@ def test_any_text_leaves_as_plain_text(through, text):
 
 def test_a_fault_of_the_server_is_plain_when_sent_and_when_read():
     def refuse():
-        raise Refused("no\nstate\x1b[2J\u202e")
+        raise RefusedCall("no\nstate\x1b[2J\u202e")
 
     server = RpcServer("127.0.0.1", 0, {"refuse": refuse}, lambda _host, _why: None)
     try:

@@ -220,7 +220,7 @@ OUTSIDE = {
     "select": "",
     "selectors": "edge/loop",
     "http": "discovery/rpc_server edge/rpc_client roscore/door",
-    "threading": "discovery/rpc_server discovery/served discovery/told edge/counter edge/loop edge/patience edge/process/children "
+    "threading": "discovery/rpc_server discovery/rpc_methods discovery/state_feed edge/counter edge/loop edge/patience edge/process/children "
     "edge/journal edge/rpc_client roscore/changes roscore/door roscore/master roscore/notifier roscore/refusals roscore/store",
     "queue": "edge/loop",
     "time": "edge/clock wait_for_master",

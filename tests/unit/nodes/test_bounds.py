@@ -15,8 +15,8 @@ import xmlrpc.client
 
 import pytest
 from rosfleet_multimaster.discovery import rpc_server
-from rosfleet_multimaster.discovery.rpc_server import Refused, RpcServer
-from rosfleet_multimaster.discovery.served import callers
+from rosfleet_multimaster.discovery.rpc_methods import callers
+from rosfleet_multimaster.discovery.rpc_server import RefusedCall, RpcServer
 from rosfleet_multimaster.edge import loop, rpc_client
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.edge.loop import Loop, Workers
@@ -160,7 +160,7 @@ class Server:
         try:
             return document(STATE, (Rules.from_wire(value),))
         except InvalidPattern as problem:
-            raise Refused(str(problem)) from None
+            raise RefusedCall(str(problem)) from None
 
     def connect(self, source="127.0.0.1", wait=20.0):
         return socket.create_connection(("127.0.0.1", self.port), wait, source_address=(source, 0))

@@ -17,7 +17,7 @@ from rosfleet_multimaster.discovery.core.actions import Ask, Event, Say, Send
 from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.pace import SAMPLES, SLOWEST, PollPace
 from rosfleet_multimaster.discovery.core.peer import Contact
-from rosfleet_multimaster.discovery.rpc_server import PerCaller, Refused, RpcServer
+from rosfleet_multimaster.discovery.rpc_server import PerCaller, RefusedCall, RpcServer
 from rosfleet_multimaster.edge import local_roscore
 from rosfleet_multimaster.edge.process import program
 from rosfleet_multimaster.edge.rpc_client import Rpc
@@ -228,7 +228,7 @@ def test_16_a7_origins_are_the_text_of_geturi_and_flags_local():
 @pytest.fixture
 def server():
     def nothing():
-        raise Refused("robot1 has no state")
+        raise RefusedCall("robot1 has no state")
 
     methods = {
         "masterContacts": nothing,

@@ -18,7 +18,7 @@ import types
 
 import pytest
 import rosfleet_multimaster
-from rosfleet_multimaster.discovery.rpc_server import Refused, RpcServer
+from rosfleet_multimaster.discovery.rpc_server import RefusedCall, RpcServer
 from rosfleet_multimaster.edge import patience
 from rosfleet_multimaster.edge.process import program
 from rosfleet_multimaster.protocol import parameters
@@ -53,7 +53,7 @@ class Roscore:
     def multicall(self, calls):
         if self.fail and any("register" in call["methodName"].lower() for call in calls):
             self.fail -= 1
-            raise Refused("busy")
+            raise RefusedCall("busy")
         return [[self.call(call["methodName"], *call["params"])] for call in calls]
 
     def call(self, method, caller, *arguments):
@@ -122,7 +122,7 @@ class Other:
     def info(self, wire):
         self.asked.append(wire)
         if self.fault:
-            raise Refused("no state")
+            raise RefusedCall("no state")
         nodes = {name: self.nodes.get(name, self.node_uri) for name in ("/talker", "/hearer")}
         rows = [[name, uri, self.uri, None, "local"] for name, uri in nodes.items()]
         tables = [[[n, users] for n, users in table.items()] for table in (self.publishers, self.subscribers)]

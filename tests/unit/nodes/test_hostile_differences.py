@@ -14,10 +14,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosfleet_multimaster.discovery import told
-from rosfleet_multimaster.discovery.rpc_server import Ready, RpcServer
-from rosfleet_multimaster.discovery.served import OwnMaster, Served
-from rosfleet_multimaster.discovery.told import Told
+from rosfleet_multimaster.discovery import state_feed
+from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster
+from rosfleet_multimaster.discovery.rpc_server import RpcServer
+from rosfleet_multimaster.discovery.state_feed import StateFeed
 from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED, apply_difference
 from rosfleet_multimaster.protocol.filters import Filters
@@ -164,16 +164,16 @@ def test_however_fast_it_answers_it_is_asked_at_the_pace(following, unhurried, k
     def answer(asked):
         number = len(asked)
         topic = f"/b{number % 2}"
-        told = rows(
+        busy = rows(
             publishers=[[topic, ["/one"]]],
             types=[[topic, "x/Y"]],
             nodes=[["/one", NODE.uri, URI, 1, "local"]],
         )
         answers = {
             "empty": ["e", 1, False, rows(), NOTHING, ""],
-            "news": ["e", number, False, told, [[f"/b{(number + 1) % 2}"], [], []], ""],
-            "replays": ["e", 1, False, told, NOTHING, ""],
-            "wholes": [f"e{number}", number, True, told, NOTHING, ""],
+            "news": ["e", number, False, busy, [[f"/b{(number + 1) % 2}"], [], []], ""],
+            "replays": ["e", 1, False, busy, NOTHING, ""],
+            "wholes": [f"e{number}", number, True, busy, NOTHING, ""],
         }
         return answers[kind]
 
@@ -231,10 +231,10 @@ def test_any_difference_is_a_state_of_its_master_or_malformed(told_rows, gone):
 
 @pytest.fixture(name="there")
 def _there(monkeypatch):
-    own = OwnMaster(URI, "robot2", "/master_discovery", lambda: "127.0.0.1", 1, state=TRUE, away="")
-    changes = Told(own.current, Ready)  # as the program does
-    changes.news(TRUE, None)
-    served = Served(own, Policy(), {}, set, lambda: None, str, list, changes)
+    own = ServedMaster(URI, "robot2", "/master_discovery", lambda: "127.0.0.1", 1, state=TRUE, away="")
+    changes = StateFeed(own.current)
+    changes.update(TRUE, None)
+    served = RpcMethods(own, Policy(), {}, set, lambda: None, str, list, changes)
     monkeypatch.setattr(served, "_is_here", lambda caller: False)
     server = RpcServer("127.0.0.1", 0, served.methods(), lambda *_why: None)
     yield f"http://127.0.0.1:{server.server_address[1]}", changes, server
@@ -259,10 +259,10 @@ def test_odd_numbers_are_answered_at_once(there, wait, revision):
 
 def test_many_filters_of_one_caller_make_nobody_elses_forgotten(there):
     _uri, changes, _server = there
-    look = told.Look((), lambda state: document(state, []))
-    for caller, count in (("192.168.1.1", 1), ("192.168.1.66", told.MOST_FILTERS + 10)):
+    look = state_feed.CallerView((), lambda state: document(state, []))
+    for caller, count in (("192.168.1.1", 1), ("192.168.1.66", state_feed.MOST_FILTERS + 10)):
         for number in range(count):
-            seen = told.Look((caller, number), look.document)
+            seen = state_feed.CallerView((caller, number), look.document)
             changes.answer(caller, Filters({}).rules(f"r{number}"), lambda seen=seen: seen, "", 0, 0.0)
     kept = [caller for caller, _epoch in changes._filters]
-    assert kept.count("192.168.1.1") == 1 and kept.count("192.168.1.66") == told.FILTERS_PER_CALLER
+    assert kept.count("192.168.1.1") == 1 and kept.count("192.168.1.66") == state_feed.FILTERS_PER_CALLER

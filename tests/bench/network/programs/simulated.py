@@ -14,8 +14,8 @@ import time
 
 sys.path.insert(0, "/usr/local/lib/rosfleet-multimaster/python")
 
-from rosfleet_multimaster.discovery.served import OwnMaster, Served, callers, serve  # noqa: E402
-from rosfleet_multimaster.discovery.told import Told  # noqa: E402
+from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster, callers, serve  # noqa: E402
+from rosfleet_multimaster.discovery.state_feed import StateFeed  # noqa: E402
 from rosfleet_multimaster.protocol.graph import LOCAL, Node, Policy, State  # noqa: E402
 from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, encode  # noqa: E402
 from rosfleet_multimaster.protocol.members import Members  # noqa: E402
@@ -28,14 +28,14 @@ class Master:
     def __init__(self, number, address):
         self.number, self.address, self.count = number, address, TOPICS
         uri = f"http://{address}:11311/"
-        self.own = OwnMaster(uri, f"simulated_{number}", "/master_discovery", lambda: address, RPC_PORT)
+        self.own = ServedMaster(uri, f"simulated_{number}", "/master_discovery", lambda: address, RPC_PORT)
         self.own.state, self.own.away = self.state(), ""
-        told = Told(self.own.current)
-        told.news(self.own.state, None)
-        self.told = told
+        feed = StateFeed(self.own.current)
+        feed.update(self.own.state, None)
+        self.feed = feed
         here = {address}
-        served = Served(
-            self.own, Policy.from_parameters({}), {}, lambda: here, lambda: None, lambda _type: None, lambda: (), told
+        served = RpcMethods(
+            self.own, Policy.from_parameters({}), {}, lambda: here, lambda: None, lambda _type: None, lambda: (), feed
         )
         who = callers(Members(), uri, lambda: here)
         self.server = serve(address, RPC_PORT, served.methods(), lambda _host, _why: None, who)
@@ -62,7 +62,7 @@ class Master:
     def more(self):
         self.count += 1
         self.own.state = self.state()
-        self.told.news(self.own.state, None)
+        self.feed.update(self.own.state, None)
         self.beat()
 
     def beat(self):

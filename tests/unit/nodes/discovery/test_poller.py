@@ -153,9 +153,9 @@ def test_every_node_is_looked_up_again_in_its_turn(clock, count):
     roscore, poller = quiet()
     names = [f"/{number}" for number in range(count)]
     graph = module.Graph({"/one": tuple(names)}, {}, {}, {})
-    assert sorted(name for _method, name in poller._names(graph)[1]) == sorted(names)
+    assert sorted(name for _method, name in poller._select_lookups(graph)[1]) == sorted(names)
     poller._node_uris.update(dict.fromkeys([*names, "/gone"], "http://x:1/"))
-    turns = [poller._names(graph) for _turn in range(math.ceil(count / module.LOOKUPS))]
+    turns = [poller._select_lookups(graph) for _turn in range(math.ceil(count / module.LOOKUPS))]
     assert sorted(name for _turn, asked in turns for _method, name in asked) == sorted(names)
     assert "/gone" not in poller._node_uris and all(len(asked) <= module.LOOKUPS for _turn, asked in turns)
-    assert poller._names(graph) == turns[0], "the same question again, so that its answer can be the same"
+    assert poller._select_lookups(graph) == turns[0], "the same question again, so that its answer can be the same"

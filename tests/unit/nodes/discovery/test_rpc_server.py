@@ -7,7 +7,7 @@ import socket
 import xmlrpc.client
 
 import pytest
-from rosfleet_multimaster.discovery.rpc_server import Refused, RpcServer
+from rosfleet_multimaster.discovery.rpc_server import RefusedCall, RpcServer
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.edge.rpc_client import Rpc
 
@@ -27,7 +27,7 @@ class Server:
         self.uri = f"http://127.0.0.1:{self.port}"
 
     def refuse(self):
-        raise Refused("no state yet")
+        raise RefusedCall("no state yet")
 
     def raw(self, data, wait=3.0):
         with socket.create_connection(("127.0.0.1", self.port), wait) as connection:

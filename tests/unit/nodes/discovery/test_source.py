@@ -13,7 +13,7 @@ from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 import pytest
 from rosfleet_multimaster.discovery import source as source_module
 from rosfleet_multimaster.discovery.poller import Poller
-from rosfleet_multimaster.discovery.source import Follower, Source, in_own_thread
+from rosfleet_multimaster.discovery.source import Follower, Source, start_source_thread
 from rosfleet_multimaster.edge.local_roscore import Identity
 from rosfleet_multimaster.edge.loop import EndFlag
 from rosfleet_multimaster.edge.process import program
@@ -210,7 +210,7 @@ def test_nobody_is_woken_for_a_poll_that_brought_nothing():
         return found
 
     source = types.SimpleNamespace(next=following, do_not_sync=None, pause=0.001)
-    in_own_thread(source, ended, lambda state, _secret: told.append(state), lambda *_why: None, told.append)
+    start_source_thread(source, ended, lambda state, _secret: told.append(state), lambda *_why: None, told.append)
     ended.wait(10)
     time.sleep(0.05)
     assert told == [one, one, two], "and again after a failure, which had said that there is no state"

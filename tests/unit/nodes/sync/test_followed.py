@@ -10,9 +10,9 @@ from xmlrpc.client import Fault
 
 import pytest
 from rosfleet_multimaster.discovery import rpc_server
+from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster
 from rosfleet_multimaster.discovery.rpc_server import RpcServer
-from rosfleet_multimaster.discovery.served import OwnMaster, Served
-from rosfleet_multimaster.discovery.told import Told
+from rosfleet_multimaster.discovery.state_feed import StateFeed
 from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.protocol import json_text
 from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED
@@ -31,9 +31,9 @@ class Discovery:
     """A discovery that serves its state; callers are strangers to it."""
 
     def __init__(self, told=True, policy=None, monkeypatch=None):
-        self.own = OwnMaster(URI, "robot2", "/master_discovery", lambda: "127.0.0.1", 1, away="")
-        self.told, self.secret = Told(self.own.current), []
-        served = Served(
+        self.own = ServedMaster(URI, "robot2", "/master_discovery", lambda: "127.0.0.1", 1, away="")
+        self.told, self.secret = StateFeed(self.own.current), []
+        served = RpcMethods(
             self.own, policy or Policy(), {}, set, lambda: self.secret, str, list, self.told if told else None
         )
         if monkeypatch is not None:
@@ -50,7 +50,7 @@ class Discovery:
         types = dict.fromkeys(publishers, "std_msgs/Int32")
         tables = {topic: (node,) for topic, node in publishers.items()}
         self.own.state = State(URI, "robot2", stamp, stamp, tables, {}, {}, types, nodes)
-        self.told.news(self.own.state, self.secret)
+        self.told.update(self.own.state, self.secret)
 
 
 @pytest.fixture(name="there")
@@ -116,7 +116,7 @@ def test_what_becomes_secret_is_gone_at_once(there):
     there.has({"/a": "/one", "/b": "/two"})
     here = Here(there)
     there.secret = ["/b"]
-    there.told.news(there.own.state, there.secret)
+    there.told.update(there.own.state, there.secret)
     assert here.topics() == ["/a"]
     here.found.follower.stop()
 
@@ -162,7 +162,7 @@ def test_a_discovery_that_goes_ends_it_and_a_stop_is_quiet(there):
     other.found.follower.stop()
     time.sleep(0.1)
     there.own.away = "its roscore does not answer"
-    there.told.news(there.own.state, ["wake"])
+    there.told.update(there.own.state, ["wake"])
     assert isinstance(here.over.get(timeout=5), Fault)
     assert other.over.empty()
 
@@ -234,7 +234,7 @@ def test_a_state_that_grows_and_grows_is_not_followed(there, monkeypatch):
 def test_a_difference_of_another_master_ends_it(there):
     here = Here(there)
     there.own.state = replace(there.own.state, uri="http://robot3:11311/", stamp=99.0, local_stamp=99.0)
-    there.told.news(there.own.state, [])
+    there.told.update(there.own.state, [])
     assert isinstance(here.over.get(timeout=5), InvalidDocument)
 
 
@@ -248,7 +248,7 @@ def test_the_document_of_a_whole_answer_is_that_of_the_old_way(there):
 def test_a_third_robots_topics_are_told_to_subscribers_alone(there):
     there.has({"/a": "/one"})
     there.own.state = replace(there.own.state, subscribers={"/heard": ("/one",)}, stamp=3.0, local_stamp=3.0)
-    there.told.news(there.own.state, there.secret)
+    there.told.update(there.own.state, there.secret)
     here, state = Here(there), there.own.state
     time.sleep(0.3)  # it waits for news by then
     third = Node("http://robot3:5000/", "http://robot3:11311/", "remote")
@@ -261,11 +261,11 @@ def test_a_third_robots_topics_are_told_to_subscribers_alone(there):
         providers={"/ask": Provider("rosrpc://robot3:1", third.origin, "remote")},
         nodes={**state.nodes, "/third": third},
     )
-    there.told.news(there.own.state, there.secret)
+    there.told.update(there.own.state, there.secret)
     time.sleep(0.3)
     assert here.states.empty(), "nobody is woken for it"
     there.own.state = replace(there.own.state, local_stamp=5.0)
-    there.told.news(there.own.state, there.secret)
+    there.told.update(there.own.state, there.secret)
     told = here.states.get(timeout=5)
     assert dict(told.publishers) == {"/a": ("/one",), "/heard": ("/third",)} and not told.services
     assert dict(told.subscribers) == {"/heard": ("/one",)} and sorted(told.nodes) == ["/one", "/third"]
@@ -280,7 +280,7 @@ def test_many_changes_of_third_robots_are_no_answers(there):
         publishers = {**there.own.state.publishers, f"/far{number}": ("/third",)}
         nodes = {**there.own.state.nodes, "/third": third}
         there.own.state = replace(there.own.state, stamp=10.0 + number, publishers=publishers, nodes=nodes)
-        there.told.news(there.own.state, there.secret)
+        there.told.update(there.own.state, there.secret)
     began = time.monotonic()
     answer = Rpc(there.uri, 5.0).call(DIFFERENCES, ASK, epoch, revision, 0.5)
     assert time.monotonic() - began >= 0.5 and answer[0] == epoch and answer[1] == revision + 50

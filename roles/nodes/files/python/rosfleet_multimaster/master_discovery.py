@@ -19,10 +19,9 @@ from .discovery.core.peer import Contact, Key
 from .discovery.core.peers import FAR
 from .discovery.datagrams import Callbacks, Datagrams
 from .discovery.poller import Poller
-from .discovery.rpc_server import Ready
-from .discovery.served import OwnMaster, Served, callers, serve
-from .discovery.source import Follower, Source, in_own_thread
-from .discovery.told import Told
+from .discovery.rpc_methods import RpcMethods, ServedMaster, callers, serve
+from .discovery.source import Follower, Source, start_source_thread
+from .discovery.state_feed import StateFeed
 from .discovery.udp import Datagram
 from .edge import local_roscore, ros
 from .edge.addresses import networks
@@ -83,17 +82,17 @@ class MasterDiscovery:
         self.reports = RecurringJob(DirectRunner(), lambda: 1.0, self._report, early=0.5)
         self.identity = local_roscore.Identity()
         self.source = _source(start, self.own, self.identity)
-        self.changes = Told(self.own.current, Ready)
+        self.changes = StateFeed(self.own.current)
         self.served = self._make_served(values)
         self.datagrams.start()  # there may be no network yet
         self._look_at_networks()
-        who = callers(self.members, self.own.uri, lambda: self.datagrams.own_addresses)
+        rules = callers(self.members, self.own.uri, lambda: self.datagrams.own_addresses)
         self.server = serve(
-            values["rpc_addr"], self.own.rpc_port, self.served.methods(), self._on_malformed_request, who
+            values["rpc_addr"], self.own.rpc_port, self.served.methods(), self._on_malformed_request, rules
         )
 
-    def _make_served(self, values: Dict[str, Any]) -> Served:
-        return Served(
+    def _make_served(self, values: Dict[str, Any]) -> RpcMethods:
+        return RpcMethods(
             self.own,
             Policy.from_parameters(values),
             self.errors,
@@ -107,7 +106,7 @@ class MasterDiscovery:
     def run(self) -> int:
         """Run until the end; the exit status."""
         program.on_signals(self.loop, self._end)
-        in_own_thread(
+        start_source_thread(
             self.source,
             self.ended,
             lambda state, do_not_sync: self.loop.post(self._on_state, state, do_not_sync),
@@ -204,7 +203,7 @@ class MasterDiscovery:
 
     def _entries(self) -> List[Diagnosis]:
         """The entries of /diagnostics."""
-        own = report.roscore(self.own.uri, self.own.away, self.source.refused)
+        own = report.roscore(self.own.uri, self.own.away, self.source.refusal_counts)
         return [own, *report.links(self._links()), report.outsiders(self.outsiders)]
 
     def _samples(self) -> metrics.Samples:
@@ -269,7 +268,7 @@ class MasterDiscovery:
         if self.own.away and self.own.state is not None:
             program.LOG.info("the roscore answers again")
         self.own.state, self.own.away = state, ""
-        self.changes.news(state, do_not_sync)
+        self.changes.update(state, do_not_sync)
         if self.node is None or self.shown is None:
             self._show_own(monotonic())
         else:  # who follows is told first: the rest can wait for what else there is to tell
@@ -285,7 +284,7 @@ class MasterDiscovery:
 
     def _show_own(self, now: float) -> None:
         self.show_due = None
-        master = self.own.announced(self.datagrams.place[0])
+        master = self.own.announce(self.datagrams.place[0])
         self.shown = None if master is None else master.local_stamp
         if master is not None:
             self.core.take_own_state(master, now)
@@ -330,12 +329,12 @@ class MasterDiscovery:
         return 0
 
 
-def _make_own_master(start: local_roscore.Start) -> OwnMaster:
+def _make_own_master(start: local_roscore.Start) -> ServedMaster:
     port = start.values["rpc_port"] or (urllib.parse.urlsplit(start.roscore.rpc.uri).port or 11311) + 300
-    return OwnMaster(start.uri, start.values["name"] or ros.master_name(start.uri), start.name, ros.hostname, port)
+    return ServedMaster(start.uri, start.values["name"] or ros.master_name(start.uri), start.name, ros.hostname, port)
 
 
-def _source(start: local_roscore.Start, own: OwnMaster, identity: local_roscore.Identity) -> Source:
+def _source(start: local_roscore.Start, own: ServedMaster, identity: local_roscore.Identity) -> Source:
     """The states of the own master, by connections of their own."""
     stamps, of, (uri, caller) = Stamps(), (own.uri, own.name), (start.roscore.rpc.uri, start.roscore.caller)
     poller = Poller(Roscore(uri, caller), *of, identity, ros.sync_info, stamps)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The life of discovery's UDP sockets: opened, watched, and opened again where the network changes."""
+"""The life of discovery's UDP sockets. They are opened again when the network changes."""
 
 import ipaddress
 import os
@@ -22,22 +22,22 @@ RESOLVE_AGAIN = 5.0  # the same where one of them has none
 class Place(NamedTuple):
     """Where this computer is in the network."""
 
-    address: str  # the own address that the others hear
-    interface: int  # the index of the one that has it, 0 for none
-    running: bool  # that interface is up and has a carrier
+    address: str  # the own address, from which datagrams come
+    interface: int  # the index of its interface, 0 for none
+    running: bool  # the interface is up and has a carrier
 
 
 class Callbacks(NamedTuple):
-    """What the program hears of, in the loop."""
+    """The callbacks of the program. They run in the loop."""
 
-    received: Callable[[Datagram, float], None]
-    moved: Callable[[], None]  # the own addresses changed
-    opened: Callable[[float], None]  # the sockets were opened
-    changed: Callable[[], None]  # something changed in the network
+    on_datagram: Callable[[Datagram, float], None]
+    on_addresses: Callable[[], None]  # the own addresses changed
+    on_open: Callable[[float], None]  # the sockets were opened
+    on_network: Callable[[], None]  # something changed in the network
 
 
 class Datagrams:
-    """The datagrams of discovery. Sockets come and go with the network; without one, the node works for its own robot."""
+    """The datagrams of discovery. Without a network there is no socket, and the node works for its own robot."""
 
     def __init__(
         self,
@@ -48,11 +48,11 @@ class Datagrams:
         errors: Dict[str, str],
         callbacks: Callbacks,
     ) -> None:
-        """`values` are the parameters of master_discovery. `errors` takes what others are told of failures to send."""
+        """`values`: the parameters of master_discovery. `errors` takes failures to send: masterErrors tells them."""
         self.own_addresses: Set[str] = set()
         self.place = Place("", 0, False)
         self.problem = ""  # why there are no sockets; "" where there are some
-        self.hears_of_changes = False  # of the network
+        self.hears_of_changes = False  # the kernel tells of changes of the network
         self.sent = self.received = 0  # datagrams
         self._values, self._loop, self._limited, self._errors = values, loop, limited, errors
         self._callbacks = callbacks
@@ -67,13 +67,13 @@ class Datagrams:
             resolvers,
             lambda: RESOLVE,
             lambda: addresses_of_all(hosts),
-            self._resolved,
+            self._on_addresses,
             lambda: bool(hosts),
             overlapping=True,
         )
 
     def start(self) -> None:
-        """Open the sockets, if there is a network already, and hear from the kernel when it changes."""
+        """Open the sockets, if there is a network already. Watch the network for changes."""
         self._open(monotonic())
         try:
             changes = Changes()
@@ -93,20 +93,20 @@ class Datagrams:
         return min((time for time in due if time is not None), default=None)
 
     def look_at_addresses(self) -> None:
-        """See whether the own addresses changed: nobody at one is another master, and sockets belong to one."""
+        """See whether the own addresses changed. No other master is at one, and sockets belong to one."""
         try:
             own, place = self._addresses()
         except OSError:  # the kernel is busy: in a second again
             return
         if own != self.own_addresses:
             self.own_addresses = own
-            self._callbacks.moved()
+            self._callbacks.on_addresses()
         if place != self.place:
             self.place = place
             self._close(monotonic())
 
     def send(self, action: Send) -> None:
-        """Carry out a Send of the core. A network that has gone makes new sockets."""
+        """Carry out a Send of the core. If the network has gone, the sockets are opened again."""
         host = action.host
         if host is not None:
             try:
@@ -124,10 +124,10 @@ class Datagrams:
             pass
         except OSError as problem:
             if self.place.interface and not self.place.running:
-                return  # a link that is down: everybody is told again when it is back
+                return  # the link is down: the core sends again when it is up
             text = f"nothing can be sent to {host or self._group}: {problem}"
             self._limited.say("error", "send" if host is None else "send to a host", text)
-            if host is None or action.host in self._values["robot_hosts"]:  # others may be anybody's invention
+            if host is None or action.host in self._values["robot_hosts"]:  # a stranger may invent other hosts
                 self._errors[f"send {host}"] = text
             if host is None:
                 self._close(monotonic() + REOPEN)
@@ -151,7 +151,7 @@ class Datagrams:
                 self.problem = text
                 program.LOG.warning("%s; waiting for it", text)
             if self.own_addresses != before:
-                self._callbacks.moved()
+                self._callbacks.on_addresses()
             return
         self.problem = ""
         for opened in self._udp.sockets:
@@ -161,14 +161,14 @@ class Datagrams:
             "opened",
             f"discovery by {self._group if multicast else 'unicast'} on {self.place.address}, port {self._port}",
         )
-        self._callbacks.opened(now)
+        self._callbacks.on_open(now)
 
     def _network_changed(self, changes: Changes) -> None:
         changes.clear()
-        self._callbacks.changed()
+        self._callbacks.on_network()
 
     def _close(self, open_due: float) -> None:
-        """Have new sockets from then on, since the network has changed."""
+        """Close the sockets, since the network has changed. They are opened again when that is due."""
         self._open_due = open_due
         if self._udp is not None:
             for opened in self._udp.sockets:
@@ -181,19 +181,19 @@ class Datagrams:
             now = monotonic()
             for datagram in self._udp.receive(readable):
                 self.received += 1
-                self._callbacks.received(datagram, now)
+                self._callbacks.on_datagram(datagram, now)
 
     def _addresses(self) -> Tuple[Set[str], Place]:
         """The own addresses, and the place in the network."""
-        found = network()
-        heard = self._pinned or source_address(self._group, self._port, set(found.interfaces))
-        interface = found.interfaces.get(heard, 0)
-        return {*found.own, "localhost"}, Place(heard, interface, interface in found.running)
+        local = network()
+        source = self._pinned or source_address(self._group, self._port, set(local.interfaces))
+        interface = local.interfaces.get(source, 0)
+        return {*local.own, "localhost"}, Place(source, interface, interface in local.running)
 
-    def _resolved(self, found: Optional[Mapping[str, str]], _problem: Optional[Exception]) -> None:
+    def _on_addresses(self, addresses: Optional[Mapping[str, str]], _problem: Optional[Exception]) -> None:
         for host in self._values["robot_hosts"]:
-            if found is not None and host in found:
-                self._hosts[host] = found[host]
+            if addresses is not None and host in addresses:
+                self._hosts[host] = addresses[host]
             elif host not in self._hosts:
                 self._limited.say(
                     "warning", f"host {host}", f"~robot_hosts names {host}, which has no address on this computer"
@@ -202,10 +202,10 @@ class Datagrams:
 
 
 def interface_name(values: Mapping[str, Any]) -> str:
-    """The interface to which discovery is pinned, in upstream's order: parameters, ROS_HOSTNAME, ROS_IP; "" for none."""
-    pinned = values["mcast_group"].partition("@")[2] or values["interface"]
-    if pinned:
-        return str(pinned)
+    """The interface of discovery, in upstream's order: parameters, ROS_HOSTNAME, ROS_IP; "" where none is chosen."""
+    interface = values["mcast_group"].partition("@")[2] or values["interface"]
+    if interface:
+        return str(interface)
     name = os.environ.get("ROS_HOSTNAME", "")
     if name:
         try:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The XML-RPC server: what other programs call."""
+"""The XML-RPC server that other programs call."""
 
 import gzip
 import logging
@@ -18,20 +18,20 @@ from ..protocol.xml_rpc import MAX_REQUEST, loads
 
 _log = logging.getLogger("rosfleet.rpc_server")
 
-# Half of all connections are for members of the fleet, where it is known who these are.
+# Half of all connections are for members of the fleet, where these are known.
 _MAX_CONNECTIONS, _MAX_PER_ADDRESS = 64, 8
 _MAX_SECONDS = 15.0
-_KEPT, _KEPT_PER_ADDRESS = 256, 4  # connections that are kept for who waits for changes; not among the above
-_KEPT_SECONDS = 60.0 + _MAX_SECONDS  # for a question on one of them
+_KEPT, _KEPT_PER_ADDRESS = 256, 4  # connections with a long poll; they do not count above
+_KEPT_SECONDS = 60.0 + _MAX_SECONDS  # for a question on one of these
 _COMPRESS = 700  # bytes
 
 
-class Refused(Exception):
-    """A method's way to answer with a fault: the text is the fault's sentence."""
+class RefusedCall(Exception):
+    """A method refuses a call. The caller gets the text as a fault."""
 
 
 class PerCaller:
-    """A method whose answer depends on who calls: its first argument is the caller's address."""
+    """A method whose answer depends on the caller: its first argument is the caller's address."""
 
     def __init__(self, method: Callable[..., Any]) -> None:
         self.method = method
@@ -40,21 +40,21 @@ class PerCaller:
         return self.method(caller, *arguments)
 
 
-class Waiting(PerCaller):
-    """A method that may take its time, where its second argument says so. Then the connection is kept for the next call."""
+class LongPoll(PerCaller):
+    """A method that waits for news, if its second argument is true. Then the connection is kept for the next call."""
 
 
-class Ready:
-    """An answer as it is sent, packed: one that many ask for is written once."""
+class PackedAnswer:
+    """An answer in packed form. It is made once for many callers."""
 
     def __init__(self, value: Any) -> None:
-        self.packed = gzip.compress(_written(value), 1)
+        self.packed = gzip.compress(_encode(value), 1)
 
 
 class Callers(NamedTuple):
-    """Who may call. Each is asked in the thread that takes connections."""
+    """The rules for callers. They are asked in the thread that takes connections."""
 
-    objection: Callable[[str, str], str] = lambda _caller, _here: ""  # (from, to: addresses) why not, "" for nothing
+    objection: Callable[[str, str], str] = lambda _caller, _here: ""  # (its address, ours) -> why not, "" for none
     reserved: bool = False  # half of the connections are for members
     is_member: Callable[[str], bool] = lambda _caller: True
 
@@ -78,43 +78,43 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         malformed: Callable[[str, str], None],
         callers: Callers = EVERYBODY,
     ) -> None:
-        """`malformed(host, why)` is told of every request that is none. Raises OSError where the port is taken."""
+        """`malformed(host, why)` is called for each malformed request. Raises OSError where the port is taken."""
         self.methods = dict(methods)
         self.methods["system.listMethods"] = lambda: sorted(self.methods)
         self.methods["system.methodHelp"] = lambda name: _help(self.methods.get(name))
         self.methods["system.methodSignature"] = lambda name: "signatures not supported"
         self.malformed, self._callers = malformed, callers
         self.sent = Count()  # bytes of answers
-        self._open: Dict[socket.socket, Tuple[str, float]] = {}  # whose, and since when
-        self._kept: Dict[socket.socket, str] = {}  # those of them that are kept
+        self._open: Dict[socket.socket, Tuple[str, float]] = {}  # -> address of the caller, and since when
+        self._kept: Dict[socket.socket, str] = {}  # those with a long poll -> address of the caller
         self._keeping = threading.Lock()
         super().__init__((address, port), _Handler)
         threading.Thread(target=self.serve_forever, name="xml-rpc", kwargs={"poll_interval": 1.0}, daemon=True).start()
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
-        """Refuse what is too much at once."""
+        """Refuse a connection that is not allowed, or is one too many."""
         address = client_address[0]
-        objection = self._callers.objection(address, request.getsockname()[0]) or self._too_many(address)
+        objection = self._callers.objection(address, request.getsockname()[0]) or self._find_excess(address)
         if objection:
             self.malformed(address, objection)
             return False
         self._open[request] = (address, monotonic())
         return True
 
-    def _too_many(self, address: str) -> str:
-        there = [other for request, (other, _since) in list(self._open.items()) if request not in self._kept]
-        full = self._is_full(address, there, _MAX_CONNECTIONS, _MAX_PER_ADDRESS)
+    def _find_excess(self, address: str) -> str:
+        callers = [caller for request, (caller, _since) in list(self._open.items()) if request not in self._kept]
+        full = self._is_full(address, callers, _MAX_CONNECTIONS, _MAX_PER_ADDRESS)
         return "too many connections at once" if full else ""
 
-    def _is_full(self, address: str, there: List[str], most: int, per_address: int) -> bool:
-        """True where so many are there that there is no room for one more. Half of the room is for members."""
+    def _is_full(self, address: str, callers: List[str], most: int, per_address: int) -> bool:
+        """True where there is no room for one more of this address. Half of the room is for members."""
         if self._callers.reserved and not self._callers.is_member(address):
-            there = [other for other in there if other == address or not self._callers.is_member(other)]
+            callers = [caller for caller in callers if caller == address or not self._callers.is_member(caller)]
             most //= 2
-        return len(there) >= most or there.count(address) >= per_address
+        return len(callers) >= most or callers.count(address) >= per_address
 
     def keep(self, request: Any, address: str) -> bool:
-        """Keep a connection for who waits for changes, beside the other ones. False where there are too many."""
+        """Keep a connection for a long poll. False where there are too many."""
         with self._keeping:
             if request not in self._kept:
                 if self._is_full(address, list(self._kept.values()), _KEPT, _KEPT_PER_ADDRESS):
@@ -139,7 +139,7 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A connection that breaks is nobody's fault here."""
+        """Note a connection that broke. That is no error here."""
         _log.debug("a connection of %s broke", client_address, exc_info=True)
 
     def stop(self) -> None:
@@ -149,7 +149,7 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         self.server_close()
 
 
-def _written(value: Any) -> bytes:
+def _encode(value: Any) -> bytes:
     """An answer, or a fault, in XML."""
     answer = value if isinstance(value, xmlrpc.client.Fault) else (value,)
     return xmlrpc.client.dumps(answer, methodresponse=True, allow_none=True).encode("utf-8", "replace")
@@ -182,15 +182,15 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(400)
             return
         try:
-            found = self._call(name, arguments)
-            body = found if isinstance(found, Ready) else _written(found)
-        except Refused as refusal:
-            body = _written(xmlrpc.client.Fault(1, plain(refusal, LINE)))
+            answer = self._call(name, arguments)
+            body = answer if isinstance(answer, PackedAnswer) else _encode(answer)
+        except RefusedCall as refusal:
+            body = _encode(xmlrpc.client.Fault(1, plain(refusal, LINE)))
         except Exception as problem:
             _log.debug("%s failed", name, exc_info=True)
             text = plain(f"{name[:100]} failed: {type(problem).__name__}: {problem}")
             self.server.malformed(self.client_address[0], text)
-            body = _written(xmlrpc.client.Fault(1, text))
+            body = _encode(xmlrpc.client.Fault(1, text))
         self._answer(body)
 
     def _request(self) -> Tuple[str, Tuple[Any, ...]]:
@@ -207,8 +207,8 @@ class _Handler(BaseHTTPRequestHandler):
     def _call(self, name: str, arguments: Tuple[Any, ...]) -> Any:
         method = self.server.methods.get(name)
         if method is None:
-            raise Refused(f"there is no method {name[:100]}")
-        if isinstance(method, Waiting):
+            raise RefusedCall(f"there is no method {name[:100]}")
+        if isinstance(method, LongPoll):
             self._kept = self.request_version == "HTTP/1.1" and self.server.keep(self.request, self.client_address[0])
             arguments = (self._kept, *arguments)
         if isinstance(method, PerCaller):
@@ -216,15 +216,15 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             return method(*arguments)
         except TypeError as problem:
-            raise Refused(plain(f"{name}: {problem}")) from None
+            raise RefusedCall(plain(f"{name}: {problem}")) from None
 
-    def _answer(self, body: Union[bytes, Ready]) -> None:
+    def _answer(self, body: Union[bytes, PackedAnswer]) -> None:
         self.protocol_version = "HTTP/1.1" if self._kept else "HTTP/1.0"
         self.close_connection = not self._kept
         self.send_response(200)
         self.send_header("Content-Type", "text/xml")
         packs = "gzip" in self.headers.get("Accept-Encoding", "")
-        if isinstance(body, Ready):
+        if isinstance(body, PackedAnswer):
             body, packed = (body.packed, True) if packs else (gzip.decompress(body.packed), False)
         else:
             packed = packs and len(body) > _COMPRESS

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the state of the own master is from: its roscore tells what changes, or it is read again and again.
+"""The source of the own master's state: its roscore tells changes, or is polled.
 
-A roscore that tells has the method rosfleetChanges(caller, epoch, revision, wait), which system.listMethods names: the
-managed one. Any other one is polled (poller.py). Each failure begins with the question which of the two it is.
+The managed roscore tells changes: system.listMethods names rosfleetChanges(caller, epoch, revision, wait). Any other one
+is polled (poller.py). After each failure, the roscore is asked again for its methods: it may be the other kind.
 """
 
 from typing import Any, Callable, Optional
@@ -25,9 +25,9 @@ from ..protocol.xml_rpc import STATE
 from .core.pace import PollPace
 from .poller import GET_SYNC_INFO, Poller
 
-WAIT, TIMEOUT = 50.0, 10.0  # seconds that an answer may take, and besides
+WAIT, TIMEOUT = 50.0, 10.0  # seconds that the roscore may wait for news, and seconds more for the answer
 RETRY = 0.1  # seconds until a roscore that does not answer is asked again
-AGAIN = 10.0  # the same where it tells them, and that was not enough: sync that starts anew looks like a foreign one at first
+AGAIN = 10.0  # the same after PollInstead: at its start, master_sync looks like another implementation
 
 
 class PollInstead(Exception):
@@ -35,14 +35,14 @@ class PollInstead(Exception):
 
 
 class Follower:
-    """The state as the roscore tells it."""
+    """The state, from the changes that the roscore tells."""
 
     def __init__(self, uri: str, caller: str, mirror: Mirror, identity: Identity, stamps: Stamps) -> None:
         self._rpc, self._caller = Rpc(uri, WAIT + TIMEOUT, STATE, own=True), caller
         self._mirror, self._identity, self._stamps = mirror, identity, stamps
         self._epoch, self._revision = "", 0
         self.do_not_sync: Any = None
-        self.refused: Any = None
+        self.refusal_counts: Any = None
 
     def next(self) -> State:
         """The next state. Raises as Poller.poll, and PollInstead."""
@@ -60,11 +60,11 @@ class Follower:
         )
         self._refuse_foreign(record)
         self.do_not_sync = self._mirror.parameters.get("/do_not_sync")
-        self.refused = self._mirror.parameters.get(REFUSED)
+        self.refusal_counts = self._mirror.parameters.get(REFUSED)
         return self._stamps.stamp(self._mirror.state(), wall_clock())
 
     def _refuse_foreign(self, record: Any) -> None:
-        """Another implementation of master_sync must be asked what it registered: the poller does."""
+        """Leave other implementations of master_sync to the poller, which asks for their registrations."""
         ours = record.get("node") if self._mirror.uri_of(record.get("node") or "") == record.get("uri") else None
         for service, users in self._mirror.state().services.items():
             if service.endswith(GET_SYNC_INFO) and users[0] != ours and self._mirror.is_local(users[0]):
@@ -83,7 +83,7 @@ class Source:
         self._poller, self._make, self._pace = poller, follower, PollPace(period)
         self._local_stamp = 0.0  # of the last state that was polled
         self._follower: Optional[Follower] = None
-        self._known_until = 0.0  # until then it is known whether the roscore tells its changes
+        self._known_until = 0.0  # until then the roscore is not asked whether it tells changes
         self.pause = 0.0  # seconds until `next` is to be called again
 
     @property
@@ -92,13 +92,12 @@ class Source:
         return self._poller.do_not_sync if self._follower is None else self._follower.do_not_sync
 
     @property
-    def refused(self) -> Any:
-        """How many requests the roscore has refused, by reason; None where it does not tell."""
-        follower = self._follower
-        return None if follower is None else follower.refused
+    def refusal_counts(self) -> Any:
+        """The number of requests that the roscore refused, by reason; None where it does not tell."""
+        return None if self._follower is None else self._follower.refusal_counts
 
     def next(self) -> State:
-        """The state, as soon as there is another one or after a while. Raises as Poller.poll."""
+        """The state, as soon as it is new, or after a while. Raises as Poller.poll."""
         self.pause = 0.0
         try:
             if self._follower is None and monotonic() >= self._known_until:
@@ -112,7 +111,7 @@ class Source:
             self._known_until = monotonic() + AGAIN
         except Exception:
             self._drop()
-            self._known_until = 0.0  # the next one may be another roscore
+            self._known_until = 0.0  # the next roscore may be of the other kind
             raise
         return self._poll()
 
@@ -136,17 +135,16 @@ class Source:
         self._follower = None
 
 
-def in_own_thread(
+def start_source_thread(
     source: Source,
     ended: EndFlag,
-    told: Callable[[State, Any], None],
-    failed: Callable[[str, float], None],
+    on_state: Callable[[State, Any], None],
+    on_failure: Callable[[str, float], None],
     give_up: Callable[[str], None],
 ) -> None:
     """Hand on states until `ended`. The callbacks are called in a thread of its own.
 
-    `told(state, do_not_sync)`. `failed(why, since)`: the roscore does not answer since that time. `give_up(why)`: it is
-    another one.
+    `on_state(state, do_not_sync)`; `on_failure(why, since)`: no answer of the roscore since then; `give_up(why)`: it is a new one.
     """
 
     def follow() -> None:
@@ -157,20 +155,18 @@ def in_own_thread(
             started = monotonic()
             try:
                 state = source.next()
-                if (
-                    state is not before or source.do_not_sync != secret or failing is not None
-                ):  # nobody is woken for nothing
+                if state is not before or source.do_not_sync != secret or failing is not None:
                     before, secret = state, source.do_not_sync
-                    told(state, secret)
+                    on_state(state, secret)
                 failing = None
             except program.Fatal as problem:
                 give_up(str(problem))
                 return
-            except Exception as problem:  # a roscore that does not answer, or answers nonsense
+            except Exception as problem:  # no answer of the roscore, or nonsense
                 if not isinstance(problem, program.FAILURES):
                     program.LOG.debug("the roscore's state cannot be read", exc_info=True)
                 failing = (started if source.pause else monotonic()) if failing is None else failing
-                failed(str(problem) or type(problem).__name__, failing)
+                on_failure(str(problem) or type(problem).__name__, failing)
             ended.wait(RETRY if failing is not None else source.pause)
 
     start_thread("source", follow)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Questions to other masters for their time: how long the answer takes, and how far the clock there is ahead."""
+"""Questions to other masters for their time. The answers give the round trip, and the offset of the clock there."""
 
 from typing import Any
 
@@ -12,11 +12,11 @@ from .core.health import LIMIT, Answer, Health, read_answer
 
 
 def ask(master: Master, workers: Workers, health: Health) -> None:
-    """Ask a master in a worker, and tell what came of it."""
-    workers.submit(lambda: _answer(master.monitor_uri), lambda answer, _problem: health.take_answer(master.uri, answer))
+    """Ask a master in a worker, and hand the answer to `health`."""
+    workers.submit(lambda: _ask(master.monitor_uri), lambda answer, _problem: health.take_answer(master.uri, answer))
 
 
-def _answer(monitor_uri: str) -> Answer:
+def _ask(monitor_uri: str) -> Answer:
     rpc = Rpc(monitor_uri, LIMIT)
     began, wall = monotonic(), wall_clock()
 

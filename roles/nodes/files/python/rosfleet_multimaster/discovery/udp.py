@@ -11,7 +11,6 @@ from ..edge.addresses import addresses
 _IP_PKTINFO = 8
 _TTL = 20
 
-
 Socket = socket.socket
 
 
@@ -27,7 +26,7 @@ class Udp:
     """The sockets of discovery. They send from the port of the protocol, and receive at it."""
 
     def __init__(self, group: str, port: int, interface: str, multicast: bool) -> None:
-        """`interface`: the address to which discovery is pinned, "" for the kernel's choice. Raises OSError."""
+        """`interface`: the address of the only interface to use, "" for the kernel's choice. Raises OSError."""
         self.group, self.port, self.interface = group, port, interface
         self.sockets: List[socket.socket] = []
         self._index = dict(addresses()).get(interface, 0) if interface else 0
@@ -71,14 +70,14 @@ class Udp:
         self._sender.sendto(datagram, (self.group if host is None else host, self.port))
 
     def receive(self, readable: socket.socket, most: int = 64) -> List[Datagram]:
-        """Read the datagrams that have arrived, `most` at a time. Multicast of other interfaces than the pinned one is dropped."""
-        found: List[Datagram] = []
+        """Read the datagrams that have arrived, `most` at a time. Multicast of other interfaces than the own one is dropped."""
+        datagrams: List[Datagram] = []
         for _count in range(most):
             try:
                 data, ancillary, _flags, source = readable.recvmsg(1024, socket.CMSG_SPACE(12))
             except BlockingIOError:
                 break
-            except OSError:  # the network says that an earlier datagram did not arrive
+            except OSError:  # an ICMP error: an earlier datagram did not arrive
                 continue
             index, to = 0, b"\0\0\0\0"
             for level, kind, value in ancillary:
@@ -86,5 +85,5 @@ class Udp:
                     index, _local, to = struct.unpack("i4s4s", value[:12])
             multicast = 224 <= to[0] <= 239
             if not (multicast and self._index and index != self._index):
-                found.append(Datagram(data, source, multicast))
-        return found
+                datagrams.append(Datagram(data, source, multicast))
+        return datagrams

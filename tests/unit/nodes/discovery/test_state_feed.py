@@ -6,9 +6,9 @@ import threading
 import time
 
 import pytest
-from rosfleet_multimaster.discovery import told as module
-from rosfleet_multimaster.discovery.rpc_server import Ready, RpcServer, Waiting
-from rosfleet_multimaster.discovery.told import Look, Told
+from rosfleet_multimaster.discovery import state_feed as module
+from rosfleet_multimaster.discovery.rpc_server import LongPoll, PackedAnswer, RpcServer
+from rosfleet_multimaster.discovery.state_feed import CallerView, StateFeed
 from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.protocol.filters import Pattern, Rules
 from rosfleet_multimaster.protocol.graph import State, document
@@ -28,8 +28,8 @@ class Asked:
 
     def __init__(self, ready=list):
         self.made = 0
-        self.told = Told(lambda: None, ready)
-        self.told.news(state("/one", "/two"), None)
+        self.told = StateFeed(lambda: None, ready)
+        self.told.update(state("/one", "/two"), None)
 
     def ask(self, caller="10.0.0.2", rules=EVERYTHING, epoch=""):
         def seen(whole):
@@ -37,7 +37,7 @@ class Asked:
             time.sleep(0.02)  # others ask meanwhile
             return document(whole, [rules])
 
-        return self.told.answer(caller, rules, lambda: Look(rules, seen), epoch, 0, 0.0)
+        return self.told.answer(caller, rules, lambda: CallerView(rules, seen), epoch, 0, 0.0)
 
 
 def topics(answer):
@@ -59,7 +59,7 @@ def test_other_rules_and_another_state_are_another_document():
     asked = Asked()
     everything, less = asked.ask(), asked.ask(rules=WITHOUT_ONE)
     assert topics(everything) == ["/one", "/two"] and topics(less) == ["/two"] and everything[0] != less[0]
-    asked.told.news(state("/one", "/two", "/three", stamp=2.0), None)
+    asked.told.update(state("/one", "/two", "/three", stamp=2.0), None)
     assert topics(asked.ask()) == ["/one", "/two", "/three"] and topics(asked.ask(rules=WITHOUT_ONE)) == [
         "/two",
         "/three",
@@ -76,8 +76,8 @@ def test_many_filters_take_no_more_room_than_a_few():
 
 @pytest.mark.parametrize("own", [True, False])
 def test_it_travels_as_every_answer_does_packed_or_not(own):
-    asked = Asked(Ready)
-    server = RpcServer("127.0.0.1", 0, {"ask": Waiting(lambda _caller, _may_wait: asked.ask())}, lambda *_why: None)
+    asked = Asked(PackedAnswer)
+    server = RpcServer("127.0.0.1", 0, {"ask": LongPoll(lambda _caller, _may_wait: asked.ask())}, lambda *_why: None)
     rpc = Rpc(f"http://127.0.0.1:{server.server_address[1]}", 10.0, STATE, own=own)
     try:
         answers = [rpc.call("ask") for _time in range(2)]
