@@ -16,7 +16,6 @@ TREES = ("plugins", "roles", "lab", "tools")
 LATER = set(
     """
     roles/nodes/files/python/rosfleet_multimaster/sync
-    roles/nodes/files/python/rosfleet_multimaster/sync/core
     tools
     """.split()
 )

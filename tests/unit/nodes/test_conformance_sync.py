@@ -419,21 +419,23 @@ def sync(**values):
 
 def fetched(core, publishers):
     nodes = {"/talker": Node("http://robot2:40000/", R2, "local")}
-    core.announced(Master("robot2", R2, "http://robot2:11611", DISCOVERY, 1.0, 1.0, True), 0.0)
+    core.take_announcement(Master("robot2", R2, "http://robot2:11611", DISCOVERY, 1.0, 1.0, True), 0.0)
     (fetch,) = core.due(1.0)
     state = State(R2, "robot2", 1.0, 1.0, publishers, types=dict.fromkeys(publishers, "a/B"), nodes=nodes)
-    assert core.fetched(fetch, state, "", 1.0)
+    assert core.take_fetch(fetch, state, 1.0)
     return core
 
 
 def test_15_9_masters_of_one_name_do_not_take_each_other_away():
     core = fetched(sync(), {"/chatter": ("/talker",)})
-    core.announced(Master("robot2", "http://robot2b:11311/", "http://robot2b:11611", DISCOVERY, 1.0, 1.0, True), 2.0)
-    core.removed("http://robot2b:11311/")
-    assert core.wanted(3.0)
-    core.listed([], 3.0)  # nor does a list that is empty for a moment
-    core.listed([], 3.0 + MISSING / 2)
-    assert core.wanted(3.0 + MISSING / 2)
+    core.take_announcement(
+        Master("robot2", "http://robot2b:11311/", "http://robot2b:11611", DISCOVERY, 1.0, 1.0, True), 2.0
+    )
+    core.remove("http://robot2b:11311/")
+    assert core.candidates(3.0)
+    core.take_list([], 3.0)  # nor does a list that is empty for a moment
+    core.take_list([], 3.0 + MISSING / 2)
+    assert core.candidates(3.0 + MISSING / 2)
 
 
 def test_15_10_and_13_no_wall_clock_and_no_process_wide_limit():
@@ -469,8 +471,8 @@ def test_15_15_a_single_pattern_for_one_host_is_one_pattern(values):
 
 def test_15_16_on_demand_releases_what_nobody_wants_any_more():
     core = fetched(sync(on_demand=True), {"/chatter": ("/talker",), "/map": ("/talker",)})
-    assert [item.registration.name for item in core.wanted(2.0, ["/chatter"])] == ["/chatter"]
-    assert core.wanted(2.0, []) == []
+    assert [item.registration.name for item in core.candidates(2.0, ["/chatter"])] == ["/chatter"]
+    assert core.candidates(2.0, []) == []
 
 
 def test_a_hung_service_of_discovery_does_not_stop_the_exchange():

@@ -20,7 +20,7 @@ from rosfleet_multimaster.protocol.graph import Graph, InvalidDocument, State, a
 from rosfleet_multimaster.protocol.heartbeat import SIZE, Heartbeat, Kind, Stamp, decode, encode
 from rosfleet_multimaster.protocol.messages import Master
 from rosfleet_multimaster.protocol.parameters import Settings
-from rosfleet_multimaster.sync.core.sync import View, Wanted, calls, plan, select
+from rosfleet_multimaster.sync.core.sync import Candidate, View, calls, plan, select
 
 slow = settings(
     deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
@@ -377,7 +377,7 @@ def test_own_nodes_stay_whatever_a_master_says(value, remote_nodes):
         node_uris={**OWN_NODES, "/talker": "http://peer:50001/"},
         service_uris={"/camera/set": "rosrpc://own:40004"},
     )
-    todo = plan([Wanted(item, THEIRS, "peer") for item in items], view, claims)
+    todo = plan([Candidate(item, THEIRS, "peer") for item in items], view, claims)
     for item in todo.unregister:
         assert item.node_key in claims and item.node not in OWN_NODES
     for item in todo.register:

@@ -187,10 +187,10 @@ def test_spoofed_stamps_cost_one_fetch_a_second():
     for step in range(900):
         now = step / 100
         if step % 4 == 0:
-            sync.announced(announced(5.0 if step % 8 == 0 else 1000.0 + step), now)
+            sync.take_announcement(announced(5.0 if step % 8 == 0 else 1000.0 + step), now)
         for fetch in sync.due(now):
             fetches += 1
-            sync.fetched(fetch, State(URI, "tibi-visio", 5.0, 5.0), "", now + 0.005)
+            sync.take_fetch(fetch, State(URI, "tibi-visio", 5.0, 5.0), now + 0.005)
     assert 1 <= fetches <= 11
 
 
@@ -205,17 +205,17 @@ def test_spoofed_stamps_of_a_followed_master_cost_one_fetch(own, wanted):
     for step in range(4100):
         now = step / 100
         if step % 4 == 0:
-            sync.announced(announced(5.0 if step % own == 0 else 1000.0 + step), now)
+            sync.take_announcement(announced(5.0 if step % own == 0 else 1000.0 + step), now)
         for fetch in sync.due(now):
             fetched.append(now)
-            sync.fetched(fetch, State(URI, "tibi-visio", 5.0, 5.0), "", now + 0.005, following=True)
+            sync.take_fetch(fetch, State(URI, "tibi-visio", 5.0, 5.0), now + 0.005, following=True)
     pauses = [later - earlier for earlier, later in zip(fetched[1:], fetched[2:])]
     assert len(fetched) == wanted and min(pauses, default=10.0) > 9.99
 
 
 def test_a_master_is_taken_at_its_planned_address_alone():
     sync = Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0, Members.from_parameters(MEMBERS))
-    sync.listed([announced(5.0, address=ROGUE), announced(5.0, "rogue", "http://rogue:11311/", ROGUE)], 0.0)
+    sync.take_list([announced(5.0, address=ROGUE), announced(5.0, "rogue", "http://rogue:11311/", ROGUE)], 0.0)
     assert not sync.remotes
-    sync.listed([announced(5.0)], 0.0)
+    sync.take_list([announced(5.0)], 0.0)
     assert set(sync.remotes) == {URI}

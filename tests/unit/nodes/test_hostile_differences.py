@@ -217,11 +217,11 @@ def test_any_difference_is_a_state_of_its_master_or_malformed(told_rows, gone):
         return
     assert state.uri == URI
     core = Sync(Filters({}), OWN, "/master_sync", False, False, None)
-    core.announced(Master("robot2", URI, "http://robot2:11611/", "/d", 1.0, 1.0, True), 0.0)
+    core.take_announcement(Master("robot2", URI, "http://robot2:11611/", "/d", 1.0, 1.0, True), 0.0)
     (fetch,) = core.due(1.0)
-    core.fetched(fetch, TRUE, "", 1.0)
-    core.followed(URI, state, {})
-    for item in core.wanted(2.0):
+    core.take_fetch(fetch, TRUE, 1.0)
+    core.take_change(URI, state, {})
+    for item in core.candidates(2.0):
         assert item.registration.node in state.nodes and state.nodes[item.registration.node].origin != OWN
     assert apply_difference(state, rows(), NOTHING) == state or state.stamp != 2.0 or state.name != "robot2"
 

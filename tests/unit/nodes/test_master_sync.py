@@ -42,7 +42,7 @@ def announced(online):
 def test_each_news_of_a_master_is_looked_at_for_a_loss(program, ending):
     seen = []
     program.lost._active = True
-    program.lost._losses.seen = lambda online, now: seen.append(online.get(URI)) or ([], [])
+    program.lost._losses.update = lambda online, now: seen.append(online.get(URI)) or ([], [])
     if ending:
         program.ended.set()
     for online in (True, False, True):  # between two passes of the loop

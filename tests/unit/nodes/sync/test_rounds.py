@@ -12,7 +12,7 @@ from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.messages import Registration
 from rosfleet_multimaster.sync import rounds as module
 from rosfleet_multimaster.sync.core.message_types import TypeGuard
-from rosfleet_multimaster.sync.core.sync import Refusal, Sync, View, Wanted
+from rosfleet_multimaster.sync.core.sync import Candidate, Refusal, Sync, View
 
 CALLBACKS = module.Callbacks(lambda: True, lambda refused: None, lambda problem: None)
 OTHER, TALKER = "http://robot2:11311/", ("/talker", "http://robot2:40000/")
@@ -59,7 +59,7 @@ def test_registrations_of_an_earlier_life_are_compared(monkeypatch):
     now[0] += module.LEFTOVERS  # nobody waits for it any more
     made.claims, made.held = {TALKER: OTHER}, {gone: OTHER, there: OTHER}
     made._view = View({"/gone": ("/talker",), "/there": ("/talker",)}, {}, {}, {}, dict([TALKER]), {})
-    monkeypatch.setattr(made._core, "find_wanted", lambda items, _now: {there: Wanted(there, OTHER, "robot2")})
+    monkeypatch.setattr(made._core, "find_candidates", lambda items, _now: {there: Candidate(there, OTHER, "robot2")})
     made.touch_all(OTHER, {there})
     made.tick(now[0])
     assert made.held == {there: OTHER} and OTHER in made.met
@@ -121,7 +121,7 @@ def test_a_refused_peer_is_told_by_the_next_round(monkeypatch):
     made = rounds_of(lambda: None, lambda _seconds: None)
     refusal = Refusal("place", "/liar", "robot2", "http://127.0.0.1:9001/", "it is on this computer itself")
     misplaced = [refusal]
-    monkeypatch.setattr(made._core, "misplaced", lambda: misplaced)
+    monkeypatch.setattr(made._core, "place_refusals", lambda: misplaced)
     for expected in ([refusal], []):
         misplaced[:] = expected
         made._due = None

@@ -124,7 +124,7 @@ class MasterSync:
     def _on_list(self, masters: List[Master], first: bool, asked: float) -> None:
         now, before = monotonic(), self._online()
         self.news = {uri: at for uri, at in self.news.items() if at >= asked}
-        self.core.listed(masters, now, self.news.keys())
+        self.core.take_list(masters, now, self.news.keys())
         self.lost.look(now)
         after = self._online()
         if first or any(uri not in after or online > after[uri] for uri, online in before.items()):
@@ -135,12 +135,12 @@ class MasterSync:
         self.news[master.uri] = monotonic()
         if change == "removed":
             self.rounds.met.add(master.uri)
-            self.core.removed(master.uri)
+            self.core.remove(master.uri)
             self._request_round()
             return
         now, known = monotonic(), self.core.remotes.get(master.uri)
         was_online = known.announced.online if known is not None else None
-        self.core.announced(master, now)
+        self.core.take_announcement(master, now)
         if was_online is not master.online:
             self.status_stale = True
             self.lost.look(now)

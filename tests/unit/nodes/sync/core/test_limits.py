@@ -12,7 +12,7 @@ from rosfleet_multimaster.protocol.filters import Rules
 from rosfleet_multimaster.protocol.graph import Node, State
 from rosfleet_multimaster.protocol.messages import Master
 from rosfleet_multimaster.sync.core import report
-from rosfleet_multimaster.sync.core.limits import MOST, exceeded, limit_state
+from rosfleet_multimaster.sync.core.limits import MOST, limit_refusals, limit_state
 from rosfleet_multimaster.sync.core.sync import Remote, select
 
 URI, OWN = "http://robot2:11311/", "http://robot1:11311/"
@@ -38,7 +38,7 @@ def test_of_80000_topics_5000_are_taken_and_it_says_so():
     assert len(select(taken, Rules(), OWN, False)) == MOST
     assert (taken.left_out, len(taken.types)) == (75_000, MOST)
     remote = Remote(Master("robot2", URI, "http://192.168.1.2:11611", "/d", 1.0, 1.0, True), Rules(), Rules(), taken)
-    (refusal,) = exceeded({URI: remote})
+    (refusal,) = limit_refusals({URI: remote})
     assert "robot2" in report.describe_refusal(refusal) and "5000" in report.describe_refusal(refusal)
     limits = report.diagnoses([refusal])[0]
     assert "1" in limits.message and limits.values[0][0] == "robot2"

@@ -38,34 +38,34 @@ ROBOT2 = {
 
 def known(members=()):
     losses = Losses(Members.from_parameters({"members": members}))
-    losses.registered(HELD, VIEW, CLAIMS)
+    losses.take_registrations(HELD, VIEW, CLAIMS)
     assert losses.to_resolve(0.0) == ["robot2"]
-    losses.resolved("robot2", frozenset([ADDRESS]), 0.0)
-    assert losses.seen({R2: True}, 1.0) == ([], [])
+    losses.take_addresses("robot2", frozenset([ADDRESS]), 0.0)
+    assert losses.update({R2: True}, 1.0) == ([], [])
     return losses
 
 
 def test_while_a_master_is_lost_what_leads_to_its_nodes_is_ended():
     losses = known()
     assert losses.endpoints() == set()
-    losses.seen({R2: False}, 10.0)
-    losses.registered({}, VIEW, {})  # it is withdrawn, and remembered
+    losses.update({R2: False}, 10.0)
+    losses.take_registrations({}, VIEW, {})  # it is withdrawn, and remembered
     assert losses.endpoints() == {(ADDRESS, 40000)}
-    losses.seen({}, 300.0)  # discovery has removed it
+    losses.update({}, 300.0)  # discovery has removed it
     assert losses.endpoints() == {(ADDRESS, 40000)}
-    losses.seen({R2: True}, 320.0)
+    losses.update({R2: True}, 320.0)
     assert losses.endpoints() == set()
 
 
 def test_at_a_loss_own_nodes_are_asked_and_ended_at_the_return():
     losses = known()
-    (look,), endings = losses.seen({R2: False}, 10.0)
+    (look,), endings = losses.update({R2: False}, 10.0)
     assert look == Look(R2, frozenset([OWN]), frozenset(TALKER)) and endings == []
-    losses.noted(R2, NOTED)
-    assert losses.seen({R2: False}, 11.0) == ([], [])
-    looks, (ending,) = losses.seen({R2: True}, 80.0)
+    losses.take_connections(R2, NOTED)
+    assert losses.update({R2: False}, 11.0) == ([], [])
+    looks, (ending,) = losses.update({R2: True}, 80.0)
     assert looks == [] and ending == Disconnection(frozenset([ADDRESS]), frozenset(NOTED), 70.0)
-    assert losses.seen({R2: True}, 81.0) == ([], [])
+    assert losses.update({R2: True}, 81.0) == ([], [])
 
 
 @pytest.mark.parametrize(
@@ -86,23 +86,23 @@ def test_only_noted_connections_that_are_still_silent_end(local_port, remote, si
 
 def test_a_master_that_has_left_is_not_lost():
     losses = known()
-    assert losses.seen({}, 10.0) == ([], [])
+    assert losses.update({}, 10.0) == ([], [])
     assert losses.endpoints() == set()
 
 
 def test_a_lost_master_is_forgotten_when_tcp_has_given_up_too():
     losses = known()
-    losses.seen({R2: False}, 10.0)
-    losses.seen({}, 10.0 + FORGET)
+    losses.update({R2: False}, 10.0)
+    losses.update({}, 10.0 + FORGET)
     assert losses.endpoints() == set()
-    assert losses.seen({R2: True}, 2000.0) == ([], [])
+    assert losses.update({R2: True}, 2000.0) == ([], [])
 
 
 def test_hosts_are_resolved_while_it_is_possible():
     losses = known()
     assert losses.to_resolve(RESOLVE - 1) == []
     assert losses.to_resolve(RESOLVE) == ["robot2"]
-    losses.seen({R2: False}, RESOLVE)
+    losses.update({R2: False}, RESOLVE)
     assert losses.to_resolve(3 * RESOLVE) == []
     assert losses.endpoints() == {(ADDRESS, 40000)}  # known from before
 
@@ -132,7 +132,7 @@ def test_addresses_of_hosts_that_are_gone_are_forgotten():
     losses = Losses(Members())
     for number in range(10):
         item = Registration("publisher", "/chatter", "/talker", f"http://host{number}:40000/")
-        losses.registered({item: R2}, VIEW, {item.node_key: R2})
+        losses.take_registrations({item: R2}, VIEW, {item.node_key: R2})
         assert losses.to_resolve(float(number)) == [f"host{number}", *(["robot2"] if number == 0 else [])]
     assert set(losses._addresses) == {"host9", "robot2"}
 
@@ -140,12 +140,12 @@ def test_addresses_of_hosts_that_are_gone_are_forgotten():
 def test_a_node_of_a_master_that_is_there_is_never_cut_off():
     """The robot came back with another ROS_HOSTNAME, and a node has its port again."""
     losses, again = known(), "http://192.168.1.2:11311/"
-    losses.seen({R2: False}, 10.0)
+    losses.update({R2: False}, 10.0)
     item = Registration("publisher", "/chatter", "/talker", f"http://{ADDRESS}:40000/")
-    losses.registered({item: again}, VIEW, {item.node_key: again})
+    losses.take_registrations({item: again}, VIEW, {item.node_key: again})
     losses.to_resolve(11.0)
-    losses.resolved(ADDRESS, frozenset([ADDRESS]), 11.0)
-    losses.seen({again: True}, 12.0)
+    losses.take_addresses(ADDRESS, frozenset([ADDRESS]), 11.0)
+    losses.update({again: True}, 12.0)
     assert losses.endpoints() == set()
 
 
@@ -154,16 +154,16 @@ def lost(members, master, claims):
     losses, own = Losses(Members.from_parameters({"members": members})), "http://robot1:30000/"
     view = View({}, {"/chatter": ["/listener"]}, {}, {}, {"/listener": own})
     held = {Registration("publisher", "/chatter", f"/node{number}", uri): master for number, uri in enumerate(claims)}
-    losses.registered(held, view, {item.node_key: master for item in held})
+    losses.take_registrations(held, view, {item.node_key: master for item in held})
     addresses = {"robot2": {ADDRESS}, "robot3": {"192.168.1.3"}, "rogue": {"192.168.1.66"}}
     addresses.update({uri.split("/")[2].split(":")[0]: found for uri, found in claims.items()})
     for host in losses.to_resolve(0.0):
-        losses.resolved(host, frozenset(addresses.get(host, ())), 0.0)
-    losses.seen({master: True}, 1.0)
-    losses.seen({master: False}, 10.0)
-    losses.noted(master, {Connection(41000, None)})
+        losses.take_addresses(host, frozenset(addresses.get(host, ())), 0.0)
+    losses.update({master: True}, 1.0)
+    losses.update({master: False}, 10.0)
+    losses.take_connections(master, {Connection(41000, None)})
     endpoints = losses.endpoints()
-    (ending,) = losses.seen({master: True}, 80.0)[1]
+    (ending,) = losses.update({master: True}, 80.0)[1]
     return endpoints, ending.addresses
 
 

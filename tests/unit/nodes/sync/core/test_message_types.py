@@ -3,7 +3,7 @@
 import pytest
 from rosfleet_multimaster.protocol.messages import Registration
 from rosfleet_multimaster.sync.core.message_types import AGAIN, Question, TypeGuard
-from rosfleet_multimaster.sync.core.sync import View, Wanted
+from rosfleet_multimaster.sync.core.sync import Candidate, View
 
 R2, R3 = "http://robot2:11311/", "http://robot3:11311/"
 TALKER = ("/talker", "http://robot2:40000/")
@@ -16,7 +16,7 @@ STAMPS = {R2: 1.0, R3: 1.0}
 
 
 def want(kind, item=CHATTER, master=R2):
-    return Wanted(item, master, "robot2" if master == R2 else "robot3", kind)
+    return Candidate(item, master, "robot2" if master == R2 else "robot3", kind)
 
 
 def roscore(own="subscribers", held=(), kind=STRING):
@@ -151,7 +151,7 @@ def test_an_unknown_type_conflicts_with_nothing(kind):
 
 
 def test_services_have_no_type_here():
-    service = Wanted(Registration("service", "/add", *TALKER, "rosrpc://robot2:1"), R2, "robot2")
+    service = Candidate(Registration("service", "/add", *TALKER, "rosrpc://robot2:1"), R2, "robot2")
     assert Robot().judge([service], roscore()).wanted == [service]
 
 

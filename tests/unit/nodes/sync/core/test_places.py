@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosfleet_multimaster.protocol.graph import Node, Provider, State
 from rosfleet_multimaster.protocol.members import Members, Networks
-from rosfleet_multimaster.sync.core.places import MAX_NAMES, Here, Places, names_to_resolve
+from rosfleet_multimaster.sync.core.places import MAX_NAMES, LocalNetwork, Places, names_to_resolve
 
 OWN = "192.168.1.202"
-HERE = Here(frozenset([OWN, "127.0.0.1"]), Networks([f"{OWN}/24"]))
+HERE = LocalNetwork(frozenset([OWN, "127.0.0.1"]), Networks([f"{OWN}/24"]))
 MEMBERS = {"members": [TIBI, ROUTER], "strangers": "ignore", "allow": ["192.168.7.0/24", "192.168.1.77/32"]}
 RESOLVED = {
     "laptop": "192.168.1.77",

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosfleet_multimaster.protocol.messages import Registration
-from rosfleet_multimaster.sync.core.step import Known, after, names, step
-from rosfleet_multimaster.sync.core.sync import View, Wanted, plan
+from rosfleet_multimaster.sync.core.step import Knowledge, apply_plan, names, step
+from rosfleet_multimaster.sync.core.sync import Candidate, View, plan
 
 MASTER, THIRD = "http://robot2:11311/", "http://robot3:11311/"
 TOPICS, NODES = ["/one", "/two", "/three"], ["/a", "/b", "/own"]
@@ -18,7 +18,7 @@ def registration(kind, name, node, uri="http://robot2:1/"):
 
 
 def want(item, master=MASTER):
-    return Wanted(item, master, "robot2", "std_msgs/Int32")
+    return Candidate(item, master, "robot2", "std_msgs/Int32")
 
 
 registrations = st.builds(
@@ -64,7 +64,7 @@ def test_a_step_is_what_a_round_would_do(before, now, own):
     found = step(
         touched,
         {item.registration: item for item in wanted if item.registration in touched},
-        Known(view, first.claims, first.held, {refusal.name for refusal in first.refused}),
+        Knowledge(view, first.claims, first.held, {refusal.name for refusal in first.refused}),
         lambda name, master: False,
     )
     if found is None or any(node == "/own" and own for _call, node in names(found, first.claims, False).free):
@@ -74,7 +74,7 @@ def test_a_step_is_what_a_round_would_do(before, now, own):
     assert {
         key: of for key, of in found.claims.items() if key in {item.node_key for item in found.held}
     } == whole.claims or (whole.unregister)
-    assert after(found, view).registrations(found.claims) == set(found.held)
+    assert apply_plan(found, view).registrations(found.claims) == set(found.held)
 
 
 ONE = registration("publisher", "/one", "/a")
@@ -83,7 +83,7 @@ EMPTY = View({}, {}, {}, {}, {}, {})
 
 
 def stepped(item, view=EMPTY, claims=(), held=(), refused=(), contested=False):
-    known = Known(view, dict(claims), dict(held), refused)
+    known = Knowledge(view, dict(claims), dict(held), refused)
     return step({item}, {item: want(item)}, known, lambda name, master: contested)
 
 
@@ -123,13 +123,13 @@ def test_what_is_not_simple_takes_a_round(item, more):
 @pytest.mark.parametrize(("item", "name"), [(ONE, "/a"), (SERVICE, "/a"), (SERVICE, "/get")])
 def test_a_name_that_another_master_has_too_takes_a_round(item, name):
     def stepped_beside(taken):
-        return step({item}, {item: want(item)}, Known(EMPTY, {}, {}, set()), lambda asked, master: asked == taken)
+        return step({item}, {item: want(item)}, Knowledge(EMPTY, {}, {}, set()), lambda asked, master: asked == taken)
 
     assert stepped_beside(name) is None and stepped_beside("/other") is not None
 
 
 def test_a_refused_and_gone_topic_takes_a_round():
-    known = Known(EMPTY, {}, {}, {"/one"})
+    known = Knowledge(EMPTY, {}, {}, {"/one"})
     assert step({ONE}, {}, known, lambda name, master: False) is None
 
 

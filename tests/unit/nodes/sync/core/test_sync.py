@@ -5,7 +5,7 @@ from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import Node, Provider, State
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.messages import Master, Registration
-from rosfleet_multimaster.sync.core.sync import PATIENCE, Refusal, Sync, View, Wanted, calls, plan, select
+from rosfleet_multimaster.sync.core.sync import PATIENCE, Candidate, Refusal, Sync, View, calls, plan, select
 
 OWN = "http://robot1:11311/"
 R2, R3 = "http://robot2:11311/", "http://robot3:11311/"
@@ -17,7 +17,7 @@ ADD = Registration("service", "/add", *TALKER, "rosrpc://robot2:50000")
 
 def wanted(*items, master=R2, name="robot2"):
     types = {"/chatter": "std_msgs/String"}
-    return [Wanted(item, master, name, types.get(item.name, "*")) for item in items]
+    return [Candidate(item, master, name, types.get(item.name, "*")) for item in items]
 
 
 def view(*items, node_uris=(), types=()):
@@ -235,15 +235,15 @@ def fetch(sync, now):
 
 def synced():
     sync = core()
-    sync.announced(announced(), 0.0)
-    assert sync.fetched(fetch(sync, 0.1), state(), "", 0.2)
+    sync.take_announcement(announced(), 0.0)
+    assert sync.take_fetch(fetch(sync, 0.1), state(), 0.2)
     return sync
 
 
 def test_several_changes_make_one_fetch_soon():
     sync = core()
     for now in (0.0, 0.02, 0.04):
-        sync.announced(announced(now + 1), now)
+        sync.take_announcement(announced(now + 1), now)
     assert sync.due(0.04) == []
     assert fetch(sync, 0.05).monitor_uri == "http://robot2:11611"
     assert sync.due(1.0) == []
@@ -251,50 +251,50 @@ def test_several_changes_make_one_fetch_soon():
 
 def test_a_fetched_state_is_wanted_and_not_fetched_again():
     sync = synced()
-    sync.announced(announced(), 1.0)
+    sync.take_announcement(announced(), 1.0)
     assert sync.due(2.0) == [] and sync.next_due() is None
-    assert {item.registration.name for item in sync.wanted(1.0)} == {"/chatter", "/unknown", "/add"}
+    assert {item.registration.name for item in sync.candidates(1.0)} == {"/chatter", "/unknown", "/add"}
 
 
 def test_a_change_while_a_fetch_is_under_way_makes_another_one():
     sync = core()
-    sync.announced(announced(1.0), 0.0)
+    sync.take_announcement(announced(1.0), 0.0)
     first = fetch(sync, 0.1)
-    sync.announced(announced(2.0), 0.2)
+    sync.take_announcement(announced(2.0), 0.2)
     assert sync.due(1.0) == []
-    sync.fetched(first, state(1.0), "", 1.0)
+    sync.take_fetch(first, state(1.0), 1.0)
     assert len(sync.due(1.1)) == 1
 
 
 def test_stamps_that_never_match_do_not_make_a_loop():
     sync = core()
-    sync.announced(announced(5.0), 0.0)
-    sync.fetched(fetch(sync, 0.1), state(7.0), "", 0.2)
-    sync.announced(announced(5.0), 0.3)
+    sync.take_announcement(announced(5.0), 0.0)
+    sync.take_fetch(fetch(sync, 0.1), state(7.0), 0.2)
+    sync.take_announcement(announced(5.0), 0.3)
     assert sync.next_due() is None
 
 
 def test_a_stamp_that_the_next_beat_corrects_ends_no_connection():
     """Who was silent is asked over TCP. The answer has one stamp, of own nodes and of others', until the next heartbeat."""
     sync = core()
-    sync.announced(announced(1.0), 0.0)
-    sync.fetched(fetch(sync, 0.1), state(1.0), "", 0.2, following=True)
-    sync.announced(announced(5.0), 1.0)
+    sync.take_announcement(announced(1.0), 0.0)
+    sync.take_fetch(fetch(sync, 0.1), state(1.0), 0.2, following=True)
+    sync.take_announcement(announced(5.0), 1.0)
     assert sync.next_due() == pytest.approx(1.0 + PATIENCE)
-    sync.announced(announced(1.0), 1.4)
+    sync.take_announcement(announced(1.0), 1.4)
     assert sync.next_due() is None
-    sync.announced(announced(5.0), 2.0)
+    sync.take_announcement(announced(5.0), 2.0)
     assert fetch(sync, 2.0 + PATIENCE), "one that stays is fetched"
 
 
 def test_a_failed_fetch_keeps_the_old_state_and_slows_down():
     sync = synced()
-    sync.announced(announced(2.0), 10.0)
+    sync.take_announcement(announced(2.0), 10.0)
     now, pauses = 10.1, []
     for _attempt in range(6):
         failed = fetch(sync, now)
-        assert not sync.fetched(failed, None, "refused", now)
-        assert sync.wanted(now)
+        assert not sync.take_fetch(failed, None, now)
+        assert sync.candidates(now)
         pauses.append(round(sync.next_due() - now, 3))
         now = sync.next_due()
     assert pauses == [0.2, 1.0, 3.0, 10.0, 30.0, 30.0]
@@ -302,64 +302,64 @@ def test_a_failed_fetch_keeps_the_old_state_and_slows_down():
 
 def test_the_state_of_somebody_else_is_not_taken():
     sync = core()
-    sync.announced(announced(), 0.0)
+    sync.take_announcement(announced(), 0.0)
     other = State(uri=R3, name="robot3")
-    assert not sync.fetched(fetch(sync, 0.1), other, "", 0.2)
-    assert sync.wanted(0.2) == []
+    assert not sync.take_fetch(fetch(sync, 0.1), other, 0.2)
+    assert sync.candidates(0.2) == []
 
 
 def test_offline_removed_and_back():
     sync = synced()
-    sync.announced(announced(online=False), 10.0)
-    assert sync.wanted(10.0) == []
-    sync.announced(announced(), 20.0)
-    sync.fetched(fetch(sync, 20.1), state(), "", 20.2)
-    assert sync.wanted(20.2)
-    sync.removed(R2)
-    assert sync.wanted(20.3) == [] and sync.remotes == {}
+    sync.take_announcement(announced(online=False), 10.0)
+    assert sync.candidates(10.0) == []
+    sync.take_announcement(announced(), 20.0)
+    sync.take_fetch(fetch(sync, 20.1), state(), 20.2)
+    assert sync.candidates(20.2)
+    sync.remove(R2)
+    assert sync.candidates(20.3) == [] and sync.remotes == {}
 
 
 def test_registrations_can_be_kept_while_offline():
     sync = Sync(Filters({}), OWN, "/master_sync", False, False, 30.0)
-    sync.announced(announced(), 0.0)
-    sync.fetched(fetch(sync, 0.1), state(), "", 0.2)
-    sync.announced(announced(online=False), 10.0)
-    assert sync.wanted(39.0) and sync.next_expiry(39.0) == 40.0
-    assert not sync.wanted(40.0)
+    sync.take_announcement(announced(), 0.0)
+    sync.take_fetch(fetch(sync, 0.1), state(), 0.2)
+    sync.take_announcement(announced(online=False), 10.0)
+    assert sync.candidates(39.0) and sync.next_expiry(39.0) == 40.0
+    assert not sync.candidates(40.0)
 
 
 def test_a_list_that_is_incomplete_for_a_moment_removes_nobody():
     sync = synced()
-    sync.listed([], 10.0)
-    sync.listed([announced()], 20.0)
-    sync.listed([], 30.0)
-    sync.listed([], 44.0)
+    sync.take_list([], 10.0)
+    sync.take_list([announced()], 20.0)
+    sync.take_list([], 30.0)
+    sync.take_list([], 44.0)
     assert sync.remotes
-    sync.listed([], 45.0)
+    sync.take_list([], 45.0)
     assert not sync.remotes
 
 
 def test_a_list_says_nothing_of_masters_with_newer_news():
     sync = synced()
-    sync.listed([announced(online=False)], 10.0, {R2})
-    assert sync.wanted(10.0)
-    sync.removed(R2)
-    sync.listed([announced()], 11.0, {R2})
+    sync.take_list([announced(online=False)], 10.0, {R2})
+    assert sync.candidates(10.0)
+    sync.remove(R2)
+    sync.take_list([announced()], 11.0, {R2})
     assert not sync.remotes
 
 
 def test_the_own_master_and_unwanted_hosts_are_not_synchronised():
     sync = core(ignore_hosts=["robot3"])
-    sync.listed([announced(uri=OWN, name="robot1"), announced(uri=R3, name="robot3")], 0.0)
+    sync.take_list([announced(uri=OWN, name="robot1"), announced(uri=R3, name="robot3")], 0.0)
     assert sync.remotes == {}
 
 
 def test_on_demand_only_what_is_there():
     sync = core(on_demand=True)
-    sync.announced(announced(), 0.0)
-    sync.fetched(fetch(sync, 0.1), state(), "", 0.2)
-    assert {item.registration.name for item in sync.wanted(1.0, ["/chatter"])} == {"/chatter", "/add"}
-    assert {item.registration.name for item in sync.wanted(1.0, [])} == {"/add"}
+    sync.take_announcement(announced(), 0.0)
+    sync.take_fetch(fetch(sync, 0.1), state(), 0.2)
+    assert {item.registration.name for item in sync.candidates(1.0, ["/chatter"])} == {"/chatter", "/add"}
+    assert {item.registration.name for item in sync.candidates(1.0, [])} == {"/add"}
 
 
 @pytest.mark.parametrize(
@@ -373,22 +373,22 @@ def test_on_demand_only_what_is_there():
 )
 def test_a_white_list_admits_more_than_what_is_demanded(filters, names):
     sync = core(on_demand=True, **filters)
-    sync.announced(announced(), 0.0)
+    sync.take_announcement(announced(), 0.0)
     publishers = {"/chatter": ("/talker",), "/scan": ("/laser",), "/map": ("/talker",)}
     nodes = {name: Node(f"http://robot2:4000{at}/", R2, "local") for at, name in enumerate(("/talker", "/laser"))}
     found = State(R2, "robot2", 1.0, 1.0, publishers, types=dict.fromkeys(publishers, "std_msgs/String"), nodes=nodes)
     asked = fetch(sync, 0.1)
     assert all(asked.rules.topic(nodes[0], topic, "x/Y", True) for topic, nodes in publishers.items() if topic in names)
-    sync.fetched(asked, found, "", 0.2)
-    assert {item.registration.name for item in sync.wanted(1.0, ["/chatter"])} == names
+    sync.take_fetch(asked, found, 0.2)
+    assert {item.registration.name for item in sync.candidates(1.0, ["/chatter"])} == names
 
 
 @pytest.mark.parametrize("kind", ["", "*", "None"])
 def test_a_type_that_nobody_knows_is_not_told_to_the_roscore(kind):
     sync = core()
-    sync.announced(announced(), 0.0)
-    sync.fetched(fetch(sync, 0.1), state(kind=kind), "", 0.2)
-    assert {item.type for item in sync.wanted(1.0)} == {"*"}
+    sync.take_announcement(announced(), 0.0)
+    sync.take_fetch(fetch(sync, 0.1), state(kind=kind), 0.2)
+    assert {item.type for item in sync.candidates(1.0)} == {"*"}
 
 
 def test_a_subscriber_is_told_the_publishers_here_and_at_home():
@@ -422,13 +422,13 @@ def test_a_subscriber_of_a_member_keeps_publishers_elsewhere():
 @pytest.mark.parametrize("filters", [{"ignore_publishers": ["/chatter"]}, {"do_not_sync": ["/chatter"]}])
 def test_a_subscriber_with_unseen_publishers_is_told_nothing(filters):
     sync = core(**filters)
-    sync.announced(announced(), 0.0)
-    sync.fetched(fetch(sync, 0.1), state(), "", 0.2)
+    sync.take_announcement(announced(), 0.0)
+    sync.take_fetch(fetch(sync, 0.1), state(), 0.2)
     assert sync.publishers_for(CHATTER._replace(kind="subscriber"), R2, ["http://robot1:1/"]) == []
 
 
 def test_a_master_unwanted_under_its_new_name_goes():
     sync = Sync(Filters({"ignore_hosts": ["other"]}), OWN, "/master_sync", False, False, 0.0)
-    sync.announced(announced(), 0.0)
-    sync.announced(announced(2.0, name="other"), 1.0)
+    sync.take_announcement(announced(), 0.0)
+    sync.take_announcement(announced(2.0, name="other"), 1.0)
     assert not sync.remotes

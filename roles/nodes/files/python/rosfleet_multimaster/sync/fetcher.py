@@ -72,9 +72,9 @@ class Fetcher:
 
     def _fetched(self, fetch: Fetch, found: Optional[Fetched], problem: Optional[Exception]) -> None:
         state, places, method, follower = found or Fetched(None, None, "", None)  # type: ignore[arg-type]
-        before = self._core.selected(fetch.uri)
-        taken = self._core.fetched(
-            fetch, state, str(problem or ""), monotonic(), places, quick=bool(method), following=follower is not None
+        before = self._core.selection(fetch.uri)
+        taken = self._core.take_fetch(
+            fetch, state, monotonic(), places, quick=bool(method), following=follower is not None
         )
         if found is not None:
             self._methods[fetch.uri] = method
@@ -87,7 +87,7 @@ class Fetcher:
             follower.stop()
         if taken:
             self.states += 1
-            self._on_state(fetch.uri, {*before, *self._core.selected(fetch.uri)})
+            self._on_state(fetch.uri, {*before, *self._core.selection(fetch.uri)})
         elif problem is not None:
             self._limited.say(
                 "warning",
@@ -100,7 +100,7 @@ class Fetcher:
     def _told(self, follower: Follower, state: State, misplaced: Misplaced) -> None:
         if self._followers.get(follower.fetch.uri) is follower and self._core.follows(follower.fetch):
             self.changes += 1
-            self._on_changes(follower.fetch.uri, self._core.followed(follower.fetch.uri, state, misplaced))
+            self._on_changes(follower.fetch.uri, self._core.take_change(follower.fetch.uri, state, misplaced))
 
     def _over(self, follower: Follower, problem: Exception) -> None:
         uri = follower.fetch.uri
@@ -112,7 +112,7 @@ class Fetcher:
         follower = self._followers.pop(uri, None)
         if follower is not None:
             follower.stop()
-            self._core.lapsed(uri, monotonic())
+            self._core.end_following(uri, monotonic())
 
 
 def _advice(problem: Exception) -> str:

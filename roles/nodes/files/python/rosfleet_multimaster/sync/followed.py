@@ -15,7 +15,7 @@ from ..protocol.graph import InvalidDocument, State, parse
 from ..protocol.members import Members, Networks
 from .core.limits import limit_state, size
 from .core.pace import Pace
-from .core.places import Here, Places, names_to_resolve
+from .core.places import LocalNetwork, Places, names_to_resolve
 from .core.sync import Fetch
 
 WAIT = (20.0, 30.0)  # seconds that an answer may take: not the same for all who ask
@@ -61,14 +61,14 @@ class Surroundings:
     """This computer, as it was a moment ago at most: the kernel's lists cost more than a change."""
 
     def __init__(self) -> None:
-        self._here: Optional[Here] = None
+        self._here: Optional[LocalNetwork] = None
         self._looked = 0.0
 
-    def here(self) -> Here:
+    def here(self) -> LocalNetwork:
         """The own addresses and networks. Raises OSError."""
         now = monotonic()
         if self._here is None or now - self._looked > HERE:
-            self._here, self._looked = Here(frozenset(network().own), Networks(networks())), now
+            self._here, self._looked = LocalNetwork(frozenset(network().own), Networks(networks())), now
         return self._here
 
 
@@ -165,4 +165,4 @@ class Follower:
         if size(self._state) > MOST:
             raise TooMuch(f"it has more than {MOST} registrations")
         self._taken = self._view.taken(self._state, self._taken)
-        told(self, self._taken, self._view.places(self._taken).refused(self._taken))
+        told(self, self._taken, self._view.places(self._taken).objections(self._taken))

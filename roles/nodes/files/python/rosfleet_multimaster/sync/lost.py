@@ -58,7 +58,7 @@ class Lost:
         if not self._active:
             return
         self._note(now)
-        looks, endings = self._losses.seen(self._online(), now)
+        looks, endings = self._losses.update(self._online(), now)
         for look in looks:
             self._sweeps.due = now
             for _name, uri in look.nodes:
@@ -86,7 +86,7 @@ class Lost:
 
     def _note(self, now: float) -> None:
         if self._latest is not None:
-            self._losses.registered(*self._latest)
+            self._losses.take_registrations(*self._latest)
             self._latest = None
             for host in self._losses.to_resolve(now):
                 self._resolve(host)
@@ -95,13 +95,13 @@ class Lost:
     def _resolve(self, host: str) -> None:
         def resolved(found: Optional[FrozenSet[str]], _problem: Optional[Exception]) -> None:
             if found:
-                self._losses.resolved(host, found, monotonic())
+                self._losses.take_addresses(host, found, monotonic())
                 self._endpoints = self._losses.endpoints()
 
         self._resolvers.submit(lambda: connections.addresses_of(host), resolved)
 
     def _noted(self, master: str, found: Optional[Set[Connection]], _problem: Optional[Exception]) -> None:
-        self._losses.noted(master, found or set())
+        self._losses.take_connections(master, found or set())
 
     def _sweep(self) -> List[ending.Pair]:
         """End what waits for the nodes of lost masters, whichever process of this computer has it."""

@@ -21,8 +21,8 @@ from ..protocol.imports import Claims
 from ..protocol.messages import Registration
 from ..protocol.plain_text import quote
 from .core import limits
-from .core.step import Known, Names, after, names, step
-from .core.sync import Plan, Refusal, Sync, View, Wanted, calls, nodes_of, plan
+from .core.step import Knowledge, Names, apply_plan, names, step
+from .core.sync import Candidate, Plan, Refusal, Sync, View, calls, nodes_of, plan
 from .lost import Lost
 from .own_graph import OwnGraph
 from .type_questions import TypeQuestions
@@ -46,7 +46,7 @@ class Taken(Exception):
 class Reading:
     """The part of the own roscore that a round needs: who has the names of what was wanted when the round began."""
 
-    def __init__(self, wanted: Sequence[Wanted], view: View, claims: Claims, met: AbstractSet[str]) -> None:
+    def __init__(self, wanted: Sequence[Candidate], view: View, claims: Claims, met: AbstractSet[str]) -> None:
         """`met`: the masters whose state was had when the round began."""
         self.wanted, self.view, self.claims, self.met = {item.registration for item in wanted}, view, claims, met
 
@@ -131,14 +131,14 @@ class Rounds:
 
     def _standing(self) -> List[Refusal]:
         """The refusals that a state has in it, whatever is registered."""
-        return self._core.misplaced() + limits.exceeded(self._core.remotes)
+        return self._core.place_refusals() + limits.limit_refusals(self._core.remotes)
 
     def tick(self, now: float) -> Optional[float]:
         """Begin a round where one is due; the time of the next one. The end of one wakes the loop."""
         self._started = min(self._started, now)
         gone, due = self._core.next_expiry(now), self._next()
         if due is not None and now >= due and not self.working:
-            self._begin(self._core.wanted(now))
+            self._begin(self._core.candidates(now))
         elif self._touched and not self.working:
             self._step(now)
         if gone is not None:
@@ -157,14 +157,14 @@ class Rounds:
 
     # Read
 
-    def _begin(self, wanted: List[Wanted]) -> None:
+    def _begin(self, wanted: List[Candidate]) -> None:
         self.working, self._began = True, monotonic()
         self._due = self._regular = self._unsettled = None
         self._touched, self._view = set(), None
         claims, met = dict(self.claims), frozenset(self.met)
         self._calls.submit(lambda: self._read(wanted, claims, met), self._read_done)
 
-    def _read(self, wanted: List[Wanted], claims: Claims, met: AbstractSet[str]) -> Reading:
+    def _read(self, wanted: List[Candidate], claims: Claims, met: AbstractSet[str]) -> Reading:
         """Ask the roscore; in its thread."""
         claimed = {node for node, _uri in claims}
         return Reading(wanted, self._graph.read(lambda view: _matter(wanted, claimed, view)), claims, met)
@@ -192,7 +192,7 @@ class Rounds:
         self.took = now - self._began
         self._rest = now + min(self.took * REST, LONGEST_REST)
         if results is not None:
-            self._view = after(todo, reading.view)
+            self._view = apply_plan(todo, reading.view)
         self._written(todo, reading.claims, results, problem)
 
     # A step: a few registrations, without reading the roscore
@@ -220,8 +220,8 @@ class Rounds:
         if now - self._started < LEFTOVERS and not self.met.issuperset(self.claims.values()):
             return None
         refused = {item.name for item in self._last_refused}
-        known = Known(self._view, self.claims, self.held, refused)
-        todo = step(touched, self._core.find_wanted(touched, now), known, self._core.contested)
+        known = Knowledge(self._view, self.claims, self.held, refused)
+        todo = step(touched, self._core.find_candidates(touched, now), known, self._core.is_contested)
         return None if todo is None else replace(todo, refused=self._last_refused)
 
     def _step_written(
@@ -232,14 +232,14 @@ class Rounds:
             self.soon(monotonic())
             return
         view, claims = self._view, self.claims
-        self._view = after(todo, view) if view is not None and results is not None else None
+        self._view = apply_plan(todo, view) if view is not None and results is not None else None
         if todo.claims != claims and self._view is not None:
             self._lost.registered(todo.held, self._view, todo.claims, monotonic())
         self._written(todo, claims, results, problem)
 
     def _plan(self, reading: Reading, now: float) -> Plan:
         view = reading.view
-        wanted = [] if self._withdrawn else self._core.wanted(now, view.own_nodes(reading.claims))
+        wanted = [] if self._withdrawn else self._core.candidates(now, view.local_nodes(reading.claims))
         # What came meanwhile is for the next round: nobody has looked whether its name is free.
         wanted = [item for item in wanted if item.registration in reading.wanted]
         if not self._withdrawn and (now - self._started < LEFTOVERS or not self._callbacks.listed()):
@@ -252,11 +252,12 @@ class Rounds:
         self._lost.registered(todo.held, view, reading.claims, now)
         return todo
 
-    def _leftovers(self, reading: Reading) -> List[Wanted]:
+    def _leftovers(self, reading: Reading) -> List[Candidate]:
         """Registrations of an earlier life whose masters have not been found again yet."""
         keep = {key: uri for key, uri in reading.claims.items() if uri not in reading.met}
         return [
-            Wanted(item, keep[item.node_key], keep[item.node_key]) for item in sorted(reading.view.registrations(keep))
+            Candidate(item, keep[item.node_key], keep[item.node_key])
+            for item in sorted(reading.view.registrations(keep))
         ]
 
     # Write
@@ -355,7 +356,7 @@ class Rounds:
         )
 
 
-def _matter(wanted: Sequence[Wanted], claimed: Set[str], view: View) -> Tuple[List[str], List[str]]:
+def _matter(wanted: Sequence[Candidate], claimed: Set[str], view: View) -> Tuple[List[str], List[str]]:
     """The nodes and the services whose URIs a round needs, sorted.
 
     A node that provides a wanted service here, or has a wanted topic, matters too: is it one of ours?

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How much of another master is taken: 5,000 registrations, and it is said where there are more.
+"""The limit of registrations taken of another master: 5,000. A master with more is reported.
 
-Which ones is not left to chance, nor to the other side: those that were taken before stay, as long as they are offered;
-then the first ones by kind and name. What a master has of others is not registered, and not counted: in a large fleet
-each one has thousands. Of these, its subscribers' publishers are kept as far as there is room, since they are told of
+Neither chance nor the other side selects them. Registrations that were taken before stay while they are offered; then
+come the first ones by kind and name. Nodes of third masters are not registered and not counted: in a large fleet each
+master has thousands. Their publishers for its own subscribers are kept as far as there is room, since these are told of
 them (sync.py). Free of sockets, threads and clocks.
 """
 
@@ -13,7 +13,7 @@ from typing import AbstractSet, Dict, Iterator, List, Mapping, Optional, Set, Tu
 
 from ...protocol.graph import Endpoints, State
 from ...protocol.plain_text import quote
-from .sync import Refusal, Remote, own_nodes
+from .sync import Refusal, Remote, master_nodes
 
 MOST = 5000  # registrations of one master
 
@@ -27,17 +27,17 @@ def limit_state(
     own_uri: str = "",
     sync_remote_nodes: bool = False,
 ) -> State:
-    """The state, or the part of it that is taken. `before`: what was taken of the same master until now.
+    """The state, or the part of it that is taken. `before`: the part that was taken until now.
 
-    `own_uri`: of the master here, `sync_remote_nodes`: as in `sync.select`. They say which nodes are the master's own.
+    `own_uri`: of the master here; `sync_remote_nodes`: as in `sync.select`. Both decide which nodes are the master's own.
     """
     if size(state) <= most:
         return state
     rows = list(_rows(state))
-    mine = own_nodes(state, own_uri, sync_remote_nodes)
+    mine = master_nodes(state, own_uri, sync_remote_nodes)
     own = [row for row in rows if row[2] in mine]
-    held = set(_rows(before)) if before is not None else set()
-    own.sort(key=lambda row: (row not in held, row))
+    old = set(_rows(before)) if before is not None else set()
+    own.sort(key=lambda row: (row not in old, row))
     taken = set(own[:most])
     taken.update(sorted(_foreign_publishers(rows, mine.keys(), taken))[: most - len(taken)])
     publishers, subscribers, services = (
@@ -62,7 +62,7 @@ def limit_state(
 
 
 def _foreign_publishers(rows: List[Row], mine: AbstractSet[str], taken: Set[Row]) -> Iterator[Row]:
-    """The publishers of others on the topics of subscribers that are taken."""
+    """The publishers of third masters, on topics of taken subscribers."""
     heard = {name for kind, name, _node in taken if kind == "subscriber"}
     return (row for row in rows if row[0] == "publisher" and row[1] in heard and row[2] not in mine)
 
@@ -86,12 +86,12 @@ def _rows(state: State) -> Iterator[Row]:
 
 
 def _keep_rows(kind: str, table: Endpoints, taken: Set[Row]) -> Dict[str, Tuple[str, ...]]:
-    left = {name: tuple(node for node in nodes if (kind, name, node) in taken) for name, nodes in table.items()}
-    return {name: nodes for name, nodes in left.items() if nodes}
+    rest = {name: tuple(node for node in nodes if (kind, name, node) in taken) for name, nodes in table.items()}
+    return {name: nodes for name, nodes in rest.items() if nodes}
 
 
-def exceeded(remotes: Mapping[str, Remote]) -> List[Refusal]:
-    """The masters that offer more than is taken, as refusals: so the log, the status and /diagnostics say it."""
+def limit_refusals(remotes: Mapping[str, Remote]) -> List[Refusal]:
+    """A refusal for each master that offers more than is taken, for the log, the status and /diagnostics."""
     return [
         Refusal("limit", remote.announced.name, remote.announced.name, uri, str(MOST))
         for uri, remote in sorted(remotes.items())

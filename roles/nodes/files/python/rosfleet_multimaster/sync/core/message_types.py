@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Types of shared topics, compared here and there: answers of nodes and masters in, questions and refusals out.
 
-The roscore cannot say it. It keeps one type per topic, that of the publisher who registered last (a subscriber that
-comes later changes nothing), and keeps it when all of them are gone. So the own nodes that share a topic with another
-master are asked what they take it for, and its discovery for the md5 sums of the types that an own node has named.
+The roscore is not enough. It keeps one type per topic, that of the last publisher (a later subscriber changes nothing),
+even when all nodes of the topic are gone. So own nodes that share a topic with another master are asked for its type,
+and the master's discovery for md5 sums of the types that own nodes have.
 
 Free of sockets, threads and clocks.
 """
@@ -28,15 +28,15 @@ from typing import (
 from ...protocol.filters import UNKNOWN_TYPES
 from ...protocol.messages import NodeKey
 from ...protocol.plain_text import quote
-from .sync import Refusal, View, Wanted
+from .sync import Candidate, Refusal, View
 
 MOST = 500  # types of one question
-AGAIN = 60.0  # seconds after an answer, or none, until the same is asked again: nothing tells that it would be another
+AGAIN = 60.0  # seconds until the same is asked again: no event tells of a new answer
 Key = TypeVar("Key")
 
 
 class Question(NamedTuple):
-    """To be asked: an own node for the types of its topics (`node`), or a master for md5 sums of types (`master`)."""
+    """A question to an own node for the types of its topics, or (without `node`) to a master for md5 sums of types."""
 
     node: Optional[NodeKey]
     master: str = ""
@@ -44,9 +44,9 @@ class Question(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """The wanted registrations that may be made now, the conflicts, and the questions to ask."""
+    """The candidates to register now, the conflicts, and the questions to ask."""
 
-    wanted: List[Wanted]
+    wanted: List[Candidate]
     refused: List[Refusal]
     questions: List[Question]
 
@@ -56,18 +56,16 @@ class _Book(Generic[Key]):
 
     def __init__(self) -> None:
         self.answers: Dict[Key, Mapping[str, str]] = {}
-        self._asked: Dict[
-            Key, Tuple[FrozenSet[str], float, float]
-        ] = {}  # for what, at which stamp, until when it is enough
+        self._asked: Dict[Key, Tuple[FrozenSet[str], float, float]] = {}  # names, stamp, valid until
         self._open: Set[Key] = set()
 
     def to_ask(self, key: Key, names: FrozenSet[str], stamp: float, now: float) -> bool:
-        """True where these names are to be asked for now: they are new, or the stamp is. Then the question is open."""
+        """True where these names must be asked now: a name or the stamp is new. Then the question is open."""
         asked, before, until = self._asked.get(key, (frozenset(), stamp, -math.inf))
         if key in self._open:
             return False
-        if key in self.answers:  # what has left may come back as something else
-            self.answers[key] = {name: said for name, said in self.answers[key].items() if name in names}
+        if key in self.answers:  # a topic that has gone may come back with a new type
+            self.answers[key] = {name: text for name, text in self.answers[key].items() if name in names}
         if names <= asked and stamp == before and now < until:
             self._asked[key] = names, before, until
             return False
@@ -76,7 +74,7 @@ class _Book(Generic[Key]):
         return True
 
     def waits(self, key: Key, name: str) -> bool:
-        """True where an answer is still to come, and there is none from before."""
+        """True where an answer is awaited, and there is no earlier one."""
         return key in self._open and name not in self.answers.get(key, ())
 
     def answer(self, key: Key, answer: Optional[Mapping[str, str]], now: float) -> None:
@@ -95,7 +93,7 @@ class _Book(Generic[Key]):
 
 
 class TypeGuard:
-    """Refuses registrations on topics that own nodes have with another type, or with another md5 sum of it."""
+    """Refuses registrations on topics that own nodes have with a different type, or with a different md5 sum of it."""
 
     def __init__(self) -> None:
         self._nodes: _Book[NodeKey] = _Book()  # own node -> topic -> type
@@ -104,17 +102,17 @@ class TypeGuard:
 
     def judge(
         self,
-        wanted: Sequence[Wanted],
+        wanted: Sequence[Candidate],
         view: View,
         claims: Mapping[NodeKey, str],
         stamps: Mapping[str, float],
         now: float,
     ) -> Verdict:
-        """`stamps`: of each master's state; another one means that its answers may be others.
+        """`stamps`: of each master's state; with a new stamp, its answers may have changed.
 
-        What is new and shared waits for the answers to open questions; what is registered already stays meanwhile.
+        A new registration on a shared topic waits for the answers to open questions. A present one stays meanwhile.
         """
-        users = view.own_nodes(claims)
+        users = view.local_nodes(claims)
         shared = [item for item in wanted if _type(item) and item.registration.name in users]
         nodes = _group_by_node(shared, users, view)
         questions = self._ask_nodes(nodes, now)
@@ -125,7 +123,7 @@ class TypeGuard:
         questions += self._ask_masters(types, stamps, now)
         held, conflicts = view.registrations(claims), self._conflicts(shared, users, named, view)
 
-        def ready(item: Wanted) -> bool:
+        def is_ready(item: Candidate) -> bool:
             topic = item.registration.name
             if not _type(item) or topic not in users:
                 return True
@@ -133,9 +131,8 @@ class TypeGuard:
                 return False
             return item.registration in held or not self._waits(item, users[topic], named.get(topic, {}), view)
 
-        left = [item for item in wanted if ready(item)]
         refused = [Refusal("type", topic, master, *sides) for (topic, master), sides in conflicts.items()]
-        return Verdict(left, refused, questions)
+        return Verdict([item for item in wanted if is_ready(item)], refused, questions)
 
     def _ask_nodes(self, nodes: Mapping[NodeKey, Set[str]], now: float) -> List[Question]:
         asked = [node for node, topics in nodes.items() if self._nodes.to_ask(node, frozenset(topics), 0.0, now)]
@@ -166,25 +163,25 @@ class TypeGuard:
 
     def _types_of_users(self, topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
         """Type -> the own node that has the topic with it."""
-        found: Dict[str, str] = {}
+        types: Dict[str, str] = {}
         for node in users:
             kind = self._nodes.answers.get((node, view.node_uris.get(node, "")), {}).get(topic, "")
             if kind not in UNKNOWN_TYPES:
-                found.setdefault(kind, node)
-        return found
+                types.setdefault(kind, node)
+        return types
 
     def _conflicts(
         self,
-        shared: Sequence[Wanted],
+        shared: Sequence[Candidate],
         users: Mapping[str, Sequence[str]],
         named: Mapping[str, Dict[str, str]],
         view: View,
     ) -> Dict[Tuple[str, str], Tuple[str, str]]:
         """(topic, master) -> its type there, and here."""
-        there: Dict[Tuple[str, str], List[Wanted]] = {}
+        there: Dict[Tuple[str, str], List[Candidate]] = {}
         for item in shared:
             there.setdefault((item.registration.name, item.master), []).append(item)
-        found = {}
+        conflicts = {}
         for (topic, master), items in there.items():
             here = named.get(topic) or self._roscore_type(topic, users[topic], view)
             if not here:
@@ -194,52 +191,53 @@ class TypeGuard:
             theirs, ours = self._masters.answers.get(items[0].master_uri, {}).get(kind), self._own_md5.get(kind)
             if kind not in here:
                 own_kind, node = next(iter(here.items()))
-                found[topic, master] = f"{quote(kind)} (of {nodes})", f"{quote(own_kind)} (of {quote(node)})"
+                conflicts[topic, master] = f"{quote(kind)} (of {nodes})", f"{quote(own_kind)} (of {quote(node)})"
             elif theirs and ours and theirs != ours and kind in named.get(topic, {}):
-                sides = (
+                conflicts[topic, master] = (
                     f"{quote(kind)} with the md5 sum {quote(theirs)} (of {nodes})",
                     f"{quote(kind)} with {quote(ours)} (of {quote(here[kind])})",
                 )
-                found[topic, master] = sides
-        return found
+        return conflicts
 
     def _roscore_type(self, topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
-        """The type in the roscore, where no own node names one. A node that takes any type contradicts nobody."""
+        """The type in the roscore, where no own node names one. A node that takes any type conflicts with no other."""
         answers = (self._nodes.answers.get((node, view.node_uris.get(node, "")), {}) for node in users)
         kind = view.types.get(topic, "")
         if kind in UNKNOWN_TYPES or self._silent(topic, users, view) or any(topic in answer for answer in answers):
             return {}
         return {kind: users[0]}
 
-    def _waits(self, item: Wanted, users: Sequence[str], named: Mapping[str, str], view: View) -> bool:
+    def _waits(self, item: Candidate, users: Sequence[str], named: Mapping[str, str], view: View) -> bool:
         if self._silent(item.registration.name, users, view):
             return True
         return item.type in named and self._masters.waits(item.master_uri, item.type)
 
     def _silent(self, topic: str, users: Sequence[str], view: View) -> bool:
-        """True where an own node has not answered yet with which type it has the topic."""
+        """True where an own node has not yet told its type of the topic."""
         return any(self._nodes.waits((node, view.node_uris.get(node, "")), topic) for node in users)
 
 
-def _type(item: Wanted) -> str:
-    """The type of a wanted topic, "" where there is none to compare."""
+def _type(item: Candidate) -> str:
+    """The type of a wanted topic, "" where there is nothing to compare."""
     return "" if item.registration.kind == "service" or item.type in UNKNOWN_TYPES else item.type
 
 
-def _group_by_node(shared: Sequence[Wanted], users: Mapping[str, Sequence[str]], view: View) -> Dict[NodeKey, Set[str]]:
+def _group_by_node(
+    shared: Sequence[Candidate], users: Mapping[str, Sequence[str]], view: View
+) -> Dict[NodeKey, Set[str]]:
     """The own nodes that share topics -> these topics."""
-    found: Dict[NodeKey, Set[str]] = {}
+    topics: Dict[NodeKey, Set[str]] = {}
     for topic in {item.registration.name for item in shared}:
         for node in users[topic]:
             if node in view.node_uris:
-                found.setdefault((node, view.node_uris[node]), set()).add(topic)
-    return found
+                topics.setdefault((node, view.node_uris[node]), set()).add(topic)
+    return topics
 
 
-def _group_by_master(shared: Sequence[Wanted], named: Mapping[str, Mapping[str, str]]) -> Dict[str, FrozenSet[str]]:
-    """The masters whose types an own node has named too -> these types; a type that only others name is never looked at."""
-    found: Dict[str, Set[str]] = {}
+def _group_by_master(shared: Sequence[Candidate], named: Mapping[str, Mapping[str, str]]) -> Dict[str, FrozenSet[str]]:
+    """Master -> those of its types that an own node has, too. A type that only others have is never imported."""
+    groups: Dict[str, Set[str]] = {}
     for item in shared:
         if item.type in named.get(item.registration.name, {}):
-            found.setdefault(item.master_uri, set()).add(item.type)
-    return {master: frozenset(sorted(types)[:MOST]) for master, types in found.items()}
+            groups.setdefault(item.master_uri, set()).add(item.type)
+    return {master: frozenset(sorted(types)[:MOST]) for master, types in groups.items()}

@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How soon another master is asked again for its changes, however fast it answers.
+"""The pace of questions to another master for its changes, however fast it answers.
 
 Free of sockets, threads and clocks: times are arguments, in seconds of a clock that never steps.
 """
 
-BURST, RATE = 20, 20.0  # answers that are taken at once, and then a second
-WHOLE = 20  # answers that one with a whole state counts for
-SHARE = 4  # times as much as an answer took of a processor, nothing is read of this master
-EARLY = 1.0  # seconds until the next question where an answer without news came before its time
+BURST, RATE = 20, 20.0  # answers at once, and answers a second after these
+WHOLE = 20  # a whole state counts as so many answers
+SHARE = 4  # the pause after an answer, in times of the processor time that it took
+EARLY = 1.0  # seconds until the next question, if an answer without news came early
 
 
 class Pace:
@@ -18,9 +18,9 @@ class Pace:
         self._left, self._at = float(BURST), 0.0
 
     def next(self, now: float, took: float, whole: bool, early: bool) -> float:
-        """The time of the next question, after an answer that took so many seconds of a processor.
+        """The time of the next question, after an answer. `took`: seconds of a processor for it.
 
-        `whole`: it was a whole state. `early`: it had no news, though there was time to wait for some.
+        `whole`: it was a whole state. `early`: it had no news, and did not wait for them.
         """
         self._left = min(BURST, self._left + (now - self._at) * RATE) - (WHOLE if whole else 1)
         self._at = now

@@ -1,21 +1,21 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which TCP connections may be ended for master_sync: those of nodes with computers of the fleet, and no other one.
+"""The TCP connections that may be ended for master_sync: only those of nodes with computers of the fleet.
 
-The program with the right to end connections (end_connections.py) asks this. It believes nothing that robots say.
+The program with the right to end connections (end_connections.py) asks this. It uses only the plan, nothing that robots say.
 """
 
 from typing import Collection, FrozenSet, Tuple
 
 from ...protocol.members import Members
 
-LOWEST = 1024  # ports below it are of ssh and the like, never of a node, whatever a robot says of its nodes
+LOWEST = 1024  # ports below it are of ssh and the like, never of a node
 
 Endpoint = Tuple[str, int]
 
 
 class Permission:
-    """What the members of the fleet allow."""
+    """The permission to end connections, from the members of the fleet."""
 
     def __init__(self, members: Members) -> None:
         self._hosts = frozenset(host for robot in members.robots for host in robot.hosts)

@@ -1,48 +1,50 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the nodes of another master may be: what this robot connects to, since another one says so.
+"""The places where nodes of another master may be. This robot connects to them because that master says so.
 
-A URI of a node goes to the own roscore and to own nodes, which then connect there. So it names a computer of the robot
-whose master says it, and nothing else. A robot of the fleet has planned computers; their names lead to them by
-/etc/hosts, and so may another name that they have. A stranger that is allowed has its own address, and who else is in
-the networks of this computer or allowed. Only a second master on this computer has nodes here.
+The URI of a node goes to the own roscore and to own nodes, which then connect there. So it must name a computer of that
+master's robot. A robot of the fleet has its planned computers, under the names of /etc/hosts and any other name that
+leads to them. An allowed stranger has its own address, those in networks of this computer, and allowed ones. Only a
+second master on this computer has nodes here.
 """
 
-from typing import Container, Dict, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional, Set, Tuple
+from typing import Container, Dict, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional, Set
 from urllib.parse import urlsplit
 
 from ...protocol.graph import State
 from ...protocol.members import Member, Members
 from ...protocol.plain_text import quote
+from .permission import LOWEST
 
-LOWEST_PORT = 1024
 LOCAL_NAMES = ("", "localhost", "localhost.localdomain", "ip6-localhost")
 MAX_NAMES = 16  # hosts of one state that are looked up
 
 
-class Here(NamedTuple):
-    """What is known of this computer."""
+class LocalNetwork(NamedTuple):
+    """The addresses and networks of this computer."""
 
-    addresses: FrozenSet[str] = frozenset()  # its own
-    networks: Optional[Container[str]] = None  # that it is in; None where they do not matter
+    addresses: FrozenSet[str] = frozenset()
+    networks: Optional[Container[str]] = None  # None where they do not matter
 
 
 class Places:
     """The places of one master's nodes."""
 
-    def __init__(self, members: Members, uri: str, monitor_uri: str, here: Here, resolved: Mapping[str, str]) -> None:
+    def __init__(
+        self, members: Members, uri: str, monitor_uri: str, here: LocalNetwork, resolved: Mapping[str, str]
+    ) -> None:
         """`resolved`: addresses of names that the plan does not have."""
         self._members, self._here, self._resolved = members, here, resolved
         self._member: Optional[Member] = members.master(uri)
         self._sender = host_of(monitor_uri)
 
-    def refused(self, state: State) -> Dict[str, str]:
-        """URI of a node or service in a state -> why nobody is to connect to it."""
-        found = {uri: self.objection(uri) for uri in uris(state)}
-        return {uri: why for uri, why in found.items() if why}
+    def objections(self, state: State) -> Dict[str, str]:
+        """URI of a misplaced node or service in a state -> the objection."""
+        objections = {uri: self.objection(uri) for uri in uris(state)}
+        return {uri: why for uri, why in objections.items() if why}
 
     def objection(self, uri: str) -> str:
-        """Why nobody is to connect to this URI of a node or a service; empty where it is fine."""
+        """The reason not to connect to this URI of a node or a service; empty where it is fine."""
         try:
             parts = urlsplit(uri)
             host, port = (parts.hostname or "").lower(), parts.port
@@ -50,7 +52,7 @@ class Places:
             return "it is no URI"
         if parts.path not in ("", "/") or parts.query or parts.fragment or "@" in parts.netloc:
             return "it is more than a host and a port"
-        if port is None or port < LOWEST_PORT:
+        if port is None or port < LOWEST:
             return "its port is no node's"
         if self._member is not None and port in self._member.ports:
             return f"port {port} there is its roscore's or its discovery's"
@@ -84,7 +86,7 @@ class Places:
 
 
 def names_to_resolve(state: State, members: Members) -> List[str]:
-    """The host names in a state that the plan does not have. Where the fleet is not known, none is looked up."""
+    """The host names in a state that the plan does not have. Empty where the fleet is not known."""
     if not members.robots:
         return []
     member = members.master(state.uri)
@@ -103,11 +105,8 @@ def host_of(uri: str) -> str:
 
 def uris(state: State) -> Iterable[str]:
     """The URIs of nodes and services in a state."""
-    found: Tuple[Optional[str], ...] = (
-        *(node.uri for node in state.nodes.values()),
-        *(provider.uri for provider in state.providers.values()),
-    )
-    return (uri for uri in found if uri)
+    nodes, providers = state.nodes.values(), state.providers.values()
+    return (uri for uri in (*(node.uri for node in nodes), *(provider.uri for provider in providers)) if uri)
 
 
 def _is_address(host: str) -> bool:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What people are shown of refusals and registrations: sentences for the log, entries of /diagnostics, metrics."""
+"""Refusals and registrations for people: sentences for the log, entries of /diagnostics, metrics."""
 
 from collections import Counter
 from typing import Iterable, List, Mapping, Sequence, Tuple
@@ -17,8 +17,6 @@ _TAKEN = "at {there} is refused: here it is {here}. Give one of them another nam
 _OTHER = (
     "is refused: there it is {there}, here {here}. Use one definition on both robots, another topic, or ignore_topics"
 )
-
-
 _PLACE = "at {there} is refused: {here}. Its nodes belong on computers of its robot, or in multimaster_allow"
 _HERE = {**dict.fromkeys(NOUNS, ", here it is "), "place": ": "}
 _SENTENCES = {"type": _OTHER, "place": _PLACE}
@@ -34,7 +32,7 @@ def describe_refusal(item: Refusal) -> str:
 
 
 def _sides(item: Refusal) -> Tuple[str, str]:
-    """What is there and what is here. Types and places are told in sentences, which have quoted the names in them."""
+    """The two sides of a conflict, there and here. Sentences about types and places have their names quoted already."""
     there = item.uri if item.kind == "type" else quote(item.uri)
     return there, item.holder if item.kind in ("type", "place") else quote(item.holder)
 
@@ -55,7 +53,7 @@ def diagnoses(items: Sequence[Refusal]) -> List[Diagnosis]:
     }
     return [
         _limits([item for item in items if item.kind == "limit"]),
-        *(_refusals(name, why, [item for item in items if item.kind in of]) for name, (of, why) in kinds.items()),
+        *(_refusals(name, why, [item for item in items if item.kind in group]) for name, (group, why) in kinds.items()),
     ]
 
 
@@ -68,8 +66,8 @@ def _refusals(name: str, why: str, items: Sequence[Refusal]) -> Diagnosis:
     values = []
     for item in items:
         there, here = _sides(item)
-        told = f"{there} of {item.master} is refused{_HERE[item.kind]}{here}"
-        values.append((f"{NOUNS[item.kind]} {quote(item.name)}", told))
+        text = f"{there} of {item.master} is refused{_HERE[item.kind]}{here}"
+        values.append((f"{NOUNS[item.kind]} {quote(item.name)}", text))
     return warning(name, f"{why}: {len(items)}", values)
 
 
@@ -77,7 +75,7 @@ def _refusals(name: str, why: str, items: Sequence[Refusal]) -> Diagnosis:
 
 
 def refusal_samples(refused: Iterable[Refusal], total: Mapping[str, int]) -> metrics.Samples:
-    """The samples about refusals: those that are in force, and kind -> how many there were."""
+    """The samples about refusals. `refused`: those in force; `total`: kind -> the number since the start."""
     now = Counter(item.kind for item in refused)
     return {
         "multimaster_refusals": {(reason,): now[reason] for reason in metrics.REASONS},
@@ -86,7 +84,7 @@ def refusal_samples(refused: Iterable[Refusal], total: Mapping[str, int]) -> met
 
 
 def registration_samples(names: Mapping[str, str], held: Mapping[Registration, str]) -> metrics.Samples:
-    """The samples about what is registered. `names`: URI of a master -> its name."""
+    """The samples about registrations. `names`: URI of a master -> its name."""
     counts = Counter((names.get(uri, ""), item.kind) for item, uri in held.items())
     known = sorted({*names.values(), *(name for name, _kind in counts)} - {""})[: metrics.MOST // len(metrics.KINDS)]
     return {"multimaster_registrations": {(name, kind): counts[name, kind] for name in known for kind in metrics.KINDS}}

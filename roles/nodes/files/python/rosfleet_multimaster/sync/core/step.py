@@ -1,12 +1,11 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A small plan for a few registrations, made of what the last round knew; where that does not do, a round makes it.
+"""A small plan for a few registrations, from the knowledge of the last round. If that is not enough, a round follows.
 
-A round reads the whole roscore, and looks at all that is wanted of all masters. With 3,000 topics, or where twenty robots
-meet, that takes longer than everything else. Most changes are simple: a node of another robot has one topic more or less,
-or another robot is there with all of its topics, and nobody else has anything to do with their names. `step` plans these, and
-nothing else: for what is left it gives the plan that a round would give. Whether the names are still free is asked anew
-before anything is written (`names`). Free of sockets, threads and clocks.
+A round reads the whole roscore, and all registrations of all masters. With 3,000 topics, or where twenty robots meet,
+that takes longer than everything else. Most changes are simple: a node of another robot has one topic more or less, or a
+robot comes with topics that no other robot has. `step` plans only these, and gives the same plan as a round. Before
+anything is written, the roscore is asked whether the names are still free (`names`). Free of sockets, threads and clocks.
 """
 
 from dataclasses import replace
@@ -15,34 +14,34 @@ from typing import Callable, Container, Dict, List, Mapping, NamedTuple, Optiona
 from ...protocol.filters import UNKNOWN_TYPES
 from ...protocol.imports import Claims
 from ...protocol.messages import NodeKey, Registration
-from .sync import Plan, View, Wanted, nodes_of
+from .sync import Candidate, Plan, View, nodes_of
 
 
-class Known(NamedTuple):
+class Knowledge(NamedTuple):
     """The knowledge since the last round."""
 
     view: View
     claims: Claims
     held: Mapping[Registration, str]
-    refused: Container[str]  # names of nodes, services and topics that something was refused for
+    refused: Container[str]  # names of nodes, services and topics with a refusal
 
 
 class Names(NamedTuple):
     """Names that must be free, and nodes that must be where they were."""
 
-    free: List[Tuple[str, ...]]  # calls of the roscore that must find nothing
+    free: List[Tuple[str, ...]]  # calls of the roscore that must fail
     same: Dict[str, str]  # node -> URI
 
 
 def step(
     touched: Set[Registration],
-    wanted: Mapping[Registration, Wanted],
-    known: Known,
-    contested: Callable[[str, str], bool],
+    wanted: Mapping[Registration, Candidate],
+    known: Knowledge,
+    is_contested: Callable[[str, str], bool],
 ) -> Optional[Plan]:
     """The plan for the registrations that may have changed; None where it takes a round.
 
-    `wanted`: those of them that are wanted now. `contested(node or service, master)`: another master has this name, too.
+    `wanted`: those of them that are wanted now. `is_contested(node or service, master)`: true if another master has the name.
     """
     if not _is_as_before(touched, wanted, known):
         return None
@@ -54,26 +53,26 @@ def step(
         return None
     if not all(_is_free(item, masters[item], known) for item in new):
         return None
-    if any(contested(*name) for name in _names_of(masters)):
+    if any(is_contested(*name) for name in _names_of(masters)):
         return None
     return _plan(new, old, wanted, known)
 
 
 def _plan(
-    new: List[Registration], old: List[Registration], wanted: Mapping[Registration, Wanted], known: Known
+    new: List[Registration], old: List[Registration], wanted: Mapping[Registration, Candidate], known: Knowledge
 ) -> Plan:
     held = dict(known.held)
     for item in old:
         del held[item]
     held.update((item, wanted[item].master_uri) for item in new)
-    left = nodes_of(held) if old else set()
-    claims = {key: master for key, master in known.claims.items() if not old or key in left}
+    nodes = nodes_of(held) if old else set()
+    claims = {key: master for key, master in known.claims.items() if not old or key in nodes}
     claims.update((item.node_key, wanted[item].master_uri) for item in new)
     return Plan(claims, old, new, held, [], {item: wanted[item].type for item in new})
 
 
-def _is_as_before(touched: Set[Registration], wanted: Mapping[Registration, Wanted], known: Known) -> bool:
-    """True where nothing was refused for these names, and the topics that are held have the type that their master names."""
+def _is_as_before(touched: Set[Registration], wanted: Mapping[Registration, Candidate], known: Knowledge) -> bool:
+    """True where these names have no refusal, and registered topics still have the type that their master names."""
     if any(item.name in known.refused or item.node in known.refused for item in touched):
         return False
     held = ((item, wanted[item].type) for item in wanted if item in known.held and item.kind != "service")
@@ -81,7 +80,7 @@ def _is_as_before(touched: Set[Registration], wanted: Mapping[Registration, Want
 
 
 def _is_simple(item: Registration, view: View, claimed: Mapping[str, str]) -> bool:
-    """True where no own node has anything to do with its names. `claimed`: node of another master -> its URI."""
+    """True where no own node uses its names. `claimed`: node of another master -> its URI."""
     if claimed.get(item.node, item.node_uri) != item.node_uri:
         return False
     if view.node_uris.get(item.node, item.node_uri) != item.node_uri:  # an own node has its name
@@ -92,23 +91,23 @@ def _is_simple(item: Registration, view: View, claimed: Mapping[str, str]) -> bo
     return all(user in claimed for user in users)
 
 
-def _is_free(item: Registration, master: str, known: Known) -> bool:
-    """True where nothing is registered with its names for another master."""
+def _is_free(item: Registration, master: str, known: Knowledge) -> bool:
+    """True where its names are not registered for another master."""
     if item.kind == "service" and item.name in known.view.services:
         return False
     return known.claims.get(item.node_key, master) == master
 
 
 def _names_of(masters: Mapping[Registration, str]) -> Set[Tuple[str, str]]:
-    """The nodes and services of registrations, each once, with their masters: one node has many topics."""
+    """The names of nodes and services, each once with its master: a node has many topics."""
     nodes = {(item.node, master) for item, master in masters.items()}
     return nodes | {(item.name, master) for item, master in masters.items() if item.kind == "service"}
 
 
 def names(todo: Plan, claims: Mapping[NodeKey, str], guarded: bool) -> Names:
-    """The condition under which a plan may be carried out: nobody else has taken a name meanwhile.
+    """The condition for a plan: its names have not been taken meanwhile.
 
-    `guarded`: the roscore itself sees to it for the names of nodes.
+    `guarded`: the roscore itself guards the names of nodes.
     """
     free: Set[Tuple[str, ...]] = {("lookupService", item.name) for item in todo.register if item.kind == "service"}
     if guarded:
@@ -118,7 +117,7 @@ def names(todo: Plan, claims: Mapping[NodeKey, str], guarded: bool) -> Names:
     return Names(sorted(free), same)
 
 
-def after(todo: Plan, view: View) -> View:
+def apply_plan(todo: Plan, view: View) -> View:
     """The registrations of the roscore after a plan."""
     tables: Dict[str, Dict[str, Tuple[str, ...]]] = {}
     node_uris, service_uris = dict(view.node_uris), dict(view.service_uris)

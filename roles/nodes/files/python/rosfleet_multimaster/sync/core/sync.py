@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Registrations for other masters: lists and documents in, calls to the own roscore out.
 
-The roscore itself is the only record. Claims say which nodes we registered; what the roscore holds for these nodes is
+The roscore itself is the only record. Claims name the nodes that we registered; their registrations in the roscore are
 ours. Claims are written to the parameter server before the registrations. So they live exactly as long, and outlive a
-killed master_sync. Every round compares what is wanted with what the roscore holds.
+killed master_sync. Every round compares the wanted registrations with those in the roscore.
 
 Free of sockets, threads and clocks: times are arguments, in seconds of a clock that never steps.
 """
@@ -22,17 +22,17 @@ from ...protocol.messages import Master, NodeKey, Registration
 from .places import Places, host_of
 
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
-PAUSE = 1.0  # seconds between two fetches where the first one brought nothing new: anybody can announce a change
+PAUSE = 1.0  # seconds between two fetches where the first one brought nothing new: anyone can announce a change
 RETRY = (0.2, 1.0, 3.0, 10.0, 30.0)  # seconds after failed fetches
-PATIENCE = 1.0  # seconds that a change may be announced before a master that is followed tells it,
-DOUBT = 10.0  # and from one fetch to the next where it told of none: anybody can write a stamp
+PATIENCE = 1.0  # seconds from the announcement of a change until a followed master must have told it
+DOUBT = 10.0  # seconds between two fetches of a followed master that told no change: anyone can write a stamp
 MISSING = 15.0  # seconds that a master may be missing in the list (of a discovery node that has just started)
 
 LONG_AGO = float("-inf")
 
 
 def nodes_of(items: Iterable[Registration]) -> Set[NodeKey]:
-    """The nodes of registrations. Called after each change with all that are held."""
+    """The nodes of registrations. Called after each change with all of them, so it must be fast."""
     return set(map(itemgetter(2, 3), items))
 
 
@@ -50,7 +50,7 @@ class View:
     def registrations(self, claims: Iterable[NodeKey]) -> Set[Registration]:
         """Everything that the claimed nodes have registered."""
         claimed = {node: uri for node, uri in claims if self.node_uris.get(node) == uri}
-        found = set()
+        items = set()
         for kind, table in (
             ("publisher", self.publishers),
             ("subscriber", self.subscribers),
@@ -60,48 +60,48 @@ class View:
                 for node in nodes:
                     if node in claimed:
                         service_uri = self.service_uris.get(name, "") if kind == "service" else ""
-                        found.add(Registration(kind, name, node, claimed[node], service_uri))
-        return found
+                        items.add(Registration(kind, name, node, claimed[node], service_uri))
+        return items
 
-    def own_nodes(self, claims: Iterable[NodeKey]) -> Dict[str, List[str]]:
+    def local_nodes(self, claims: Iterable[NodeKey]) -> Dict[str, List[str]]:
         """Topic -> the nodes on it that are not claimed: this robot's own."""
         claimed = {node for node, uri in claims if self.node_uris.get(node) == uri}
-        found: Dict[str, Dict[str, None]] = {}
+        users: Dict[str, Dict[str, None]] = {}
         for table in (self.publishers, self.subscribers):
             for topic, nodes in table.items():
                 for node in nodes:
                     if node not in claimed:
-                        found.setdefault(topic, {})[node] = None
-        return {topic: list(nodes) for topic, nodes in found.items()}
+                        users.setdefault(topic, {})[node] = None
+        return {topic: list(nodes) for topic, nodes in users.items()}
 
 
 class Refusal(NamedTuple):
     """A conflict, so nothing is registered.
 
-    The name is taken here, own nodes have the topic with another type, or a node is where none of its robot can be.
+    A name is taken here, a topic has a different type here, or a node is at an address where its robot cannot be.
     """
 
-    kind: str  # node, service, type, place
+    kind: str  # node, service, type, place, limit
     name: str  # of the node, the service, the topic
-    master: str  # name of the master that it is of
-    uri: str  # who has it there; for a type, which it is
-    holder: str  # the same here; for a place, what is wrong with it
+    master: str  # the name of its master
+    uri: str  # of the node or service there; for a type, the type there
+    holder: str  # the same here; for a place, the objection
 
 
 @dataclass
 class Plan:
-    """The difference to carry out: calls, and what will be held then."""
+    """The difference to carry out, and the state after it."""
 
     claims: Claims
     unregister: List[Registration]
     register: List[Registration]
-    held: Dict[Registration, str]  # what will be held after it -> URI of its master
+    held: Dict[Registration, str]  # the registrations after it -> URI of the master
     refused: List[Refusal]
-    types: Dict[Registration, str]  # of what will be held
+    types: Dict[Registration, str]  # of the registrations after it
 
 
-class Wanted(NamedTuple):
-    """A wanted registration and the master that it is of."""
+class Candidate(NamedTuple):
+    """A wanted registration, and its master."""
 
     registration: Registration
     master_uri: str
@@ -109,11 +109,11 @@ class Wanted(NamedTuple):
     type: str = "*"  # of the topic; "*" where the master knows none
 
 
-def plan(wanted: Sequence[Wanted], view: View, claims: Mapping[NodeKey, str]) -> Plan:
-    """Plan a round: wanted, held and foreign registrations in, calls out.
+def plan(wanted: Sequence[Candidate], view: View, claims: Mapping[NodeKey, str]) -> Plan:
+    """Plan a round: wanted registrations and those in the roscore in, the difference out.
 
-    A node whose name another node has is refused (a roscore would shut down the older one, on whichever robot it runs);
-    so is a service whose name another provider has. Among several masters the one that holds a name keeps it.
+    A node is refused if another node here has its name: the roscore would shut down the older one, on whichever robot it
+    runs. A service is refused if another provider has its name. Among several masters, the first one keeps a name.
     """
     refused: Dict[Refusal, None] = {}
     owner = _owners(wanted, view, claims, refused)
@@ -134,9 +134,9 @@ def plan(wanted: Sequence[Wanted], view: View, claims: Mapping[NodeKey, str]) ->
         held.setdefault(registration, item.master_uri)
         types.setdefault(registration, item.type)
     ours = view.registrations(claims)
-    after = {registration.node_key: master for registration, master in held.items()}
+    new_claims = {registration.node_key: master for registration, master in held.items()}
     return Plan(
-        claims={**{item.node_key: claims[item.node_key] for item in ours}, **after},
+        claims={**{item.node_key: claims[item.node_key] for item in ours}, **new_claims},
         unregister=sorted(ours - set(held)),
         register=sorted(set(held) - ours),
         held=held,
@@ -146,10 +146,10 @@ def plan(wanted: Sequence[Wanted], view: View, claims: Mapping[NodeKey, str]) ->
 
 
 def _owners(
-    wanted: Sequence[Wanted], view: View, claims: Mapping[NodeKey, str], refused: Dict[Refusal, None]
+    wanted: Sequence[Candidate], view: View, claims: Mapping[NodeKey, str], refused: Dict[Refusal, None]
 ) -> Dict[str, str]:
-    """Node name -> URI of the node that is to have it here."""
-    claimants: Dict[str, List[Wanted]] = {}
+    """Node name -> URI of the node that gets it here."""
+    claimants: Dict[str, List[Candidate]] = {}
     for item in wanted:
         claimants.setdefault(item.registration.node, []).append(item)
     owner = {}
@@ -160,15 +160,15 @@ def _owners(
             owner[node] = current if current in uris else uris[0]
         for item in items:
             uri = item.registration.node_uri
-            if uri != owner.get(node) and uri != current:  # the same URI: the own node, seen through another master
+            if uri != owner.get(node) and uri != current:  # the same URI: our own node, as another master sees it
                 refused[Refusal("node", node, item.master, uri, owner.get(node) or current or "")] = None
     return owner
 
 
 def _providers(
-    wanted: Sequence[Wanted], view: View, claims: Mapping[NodeKey, str], refused: Dict[Refusal, None]
+    wanted: Sequence[Candidate], view: View, claims: Mapping[NodeKey, str], refused: Dict[Refusal, None]
 ) -> Dict[str, str]:
-    """Service name -> URI of the provider that is to have it here."""
+    """Service name -> URI of the provider that gets it here."""
     provider: Dict[str, str] = {}
     uris: Dict[str, List[str]] = {}
     for item in wanted:
@@ -206,8 +206,8 @@ def _call(verb: str, item: Registration, kind: str = "*") -> Tuple[Any, ...]:
 
 
 def select(state: State, rules: Rules, own_uri: str, sync_remote_nodes: bool) -> List[Registration]:
-    """The registrations of a master that are wanted here: of its own nodes, and not filtered."""
-    uris = own_nodes(state, own_uri, sync_remote_nodes)
+    """The wanted registrations of a master: of its own nodes, and not filtered."""
+    uris = master_nodes(state, own_uri, sync_remote_nodes)
     return [
         *_topics(state, rules, uris, "publisher", state.publishers),
         *_topics(state, rules, uris, "subscriber", state.subscribers),
@@ -215,7 +215,7 @@ def select(state: State, rules: Rules, own_uri: str, sync_remote_nodes: bool) ->
     ]
 
 
-def own_nodes(state: State, own_uri: str, sync_remote_nodes: bool) -> Dict[str, str]:
+def master_nodes(state: State, own_uri: str, sync_remote_nodes: bool) -> Dict[str, str]:
     """The URIs of the nodes that count as the master's own, by name."""
     return {
         name: node.uri
@@ -253,7 +253,7 @@ def _services(state: State, rules: Rules, uris: Mapping[str, str]) -> Iterator[R
 
 
 class Fetch(NamedTuple):
-    """Fetch the state of a master from its discovery node and hand it to `fetched`."""
+    """Fetch the state of a master from its discovery node, and hand it to `take_fetch`."""
 
     uri: str
     monitor_uri: str
@@ -267,27 +267,26 @@ class Remote:
 
     announced: Master
     rules: Rules  # for fetching and selecting
-    given: Rules  # as they stand in the parameters
+    parameter_rules: Rules  # without the changes for synchronisation on demand
     state: Optional[State] = None
     due: Optional[float] = None
     fetching: bool = False
     failures: int = 0
     offline_since: Optional[float] = None
     missing_since: Optional[float] = None
-    asking_for: float = 0.0  # local stamp that was announced when the fetch under way began
-    answered_for: float = 0.0  # the same of the last successful one
-    problem: str = ""
+    asking_for: float = 0.0  # the announced local stamp when the present fetch began
+    answered_for: float = 0.0  # the same of the last successful fetch
     began: float = LONG_AGO  # when the last fetch began
-    vain: bool = False  # it brought nothing new
-    following: bool = False  # it tells its changes,
-    lapsed: bool = False  # and does so no more: it is fetched again
-    quick: bool = True  # False where it was found that it does not tell its changes
+    vain: bool = False  # the last fetch brought nothing new
+    following: bool = False  # its changes are followed
+    lapsed: bool = False  # they were followed, and must be fetched again
+    quick: bool = True  # False if it does not tell its changes
     misplaced: Mapping[str, str] = field(default_factory=dict)  # URI of a node or service -> why it is refused
-    selected: Dict[Registration, str] = field(default_factory=dict)  # what is wanted of the state -> type of the topic
+    selected: Dict[Registration, str] = field(default_factory=dict)  # wanted registration -> type of the topic
 
 
 class Sync:
-    """The masters that are there, the states to fetch, and the registrations wanted of them."""
+    """The other masters, the states to fetch, and the wanted registrations."""
 
     def __init__(
         self,
@@ -305,14 +304,14 @@ class Sync:
         self.sync_remote_nodes, self.on_demand, self.keep_offline = sync_remote_nodes, on_demand, keep_offline
         self.remotes: Dict[str, Remote] = {}
 
-    def listed(self, masters: Sequence[Master], now: float, newer: AbstractSet[str] = frozenset()) -> None:
+    def take_list(self, masters: Sequence[Master], now: float, newer: AbstractSet[str] = frozenset()) -> None:
         """Take the complete list of discovery. A missing master is kept for a while: discovery may have just started.
 
-        `newer`: masters of which there was news since the list was asked for. What it says of these is old.
+        `newer`: masters with news since the list was asked for. Their entries in the list are old.
         """
         for master in masters:
             if master.uri not in newer:
-                self.announced(master, now)
+                self.take_announcement(master, now)
         present = {master.uri for master in masters} | newer
         for uri, remote in list(self.remotes.items()):
             if uri in present:
@@ -322,11 +321,11 @@ class Sync:
             elif now - remote.missing_since >= MISSING:
                 del self.remotes[uri]
 
-    def removed(self, uri: str) -> None:
-        """Forget a master: discovery says that it is gone."""
+    def remove(self, uri: str) -> None:
+        """Forget a master that discovery has removed."""
         self.remotes.pop(uri, None)
 
-    def announced(self, master: Master, now: float) -> None:
+    def take_announcement(self, master: Master, now: float) -> None:
         """Take the news of discovery that a master is there, or changed."""
         stranger = self.members.objection(master.uri, master.name, host_of(master.monitor_uri))
         remote = self.remotes.get(master.uri)
@@ -337,7 +336,7 @@ class Sync:
         if remote is None:
             remote = self.remotes[master.uri] = Remote(master, *self._rules(master))
         elif master.name != remote.announced.name or master.discoverer != remote.announced.discoverer:
-            remote.rules, remote.given = self._rules(master)
+            remote.rules, remote.parameter_rules = self._rules(master)
             remote.state, remote.quick = None, True
         before, remote.announced = remote.announced, master
         remote.missing_since = None
@@ -349,7 +348,7 @@ class Sync:
         remote.offline_since = None
         if not self._is_outdated(remote):
             if remote.following:
-                remote.due = None  # an earlier announcement was wrong: who answers over TCP does not say whether its own nodes changed
+                remote.due = None  # an earlier announcement was wrong
         elif not remote.fetching:
             self._fetch_soon(remote, master != before, now)
 
@@ -360,19 +359,19 @@ class Sync:
             remote.due = min(remote.due, _soon(remote, now))
 
     def _rules(self, master: Master) -> Tuple[Rules, Rules]:
-        given = self.filters.rules(master.name, (master.discoverer, self.own_node))
-        # On demand every topic may be wanted: `wanted` chooses.
-        return (replace(given, sync_topics=Pattern.from_items(["*"])) if self.on_demand else given), given
+        rules = self.filters.rules(master.name, (master.discoverer, self.own_node))
+        # On demand every topic may be wanted: `candidates` chooses.
+        return (replace(rules, sync_topics=Pattern.from_items(["*"])) if self.on_demand else rules), rules
 
     def due(self, now: float) -> List[Fetch]:
         """The states to fetch now."""
-        found = []
+        fetches = []
         for uri, remote in self.remotes.items():
             if remote.due is not None and remote.due <= now and not remote.fetching:
                 remote.fetching, remote.due, remote.asking_for = True, None, remote.announced.local_stamp
                 remote.began, remote.following = now, False
-                found.append(Fetch(uri, remote.announced.monitor_uri, remote.rules, remote.quick))
-        return found
+                fetches.append(Fetch(uri, remote.announced.monitor_uri, remote.rules, remote.quick))
+        return fetches
 
     def next_due(self) -> Optional[float]:
         """The time of the next fetch."""
@@ -381,39 +380,34 @@ class Sync:
             default=None,
         )
 
-    def fetched(
+    def take_fetch(
         self,
         fetch: Fetch,
         state: Optional[State],
-        problem: str,
         now: float,
         places: Optional[Places] = None,
         *,
         quick: bool = True,
         following: bool = False,
     ) -> bool:
-        """Take the result of a fetch: a state, or None and why. True for a new state; without one the old is kept.
+        """Take the result of a fetch: a state, or None. True for a new state; without one the old is kept.
 
-        `places`: where nodes of this master may be; None for anywhere. `quick`: it tells its changes, `following`: to us.
+        `places`: of the master's nodes; None for anywhere. `quick`: it tells its changes; `following`: we follow them.
         """
         remote = self.remotes.get(fetch.uri)
         if remote is None:
             return False
         remote.fetching = False
-        if state is not None and state.uri != fetch.uri:
-            problem = f"{fetch.monitor_uri} answers for {state.uri}"
-            state = None
-        if fetch.rules != remote.rules:  # who it is has changed meanwhile
-            state, problem = None, "it changed its name"
-        remote.problem = "" if state is not None else problem
+        if state is not None and (state.uri != fetch.uri or fetch.rules != remote.rules):
+            state = None  # of another master, or of this one before it changed its name
         before = remote.state
         remote.vain = state is None or (before is not None and before.local_stamp == state.local_stamp)
         if state is not None:
             remote.state, remote.answered_for, remote.failures = state, remote.asking_for, 0
-            remote.misplaced = {} if places is None else places.refused(state)
+            remote.misplaced = {} if places is None else places.objections(state)
             remote.selected = self._select(remote, state)
             remote.quick, remote.following, remote.lapsed = quick, following, False
-            if self._is_outdated(remote):  # changed again meanwhile
+            if self._is_outdated(remote):  # it has changed again
                 remote.due = _soon(remote, now, following)
         elif remote.announced.online:
             remote.due = now + RETRY[min(remote.failures, len(RETRY) - 1)]
@@ -421,15 +415,15 @@ class Sync:
         return state is not None
 
     def follows(self, fetch: Fetch) -> bool:
-        """True while the changes of a master are followed as they were when this fetch began."""
+        """True while the changes of a master are followed, by the rules and at the address of this fetch."""
         remote = self.remotes.get(fetch.uri)
         if remote is None or not remote.following or not remote.announced.online:
             return False
-        same = remote.rules is fetch.rules or remote.rules == fetch.rules  # asked often, and equal rules take a while
+        same = remote.rules is fetch.rules or remote.rules == fetch.rules  # `is` first: comparing takes long
         return same and remote.announced.monitor_uri == fetch.monitor_uri
 
-    def followed(self, uri: str, state: State, misplaced: Mapping[str, str]) -> Set[Registration]:
-        """Take a state that a master told. The registrations that may be others now."""
+    def take_change(self, uri: str, state: State, misplaced: Mapping[str, str]) -> Set[Registration]:
+        """Take the new state of a followed master. Return the registrations that may have changed."""
         remote = self.remotes[uri]
         before, remote.state = remote.state, state
         if not self._is_outdated(remote):
@@ -450,28 +444,28 @@ class Sync:
         return {item for item in {*old, *new} if old.get(item) != new.get(item)}
 
     def _select(self, remote: Remote, state: State) -> Dict[Registration, str]:
-        """The registrations of a state, or of a part of one, that are wanted and may be where they are."""
+        """The wanted registrations of a state, or of a part of one, at places where they may be."""
         return {
             item: "*" if state.types.get(item.name, "") in UNKNOWN_TYPES else state.types[item.name]
             for item in select(state, remote.rules, self.own_uri, self.sync_remote_nodes)
             if item.node_uri not in remote.misplaced and item.service_uri not in remote.misplaced
         }
 
-    def selected(self, uri: str) -> Mapping[Registration, str]:
-        """The registrations that are wanted of the last state of a master -> type of the topic."""
+    def selection(self, uri: str) -> Mapping[Registration, str]:
+        """The wanted registrations of a master's last state -> type of the topic."""
         remote = self.remotes.get(uri)
         return {} if remote is None else remote.selected
 
-    def find_wanted(self, items: AbstractSet[Registration], now: float) -> Dict[Registration, Wanted]:
-        """Of some registrations those that are wanted, on whatever topic."""
-        found: Dict[Registration, Wanted] = {}
+    def find_candidates(self, items: AbstractSet[Registration], now: float) -> Dict[Registration, Candidate]:
+        """The wanted ones of some registrations. Does not look whether a topic is in demand."""
+        candidates: Dict[Registration, Candidate] = {}
         for uri, remote in sorted(self.remotes.items()):
             if remote.state is not None and not self._is_expired(remote, now):
                 for item in remote.selected.keys() & items:
-                    found.setdefault(item, Wanted(item, uri, remote.announced.name, remote.selected[item]))
-        return found
+                    candidates.setdefault(item, Candidate(item, uri, remote.announced.name, remote.selected[item]))
+        return candidates
 
-    def contested(self, name: str, master: str) -> bool:
+    def is_contested(self, name: str, master: str) -> bool:
         """True where a master other than this one has a node or a service of this name."""
         return any(
             remote.state is not None and (name in remote.state.nodes or name in remote.state.services)
@@ -479,8 +473,8 @@ class Sync:
             if uri != master
         )
 
-    def lapsed(self, uri: str, now: float) -> None:
-        """Note that the changes of a master are followed no more. It is fetched again, where it is online."""
+    def end_following(self, uri: str, now: float) -> None:
+        """Follow the changes of a master no more. If it is online, it is fetched again."""
         remote = self.remotes.get(uri)
         if remote is None or remote.fetching:
             return
@@ -488,31 +482,24 @@ class Sync:
         if remote.announced.online:
             remote.due, remote.failures = now + RETRY[0], 0
 
-    def settled(self) -> bool:
-        """True where every master that is online has been asked for its state."""
-        return all(
-            remote.state is not None or remote.failures or not remote.announced.online
-            for remote in self.remotes.values()
-        )
-
-    def wanted(self, now: float, own_topics: Optional[Iterable[str]] = None) -> List[Wanted]:
+    def candidates(self, now: float, own_topics: Optional[Iterable[str]] = None) -> List[Candidate]:
         """The registrations to make here. `own_topics`: topics of own nodes, for synchronisation on demand; None for any."""
         demanded = None if own_topics is None or not self.on_demand else set(own_topics)
-        found = []
+        candidates = []
         for uri, remote in sorted(self.remotes.items()):
             if remote.state is None or self._is_expired(remote, now):
                 continue
+            rules = remote.parameter_rules
             for item, kind in remote.selected.items():
                 if demanded is not None and item.kind != "service" and item.name not in demanded:
-                    if not remote.given.sync_topics.matches(item.name):
-                        if not remote.given.sync_nodes.matches(item.node):
-                            continue
-                found.append(Wanted(item, uri, remote.announced.name, kind))
-        return found
+                    if not rules.sync_topics.matches(item.name) and not rules.sync_nodes.matches(item.node):
+                        continue
+                candidates.append(Candidate(item, uri, remote.announced.name, kind))
+        return candidates
 
-    def misplaced(self) -> List[Refusal]:
-        """The nodes and services that are refused, since they are where none of their robot can be."""
-        found: Dict[Refusal, None] = {}
+    def place_refusals(self) -> List[Refusal]:
+        """The refusals of nodes and services at addresses where their robot cannot be."""
+        refusals: Dict[Refusal, None] = {}
         for _uri, remote in sorted(self.remotes.items()):
             if not remote.misplaced or remote.state is None or not remote.announced.online:
                 continue
@@ -520,23 +507,23 @@ class Sync:
             for item in select(remote.state, remote.rules, self.own_uri, self.sync_remote_nodes):
                 if item.node_uri in remote.misplaced:
                     why = remote.misplaced[item.node_uri]
-                    found[Refusal("place", item.node, master, item.node_uri, why)] = None
+                    refusals[Refusal("place", item.node, master, item.node_uri, why)] = None
                 elif item.service_uri in remote.misplaced:
                     why = remote.misplaced[item.service_uri]
-                    found[Refusal("place", item.name, master, item.service_uri, why)] = None
-        return list(found)
+                    refusals[Refusal("place", item.name, master, item.service_uri, why)] = None
+        return list(refusals)
 
     def stamps(self) -> Dict[str, float]:
         """Master -> stamp of the state that was fetched last."""
         return {uri: remote.state.local_stamp for uri, remote in self.remotes.items() if remote.state}
 
     def publishers_for(self, item: Registration, master_uri: str, here: Sequence[str]) -> List[str]:
-        """The URIs that an imported subscriber is told: the publishers here and those of its own robot.
+        """The URIs to tell an imported subscriber: the publishers here and those of its own robot. Empty: tell nothing.
 
-        roscpp closes the connections to those that are missing. So it is told nothing where a filter hides what its
-        own robot has on the topic; nor where nobody publishes here; nor where its own roscore has all of these, and so has
-        told it: rospy that is told twice may connect twice, and loses what came in between. A robot of the fleet may say any
-        publisher, since only its own nodes hear of it; the subscriber of a stranger that says a refused one is told nothing.
+        roscpp closes the connections to missing publishers. So nothing is told where a filter hides publishers of its own
+        robot, or where there is no publisher here. Nothing is told where its own roscore has all of these, and so has told
+        it: rospy that is told twice may connect twice, and loses messages. A robot of the fleet may name any publisher,
+        since only its own nodes hear of it. If a stranger names a refused one, its subscriber is told nothing.
         """
         remote = self.remotes.get(master_uri)
         state = remote.state if remote else None
@@ -554,7 +541,7 @@ class Sync:
         return list(dict.fromkeys([*here, *uris]))
 
     def next_expiry(self, now: float) -> Optional[float]:
-        """The time at which the registrations of an offline master are to go."""
+        """The time at which the registrations of an offline master end."""
         if self.keep_offline is None:
             return None
         times = [
@@ -572,20 +559,14 @@ class Sync:
         )
 
     def _is_outdated(self, remote: Remote) -> bool:
-        """True where a newer state was announced. A state fetched after an announcement has what was announced, whatever its stamp."""
-        return (
-            remote.state is None
-            or remote.lapsed
-            or remote.announced.local_stamp
-            not in (
-                remote.state.local_stamp,
-                remote.answered_for,
-            )
-        )
+        """True where a newer state was announced. A state fetched after an announcement counts as the announced one."""
+        if remote.state is None or remote.lapsed:
+            return True
+        return remote.announced.local_stamp not in (remote.state.local_stamp, remote.answered_for)
 
 
 def _soon(remote: Remote, now: float, following: bool = False) -> float:
-    """The time of a fetch after news: at once, unless the last one was in vain. Who is followed has time to tell it."""
+    """The time of a fetch after news: at once, unless the last fetch was in vain. A followed master has time to tell them."""
     if following:
         return max(now + PATIENCE, remote.began + DOUBT) if remote.vain else now + PATIENCE
     return max(now + COALESCE, remote.began + PAUSE) if remote.vain else now + COALESCE
