@@ -115,14 +115,12 @@ def _is_noise(trial, parts):
 
 def is_right(part, row, place):
     """Whether a part that was named is the one of the row at the place."""
-    return (part.kind, part.mode) in row.parts and is_at(part.place, place)
+    return (part.kind, part.mode) in row.parts and is_at(part.places, place)
 
 
-def is_at(said, place):
-    """Whether a place is said: a link by its name, two robots together, or each of them."""
-    if place == faults.ANYWHERE:
-        return True
-    return said == place or said in place.split("|") or any(one in said.split(" and ") for one in place.split("|"))
+def is_at(places, place):
+    """Whether a place is named: a link by its name, or each of two robots."""
+    return place == faults.ANYWHERE or any(one in places for one in place.split("|"))
 
 
 class Aimed(Random):
@@ -141,7 +139,7 @@ class Aimed(Random):
 def is_equal(trial, base, part):
     """Say if another part at its place, instead of the fault that was injected, leaves the very same observations."""
     rows = [row for row in faults.FAULTS if (part.kind, part.mode) in row.parts]
-    made = (_aimed(base, row, part.place, number) for row in rows for number in range(AIMS))
+    made = (_aimed(base, row, part.place_text, number) for row in rows for number in range(AIMS))
     return any(state and observe(state, trial.run, trial.number) == trial.observations for state in made)
 
 
@@ -151,7 +149,7 @@ def _aimed(base, row, place, number):
         made = row.inject(base, Aimed(number, place, base.world.machines))
     except KeyError:
         return None
-    return made[0] if made and is_at(place, made[1]) else None
+    return made[0] if made and is_at((place,), made[1]) else None
 
 
 def judged(trial, most):
@@ -206,7 +204,7 @@ def _unseen(trial, place):
 
 
 def _said(found):
-    first = [" or ".join(f"{part.kind} {part.mode} of {part.place}" for part in parts) for parts in found[:3]]
+    first = [" or ".join(f"{part.kind} {part.mode} of {part.place_text}" for part in parts) for parts in found[:3]]
     return "; ".join(first) or "nothing"
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part, pair_place
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
 
@@ -42,7 +42,7 @@ def way(case: Case, one: str, other: str) -> Parts:
 
 
 def _way(case: Case, one: str, other: str) -> Parts:
-    parts = set(make_parts("filter", pair_place(one, other), "pair"))
+    parts = {Part.from_pair("filter", "pair", one, other)}
     for computer in (one, other):
         parts |= make_parts("computer", computer, "off") | make_parts("interface", computer, "address", "prefix")
     parts |= duplicates(case, one, other) | neighbours(case, one, other) | neighbours(case, other, one)
@@ -249,7 +249,7 @@ def multicast(case: Case, hearer: str, speaker: str) -> Parts:
         parts |= make_parts("computer", gateway, "off") | make_parts("filter", gateway, "forward")
         parts |= make_parts("service", gateway, "down", what="multimaster-multicast-routing.service")
     sends = make_parts("computer", speaker, "off") | make_parts("interface", speaker, "address")
-    return frozenset(parts | sends | make_parts("filter", pair_place(hearer, speaker), "pair"))
+    return frozenset(parts | sends | {Part.from_pair("filter", "pair", hearer, speaker)})
 
 
 def _group_forwarders(case: Case, one: str, other: str) -> list[str]:

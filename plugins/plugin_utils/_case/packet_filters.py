@@ -14,7 +14,7 @@ from dataclasses import replace
 from functools import cached_property
 from ipaddress import IPv4Address
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part, pair_place
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     FilterChains,
@@ -76,7 +76,7 @@ class ReadFilters:
         if failed is None or failed.rule is None or failed.rule.chain in machines[failed.where].unclear:
             return None  # nobody drops it, or a rule that is not understood may have let it pass before
         if _is_for_one_pair(failed.rule):
-            return Part("filter", pair_place(sender, target), "pair")
+            return Part.from_pair("filter", "pair", sender, target)
         if failed.rule.chain == FORWARD:
             return Part("filter", failed.where, "forward", TRAFFIC[traffic].upper() if failed.rule.protocol else "")
         mode = traffic if failed.rule.protocol else ALL

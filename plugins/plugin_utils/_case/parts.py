@@ -45,9 +45,26 @@ class Part(NamedTuple):
     """A part that may be broken in one way."""
 
     kind: str
-    place: str  # a computer, a robot, a network, or two of them: both(one, other)
+    place: str  # a computer, a robot or a network
     mode: str
     what: str = ""
+    other: str = ""  # the second place of a fault between two
+
+    @classmethod
+    def from_pair(cls, kind: str, mode: str, *places: str, what: str = "") -> Part:
+        """Make the part between two places, in whatever order they come."""
+        place, other = sorted(places)
+        return cls(kind, place, mode, what, other)
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The place, or both."""
+        return (self.place, self.other) if self.other else (self.place,)
+
+    @property
+    def place_text(self) -> str:
+        """The places as a report has them."""
+        return " and ".join(self.places)
 
     @property
     def fault(self) -> Fault:
@@ -56,7 +73,7 @@ class Part(NamedTuple):
 
     def sentence(self) -> str:
         """Say what is wrong."""
-        return self.fault.sentence.format(place=self.place, what=self.what or self.fault.what)
+        return self.fault.sentence.format(place=self.place_text, what=self.what or self.fault.what)
 
     def remedy(self) -> str:
         """Say what to do, with the command to paste."""
@@ -70,12 +87,7 @@ class Part(NamedTuple):
         """Our words with the names of the part; without a command where `what` may be anything."""
         if self.what and "{what}" in words and not advice.format_value("what", self.what):
             return f"look at it there: {quote(self.what)} fits into no command"
-        return words.format(place=self.place, what=self.what or self.fault.example)
-
-
-def pair_place(one: str, other: str) -> str:
-    """Name a place that is two of them."""
-    return " and ".join(sorted((one, other)))
+        return words.format(place=self.place_text, what=self.what or self.fault.example)
 
 
 SITE = "run site.yml"

@@ -20,7 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs i
     master_query_parts,
     node_connection_parts,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import pair_place
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     COMPUTER,
     FAILED,
@@ -115,9 +115,8 @@ def _judge_names(case: Case) -> Judgement | None:
 def _names_evidence(case: Case) -> Parts:
     own, its = case.robots
     clashes = case.exchanges.clashes(its, own)
-    return join_parts(
-        make_parts("registration", pair_place(*clash.robots), "twin", what=f"{clash.kind} {clash.name}")
-        for clash in clashes
+    return frozenset(
+        Part.from_pair("registration", "twin", *clash.robots, what=f"{clash.kind} {clash.name}") for clash in clashes
     )
 
 
@@ -158,8 +157,10 @@ def _describe_conflict(conflict: Conflict) -> str:
 def _types_evidence(case: Case) -> Parts:
     own, its = case.robots
     if conflicts := case.exchanges.conflicts(its, own):
-        return join_parts(
-            make_parts("messages", case.exchanges.odd(conflict) or pair_place(own, its), "differ", what=conflict.topic)
+        return frozenset(
+            Part("messages", odd, "differ", conflict.topic)
+            if (odd := case.exchanges.odd(conflict))
+            else Part.from_pair("messages", "differ", own, its, what=conflict.topic)
             for conflict in conflicts
         )
     return make_parts(
@@ -252,7 +253,7 @@ CROSS_LINK = Check(
     scope=MASTER,
     judge=_judge_cross_link,
     documented=Documentation("pair of roscores", "nodes of the two robots are connected only by what is exchanged"),
-    evidence=lambda case: make_parts("registration", pair_place(*case.robots), "link"),
+    evidence=lambda case: frozenset({Part.from_pair("registration", "link", *case.robots)}),
 )
 
 

@@ -150,7 +150,9 @@ class _Cover:
 
 def _is_alike(one: Part, other: Part) -> bool:
     """Say if two parts are one for a person: the same kind at the same place, broken in the same way or in one direction."""
-    return one[:2] == other[:2] and one.mode.partition(" ")[0] == other.mode.partition(" ")[0]
+    return (one.kind, one.places) == (other.kind, other.places) and one.mode.partition(" ")[0] == other.mode.partition(
+        " "
+    )[0]
 
 
 def _weigh_again(entry: Explanation, kept: Sequence[Explanation], cover: _Cover) -> None:

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Participant
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts, loss_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import GROUP, ROSCORE
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FOLLOWS, RULED, Part
@@ -186,7 +187,7 @@ class _Diagnosis:
 
     def _add_details(self, entry: Finding) -> Finding:
         """Add what the machine at its place tells: since when, by how much, and what mends it."""
-        computer = self.verification.run.get(entry.part.place)
+        computer = self._computer(entry.part)
         return replace(
             _add_clock_offset(entry),
             since=describe_onset(entry.part, computer.seen.probe if computer else None),
@@ -224,18 +225,22 @@ class _Diagnosis:
         """Nobody could look at the place of a part."""
         if not part.fault.unseen:
             return False
-        computer = self.verification.run.get(part.place)
+        computer = self._computer(part)
         return computer is None or computer.seen.probe is None
+
+    def _computer(self, part: Part) -> Participant | None:
+        """The computer of the run that a part is on; None for a part between two."""
+        return None if part.other else self.verification.run.get(part.place)
 
     def _drop_consequences(self) -> None:
         """Leave out what is broken only because another part of the same place is."""
-        places: dict[str, list[Part]] = defaultdict(list)
+        places: dict[tuple[str, ...], list[Part]] = defaultdict(list)
         for part in self.broken:
-            places[part.place].append(part)
+            places[part.places].append(part)
         reasons: dict[Part, Part] = {}
         for part in self.broken:
             kinds = FOLLOWS.get((part.kind, part.mode), ())
-            reason = next((other for other in places[part.place] if (other.kind, other.mode) in kinds), None)
+            reason = next((other for other in places[part.places] if (other.kind, other.mode) in kinds), None)
             if reason is not None:
                 reasons[part] = reason
         for part, reason in reasons.items():
@@ -284,24 +289,28 @@ class _Diagnosis:
     def _sample_pairs(self, part: Part) -> Iterable[tuple[str, str]]:
         """List other pairs that may need a part: those of the computers at its place, and those of their robot."""
         members = self.verification.fleet.members
-        robots = {member.robot for member in members if member.name == part.place}
+        robots = {member.robot for member in members if member.name in part.places}
         near = sorted(
-            (member.name for member in members if member.robot in robots), key=lambda name: name != part.place
+            (member.name for member in members if member.robot in robots), key=lambda name: name not in part.places
         )
         far = [member.name for member in members]
         step = max(1, len(near or far) * len(far) // ASKED)
         pairs = ((one, other) for one in near or far for other in far)
         some = islice(pairs, 0, None, step)
-        return (pair for one, other in chain([(part.place, part.place)], some) for pair in ((one, other), (other, one)))
+        return (
+            pair
+            for one, other in chain(zip(part.places, part.places, strict=True), some)
+            for pair in ((one, other), (other, one))
+        )
 
 
 def _findings(broken: Mapping[Part, _Evidence]) -> list[Finding]:
     """Make one finding of the parts that are one for a person, and sort them."""
-    groups: dict[tuple[str, str, str], list[Finding]] = defaultdict(list)
+    groups: dict[Part, list[Finding]] = defaultdict(list)
     for part, entry in broken.items():
         verdicts = {row.verdict for row in (*entry.proof, *entry.rows)}
         worst = next((verdict for verdict in SERIOUS if verdict in verdicts), UNKNOWN)
-        groups[part[:3]].append(
+        groups[part._replace(what="")].append(
             Finding(part, worst, entry.rivals, tuple(entry.proof), tuple(entry.rows), passed=entry.passed)
         )
     found = [_merge(group) for group in groups.values()]

@@ -39,7 +39,7 @@ def list_findings(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     return [
         {
             "kind": entry.part.kind,
-            "place": entry.part.place,
+            "place": entry.part.place_text,
             "mode": entry.part.mode,
             "what": entry.subjects,
             "verdict": entry.verdict,
@@ -48,7 +48,7 @@ def list_findings(diagnosis: Diagnosis) -> list[dict[str, Any]]:
             "decide": entry.part.decide(),
             "since": entry.since,
             "rivals": [
-                {"kind": part.kind, "place": part.place, "mode": part.mode, "sentence": part.sentence()}
+                {"kind": part.kind, "place": part.place_text, "mode": part.mode, "sentence": part.sentence()}
                 for part in entry.rivals
             ],
             "seen": [row._asdict() for row in entry.proof],

@@ -135,7 +135,7 @@ def _example(rows: Sequence[Row]) -> str:
 def _name_unexamined(entry: Finding) -> str:
     """Return the computers that could not be examined because of a finding."""
     names = dict.fromkeys(row.observer for row in entry.rows if row.check == "reachable")
-    others = [name for name in names if name != entry.part.place]
+    others = [name for name in names if name not in entry.part.places]
     return f"not examined: {_join(others)}" if others else ""
 
 

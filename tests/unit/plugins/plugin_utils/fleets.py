@@ -463,7 +463,7 @@ def diagnosed(change=None, fleet=None):
 
 def parts(found):
     """The parts of the findings, as (kind, place, mode)."""
-    return [entry.part[:3] for entry in found.findings]
+    return [(entry.part.kind, entry.part.place_text, entry.part.mode) for entry in found.findings]
 
 
 def assert_told(change, check, verdict, *part, fleet=None):

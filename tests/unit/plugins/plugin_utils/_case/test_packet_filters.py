@@ -136,7 +136,7 @@ def test_a_rule_of_two_computers_is_told_as_one():
     fleet = fig12()
     rule = drop(sources=(f"{address(fleet, OTHER)}/32",), destinations=(f"{address(fleet, INNER)}/32",))
     found = ReadFilters(fleet, read(fleet, tibi_visio=chain("forward", rule)))
-    assert found.find_drop(OTHER, INNER, "icmp") == Part("filter", f"{OTHER} and {INNER}", "pair")
+    assert found.find_drop(OTHER, INNER, "icmp") == Part.from_pair("filter", "pair", OTHER, INNER)
     assert found.find_drop("car-visio", INNER, "icmp") is None
 
 

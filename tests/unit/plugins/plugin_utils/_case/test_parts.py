@@ -4,7 +4,7 @@
 """The table of parts: every row can be told."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FAULTS, FOLLOWS, Part, pair_place
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FAULTS, FOLLOWS, Part
 
 
 @pytest.mark.parametrize("key", FAULTS)
@@ -21,5 +21,7 @@ def test_what_follows_is_in_the_table():
     assert set(FOLLOWS) | {reason for reasons in FOLLOWS.values() for reason in reasons} <= set(FAULTS)
 
 
-def test_two_places_have_one_name():
-    assert pair_place("b", "a") == pair_place("a", "b") == "a and b"
+def test_two_places_are_one_part_in_any_order():
+    part = Part.from_pair("filter", "pair", "b", "a")
+    assert part == Part.from_pair("filter", "pair", "a", "b")
+    assert part.places == ("a", "b") and " a and b," in part.sentence()
