@@ -14,7 +14,7 @@ from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import Flows, Item
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Flows, Item
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
     DROP,
     FORWARD,

@@ -8,7 +8,7 @@ from __future__ import annotations
 from functools import lru_cache
 from ipaddress import IPv4Address
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import Flows, Item
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Flows, Item
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import observations as seen
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Packet

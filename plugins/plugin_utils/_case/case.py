@@ -9,8 +9,8 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import Exchanges
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ReadFilters
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Exchanges
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON, Way, Ways
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
@@ -52,10 +52,10 @@ class Participant:
     udp: Mapping[str, Datagrams] = field(default_factory=dict)
     answered: frozenset[str] = frozenset()  # the members that answered its pings
     callers: frozenset[str] = frozenset()  # the addresses from which it was called
-    # who answered each round of pings of the group, by the number of the round
+    # by round of pings of the group: the members that answered
     rounds: Sequence[tuple[int, frozenset[str]]] = ()
     answers_broadcasts: bool = False  # by plan
-    claimed: Mapping[str, bool] = field(default_factory=dict)  # address on its networks -> somebody answered for it
+    claimed: Mapping[str, bool] = field(default_factory=dict)  # address on its networks -> an answer came for it
     macs: frozenset[str] = frozenset()  # its hardware addresses
 
     @classmethod
@@ -65,13 +65,14 @@ class Participant:
         multicast = seen.multicast or Multicast()
         return cls(
             name=name,
-            plan=_possible(plan, seen),
+            # preflight leaves out services that cannot run there
+            plan=plan if seen.services is None else replace(plan, services=seen.services),
             seen=seen,
             members={entry.name: entry for entry in probe.members},
             masters={entry.computer: entry for entry in probe.masters},
             listed={entry.name: entry for entry in probe.list_masters.masters},
             topics={entry.computer: entry for entry in probe.topics},
-            streams=_streams(seen),
+            streams={entry.computer: entry for entry in seen.streams.streams} if seen.streams else {},
             udp={entry.name: entry for entry in multicast.udp},
             answered=frozenset(entry.name for entry in probe.members if entry.ping_address and entry.ping_address.ok),
             callers=frozenset(entry.address for entry in multicast.callers),
@@ -92,33 +93,20 @@ class Participant:
         return not self.plan.is_master and (self.seen.probe is None or bool(self.seen.probe.ros_missing))
 
 
-def _streams(seen: Observation) -> Mapping[str, Stream]:
-    return {entry.computer: entry for entry in seen.streams.streams} if seen.streams else {}
-
-
 def _read_arp_answers(probe: Probe) -> Mapping[str, bool]:
-    found: dict[str, bool] = {}
+    answers: dict[str, bool] = {}
     for claim in probe.claims:
-        found[claim.address] = found.get(claim.address, False) or bool(claim.macs)
-    return found
-
-
-def _possible(plan: ComputerPlan, seen: Observation) -> ComputerPlan:
-    """Leave out of a plan the services that cannot run there, as preflight found."""
-    return plan if seen.services is None else replace(plan, services=seen.services)
+        answers[claim.address] = answers.get(claim.address, False) or bool(claim.macs)
+    return answers
 
 
 def _rounds(icmp: Icmp | None) -> Sequence[tuple[int, frozenset[str]]]:
     return [(entry.round, frozenset(entry.answered)) for entry in icmp.rounds] if icmp else ()
 
 
-def _set_up(computer: Participant) -> bool:
-    """The collection has records there; so it is taken where nobody looked."""
+def _is_set_up(computer: Participant) -> bool:
+    """Say if the collection has records there. Without a look there, it counts as set up."""
     return computer.seen.found is None or computer.seen.found.set_up
-
-
-def _runs(computer: Participant) -> bool:
-    return computer.seen.found is not None and bool(computer.seen.found.runs)
 
 
 def wrong_prefixes(computer: Participant) -> list[str]:
@@ -130,7 +118,7 @@ def wrong_prefixes(computer: Participant) -> list[str]:
 
 
 def interfaces_by_network(computer: Participant, ways: Ways) -> dict[str, ForwardingInterface]:
-    """Return the interface of a computer on each of its networks, as far as it was looked at."""
+    """Return the interface of a computer on each of its networks, as far as it was read."""
     probe, plan = computer.seen.probe, computer.plan
     planned = {str(plan.common_address): COMMON, str(plan.address): ways.network(plan.robot)}
     return {
@@ -142,7 +130,7 @@ def interfaces_by_network(computer: Participant, ways: Ways) -> dict[str, Forwar
 
 
 def mtus_by_network(computer: Participant, ways: Ways) -> dict[str, int]:
-    """Return the MTU of a computer on each of its networks, as far as it was looked at."""
+    """Return the MTU of a computer on each of its networks, as far as it was read."""
     networks = interfaces_by_network(computer, ways).items()
     return {network: interface.mtu for network, interface in networks if interface.mtu is not None}
 
@@ -158,19 +146,19 @@ def usual_mtus(computers: Iterable[Participant], ways: Ways) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class FleetState:
-    """The fleet and all that was seen of it, which all cases share."""
+    """The fleet and its observations, which all cases share."""
 
     fleet: FleetPlan
     ways: Ways
     run: Mapping[str, Participant]  # the computers of this run
     exchanges: Exchanges
-    usual: Mapping[str, int]  # network -> the MTU that most have there
+    usual: Mapping[str, int]  # network -> the MTU of most computers there
     least: float  # Mbit/s that are expected of a stream; 0 for any
     filters: ReadFilters  # the packet filters, by the rules that were read
 
 
-class Case:  # no dataclass: there are hundreds of thousands in a large fleet, and each is looked at by many checks
-    """The fleet, an observer, and a target, which is a member or a master of the plan."""
+class Case:  # no dataclass: a large fleet has hundreds of thousands, and many checks look at each
+    """The fleet, an observer, and a target: a member or a master of the plan."""
 
     __slots__ = (
         "address",
@@ -209,14 +197,14 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
         self.observer = observer
         self.target = target
         self.address = address  # of the target
-        self.counted = False  # what is good is only counted: nobody reads its sentences
+        self.counted = False  # a good result is only counted, so it needs no sentences
         self.target_master = target_master  # in a check of masters only
         # the result of multimaster_verify on the observer
         self.probe: Probe | None = observer.seen.probe
         # the target, if it takes part in this run, and the datagrams between the two
         self.peer: Participant | None = self.run.get(target)
         self.udp: Datagrams | None = observer.udp.get(target) if self.peer is not None else None
-        # the target, as multimaster_verify on the observer saw it, and the topic of its talker
+        # the target in the result of multimaster_verify on the observer, and the topic of its talker
         self.member: SeenMember | None = observer.members.get(target)
         self.topic: HeardTopic | None = observer.topics.get(target)
         self.stream: Stream | None = observer.streams.get(target)
@@ -227,7 +215,7 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
 
     @property
     def master(self) -> Master:
-        """The master that the target is, in a check of masters. Raises LookupError in other checks."""
+        """The target as a master, in a check of masters. Raises LookupError in other checks."""
         if self.target_master is None:
             raise LookupError(f"{self.target} is looked at as a computer, not as a master")
         return self.target_master
@@ -240,18 +228,20 @@ class Case:  # no dataclass: there are hundreds of thousands in a large fleet, a
 
     @property
     def exchange(self) -> Exchange | None:
-        """The content of the observer's roscore; None without a roscore, and where it does not answer."""
+        """The content of the observer's roscore; None without an answer."""
         if not self.observer.plan.is_master or self.probe is None or self.probe.roscore.error:
             return None
         return self.probe.exchange
 
     @property
     def is_set_up_by_hand(self) -> bool:
-        """The collection did not set the computer up, and not its robot's master, where something else runs the nodes."""
-        if _set_up(self.observer):
+        """The collection set up neither this computer nor its robot's master; on a master, something else runs the nodes."""
+        if _is_set_up(self.observer):
             return False
         master = self.run.get(self.masters[0])
-        return master is None or (not _set_up(master) and (master is not self.observer or _runs(master)))
+        if master is None or master.seen.found is None:
+            return master is None
+        return not master.seen.found.set_up and (master is not self.observer or bool(master.seen.found.runs))
 
     @property
     def back_udp(self) -> Datagrams | None:

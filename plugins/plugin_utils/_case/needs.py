@@ -19,7 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model 
 Parts = frozenset[Part]
 NONE: Parts = frozenset()
 
-NAMES = ("unknown", "loopback", "old", "several")  # a name that means something else
+NAMES = ("unknown", "loopback", "old", "several")  # a name with a wrong meaning
 DISCOVERY = ("dead", "hung", "group")
 
 
@@ -63,13 +63,13 @@ def _way(case: Case, one: str, other: str) -> Parts:
 
 
 def neighbours(case: Case, sender: str, target: str) -> Parts:
-    """List who has to answer ARP, so that a packet gets from one computer to the other; its answer needs those of the way back."""
+    """List the ARP answers that a packet from one computer to the other needs. Its answer needs those of the way back."""
     pairs = pairwise(dict.fromkeys(place for place, _network in links(case, sender, target)))
     return join_parts(make_parts("neighbour", answers, "mute") for _asks, answers in pairs)
 
 
 def duplicates(case: Case, one: str, other: str) -> Parts:
-    """List the addresses on the way that somebody else may have, too. Of two, chance says which one a neighbour gets."""
+    """List the addresses on the way that a second computer may have. Chance decides which of the two a neighbour finds."""
     pairs = pairwise(dict.fromkeys(place for place, _network in links(case, one, other)))
     return join_parts(
         make_parts("interface", place, "duplicate", what=what)
@@ -80,13 +80,11 @@ def duplicates(case: Case, one: str, other: str) -> Parts:
 
 
 def _routes(case: Case, one: str, other: str) -> Parts:
-    """List the routes that the packet and its answer need: those of the two ends, and those of the gateways between them."""
+    """List the routes of a packet and its answer: those of the two ends, and of the gateways between them."""
     if _robot(case, one) == _robot(case, other):
         return NONE
     member = case.ways.members.get(other)
-    there = (
-        case.ways.network(member.robot) if member else COMMON
-    )  # of the address of the other, which may be a gateway's
+    there = case.ways.network(member.robot) if member else COMMON  # the other may be a gateway
     back = _network(case, one) if _gateway(case, one) else COMMON
     if is_in(case, one, there) and is_in(case, other, back):
         return NONE
@@ -135,12 +133,12 @@ def _links_to_common(case: Case, computer: str) -> list[tuple[str, str]]:
 
 
 def gateways(case: Case, one: str, other: str) -> list[str]:
-    """List the computers that pass the packets on."""
-    found = [place for (place, _network_), (next_, _other) in pairwise(links(case, one, other)) if place == next_]
+    """List the computers that forward the packets."""
+    titles = [place for (place, _network_), (next_, _other) in pairwise(links(case, one, other)) if place == next_]
     plan = case.fleet.computers.get(one)
-    if found and plan and plan.routes_expected and case.fleet.router and case.fleet.router.name:
-        found.append(case.fleet.router.name)  # with multimaster_routes: existing they may go by it
-    return found
+    if titles and plan and plan.routes_expected and case.fleet.router and case.fleet.router.name:
+        titles.append(case.fleet.router.name)  # with multimaster_routes: existing they may go by it
+    return titles
 
 
 def _robot(case: Case, computer: str) -> str:
@@ -151,8 +149,7 @@ def _robot(case: Case, computer: str) -> str:
 def _gateway(case: Case, computer: str) -> Gateway | None:
     """Return the gateway that a computer is behind."""
     plan = case.fleet.computers.get(computer)
-    found = case.ways.gateways.get(_robot(case, computer))
-    return None if found is None or plan is None or plan.common_address else found
+    return None if plan is None or plan.common_address else case.ways.gateways.get(_robot(case, computer))
 
 
 def large(case: Case, one: str, other: str) -> Parts:
@@ -168,9 +165,9 @@ def large(case: Case, one: str, other: str) -> Parts:
 
 
 def arp_parts(case: Case, one: str, other: str) -> Parts:
-    """List what stands between two computers where nobody answers the question who has the next address on the way.
+    """List what may keep the ARP answer for the next address on the way from coming.
 
-    Whoever passes packets on tells that to their sender ("host unreachable"); of devices of another make nobody knows it.
+    A computer that forwards packets reports it to their sender ("host unreachable"). A device of another make may not.
     """
     parts: set[Part] = set()
     for (place, network), (following, beyond) in pairwise(links(case, one, other)):
@@ -195,7 +192,7 @@ def loss_parts(case: Case, one: str, other: str) -> Parts:
 
 
 def slow(case: Case, one: str, other: str) -> Parts:
-    """List the parts that may make a stream slow, which goes out of one link and into the next."""
+    """List the parts that may make a stream slow. It goes out of one link and into the next."""
     parts: set[Part] = set()
     for number, (place, network) in enumerate(links(case, one, other)):
         parts |= make_parts("link", place, "slow", "slow in" if number % 2 else "slow out", what=network)
@@ -204,7 +201,7 @@ def slow(case: Case, one: str, other: str) -> Parts:
 
 
 def translation_parts(case: Case, one: str, other: str) -> Parts:
-    """List the gateways that may translate addresses on the way: a gateway translates what leaves by one of its interfaces."""
+    """List the translations that may be on the way: a gateway translates what leaves by one of its interfaces."""
     crossed = pairwise(links(case, one, other))
     return join_parts(
         make_parts("translation", place, "on", what=network)
@@ -214,19 +211,19 @@ def translation_parts(case: Case, one: str, other: str) -> Parts:
 
 
 def active_translations(case: Case, one: str, other: str) -> Parts:
-    """List those of them that may really have: their address has called the other end, as far as that has listened."""
+    """List the translations that may be at work: the gateway's address has called the other end, if that end listened."""
     hearer = case.run.get(other)
     heard = hearer.seen.multicast if hearer else None
     parts = translation_parts(case, one, other)
     if hearer is None or heard is None or not heard.udp:
         return parts
-    return frozenset(part for part in parts if _leaves_from(case, part) & hearer.callers)
+    return frozenset(part for part in parts if _outer_addresses(case, part) & hearer.callers)
 
 
-def _leaves_from(case: Case, part: Part) -> frozenset[str]:
-    """Return the address of a gateway on the network by which it translates."""
-    found = (gateway for gateway in case.ways.gateways.values() if gateway.title == part.place)
-    return frozenset(str(one.common_address if part.what == COMMON else one.address) for one in found)
+def _outer_addresses(case: Case, part: Part) -> frozenset[str]:
+    """Return the address of a gateway on the network of a translation."""
+    same = (gateway for gateway in case.ways.gateways.values() if gateway.title == part.place)
+    return frozenset(str(one.common_address if part.what == COMMON else one.address) for one in same)
 
 
 def passes(one: str, other: str, *whats: str) -> Parts:
@@ -253,18 +250,18 @@ def multicast(case: Case, hearer: str, speaker: str) -> Parts:
 
 
 def _group_forwarders(case: Case, one: str, other: str) -> list[str]:
-    """List who passes the group on between two computers: a gateway also what it says itself, or hears, on its other side."""
-    found = gateways(case, one, other)
-    if not found and _robot(case, one) == _robot(case, other):
+    """List the computers that forward the group between two. A gateway also forwards what it sends or receives itself."""
+    between = gateways(case, one, other)
+    if not between and _robot(case, one) == _robot(case, other):
         return [place for place in (one, other) if (plan := case.fleet.computers.get(place)) and plan.multicast_routing]
-    return found
+    return between
 
 
 # Names, and ROS on a computer
 
 
 def names(observer: str, target: str) -> Parts:
-    """List the ways in which the name of one computer may mean something else on the other."""
+    """List how the name of the target may be wrong on the observer."""
     if not observer or not target:
         return NONE
     return make_parts("names", observer, *NAMES, what=target) | make_parts("names", observer, "rights", "order")
@@ -284,27 +281,24 @@ def roscore(case: Case, computer: str, master: str) -> Parts:
 
 
 def discovery(computer: str) -> Parts:
-    """List what a discovery node and its roscore may be."""
+    """List the faults of a discovery node and its roscore."""
     return make_parts("discovery", computer, *DISCOVERY) | make_parts("roscore", computer, "dead", "hung")
 
 
 def master_query_parts(case: Case, own: str, its: str) -> Parts:
-    """List what the discovery node of another master, and what it knows, needs to be asked."""
+    """List what a query to the discovery node of another master needs."""
     if own == its:
         return NONE
-    served = (
-        make_parts("discovery", its, "configuration", "port")
-        | make_parts("environment", its, "service", "shell")
-        | make_parts("roscore", its, "name")
-    )
-    return discovery(its) | served | talks(case, own, its, "rpc")
+    node = make_parts("discovery", its, *DISCOVERY, "configuration", "port")
+    served = make_parts("roscore", its, "dead", "hung", "name") | make_parts("environment", its, "service", "shell")
+    return node | served | talks(case, own, its, "rpc")
 
 
 def heartbeats(case: Case, own: str, its: str) -> Parts:
-    """List what may keep the heartbeats of another master from the own one, of either transport.
+    """List what may keep heartbeats of another master from arriving, with either transport.
 
-    Where the probes' datagrams arrive, two reasons are left: the node sends by another interface, or a gateway translates the
-    source address, so that the heartbeats belong to no member.
+    Where the probes' datagrams arrive, two reasons are left. The node sends by another interface, or a gateway translates
+    the source address, so that the heartbeats belong to no member.
     """
     if own == its:
         return NONE
@@ -318,7 +312,7 @@ def heartbeats(case: Case, own: str, its: str) -> Parts:
 
 
 def _arrive(case: Case, sender: str, hearer: str) -> bool:
-    """Say if datagrams are known to arrive, on the group or to the computer itself, as the transport has it."""
+    """Say if datagrams of the transport are known to arrive, on the group or at the computer itself."""
     here, there = case.run.get(hearer), case.run.get(sender)
     on_group = here.udp.get(sender) if here else None
     to_it = there.udp.get(hearer) if there else None
@@ -327,7 +321,7 @@ def _arrive(case: Case, sender: str, hearer: str) -> bool:
 
 
 def registration_parts(case: Case, observer: str, target: str) -> Parts:
-    """List what the registrations of the target's robot need to reach the observer's roscore, and what the observer asks."""
+    """List what the target's registrations need to reach the observer's roscore, and what a query there needs."""
     own, its = case.ways.master(_robot(case, observer)), case.ways.master(_robot(case, target))
     at_home = (
         roscore(case, target, its)

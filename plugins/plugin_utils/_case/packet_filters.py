@@ -3,8 +3,8 @@
 
 """The packet filters on the planned way of a packet, by the rules that were read on the computers.
 
-A rule that drops what has failed is the reason. Where all rules were read and understood and none of them drops it, a packet
-filter is a poor explanation; it is none for sure nowhere, since some do not show themselves (XDP, the old iptables).
+A rule that drops the failed packet is the reason. Where all rules were understood and no rule drops it, a packet filter is a
+poor explanation. It stays possible, since some filters do not show themselves (XDP, the old iptables).
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.prediction import NODES
 
 GROUP, ROSCORE = "group", "roscore"
-ALL = "all"  # of a rule, or of a policy, that is for packets of any kind
+ALL = "all"  # of a rule or a policy for packets of any kind
 # the word of a filter's mode -> the protocol of such packets
 TRAFFIC: Mapping[str, str] = {"icmp": "icmp", "udp": "udp", GROUP: "udp", "rpc": "tcp", ROSCORE: "tcp", "nodes": "tcp"}
 WORDS = {IN: "in", OUT: "out"}
-CHAINS = {"in": (IN,), "out": (OUT,), "forward": (FORWARD,)}  # by the last word of a mode; of the others both ends
+CHAINS = {"in": (IN,), "out": (OUT,), "forward": (FORWARD,)}  # by the last word of a mode; else both ends
 
 
 class ReadFilters:
@@ -51,14 +51,14 @@ class ReadFilters:
         self._known: dict[tuple[str, str, str], Part | None] = {}
 
     def find_drop(self, sender: str, target: str, traffic: str) -> Part | None:
-        """Return the packet filter that drops a packet of this kind, or its answer; None where no rule is known to."""
+        """Return the packet filter that drops a packet of this kind, or its answer; None where no known rule does."""
         key = (sender, target, traffic)
         if key not in self._known:
             self._known[key] = self._trace_packet(*key)
         return self._known[key]
 
     def lets_pass(self, part: Part) -> bool:
-        """Say if the rules at the place of a filter were all read and understood, in the chains that would drop it."""
+        """Say if all rules at the place of a filter were understood, in the chains that would drop the packet."""
         seen = self._observations.get(part.place)
         if seen is None or seen.filters is None or not seen.filters.readable or part.place not in self._world.machines:
             return False
@@ -74,7 +74,7 @@ class ReadFilters:
         way = packets.echo(self._world, sender, self._packet(member, traffic))
         failed = way.failure
         if failed is None or failed.rule is None or failed.rule.chain in machines[failed.where].unclear:
-            return None  # nobody drops it, or a rule that is not understood may have let it pass before
+            return None  # no rule drops it, or one that was not understood may have let it pass
         if _is_for_one_pair(failed.rule):
             return Part.from_pair("filter", "pair", sender, target)
         if failed.rule.chain == FORWARD:
@@ -130,13 +130,13 @@ class ReadFilters:
 
 
 def _apply_rules(machine: Machine, seen: Observation, filters: FilterChains) -> Machine:
-    """Return the planned machine with the names of its interfaces and the rules that were read; as planned where they make no sense."""
+    """Return the planned machine with the interface names and the rules that were read. Without sense they make it unclear."""
     chains = [to_plain(chain) for chain in filters.chains]
     try:
         rules, unclear = facts.read_rules(chains), facts.find_unclear(chains)
     except (LookupError, TypeError, ValueError):
         return replace(machine, unclear=frozenset({IN, OUT, FORWARD}))
-    names = _names(machine, seen)
+    names = _read_names(machine, seen)
     return replace(
         machine,
         interfaces=tuple(replace(one, name=names[one.name]) for one in machine.interfaces),
@@ -146,8 +146,8 @@ def _apply_rules(machine: Machine, seen: Observation, filters: FilterChains) -> 
     )
 
 
-def _names(machine: Machine, seen: Observation) -> dict[str, str]:
-    """Return the real name of each interface of a planned machine, as far as somebody has one of its addresses."""
+def _read_names(machine: Machine, seen: Observation) -> dict[str, str]:
+    """Return the real name of each interface of a planned machine, found by its addresses."""
     real = {
         address: entry.interface
         for entry in (seen.probe.forwarding.interfaces if seen.probe else ())

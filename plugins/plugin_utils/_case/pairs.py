@@ -1,16 +1,16 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which pairs of computers a verification tries: who looks at whom.
+"""The pairs of computers that a verification tries.
 
-Pure: the members in, names out. All pairs of 400 computers are 159,600, and most of them say nothing new: the computers of
-one network have the same way to those of another one. So a large fleet is sampled by a rule that needs no search:
+Pure: the members in, names out. 400 computers have 159,600 pairs, and most of them say nothing new: the computers of one
+network share the way to another network. So a large fleet is sampled by a rule that needs no search:
 
 * on its own network, a computer tries the next two in the order of the inventory, as on a ring;
-* on every other network it tries one computer, and each of its neighbours tries another one.
+* on every other network it tries one computer, and its neighbours try others.
 
-So every way from network to network is tried in both directions, and every computer is looked at by others, and looks at
-others, at least twice (as far as there are so many).
+So every way between networks is tried in both directions. Every computer tries two others at least, and two others at least
+try it, where there are so many.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ Targets = Mapping[str, Collection[str]]  # observer -> targets
 
 
 def choose_pairs(networks: Mapping[str, str], observers: Iterable[str], pairs: str = AUTO) -> Targets:
-    """Say for each observer whom it tries.
+    """Choose the targets of each observer.
 
-    `networks` has the network of each computer, in the order of the inventory. An observer that is none of them (a router)
+    `networks` has the network of each computer, in the order of the inventory. An observer without a network (a router)
     tries one computer of each network. `pairs` is `auto` or `all`.
     """
     names = list(observers)
@@ -41,12 +41,12 @@ def choose_pairs(networks: Mapping[str, str], observers: Iterable[str], pairs: s
     for name, network in networks.items():
         rings.setdefault(network, []).append(name)
     places = {name: place for ring in rings.values() for place, name in enumerate(ring)}
-    found = {name: _targets(name, networks.get(name, ""), places.get(name, 0), rings) for name in names}
-    return _seldom_tried(found, [name for name in names if name in networks])
+    chosen = {name: _targets(name, networks.get(name, ""), places.get(name, 0), rings) for name in names}
+    return _add_rare_targets(chosen, [name for name in names if name in networks])
 
 
 def _targets(name: str, own: str, place: int, rings: Mapping[str, Sequence[str]]) -> set[str]:
-    """Return the next two on the own ring, and one of each other ring, another one than the neighbours'."""
+    """Return the next two on the own ring, and one of each other ring; neighbours get different ones."""
     start = place + list(rings).index(own) if own else 0
     others = {ring[(start + number) % len(ring)] for number, (key, ring) in enumerate(rings.items()) if key != own}
     ring = rings.get(own, ())
@@ -54,32 +54,34 @@ def _targets(name: str, own: str, place: int, rings: Mapping[str, Sequence[str]]
     return (others | neighbours) - {name}
 
 
-def _seldom_tried(found: dict[str, set[str]], computers: Sequence[str]) -> Targets:
-    """Add pairs for those that look at fewer than two, or that fewer than two look at: a ring of two, or a computer alone."""
-    counts = Counter(target for targets in found.values() for target in targets)
+def _add_rare_targets(chosen: dict[str, set[str]], computers: Sequence[str]) -> Targets:
+    """Add pairs where a computer tries fewer than two, or is tried by fewer: in a ring of two, or alone."""
+    counts = Counter(target for targets in chosen.values() for target in targets)
     for place, name in enumerate(computers):
         for other in [*computers[place + 1 :], *computers[:place]]:
             for observer, target, due in (
-                (name, other, len(found[name]) < AT_LEAST),
+                (name, other, len(chosen[name]) < AT_LEAST),
                 (other, name, counts[name] < AT_LEAST),
             ):
-                if due and target not in found[observer]:
-                    found[observer].add(target)
+                if due and target not in chosen[observer]:
+                    chosen[observer].add(target)
                     counts[target] += 1
-            if len(found[name]) >= AT_LEAST <= counts[name]:
+            if len(chosen[name]) >= AT_LEAST <= counts[name]:
                 break
-    return found
+    return chosen
 
 
 def streams(chosen: Targets, order: Sequence[str], seconds: float) -> dict[str, list[str]]:
-    """Say to whom each observer sends a stream of so many seconds. One is sent at a time, so together they have a limit.
+    """Choose the targets of each observer's streams. One stream is sent at a time, so their time together has a limit.
 
-    Beyond it each sends to every second of those that it tries, or to every third; which ones these are differs from one to the next.
+    Beyond it each observer takes every second or third of its targets, and the next observer takes others.
     """
     most = max(1, int(STREAMS / (seconds * max(1, len(chosen)))))
-    listed = {name: [target for target in order if target in targets] for name, targets in chosen.items()}
-    steps = {name: max(1, -(-len(targets) // most)) for name, targets in listed.items()}
-    return {name: targets[place % steps[name] :: steps[name]] for place, (name, targets) in enumerate(listed.items())}
+    targets_of = {name: [target for target in order if target in targets] for name, targets in chosen.items()}
+    steps = {name: max(1, -(-len(targets) // most)) for name, targets in targets_of.items()}
+    return {
+        name: targets[place % steps[name] :: steps[name]] for place, (name, targets) in enumerate(targets_of.items())
+    }
 
 
 def number(chosen: Targets) -> int:

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The parts of a fleet: what a person can mend, and the ways in which each may be broken. One table, FAULTS.
+"""The parts of a fleet that a person can mend, and the ways in which each may be broken. One table, FAULTS.
 
-A part is what (`kind`), where (`place`), and how it is broken (`mode`). `what` narrows it where a place has several: the
-network of a link or a route, the name that is looked up, the port of a packet filter.
+A part has a `kind`, a `place`, and the `mode` in which it is broken. `what` narrows it where a place has several: the network
+of a link or a route, the name that is looked up, the port of a packet filter.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
 class Fault(NamedTuple):
     """How a part of a kind may be broken: in a sentence, what to do, and the command that shows it.
 
-    Texts have {place} and {what}. What can be pasted of a remedy, and mends it, is `run site.yml` or `on {place}: <command>`;
-    what stands behind `see` only shows. Where what was read gives a command, it stands before it (commands.py).
+    Texts have {place} and {what}. A remedy that can be pasted is `run site.yml` or `on {place}: <command>`. A command behind
+    `see` only shows the fault. A command made from an observation stands before the remedy (commands.py).
     `cost` says how rare it is: of two parts that explain the same, the cheaper one is named.
-    A `hard` fault lets nothing pass, so a success that needs the part clears it; of another one a success says little.
+    A `hard` fault lets nothing pass, so a success that needs the part clears it. Of other faults a success says little.
     A fault that is `read` is never concluded: a value on the machine shows it.
     """
 
@@ -31,13 +31,13 @@ class Fault(NamedTuple):
     decide: str = ""  # empty: the remedy shows it, too
     cost: float = 3.0
     hard: bool = True
-    read: bool = False  # a value on the machine shows it; without that value it is not concluded
-    unseen: bool = True  # but for places where nobody could look: there it may be
+    read: bool = False
+    unseen: bool = True  # although `read`, it may be concluded for a place without an observation
     what: str = ""  # stands for a part's `what` where it has none
 
     @property
     def example(self) -> str:
-        """What stands in a command for it."""
+        """The placeholder for `what` in a command."""
         return f"<{self.what}>" if " " in self.what else self.what
 
 
@@ -84,7 +84,7 @@ class Part(NamedTuple):
         return self._advice(self.fault.decide or self.fault.remedy)
 
     def _advice(self, words: str) -> str:
-        """Our words with the names of the part; without a command where `what` may be anything."""
+        """Fill in the names of the part; without a command where `what` may be anything."""
         if self.what and "{what}" in words and not advice.format_value("what", self.what):
             return f"look at it there: {quote(self.what)} fits into no command"
         return words.format(place=self.place_text, what=self.what or self.fault.example)
@@ -118,20 +118,20 @@ DROPPED = {
         "what the fleet sends: ICMP, UDP port 11511, all TCP ports above 1024",
     ),
 }
-RARER = {"group": 0.2, "all": 0.3}  # what these cost more
-# Where: word of the mode -> how it is said, and what it costs more than the plain one.
+RARER = {"group": 0.2, "all": 0.3}  # their additional cost
+# The direction in the mode -> its word in a sentence, and its additional cost.
 DIRECTIONS = {"in": ("incoming", 0.2), "out": ("outgoing", 0.8), "": ("incoming and outgoing", 0.4)}
 
 FILTERS: Mapping[tuple[str, str], Fault] = {
     ("filter", f"{mode} {direction}".strip()): Fault(
-        f"a packet filter on {{place}} drops {said} {dropped}",
+        f"a packet filter on {{place}} drops {word} {dropped}",
         f"allow {allowed} between the computers of the fleet; see {RULES}",
         RULES,
         cost=2.5 + RARER.get(mode, 0.0) + more,
         what={"udp": "11511", "rpc": "11611", "roscore": "11311"}.get(mode, ""),
     )
     for mode, (dropped, allowed) in DROPPED.items()
-    for direction, (said, more) in DIRECTIONS.items()
+    for direction, (word, more) in DIRECTIONS.items()
 }
 
 #: The packet filters that a rule shows, where rules can be read.
@@ -260,15 +260,15 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         cost=3.5,
         hard=False,
     ),
-    **{  # they cost little: a single stream that is slower than somebody expects is worth a sentence
+    **{  # they cost little: a single stream that is slower than expected is worth a sentence
         ("link", mode): Fault(
-            said,
+            sentence,
             "look at the signal, or at the cable; see on {place}: ip -s link; iw dev",
             what="its link",
             cost=cost,
             hard=False,
         )
-        for mode, said, cost in (
+        for mode, sentence, cost in (
             ("slow", "{place} is slow on {what}", 0.7),
             ("slow out", "{place} sends slowly on {what}", 0.8),
             ("slow in", "{place} receives slowly on {what}", 0.9),
@@ -300,7 +300,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "switch IGMP snooping off or a querier on; with multimaster_transport: both the robots find each other meanwhile",
         "on a computer there, for the heartbeats of the others: tcpdump -n -i any -c 10 udp port 11511",
         cost=2.5,
-        hard=False,  # a switch prunes port by port: who has just joined hears the others for some minutes
+        hard=False,  # a switch prunes port by port: a computer that has just joined hears the others for some minutes
     ),
     ("network", "large"): Fault(
         "{place} loses large packets", "give all its interfaces one MTU, and look at the switch", cost=4.0
@@ -405,7 +405,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: nft list ruleset; iptables -t nat -S",
         cost=2.0,
     ),
-    # What a computer is for ROS
+    # ROS on a computer
     ("clock", "off"): Fault(
         "the clock of {place} is {what}",
         "run chrony on all computers with one of them, or a server, as the source",
@@ -506,7 +506,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("service", "missing"): Fault(
         "{what} was not set up on {place}", f"{SITE} on it", cost=1.0, what="multimaster-*", read=True
     ),
-    # What is registered and exchanged
+    # Registrations and their exchange
     ("registration", "ghost"): Fault(
         "the roscore of {place} holds nodes that do not answer: {what}; they ended without saying so, as by kill -9",
         "end a node that hangs first; on {place}: yes | rosnode cleanup",
@@ -552,7 +552,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "see on {place}: rosmsg md5 std_msgs/String",
         what="rospy fails there",
     ),
-    # Who has set it up
+    # The set-up by others
     ("set_up", "by_hand"): Fault(
         "{place} was set up by hand, or by something else",
         f"nothing, if that is wanted: the other checks say if the fleet talks; else {SITE}",
@@ -609,7 +609,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     **FILTERS,
 }
 
-# What follows from another fault of the same place, though it was read by itself: fault -> the faults before it.
+# A fault that was read and yet follows from another fault of the same place: fault -> its possible causes.
 FOLLOWS: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     **{
         ("filter", f"{mode} {way}"): tuple(
@@ -620,7 +620,7 @@ FOLLOWS: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     },
     ("computer", "unmeasured"): (("link", "down"), ("interface", "address")),
     ("set_up", "by_hand"): (("set_up", "others"),),
-    ("roscore", "dead"): (("interface", "duplicate"),),  # it is the other one that refuses
+    ("roscore", "dead"): (("interface", "duplicate"),),  # the other computer refuses
     ("discovery", "dead"): (("roscore", "dead"),),
     # A node whose datagrams its own kernel refuses leaves the group, and tries again.
     ("discovery", "group"): (("filter", "group out"), ("filter", "group"), ("filter", "udp out"), ("filter", "udp")),

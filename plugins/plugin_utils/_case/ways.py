@@ -48,17 +48,17 @@ class Ways:
         self._router = fleet.router
         self.group = f"{fleet.multicast_group}:{fleet.multicast_port}"
         self.masters: Mapping[str, Master] = fleet.master_of
-        # what each member may be called, in small letters: its names and its address
+        # names and address of each member, in small letters
         names = {entry.address: [name.lower() for name in entry.names] for entry in fleet.hosts_entries}
         self.called: Mapping[str, frozenset[str]] = {
             name: frozenset([name.lower(), str(member.address), *names.get(member.address, ())])
             for name, member in self.members.items()
         }
-        # as texts, because machines say texts
+        # as texts, because observations have texts
         self.addresses = {name: str(member.address) for name, member in self.members.items()}
         self.discovery_addresses = {name: str(member.discovery_address) for name, member in self.members.items()}
         self._known: dict[tuple[str, str], Way] = {}  # by computer, and robot of the target
-        # of all interfaces, those of devices without a name among them
+        # of all interfaces, also those of devices
         self._at = {str(entry.address): name for name, plan in fleet.computers.items() for entry in plan.networks}
         for gateway in self.gateways.values():
             self._at.update({str(gateway.address): gateway.title, str(gateway.common_address): gateway.title})
@@ -67,7 +67,7 @@ class Ways:
         self.parts: dict[tuple[str, str], frozenset[Part]] = {}  # between two computers, as needs.way finds them
 
     def network(self, robot: str) -> str:
-        """Name the network that the computers of a robot are in."""
+        """Name the network of a robot's computers."""
         return f"the network of {robot}" if robot in self.gateways else COMMON
 
     def name_at(self, address: str) -> str:

@@ -20,10 +20,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case im
     Participant,
     usual_mtus,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import Exchanges
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, choose_pairs, number
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Exchanges
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import Ways
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, Master

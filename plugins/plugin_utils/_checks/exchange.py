@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import Conflict
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
     NONE,
     Parts,
@@ -21,6 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs i
     node_connection_parts,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Conflict
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     COMPUTER,
     FAILED,

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import Item
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
     NONE,
     Parts,
@@ -20,6 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs i
     roscore,
     slow,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Item
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     FAILED,
     MEMBER,

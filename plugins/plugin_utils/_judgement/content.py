@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import TEST_NODES
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import TEST_NODES
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import VERDICTS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis

@@ -9,7 +9,7 @@ A test changes some observations with `update` and looks at the findings that ar
 import zlib
 from dataclasses import replace
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import exchange as exchange_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import registrations
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import ways as ways_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import engine
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import OK
@@ -225,7 +225,7 @@ def _route_to(fleet, own, master):
 
 
 def good_probe(fleet, me, own):
-    flows = exchange_module.Flows(fleet)
+    flows = registrations.Flows(fleet)
     uri = own.environment["ROS_MASTER_URI"]
     return Probe(
         **network_part(fleet, own),
@@ -333,7 +333,7 @@ def imported(flows, master, robot):
     rules = flows.rules(master.robot, robot)
 
     def passing(kind, entry, nodes):
-        return [node for node in nodes if rules.passes(exchange_module.Item(kind, entry.name, node), entry.type)]
+        return [node for node in nodes if rules.passes(registrations.Item(kind, entry.name, node), entry.type)]
 
     topics = [
         topic(
@@ -345,7 +345,7 @@ def imported(flows, master, robot):
         for entry in its_topics
     ]
     services = [
-        entry for entry in its_services if rules.passes(exchange_module.Item("service", entry.name, entry.node), "")
+        entry for entry in its_services if rules.passes(registrations.Item("service", entry.name, entry.node), "")
     ]
     return Import(
         master.uri, tuple(entry for entry in topics if entry.publishers or entry.subscribers), tuple(services)
@@ -354,7 +354,7 @@ def imported(flows, master, robot):
 
 def exchange(fleet, robot):
     """Fill the roscore of a robot where everything works: what the plan lets pass, and one connection with each robot."""
-    flows = exchange_module.Flows(fleet)
+    flows = registrations.Flows(fleet)
     topics, services = registered(robot)
     imports, connections = [], []
     for master in fleet.masters:

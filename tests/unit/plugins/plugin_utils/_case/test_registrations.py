@@ -6,7 +6,12 @@
 import dataclasses
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.exchange import Exchanges, Flows, Item, Rules
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import (
+    Exchanges,
+    FlowRules,
+    Flows,
+    Item,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import filters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
@@ -109,7 +114,7 @@ TALK, EAR, CALL = (
     ],
 )
 def test_what_passes_the_rules(rules, passing):
-    made = Rules.from_patterns(rules)
+    made = FlowRules.from_patterns(rules)
     assert [
         item for item in (TALK, EAR, CALL) if made.passes(item, "" if item is CALL else "std_msgs/String")
     ] == passing

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The exchange between robots: what each is to get of another one (Flows), compared with what its roscore holds (Exchanges).
+"""The registrations that pass between robots: the planned flows (Flows), and the contents of the roscores (Exchanges).
 
 Pure: the plan of the fleet and the observed contents of roscores in, facts out. Each robot's registrations are read
 once. Pairs are compared by their sets, and names only where two robots have the same one.
@@ -47,7 +47,7 @@ class Clash(NamedTuple):
 
 
 class Conflict(NamedTuple):
-    """A topic that is something else on two robots; each of the two is (robot, type, md5 sum)."""
+    """A topic that differs on two robots; each of the two is (robot, type, md5 sum)."""
 
     topic: str
     one: tuple[str, str, str]
@@ -55,16 +55,16 @@ class Conflict(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Rules(filters.Rules):
-    """The rules for a pair of robots: the filters of the receiving one, and the declared flow where there is one."""
+class FlowRules(filters.Rules):
+    """The rules from robot to robot: the filters of the receiver, and the declared flow if there is one."""
 
     hide_subscribers: filters.Pattern = filters.Pattern()  # a parameter of the giving robot
 
     @classmethod
-    def from_patterns(cls, patterns: Mapping[str, Iterable[str]]) -> Rules:
-        """Make rules of patterns as people write them, by the names of the fields."""
+    def from_patterns(cls, patterns: Mapping[str, Iterable[str]]) -> FlowRules:
+        """Make rules of patterns, by the names of the fields."""
         rules = cls(**{rule.name: filters.usable(patterns.get(rule.name, ())) for rule in fields(cls)})
-        return cast(Rules, rules.complete_white_lists())  # closed() keeps the class
+        return cast(FlowRules, rules.complete_white_lists())  # it keeps the class
 
     def passes(self, item: Item, type_name: str) -> bool:
         """Say if a registration is to be known to the receiving robot."""
@@ -75,7 +75,7 @@ class Rules(filters.Rules):
         return self.topic(item.node, item.name, type_name, item.kind == "publisher")
 
 
-NOTHING = Rules.from_patterns({"ignore_nodes": ("*",)})
+NOTHING = FlowRules.from_patterns({"ignore_nodes": ("*",)})
 
 
 class Flows:
@@ -84,24 +84,21 @@ class Flows:
     def __init__(self, fleet: FleetPlan) -> None:
         self._masters = fleet.master_of
         self._plans = {robot: fleet.computers[master.computer] for robot, master in self._masters.items()}
-        self._given: dict[tuple[str, str], tuple[list[str], list[str]]] = defaultdict(lambda: ([], []))
+        self._declared: dict[tuple[str, str], tuple[list[str], list[str]]] = defaultdict(lambda: ([], []))
         for flow in fleet.flows:
             for source in flow.givers:
                 for target in flow.to:
                     if source != target:
-                        topics, services = self._given[source, target]
+                        topics, services = self._declared[source, target]
                         topics += flow.topics
                         services += flow.services
-        self._rules: dict[tuple[str, str], Rules] = {}
-        self._same: dict[tuple[tuple[str, ...], ...], Rules] = {}  # of the same patterns there is one
-        self._filters = {
-            robot: filters.Filters(plan.sync, lenient=True) for robot, plan in self._plans.items()
-        }  # of the receiving robots
-        self._general: dict[
-            str, Mapping[str, Sequence[str]]
-        ] = {}  # robot -> patterns, where none is for one master alone
+        self._rules: dict[tuple[str, str], FlowRules] = {}
+        self._by_patterns: dict[tuple[tuple[str, ...], ...], FlowRules] = {}
+        # by receiving robot
+        self._filters = {robot: filters.Filters(plan.sync, lenient=True) for robot, plan in self._plans.items()}
+        self._general: dict[str, Mapping[str, Sequence[str]]] = {}  # the patterns that hold for all masters
 
-    def rules(self, source: str, target: str) -> Rules:
+    def rules(self, source: str, target: str) -> FlowRules:
         """Return the rules by which registrations pass from one robot to another."""
         key = source, target
         if key not in self._rules:
@@ -109,29 +106,28 @@ class Flows:
         return self._rules[key]
 
     def declares_nothing(self, source: str, target: str) -> bool:
-        """Say if a robot with a declaration (multimaster_exports) gives another one nothing."""
+        """Say if a robot declares (multimaster_exports) that it gives the target nothing."""
         return self._masters[source].declared and self.rules(source, target) == NOTHING
 
-    def _make_rules(self, source: str, target: str) -> Rules:
+    def _make_rules(self, source: str, target: str) -> FlowRules:
         """Make the rules of a pair. The declared flow itself is used, not the white lists that the plan makes of it."""
         name, parameters = self._masters[source].name, self._filters[target]
         if any(map(parameters.values.get, filters.HOSTS)) and not parameters.wants_host(name):
             return NOTHING
         values: dict[str, Iterable[str]] = {**self._patterns(target, name)}
         if self._masters[source].declared:
-            topics, services = self._given.get((source, target), ((), ()))
+            topics, services = self._declared.get((source, target), ((), ()))
             if not topics and not services:
                 return NOTHING
             values.update(sync_nodes=(), sync_topics=(*topics, VERIFICATION_TOPICS), sync_services=tuple(services))
-        hidden = self._plans[source].discovery.get("hide_subscribers", ())
-        values["hide_subscribers"] = hidden
+        values["hide_subscribers"] = self._plans[source].discovery.get("hide_subscribers", ())
         key = tuple(tuple(patterns) for patterns in values.values())
-        if key not in self._same:
-            self._same[key] = Rules.from_patterns(values)
-        return self._same[key]
+        if key not in self._by_patterns:
+            self._by_patterns[key] = FlowRules.from_patterns(values)
+        return self._by_patterns[key]
 
     def _patterns(self, target: str, name: str) -> Mapping[str, Sequence[str]]:
-        """Return the patterns of a receiving robot for a master: mostly those for all masters, which are read once."""
+        """Return the patterns of a receiving robot for a master. Patterns for all masters are read once."""
         parameters = self._filters[target]
         if _particular(parameters.values.values()):
             return {rule: parameters.patterns(rule, name) for rule in filters.NAMES}
@@ -163,14 +159,14 @@ class RoscoreIndex(NamedTuple):
 
     def names(self) -> dict[tuple[str, str], list[Item]]:
         """List the registrations by (kind, name) of own nodes and services, without those that every robot has."""
-        found: dict[tuple[str, str], list[Item]] = defaultdict(list)
+        names: dict[tuple[str, str], list[Item]] = defaultdict(list)
         for item in self.own:
             if filters.matches(filters.BUILT_IN["ignore_nodes"], item.node) or item.node.startswith(TEST_NODES):
                 continue
-            found["node", item.node].append(item)
+            names["node", item.node].append(item)
             if item.kind == "service":
-                found["service", item.name].append(item)
-        return found
+                names["service", item.name].append(item)
+        return names
 
 
 def _items(part: Exchange | Import) -> Iterator[tuple[Item, str]]:
@@ -187,16 +183,16 @@ class Exchanges:
     """The contents of all roscores of a run, beside the planned flows."""
 
     def __init__(self, fleet: FleetPlan, seen: Mapping[str, Exchange]) -> None:
-        """Index the contents of the roscores, by robot; robots that gave none are left out."""
+        """Index the contents of the roscores, by robot; robots without content are left out."""
         self.flows = Flows(fleet)
         self.robots = {robot: RoscoreIndex.from_content(exchange) for robot, exchange in seen.items()}
         self._uris = {master.robot: normalise_uri(master.uri) for master in fleet.masters}
-        self._wanted: dict[tuple[str, int], frozenset[Item]] = {}  # robot, and the rules, of which equal ones are one
+        self._wanted: dict[tuple[str, int], frozenset[Item]] = {}  # by robot and id of its rules
         self._holders, self._shared = _find_shared_names({robot: has.names() for robot, has in self.robots.items()})
-        self._unlike = _unlike({robot: has.sums for robot, has in self.robots.items()})
+        self._unlike = _find_unlike({robot: has.sums for robot, has in self.robots.items()})
 
     def find_due(self, source: str, target: str) -> frozenset[Item]:
-        """Return what a robot is to get of another one that was looked at."""
+        """Return what the target is to get of a source with a known content."""
         rules = self.flows.rules(source, target)
         key = source, id(rules)
         if key not in self._wanted:
@@ -210,7 +206,7 @@ class Exchanges:
         return self._wanted[key]
 
     def find_missing(self, source: str, target: str) -> list[Item]:
-        """List what a robot is to get and has not, without what it refuses for a reason that another check tells."""
+        """List what the target is to get and has not, without the refusals that another check reports."""
         if source not in self.robots:
             return []
         absent = self.find_due(source, target) - self.find_imports(source, target).keys()
@@ -226,26 +222,26 @@ class Exchanges:
         )
 
     def superfluous(self, source: str, target: str) -> list[Item]:
-        """List what a robot has of another one and is not to get."""
-        has = self.find_imports(source, target)
-        known = self.find_due(source, target) if source in self.robots else frozenset()
+        """List what the target has of the source and is not to get."""
+        imports = self.find_imports(source, target)
+        due = self.find_due(source, target) if source in self.robots else frozenset()
         rules = self.flows.rules(source, target)
-        return sorted(item for item in has.keys() - known if not rules.passes(item, has[item]))
+        return sorted(item for item in imports.keys() - due if not rules.passes(item, imports[item]))
 
     def find_imports(self, source: str, target: str) -> Mapping[Item, str]:
-        """Return what a robot that was looked at has of another one, with the types."""
+        """Return what a target with a known content has of the source, with the types."""
         return self.robots[target].imports.get(self._uris[source], {})
 
     def clashes(self, source: str, target: str) -> list[Clash]:
         """List the names that pass from `source` and that `target` has itself, or gets of a third robot."""
-        found: dict[tuple[str, str], Clash] = {}
+        clashes: dict[tuple[str, str], Clash] = {}
         for key in self._shared.get(source, ()):  # nodes come first
-            if key[0] == "service" and ("node", self._holders[key][source][0].node) in found:
-                continue  # with its node, that is told already
+            if key[0] == "service" and ("node", self._holders[key][source][0].node) in clashes:
+                continue  # the clash of its node says so already
             if self._passes(key, source, target) and (other := self._find_holder(key, source, target)):
                 first, second = sorted((source, other))
-                found[key] = Clash(*key, robots=(first, second))
-        return list(found.values())
+                clashes[key] = Clash(*key, robots=(first, second))
+        return list(clashes.values())
 
     def _find_holder(self, key: tuple[str, str], source: str, target: str) -> str | None:
         holders = self._holders[key]
@@ -268,7 +264,7 @@ class Exchanges:
         return [Conflict(name, (source, *theirs[name]), (target, *mine[name])) for name in topics if name in passing]
 
     def odd(self, conflict: Conflict) -> str:
-        """Name the robot that alone has another type or md5 sum of a topic than all others; empty where nobody can tell."""
+        """Name the one robot whose type or md5 sum of a topic differs from all others; empty where no robot is alone."""
         topic = conflict.topic
         kinds = {robot: has.sums[topic] for robot, has in self.robots.items() if topic in has.sums}
         alone = [
@@ -277,12 +273,12 @@ class Exchanges:
         return alone[0] if len(alone) == 1 else ""
 
     def find_crossing_links(self, links: Iterable[Connection], own: str, other: str) -> list[Connection]:
-        """List the connections between nodes of two robots that neither the publisher nor the subscriber explains.
+        """List the connections between nodes of two robots that no planned registration explains.
 
-        A subscriber that passes hears all publishers of its topic on the other robot, also nodes that never pass themselves.
+        A subscriber that passes hears all publishers of its topic on the other robot, even those that do not pass.
         """
         types = self.robots[own].sums
-        found = []
+        crossing = []
         for link in links:
             if link.robot != other:
                 continue
@@ -296,8 +292,8 @@ class Exchanges:
                 Item("subscriber", link.topic, subscriber[1]), kind
             )
             if not passing and not back:
-                found.append(link)
-        return found
+                crossing.append(link)
+        return crossing
 
 
 def _find_shared_names(
@@ -305,8 +301,8 @@ def _find_shared_names(
 ) -> tuple[dict[tuple[str, str], dict[str, Sequence[Item]]], dict[str, list[tuple[str, str]]]]:
     """Find the (kind, name) that several robots have: robot and registrations of each, and the list of each robot."""
     holders: dict[tuple[str, str], dict[str, Sequence[Item]]] = defaultdict(dict)
-    for robot, held in names.items():
-        for key, items in held.items():
+    for robot, registrations in names.items():
+        for key, items in registrations.items():
             holders[key][robot] = items
     holders = {key: robots for key, robots in holders.items() if len(robots) > 1}
     shared: dict[str, list[tuple[str, str]]] = defaultdict(list)
@@ -316,13 +312,13 @@ def _find_shared_names(
     return holders, shared
 
 
-def _unlike(sums: Mapping[str, Mapping[str, tuple[str, str]]]) -> list[str]:
-    """List the topics that are not the same on all robots that have them."""
+def _find_unlike(sums: Mapping[str, Mapping[str, tuple[str, str]]]) -> list[str]:
+    """List the topics that differ between the robots that have them."""
     kinds: dict[str, set[tuple[str, str]]] = defaultdict(set)
     for topics in sums.values():
         for name, kind in topics.items():
             kinds[name].add(kind)
-    return sorted(name for name, found in kinds.items() if len(found) > 1)
+    return sorted(name for name, variants in kinds.items() if len(variants) > 1)
 
 
 def _differ(one: tuple[str, str], other: tuple[str, str]) -> bool:
