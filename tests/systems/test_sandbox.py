@@ -79,13 +79,13 @@ ASK = """
 import json, os, socket, sys
 sys.path.insert(0, "/usr/local/lib/rosfleet-multimaster/python")
 from rosfleet_multimaster.edge import connections
-from rosfleet_multimaster.sync import ending
+from rosfleet_multimaster.sync import connection_ender
 if sys.argv[1] != "root":
     os.setgroups([])
     os.setgid(int(sys.argv[1]))
     os.setuid(int(sys.argv[2]))
 try:
-    print(len(ending.end(lambda found: True)))
+    print(len(connection_ender.end(lambda found: True)))
 except OSError as problem:
     print(problem)
 """

@@ -15,7 +15,6 @@ TREES = ("plugins", "roles", "lab", "tools")
 #: rooms whose names are still to be changed
 LATER = set(
     """
-    roles/nodes/files/python/rosfleet_multimaster/sync
     tools
     """.split()
 )

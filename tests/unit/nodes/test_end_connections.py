@@ -31,7 +31,7 @@ IN_A_NAMESPACE = textwrap.dedent(
     import errno, json, os, socket, subprocess, sys, time
     nodes, folder = sys.argv[1:]
     sys.path.insert(0, nodes)
-    from rosfleet_multimaster.sync import ending
+    from rosfleet_multimaster.sync import connection_ender as ender
 
     START = "import sys; sys.path.insert(0, sys.argv[1]); from rosfleet_multimaster.end_connections import main; main(*sys.argv[2:])"
     path = folder + "/socket"
@@ -41,7 +41,7 @@ IN_A_NAMESPACE = textwrap.dedent(
     until = time.monotonic() + 20
     while True:
         try:
-            ending.ask([], path)
+            ender.ask([], path)
             break
         except OSError:
             assert time.monotonic() < until
@@ -60,13 +60,13 @@ IN_A_NAMESPACE = textwrap.dedent(
     server = socket.create_server(("192.0.2.1", 40010))
     wanted[40010] = [socket.create_connection(server.getsockname())]
     try:
-        ended = {remote[1] for _here, remote in ending.end(lambda found: True, path)}
+        ended = {remote[1] for _here, remote in ender.end(lambda found: True, path)}
         errors = {port: made[0].getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) for port, made in wanted.items()}
 
         begun_many = begun("192.0.2.9", 40001, 400)
         started, many = time.monotonic(), 0
         while many < 400:
-            many += len(ending.end(lambda found: found.remote[1] == 40001, path))
+            many += len(ender.end(lambda found: found.remote[1] == 40001, path))
         took = time.monotonic() - started
 
         os.chmod(folder, 0o755)
@@ -75,7 +75,7 @@ IN_A_NAMESPACE = textwrap.dedent(
             os.setgid(65534)
             os.setuid(65534)
             try:
-                ending.ask([], path)
+                ender.ask([], path)
             except OSError:
                 os._exit(7)
             os._exit(0)

@@ -25,10 +25,11 @@ from rosfleet_multimaster.protocol.graph import InvalidDocument, Node, Policy, S
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.messages import Master
 from rosfleet_multimaster.protocol.xml_rpc import STATE
-from rosfleet_multimaster.sync import fetcher, followed
+from rosfleet_multimaster.sync import fetcher
+from rosfleet_multimaster.sync import follower as module
 from rosfleet_multimaster.sync.core.pace import BURST, EARLY, RATE, WHOLE
 from rosfleet_multimaster.sync.core.sync import Fetch, Sync
-from rosfleet_multimaster.sync.followed import Answer, Surroundings, View
+from rosfleet_multimaster.sync.follower import Answer, LocalNetworkCache, StateFilter
 
 URI, OWN = "http://robot2:11311/", "http://own:11311/"
 NODE = Node("http://robot2:5000/", URI, "local")
@@ -88,14 +89,14 @@ class Peer:
 @pytest.fixture(name="following", params=[DIFFERENCES, PACKED])
 def _following(monkeypatch, request):
     """Follow a hostile peer, on each of the two ways: (peer, states, why it is over)."""
-    monkeypatch.setattr(followed, "TIMEOUT", 0.3)
-    monkeypatch.setattr(followed, "WAIT", (0.2, 0.3))
+    monkeypatch.setattr(module, "TIMEOUT", 0.3)
+    monkeypatch.setattr(module, "WAIT", (0.2, 0.3))
     made = []
 
     def follow(answer):
         peer, states, over = Peer(answer, request.param), queue.Queue(), queue.Queue()
         fetch = Fetch(URI, peer.uri, Filters({}).rules("robot2"))
-        found = fetcher._fetch(fetch, None, View(fetch, OWN, False, Members(), Surroundings()), True)
+        found = fetcher._fetch(fetch, None, StateFilter(fetch, OWN, False, Members(), LocalNetworkCache()), True)
         found.follower.start(lambda *news: states.put(news[1]), lambda *why: over.put(why[1]))
         made.append((peer, found.follower))
         return peer, states, over
@@ -110,7 +111,7 @@ def _following(monkeypatch, request):
 @pytest.fixture
 def unhurried(following, monkeypatch):
     """The peer of this test answers, and a busy machine may take its time for that."""
-    monkeypatch.setattr(followed, "TIMEOUT", 30.0)
+    monkeypatch.setattr(module, "TIMEOUT", 30.0)
 
 
 def ok(body, head=""):
@@ -129,7 +130,7 @@ def drip(wfile):
 
 
 BOMB = gzip.compress(b"<value>" * (STATE // 7 + 1000), mtime=0)
-MANY = [[f"/flood/{number}", ["/one"]] for number in range(followed.MOST + 1)]
+MANY = [[f"/flood/{number}", ["/one"]] for number in range(module.MOST + 1)]
 
 
 @pytest.mark.parametrize(

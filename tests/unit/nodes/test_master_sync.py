@@ -41,8 +41,8 @@ def announced(online):
 @pytest.mark.parametrize("ending", [False, True])
 def test_each_news_of_a_master_is_looked_at_for_a_loss(program, ending):
     seen = []
-    program.lost._active = True
-    program.lost._losses.update = lambda online, now: seen.append(online.get(URI)) or ([], [])
+    program.disconnector._active = True
+    program.disconnector._losses.update = lambda online, now: seen.append(online.get(URI)) or ([], [])
     if ending:
         program.ended.set()
     for online in (True, False, True):  # between two passes of the loop

@@ -29,7 +29,7 @@ def test_a_state_that_cannot_be_had_is_one_sentence(problem, end):
     said = []
     core = SimpleNamespace(take_fetch=lambda *arguments, **options: False, selection=lambda uri: {})
     limited = SimpleNamespace(say=lambda level, key, sentence: said.append((level, sentence)))
-    Fetcher(None, core, limited, None, None)._fetched(FETCH, None, problem)
+    Fetcher(None, core, limited, None, None)._on_fetch(FETCH, None, problem)
     ((level, sentence),) = said
     assert level == "warning" and sentence.startswith("the state of http://b:11311/ cannot be had from http://b:")
     assert sentence.endswith(end)
@@ -66,7 +66,7 @@ def fixture_other_program():
 def test_a_master_that_is_a_new_program_is_asked_from_the_start(other_program):
     uri, asked = other_program
     fetch = SimpleNamespace(uri="http://b:11311/", monitor_uri=uri, quick=True)
-    view = SimpleNamespace(wanted=[], taken=lambda state, before: state, places=lambda state: None)
-    found = _fetch(fetch, None, view, True, PACKED)
+    states = SimpleNamespace(rules=[], limit=lambda state, before: state, places=lambda state: None)
+    found = _fetch(fetch, None, states, True, PACKED)
     assert asked == [PACKED, "masterInfoFiltered"]
     assert (found.state.name, found.method, found.follower) == ("b", "", None)

@@ -26,15 +26,18 @@ def test_leftovers_wait_from_the_first_pass_of_the_loop(monkeypatch, after, kept
     roscore = types.SimpleNamespace(ask=lambda *calls: [record if calls[0][0] == "getParam" else 0])
     core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, None)
     workers = Workers(loop, 1)
-    graph, lost = types.SimpleNamespace(roscore=roscore), types.SimpleNamespace(registered=lambda *seen: None)
+    graph, disconnector = (
+        types.SimpleNamespace(roscore=roscore),
+        types.SimpleNamespace(note_registrations=lambda *news: None),
+    )
     questions = types.SimpleNamespace(guard=TypeGuard())
     node = ("/master_sync", "http://own:1/")
-    made = module.Rounds(graph, node, core, questions, lost, workers, workers, limited, CALLBACKS)
+    made = module.Rounds(graph, node, core, questions, disconnector, workers, workers, limited, CALLBACKS)
     made.take_over()
     now[0] += 10.0  # a busy computer: rospy makes the node meanwhile
     made.tick(now[0])
     view = View({"/chatter": ("/talker",)}, {}, {}, {"/chatter": "std_msgs/String"}, dict([TALKER]), {})
-    todo = made._plan(module.Reading([], view, dict(made.claims), set()), now[0] + after)
+    todo = made._plan(module.Snapshot([], view, dict(made.claims), set()), now[0] + after)
     assert bool(todo.held) is kept
 
 
@@ -109,12 +112,15 @@ def rounds_of(begun, last):
     workers = types.SimpleNamespace(submit=submit)
     roscore = types.SimpleNamespace(ask=lambda *calls: [None for _call in calls])
     graph = types.SimpleNamespace(
-        roscore=roscore, guarded=True, read=read, carry_out=lambda calls: [[1, "", 0] for _call in calls]
+        roscore=roscore, guards_names=True, read=read, carry_out=lambda calls: [[1, "", 0] for _call in calls]
     )
     core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, None)
     node = ("/master_sync", "http://own:1/")
-    lost, questions = types.SimpleNamespace(registered=lambda *seen: None), types.SimpleNamespace(guard=TypeGuard())
-    return module.Rounds(graph, node, core, questions, lost, workers, workers, program.LimitedLog(), CALLBACKS)
+    disconnector, questions = (
+        types.SimpleNamespace(note_registrations=lambda *news: None),
+        types.SimpleNamespace(guard=TypeGuard()),
+    )
+    return module.Rounds(graph, node, core, questions, disconnector, workers, workers, program.LimitedLog(), CALLBACKS)
 
 
 def test_a_refused_peer_is_told_by_the_next_round(monkeypatch):

@@ -17,7 +17,7 @@ from .edge.clock import sleep
 from .edge.journal import plain_streams, say
 from .edge.process.systemd import notify, watchdog
 from .protocol.members import Members
-from .sync import ending
+from .sync.connection_ender import Outcome, Pair, open_listener, serve_one
 from .sync.core.permission import Permission
 
 PER_SECOND = 256  # connections that are ended in a second; a request counts as one at least
@@ -31,23 +31,23 @@ class Ender:
         """`problem`: why nothing can be ended here; empty where it can."""
         self._permission, self._problem = permission, problem
 
-    def answer(self, asked: List[ending.Pair]) -> ending.Answer:
+    def answer(self, asked: List[Pair]) -> Outcome:
         """End those of these connections that may be ended."""
         if self._problem or not asked:
-            return ending.Answer([], self._problem)
+            return Outcome([], self._problem)
         try:
             own = network().own
             refused = {pair: self._permission.refusal(*pair, own) for pair in asked}
             wanted = {pair for pair, refusal in refused.items() if not refusal}
             ended = connections.end_all(lambda found: (found.local, found.remote) in wanted) if wanted else []
         except OSError as problem:
-            return ending.Answer([], str(problem))
+            return Outcome([], str(problem))
         for found in ended:
             say(
                 f"the connection from port {found.local[1]} to {found.remote[0]}:{found.remote[1]} is ended",
                 logging.INFO,
             )
-        return ending.Answer(
+        return Outcome(
             [(found.local, found.remote) for found in ended], "; ".join(sorted(set(refused.values()) - {""}))
         )
 
@@ -60,11 +60,11 @@ def main(parameters: str, path: str) -> None:
     problem = _problem()
     ender = Ender(Permission(Members.from_parameters(given)), problem)
     patience = min(IDLE, (watchdog() or IDLE) / 4)
-    with ending.listening(path) as listener:
+    with open_listener(path) as listener:
         notify("READY=1", f"STATUS={problem or 'connections with lost robots are ended'}")
         while True:
             notify("WATCHDOG=1")
-            count = ending.serve_one(listener, patience, ender.answer)
+            count = serve_one(listener, patience, ender.answer)
             sleep(max(1, count) / PER_SECOND)
 
 

@@ -23,10 +23,10 @@ from .protocol.plain_text import quote
 from .sync.core import report
 from .sync.core.message_types import TypeGuard
 from .sync.core.sync import Refusal, Sync
+from .sync.disconnector import Disconnector
 from .sync.fetcher import Fetcher
 from .sync.finder import Finder
-from .sync.lost import Lost
-from .sync.own_graph import OwnGraph
+from .sync.roscore_graph import RoscoreGraph
 from .sync.rounds import ROUND, Callbacks, Rounds
 from .sync.type_questions import TypeQuestions
 
@@ -53,11 +53,15 @@ class MasterSync:
         roscore_calls = Workers(loop, 1)  # everything that is asked of the own roscore, one after the other
         updaters = Workers(loop, 8)
         self.core = _core(start)
-        online, graph, limited = self._online, OwnGraph(start.roscore), self.limited
-        self.lost = Lost(loop, updaters, limited, values["end_lost_connections"], self.core.members, online)
+        online, graph, limited = self._online, RoscoreGraph(start.roscore), self.limited
+        self.disconnector = Disconnector(
+            loop, updaters, limited, values["end_lost_connections"], self.core.members, online
+        )
         questions = TypeQuestions(loop, TypeGuard(), self._monitor_of, ros.md5sum, self._request_round)
         node, callbacks = (start.name, start.node_uri), Callbacks(self._has_list, self._report, self._round_over)
-        self.rounds = Rounds(graph, node, self.core, questions, self.lost, roscore_calls, updaters, limited, callbacks)
+        self.rounds = Rounds(
+            graph, node, self.core, questions, self.disconnector, roscore_calls, updaters, limited, callbacks
+        )
         self.rounds.take_over()  # before the service says that this node synchronises
         self.node = ros.SyncNode(lambda: self.rounds.held)
         identity = local_roscore.Identity()
@@ -105,7 +109,7 @@ class MasterSync:
             self.health.tick(now),
             *self.finder.tick(now),
             self.fetcher.tick(now),
-            self.lost.tick(now),
+            self.disconnector.tick(now),
             self.rounds.tick(now),
             self.states.tick(now),
             self.looks.tick(now),
@@ -125,7 +129,7 @@ class MasterSync:
         now, before = monotonic(), self._online()
         self.news = {uri: at for uri, at in self.news.items() if at >= asked}
         self.core.take_list(masters, now, self.news.keys())
-        self.lost.look(now)
+        self.disconnector.look(now)
         after = self._online()
         if first or any(uri not in after or online > after[uri] for uri, online in before.items()):
             self._request_round()  # who comes needs none: what he has is looked at when it is fetched
@@ -143,7 +147,7 @@ class MasterSync:
         self.core.take_announcement(master, now)
         if was_online is not master.online:
             self.status_stale = True
-            self.lost.look(now)
+            self.disconnector.look(now)
         own_changed = master.uri == self.uri and master.local_stamp != self.own_local_stamp
         if not master.online:
             self._request_round()

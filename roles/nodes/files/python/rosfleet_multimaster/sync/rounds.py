@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The round of synchronising: read what the roscore holds, plan, write the difference.
+"""The rounds of synchronising: read the registrations of the roscore, plan, write the difference.
 
-Rounds follow each other when something changed, and regularly. Each one begins from what the roscore holds, so a failed
-one needs no repair: the next one sees what became of it.
+There is a round after each change, and regularly. Each one begins with the registrations of the roscore. So a failed
+round needs no repair: the next one sees its effects.
 """
 
 from collections import Counter
@@ -23,40 +23,41 @@ from ..protocol.plain_text import quote
 from .core import limits
 from .core.step import Knowledge, Names, apply_plan, names, step
 from .core.sync import Candidate, Plan, Refusal, Sync, View, calls, nodes_of, plan
-from .lost import Lost
-from .own_graph import OwnGraph
+from .disconnector import Disconnector
+from .roscore_graph import RoscoreGraph
 from .type_questions import TypeQuestions
 
 ROUND = 30.0  # seconds between two rounds, if nothing happens
-REST, LONGEST_REST = 4, 0.5  # times as long as a round took, and seconds at most, after it: news wait for each other
-SHARE = 1000  # times as long as a round took, there is none if nothing happens
+REST, LONGEST_REST = 4, 0.5  # the pause after a round, in times of its duration, and in seconds at most: news collect
+SHARE = 1000  # the least pause without news, in times of the duration of a round
 AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load refuses one now and then
-SETTLED = 5.0  # seconds after the last whole state that came there is a round, which looks at all that is registered,
-SETTLED_AFTER_ALL = 20.0  # and so many after the first one, however many come: a fleet meets one by one
-LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master to be found again
-UPDATE_TIMEOUT = 3.0  # seconds for telling a subscriber of another robot who publishes
+SETTLED = 5.0  # seconds from the last whole state to a round that looks at all registrations
+SETTLED_AFTER_ALL = 20.0  # the same from the first whole state, at most: the robots of a fleet come one by one
+LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master
+UPDATE_TIMEOUT = 3.0  # seconds to tell a subscriber of another robot its publishers
 LINES = 10  # log lines of one round
-STANDING = ("place", "limit")  # kinds of refusals
+OF_STATES = ("place", "limit")  # kinds of refusals that depend on the state of a master alone
 
 
-class Taken(Exception):
-    """A name is not as it was thought to be."""
+class NameTaken(Exception):
+    """A name is not free any more, or a node has moved."""
 
 
-class Reading:
-    """The part of the own roscore that a round needs: who has the names of what was wanted when the round began."""
+class Snapshot(NamedTuple):
+    """The part of the own roscore that a round needs, and the state of master_sync when the round began."""
 
-    def __init__(self, wanted: Sequence[Candidate], view: View, claims: Claims, met: AbstractSet[str]) -> None:
-        """`met`: the masters whose state was had when the round began."""
-        self.wanted, self.view, self.claims, self.met = {item.registration for item in wanted}, view, claims, met
+    wanted: Set[Registration]
+    view: View
+    claims: Claims
+    met: AbstractSet[str]  # URIs of the masters whose state had come
 
 
 class Callbacks(NamedTuple):
-    """What a round asks, and what it tells at its end."""
+    """The questions of a round, and its reports."""
 
-    listed: Callable[[], bool]  # the list of masters was had
-    refused: Callable[[List[Refusal]], None]
-    over: Callable[[Optional[Exception]], None]
+    has_list: Callable[[], bool]  # the list of masters has come
+    on_refusals: Callable[[List[Refusal]], None]
+    on_end: Callable[[Optional[Exception]], None]
 
 
 class Rounds:
@@ -64,45 +65,45 @@ class Rounds:
 
     def __init__(
         self,
-        graph: OwnGraph,
+        graph: RoscoreGraph,
         node: Tuple[str, str],
         core: Sync,
         questions: TypeQuestions,
-        lost: Lost,
+        disconnector: Disconnector,
         roscore_calls: Workers,
         updaters: Workers,
         limited: program.LimitedLog,
         callbacks: Callbacks,
     ) -> None:
-        """`node`: name and URI of this node. `roscore_calls`: one thread, in which everything is asked of the roscore."""
+        """`node`: name and URI of this node. `roscore_calls`: one thread, for all calls of the roscore."""
         self.claims: Claims = {}
         self.held: Dict[Registration, str] = {}
-        self.met: Set[str] = set()  # URIs of the masters whose state was had in this life
+        self.met: Set[str] = set()  # URIs of the masters whose state has come in this life
         self.working = False
-        self.made: Counter[str] = Counter()  # what was done -> how many registrations
+        self.made: Counter[str] = Counter()  # "registered" or "unregistered" -> the number of registrations
         self.failures = 0  # rounds that failed
         self._roscore, self._graph, self._node, self._core = graph.roscore, graph, node, core
-        self._questions, self._lost, self._callbacks = questions, lost, callbacks
+        self._questions, self._disconnector, self._callbacks = questions, disconnector, callbacks
         self._calls, self._updaters, self._limited = roscore_calls, updaters, limited
         self._started = float("inf")  # when the loop began: from then on leftovers wait
-        self._due: Optional[float] = None  # a round for a reason
-        self._regular: Optional[float] = None  # the round if nothing happens
+        self._due: Optional[float] = None  # a round after a change
+        self._regular: Optional[float] = None  # the round without a change
         self._unsettled: Optional[float] = None  # when the first whole state came since the last round
         self._failed = 0
         self._withdrawn: Optional[Callable[[str], None]] = None
-        self._view: Optional[View] = None  # what the roscore holds, as far as it is known
+        self._view: Optional[View] = None  # the registrations of the roscore; None where they are not known
         self._last_refused: List[Refusal] = []
         self._touched: Set[Registration] = set()
-        self._began = self.took = 0.0  # when the last round began, and seconds that it took
-        self._rest = 0.0  # until then there is no other one: many masters that are met together make few rounds
+        self._began = self.took = 0.0  # when the last round began, and its seconds
+        self._rest = 0.0  # until then there is no round: when many masters come together, few rounds are enough
 
     def take_over(self) -> None:
-        """Read what an earlier life registered, and say from now on who keeps the record."""
+        """Read the record of an earlier life, and write that this node keeps it from now on."""
         (text,) = self._roscore.ask(("getParam", imports.IMPORTS))
         self.claims = imports.claims_of(text)
         if self.claims:
             program.LOG.info("%d nodes of other masters are registered here since before this start", len(self.claims))
-        # Also an empty record tells who keeps it: discovery and the verification then ask nobody else.
+        # Also an empty record names this node: discovery and the verification then ask no other one.
         if self._roscore.ask(("setParam", imports.IMPORTS, self._record(self.claims))) == [None]:
             program.LOG.warning(
                 "the roscore does not let this program set %s, so it cannot keep names of other robots apart from own ones: "
@@ -115,22 +116,22 @@ class Rounds:
         self._due = at if self._due is None else min(at, self._due)
 
     def touch(self, items: Set[Registration]) -> None:
-        """Look at these registrations: they may have changed. Who is refused for his place, or as too many, a round tells at once."""
+        """Look at these registrations: they may have changed. New refusals of places or limits need a round at once."""
         self._touched |= items
-        if {item for item in self._last_refused if item.kind in STANDING} != set(self._standing()):
+        if {item for item in self._last_refused if item.kind in OF_STATES} != set(self._state_refusals()):
             self.soon(monotonic())
 
     def touch_all(self, master: str, items: Set[Registration]) -> None:
-        """Look at all of a master whose whole state has come: at these, and at what an earlier life registered for it."""
+        """Look at all registrations of a master whose whole state has come: at these, and at those of an earlier life."""
         now = monotonic()
         self.met.add(master)
         self.touch(items.union(item for item, uri in self.held.items() if uri == master))
-        # A regular round waits as well: it would delay what others wait for, in all robots of a fleet that meets at once.
+        # A regular round waits, too: where all robots start together, it would delay registrations on each of them.
         self._unsettled = now if self._unsettled is None else self._unsettled
         self._regular = min(now + SETTLED, self._unsettled + SETTLED_AFTER_ALL)
 
-    def _standing(self) -> List[Refusal]:
-        """The refusals that a state has in it, whatever is registered."""
+    def _state_refusals(self) -> List[Refusal]:
+        """The refusals that depend on the states of masters alone."""
         return self._core.place_refusals() + limits.limit_refusals(self._core.remotes)
 
     def tick(self, now: float) -> Optional[float]:
@@ -150,7 +151,7 @@ class Rounds:
         return max(min(due), self._rest) if due else None
 
     def withdraw(self, done: Callable[[str], None]) -> None:
-        """Take everything back, once. `done(farewell)` is called in the loop."""
+        """Unregister everything, once. `done(farewell)` is called in the loop."""
         self._withdrawn = done
         if not self.working:
             self._begin([])
@@ -162,38 +163,35 @@ class Rounds:
         self._due = self._regular = self._unsettled = None
         self._touched, self._view = set(), None
         claims, met = dict(self.claims), frozenset(self.met)
-        self._calls.submit(lambda: self._read(wanted, claims, met), self._read_done)
+        self._calls.submit(lambda: self._read(wanted, claims, met), self._on_snapshot)
 
-    def _read(self, wanted: List[Candidate], claims: Claims, met: AbstractSet[str]) -> Reading:
+    def _read(self, wanted: List[Candidate], claims: Claims, met: AbstractSet[str]) -> Snapshot:
         """Ask the roscore; in its thread."""
         claimed = {node for node, _uri in claims}
-        return Reading(wanted, self._graph.read(lambda view: _matter(wanted, claimed, view)), claims, met)
+        view = self._graph.read(lambda view: _list_needed(wanted, claimed, view))
+        return Snapshot({item.registration for item in wanted}, view, claims, met)
 
     # Plan
 
-    def _read_done(self, reading: Optional[Reading], problem: Optional[Exception]) -> None:
-        if reading is None:
+    def _on_snapshot(self, snapshot: Optional[Snapshot], problem: Optional[Exception]) -> None:
+        if snapshot is None:
             self._end(problem)
             return
-        todo = self._plan(reading, monotonic())
-        before = reading.view.registrations(reading.claims)
+        todo = self._plan(snapshot, monotonic())
+        view, claims = snapshot.view, snapshot.claims
         # Reported before it is visible in the roscore, so that discovery never takes it for the robot's own.
-        self.held = {**{item: reading.claims[item.node_key] for item in before}, **todo.held}
+        self.held = {**{item: claims[item.node_key] for item in view.registrations(claims)}, **todo.held}
         self._last_refused = todo.refused
-        self._calls.submit(
-            lambda: self._write(todo, reading.claims),
-            lambda results, why: self._round_written(todo, reading, results, why),
-        )
 
-    def _round_written(
-        self, todo: Plan, reading: Reading, results: Optional[List[Any]], problem: Optional[Exception]
-    ) -> None:
-        now = monotonic()
-        self.took = now - self._began
-        self._rest = now + min(self.took * REST, LONGEST_REST)
-        if results is not None:
-            self._view = apply_plan(todo, reading.view)
-        self._written(todo, reading.claims, results, problem)
+        def on_results(results: Optional[List[Any]], why: Optional[Exception]) -> None:
+            now = monotonic()
+            self.took = now - self._began
+            self._rest = now + min(self.took * REST, LONGEST_REST)
+            if results is not None:
+                self._view = apply_plan(todo, view)
+            self._on_results(todo, claims, results, why)
+
+        self._calls.submit(lambda: self._write(todo, claims), on_results)
 
     # A step: a few registrations, without reading the roscore
 
@@ -208,66 +206,59 @@ class Rounds:
         self.working = True
         before, claims = self.held, self.claims
         self.held = {**before, **todo.held}  # as above: reported before it is visible
-        needed = names(todo, claims, self._graph.guarded)
+        condition = names(todo, claims, self._graph.guards_names)
         self._calls.submit(
-            lambda: self._write(todo, claims, needed),
-            lambda results, why: self._step_written(todo, before, results, why),
+            lambda: self._write(todo, claims, condition),
+            lambda results, why: self._on_step_results(todo, before, results, why),
         )
 
     def _small_plan(self, touched: Set[Registration], now: float) -> Optional[Plan]:
-        if self._view is None or self._withdrawn or self._core.on_demand or not self._callbacks.listed():
+        if self._view is None or self._withdrawn or self._core.on_demand or not self._callbacks.has_list():
             return None
         if now - self._started < LEFTOVERS and not self.met.issuperset(self.claims.values()):
             return None
         refused = {item.name for item in self._last_refused}
-        known = Knowledge(self._view, self.claims, self.held, refused)
-        todo = step(touched, self._core.find_candidates(touched, now), known, self._core.is_contested)
+        knowledge = Knowledge(self._view, self.claims, self.held, refused)
+        todo = step(touched, self._core.find_candidates(touched, now), knowledge, self._core.is_contested)
         return None if todo is None else replace(todo, refused=self._last_refused)
 
-    def _step_written(
+    def _on_step_results(
         self, todo: Plan, before: Dict[Registration, str], results: Optional[List[Any]], problem: Optional[Exception]
     ) -> None:
-        if isinstance(problem, Taken):
+        if isinstance(problem, NameTaken):
             self.working, self.held = False, before
             self.soon(monotonic())
             return
         view, claims = self._view, self.claims
         self._view = apply_plan(todo, view) if view is not None and results is not None else None
         if todo.claims != claims and self._view is not None:
-            self._lost.registered(todo.held, self._view, todo.claims, monotonic())
-        self._written(todo, claims, results, problem)
+            self._disconnector.note_registrations(todo.held, self._view, todo.claims, monotonic())
+        self._on_results(todo, claims, results, problem)
 
-    def _plan(self, reading: Reading, now: float) -> Plan:
-        view = reading.view
-        wanted = [] if self._withdrawn else self._core.candidates(now, view.local_nodes(reading.claims))
-        # What came meanwhile is for the next round: nobody has looked whether its name is free.
-        wanted = [item for item in wanted if item.registration in reading.wanted]
-        if not self._withdrawn and (now - self._started < LEFTOVERS or not self._callbacks.listed()):
-            wanted += self._leftovers(reading)
-        verdict = self._questions.guard.judge(wanted, view, reading.claims, self._core.stamps(), now)
+    def _plan(self, snapshot: Snapshot, now: float) -> Plan:
+        view, claims = snapshot.view, snapshot.claims
+        wanted = [] if self._withdrawn else self._core.candidates(now, view.local_nodes(claims))
+        # New candidates are for the next round: whether their names are free is not known.
+        wanted = [item for item in wanted if item.registration in snapshot.wanted]
+        if not self._withdrawn and (now - self._started < LEFTOVERS or not self._callbacks.has_list()):
+            wanted += _leftovers(snapshot)
+        verdict = self._questions.guard.judge(wanted, view, claims, self._core.stamps(), now)
         for question in verdict.questions:
             self._questions.ask(question)
-        todo = plan(verdict.wanted, view, reading.claims)
-        todo.refused += verdict.refused + self._standing()
-        self._lost.registered(todo.held, view, reading.claims, now)
+        todo = plan(verdict.wanted, view, claims)
+        todo.refused += verdict.refused + self._state_refusals()
+        self._disconnector.note_registrations(todo.held, view, claims, now)
         return todo
-
-    def _leftovers(self, reading: Reading) -> List[Candidate]:
-        """Registrations of an earlier life whose masters have not been found again yet."""
-        keep = {key: uri for key, uri in reading.claims.items() if uri not in reading.met}
-        return [
-            Candidate(item, keep[item.node_key], keep[item.node_key])
-            for item in sorted(reading.view.registrations(keep))
-        ]
 
     # Write
 
-    def _write(self, todo: Plan, claims: Claims, needed: Optional[Names] = None) -> List[Any]:
-        """Make all calls in one request, the record of imports first; in the thread of the roscore. Raises Taken."""
-        if needed is not None and any(needed):
-            found = self._roscore.ask(*needed.free, *(("lookupNode", node) for node in needed.same))
-            if any(found[: len(needed.free)]) or found[len(needed.free) :] != list(needed.same.values()):
-                raise Taken
+    def _write(self, todo: Plan, claims: Claims, condition: Optional[Names] = None) -> List[Any]:
+        """Make all calls in one request, the record of imports first; in the thread of the roscore. Raises NameTaken."""
+        if condition is not None and any(condition):
+            free, same = condition
+            uris = self._roscore.ask(*free, *(("lookupNode", node) for node in same))
+            if any(uris[: len(free)]) or uris[len(free) :] != list(same.values()):
+                raise NameTaken
         record: List[Tuple[Any, ...]] = []
         if todo.claims != claims:
             record = [("setParam", imports.IMPORTS, self._record(todo.claims))]
@@ -277,8 +268,10 @@ class Rounds:
     def _record(self, claims: Claims) -> str:
         return imports.write(*self._node, claims)
 
-    def _written(self, todo: Plan, claims: Claims, results: Optional[List[Any]], problem: Optional[Exception]) -> None:
-        self.claims = todo.claims  # also after a failure: perhaps it was carried out, and the next round will see
+    def _on_results(
+        self, todo: Plan, claims: Claims, results: Optional[List[Any]], problem: Optional[Exception]
+    ) -> None:
+        self.claims = todo.claims  # also after a failure: the plan may be carried out, as the next round will see
         if results is None:
             self._end(problem)
             return
@@ -300,7 +293,7 @@ class Rounds:
             program.LOG.info("%s: %s the %s", self._name(master), verb, item)
         if len(done) > LINES:
             program.LOG.info("... and %d more registrations", len(done) - LINES)
-        self._callbacks.refused(todo.refused)
+        self._callbacks.on_refusals(todo.refused)
         self._end(None)
 
     def _name(self, master: str) -> str:
@@ -308,18 +301,18 @@ class Rounds:
         return remote.announced.name if remote is not None else urlsplit(master).hostname or master
 
     def _tell_publishers(self, item: Registration, master: str, publishers: List[str]) -> None:
-        """Tell a subscriber who publishes: it is on another robot, and a roscore tells only the caller."""
+        """Tell a subscriber on another robot its publishers: a roscore tells only the caller."""
         uris = self._core.publishers_for(item, master, publishers)
         if not uris:
             return
 
-        def told(_result: Any, problem: Optional[Exception]) -> None:
+        def report(_result: Any, problem: Optional[Exception]) -> None:
             if problem is not None:
                 text = f"{quote(item.node)} cannot be told who publishes {quote(item.name)}: {quote(problem)}"
                 self._limited.say("warning", f"update {item.node_uri}", text)
 
         self._updaters.submit(
-            lambda: Rpc(item.node_uri, UPDATE_TIMEOUT).call("publisherUpdate", "/master", item.name, uris), told
+            lambda: Rpc(item.node_uri, UPDATE_TIMEOUT).call("publisherUpdate", "/master", item.name, uris), report
         )
 
     # The end of a round
@@ -337,16 +330,16 @@ class Rounds:
         if self._failed:
             self.soon(now + AGAIN[min(self._failed, len(AGAIN)) - 1])
         else:
-            if self._regular is None:  # no whole state came meanwhile
+            if self._regular is None:  # no whole state has come since
                 self._regular = now + max(ROUND, self.took * SHARE)
             if self.claims.keys() - nodes_of(self.held):
                 self.soon(now + AGAIN[-1])
             if now < self._started + LEFTOVERS and not self.met.issuperset(self.claims.values()):
                 self.soon(self._started + LEFTOVERS)
-        self._callbacks.over(problem)
+        self._callbacks.on_end(problem)
 
     def _end_withdrawal(self, problem: Optional[Exception], done: Callable[[str], None]) -> None:
-        if self.held and problem is None:  # the round that was under way registered something
+        if self.held and problem is None:  # the round before the end registered something
             self._begin([])
             return
         farewell = "withdrawn" if problem is None else f"nothing is withdrawn, the roscore does not answer: {problem}"
@@ -356,16 +349,23 @@ class Rounds:
         )
 
 
-def _matter(wanted: Sequence[Candidate], claimed: Set[str], view: View) -> Tuple[List[str], List[str]]:
+def _leftovers(snapshot: Snapshot) -> List[Candidate]:
+    """Registrations of an earlier life whose masters have not come back yet."""
+    masters = {key: uri for key, uri in snapshot.claims.items() if uri not in snapshot.met}
+    items = sorted(snapshot.view.registrations(masters))
+    return [Candidate(item, masters[item.node_key], masters[item.node_key]) for item in items]
+
+
+def _list_needed(wanted: Sequence[Candidate], claimed: Set[str], view: View) -> Tuple[List[str], List[str]]:
     """The nodes and the services whose URIs a round needs, sorted.
 
-    A node that provides a wanted service here, or has a wanted topic, matters too: is it one of ours?
+    Nodes here with a wanted service or topic are among them: their URIs show whether they are our own registrations.
     """
-    asked = {item.registration.name for item in wanted if item.registration.kind == "service"}
-    named = {item.registration.name for item in wanted if item.registration.kind != "service"}
-    provided = sorted(name for name, users in view.services.items() if name in asked or claimed.intersection(users))
+    services = {item.registration.name for item in wanted if item.registration.kind == "service"}
+    topics = {item.registration.name for item in wanted if item.registration.kind != "service"}
+    present = sorted(name for name, users in view.services.items() if name in services or claimed.intersection(users))
     nodes = {item.registration.node for item in wanted} | claimed
-    nodes.update(user for name in provided for user in view.services[name])
-    topics = (view.publishers, view.subscribers)
-    nodes.update(user for table in topics for name in named.intersection(table) for user in table[name])
-    return sorted(nodes), provided
+    nodes.update(user for name in present for user in view.services[name])
+    for table in (view.publishers, view.subscribers):
+        nodes.update(user for name in topics.intersection(table) for user in table[name])
+    return sorted(nodes), present

@@ -11,8 +11,8 @@ from ..protocol.messages import NodeKey
 from ..protocol.xml_rpc import NODE
 from .core.message_types import Question, TypeGuard
 
-TYPES = 200  # that another master is asked about at once: the answer must fit
-TIMEOUT = 2.0  # seconds for what an own node is asked, or another master about its types
+TYPES = 200  # types in one question to another master: the answer must fit
+TIMEOUT = 2.0  # seconds for the answer of an own node or of another master
 
 Md5Sum = Callable[[str], Optional[str]]
 
@@ -26,11 +26,11 @@ class TypeQuestions:
         guard: TypeGuard,
         monitor_of: Callable[[str], str],
         md5sum: Md5Sum,
-        answered: Callable[[], None],
+        on_answer: Callable[[], None],
     ) -> None:
         """`monitor_of(master)`: the URI of its discovery, "" where it has left; `md5sum(type)`: None where unknown here."""
         self._workers = Workers(loop, 4)
-        self.guard, self._monitor_of, self._md5sum, self._answered = guard, monitor_of, md5sum, answered
+        self.guard, self._monitor_of, self._md5sum, self._on_answer = guard, monitor_of, md5sum, on_answer
 
     def ask(self, question: Question) -> None:
         """Ask, and hand the answer to the guard later."""
@@ -48,25 +48,25 @@ class TypeQuestions:
 
     def _take_node_answer(self, node: NodeKey, types: Optional[Dict[str, str]]) -> None:
         self.guard.take_node_types(node, types, monotonic())
-        self._answered()
+        self._on_answer()
 
     def _take_master_answer(self, master: str, sums: Optional[Tuple[Dict[str, str], Dict[str, str]]]) -> None:
         there, here = sums or (None, {})
         self.guard.take_md5sums(master, there, here, monotonic())
-        self._answered()
+        self._on_answer()
 
 
 def _types_of(node_uri: str) -> Dict[str, str]:
     """Topic -> type, as a node of this robot has them."""
-    rpc, found = Rpc(node_uri, TIMEOUT, NODE), {}
+    rpc, types = Rpc(node_uri, TIMEOUT, NODE), {}
     try:
         for method in ("getPublications", "getSubscriptions"):
             answer = rpc.call(method, "/rosfleet")
             rows = answer[2] if isinstance(answer, list) and len(answer) == 3 and isinstance(answer[2], list) else []
-            found.update({row[0]: row[1] for row in rows if _texts(row, 2)})
+            types.update({row[0]: row[1] for row in rows if _is_pair(row)})
     finally:
         rpc.close()
-    return found
+    return types
 
 
 def _md5sums(monitor_uri: str, types: List[str], md5sum: Md5Sum) -> Tuple[Dict[str, str], Dict[str, str]]:
@@ -75,12 +75,12 @@ def _md5sums(monitor_uri: str, types: List[str], md5sum: Md5Sum) -> Tuple[Dict[s
     try:
         for at in range(0, len(types), TYPES):
             rows = rpc.call("getTopicsMd5sum", types[at : at + TYPES])
-            there.update({row[0]: row[1] for row in rows if _texts(row, 2)} if isinstance(rows, list) else {})
+            there.update({row[0]: row[1] for row in rows if _is_pair(row)} if isinstance(rows, list) else {})
     finally:
         rpc.close()
     here = {name: md5sum(name) for name in types if name in there}
-    return there, {name: found for name, found in here.items() if found}
+    return there, {name: text for name, text in here.items() if text}
 
 
-def _texts(row: Any, width: int) -> bool:
-    return isinstance(row, list) and len(row) == width and all(isinstance(text, str) for text in row)
+def _is_pair(row: Any) -> bool:
+    return isinstance(row, list) and len(row) == 2 and all(isinstance(text, str) for text in row)

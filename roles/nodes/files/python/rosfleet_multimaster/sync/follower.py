@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The changes of another master, followed: it is asked for what is new, and answers as soon as there is something."""
+"""Follows the changes of another master: it is asked for news, and answers as soon as there are some."""
 
 import random
 from typing import Any, Callable, Dict, List, Optional
@@ -18,21 +18,21 @@ from .core.pace import Pace
 from .core.places import LocalNetwork, Places, names_to_resolve
 from .core.sync import Fetch
 
-WAIT = (20.0, 30.0)  # seconds that an answer may take: not the same for all who ask
-TIMEOUT = 10.0  # seconds for an answer besides
-HERE = 1.0  # seconds that the own addresses count as known
+WAIT = (20.0, 30.0)  # seconds that a master may wait for news: random, so that not all ask at once
+TIMEOUT = 10.0  # seconds more for the answer
+FRESH = 1.0  # seconds that the own addresses and networks are kept
 LOOKUPS = 3.0  # seconds for the names in a state that the plan does not have
-MOST = 10_000  # registrations of a state that is followed, those of others too; a larger one is fetched as a whole
+MOST = 10_000  # registrations in a state that is followed, of all nodes in it; a larger one is fetched as a whole
 
 Misplaced = Dict[str, str]  # URI of a node or service -> why it is refused
 
 
-class TooMuch(Exception):
+class StateTooLarge(Exception):
     """The state is too large to be followed."""
 
 
 class Answer:
-    """An answer to a question for differences. Raises Malformed."""
+    """An answer to a question for differences. Raises InvalidDocument."""
 
     def __init__(self, value: Any) -> None:
         if isinstance(value, str):
@@ -49,7 +49,7 @@ class Answer:
             raise InvalidDocument("it does not say whether it is whole, or its digest is no text")
 
     def state(self, before: Optional[State]) -> State:
-        """The state now. Raises Malformed."""
+        """The state now. Raises InvalidDocument."""
         if self.whole:
             return parse(self.document)
         if before is None:
@@ -57,79 +57,79 @@ class Answer:
         return apply_difference(before, self.document, self.gone)
 
 
-class Surroundings:
-    """This computer, as it was a moment ago at most: the kernel's lists cost more than a change."""
+class LocalNetworkCache:
+    """Keeps the own addresses and networks for a moment: to read them takes longer than to handle a change."""
 
     def __init__(self) -> None:
-        self._here: Optional[LocalNetwork] = None
-        self._looked = 0.0
+        self._network: Optional[LocalNetwork] = None
+        self._read_at = 0.0
 
-    def here(self) -> LocalNetwork:
+    def read(self) -> LocalNetwork:
         """The own addresses and networks. Raises OSError."""
         now = monotonic()
-        if self._here is None or now - self._looked > HERE:
-            self._here, self._looked = LocalNetwork(frozenset(network().own), Networks(networks())), now
-        return self._here
+        if self._network is None or now - self._read_at > FRESH:
+            self._network, self._read_at = LocalNetwork(frozenset(network().own), Networks(networks())), now
+        return self._network
 
 
-class View:
-    """The state of one master as far as it is taken here, and where its nodes may be."""
+class StateFilter:
+    """The part of one master's states that is taken here, and the places of its nodes."""
 
     def __init__(
-        self, fetch: Fetch, own_uri: str, sync_remote_nodes: bool, members: Members, around: Surroundings
+        self, fetch: Fetch, own_uri: str, sync_remote_nodes: bool, members: Members, networks: LocalNetworkCache
     ) -> None:
         self._fetch, self._own_uri, self._remote_nodes, self._members = fetch, own_uri, sync_remote_nodes, members
-        self.wanted = fetch.rules.to_wire(sync_remote_nodes)
-        self._around = around
+        self.rules = fetch.rules.to_wire(sync_remote_nodes)  # for the master
+        self._networks = networks
 
-    def taken(self, state: State, before: Optional[State]) -> State:
-        """As much of a state as is taken. `before`: what was taken of this master until now."""
+    def limit(self, state: State, before: Optional[State]) -> State:
+        """The part of a state that is taken. `before`: the part that was taken until now."""
         return limit_state(state, before, own_uri=self._own_uri, sync_remote_nodes=self._remote_nodes)
 
     def places(self, state: State) -> Places:
-        """Where the nodes of a state may be."""
-        resolved = _resolved(names_to_resolve(state, self._members))
-        return Places(self._members, self._fetch.uri, self._fetch.monitor_uri, self._around.here(), resolved)
+        """The places where the nodes of a state may be."""
+        addresses = _resolve(names_to_resolve(state, self._members))
+        return Places(self._members, self._fetch.uri, self._fetch.monitor_uri, self._networks.read(), addresses)
 
 
-def _resolved(names: List[str]) -> Dict[str, str]:
+def _resolve(names: List[str]) -> Dict[str, str]:
     """The addresses of names, of as many as can be looked up in a short time."""
-    until, found = monotonic() + LOOKUPS, {}
+    until, addresses = monotonic() + LOOKUPS, {}
     for name in names:
         if monotonic() > until:
             break
         try:
-            found[name] = address_of(name)
-        except (OSError, UnicodeError):  # one that is no host name
+            addresses[name] = address_of(name)
+        except (OSError, UnicodeError):  # no host name
             pass
-    return found
+    return addresses
 
 
 class Follower:
     """Follows one master, in a thread of its own."""
 
     def __init__(
-        self, rpc: Rpc, method: str, fetch: Fetch, view: View, answer: Answer, state: State, taken: State
+        self, rpc: Rpc, method: str, fetch: Fetch, states: StateFilter, answer: Answer, state: State, part: State
     ) -> None:
-        """`method` is asked for the differences; `answer`: the one with the whole state; `taken`: what is taken of it."""
+        """`method` tells the differences; `answer` had the whole state; `part` of it is taken."""
         self.fetch, self._method = fetch, method
-        self._rpc, self._view, self._taken, self._state = rpc, view, taken, state
+        self._rpc, self._states, self._part, self._state = rpc, states, part, state
         self._epoch, self._revision = answer.epoch, answer.revision
         self._pace, self._ended = Pace(), EndFlag()
 
     def start(
-        self, told: Callable[["Follower", State, Misplaced], None], over: Callable[["Follower", Exception], None]
+        self, on_news: Callable[["Follower", State, Misplaced], None], on_end: Callable[["Follower", Exception], None]
     ) -> None:
-        """Begin to ask. The callbacks are called in the thread: with a new state, and with why there will be no more."""
+        """Begin to ask. The callbacks are called in the thread: with a new state, and with the reason of the end."""
 
         def follow() -> None:
             try:
                 while not self._ended:
-                    self._ask(told)
-            except Exception as problem:  # whatever another computer makes of it
+                    self._ask(on_news)
+            except Exception as problem:  # any: the answers are another computer's
                 problem.__traceback__ = problem.__context__ = problem.__cause__ = None
                 if not self._ended:
-                    over(self, problem)
+                    on_end(self, problem)
             finally:
                 self._rpc.close()
 
@@ -140,29 +140,29 @@ class Follower:
         self._ended.set()
         self._rpc.cut()
 
-    def _ask(self, told: Callable[["Follower", State, Misplaced], None]) -> None:
+    def _ask(self, on_news: Callable[["Follower", State, Misplaced], None]) -> None:
         """Ask once, and wait until the next question."""
         wait = random.uniform(*WAIT)
         began, spent = monotonic(), processor_time()
         self._rpc.limit(wait + TIMEOUT)
-        wanted = [] if self._epoch else self._view.wanted  # it is known as long as the epoch is
-        answer = self._rpc.call(self._method, wanted, self._epoch, self._revision, wait, read=Answer)
+        rules = [] if self._epoch else self._states.rules  # the master knows the rules of an epoch
+        answer = self._rpc.call(self._method, rules, self._epoch, self._revision, wait, read=Answer)
         if self._ended:
             return
         answered = monotonic()
         before, self._state = self._state, answer.state(self._state)
         news = self._state != before
         if answer.digest and answer.digest != digest(self._state):
-            answer.epoch = ""  # whatever it was that went wrong: the whole again
+            answer.epoch = ""  # something went wrong: ask for the whole state
         if news:
-            self._tell(told)
+            self._tell(on_news)
         self._epoch, self._revision = answer.epoch, answer.revision
         now = monotonic()
         early = not news and not answer.whole and answered - began < wait / 2
         self._ended.wait(self._pace.next(now, processor_time() - spent, answer.whole, early) - now)
 
-    def _tell(self, told: Callable[["Follower", State, Misplaced], None]) -> None:
+    def _tell(self, on_news: Callable[["Follower", State, Misplaced], None]) -> None:
         if size(self._state) > MOST:
-            raise TooMuch(f"it has more than {MOST} registrations")
-        self._taken = self._view.taken(self._state, self._taken)
-        told(self, self._taken, self._view.places(self._taken).objections(self._taken))
+            raise StateTooLarge(f"it has more than {MOST} registrations")
+        self._part = self._states.limit(self._state, self._part)
+        on_news(self, self._part, self._states.places(self._part).objections(self._part))

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Connections are ended by another process, which is asked over a Unix socket: both sides of that conversation.
+"""A separate process ends connections. It is asked over a Unix socket: here are both sides of that conversation.
 
-A request is one message, [[[local address, port], [remote address, port]], ...]; so is the answer, {"ended": [...],
-"problem": "..."}. Who may ask is who has the group of the process that answers.
+A request is one message, [[[local address, port], [remote address, port]], ...]; the answer is one message, too,
+{"ended": [...], "problem": "..."}. A client must have the group of the process that answers.
 """
 
 import contextlib
@@ -18,32 +18,32 @@ from ..edge.connections import Tcp, connections
 SOCKET = "/run/multimaster-connections/socket"
 MOST = 128  # connections in a request
 _BYTES = 1 << 16  # of a message
-_PATIENCE = 5.0  # seconds for an answer: the other process takes its time where it ends much
+_PATIENCE = 5.0  # seconds for an answer: many connections take long
 _CLIENT = 1.0  # seconds that a client may take to ask
 
-Pair = Tuple[Tuple[str, int], Tuple[str, int]]  # (address, port): here, and there
+Pair = Tuple[Tuple[str, int], Tuple[str, int]]  # (address, port) here, and (address, port) there
 
 
-class Answer(NamedTuple):
-    """Which connections were ended, and what hindered it."""
+class Outcome(NamedTuple):
+    """The connections that were ended, and the problem with the others."""
 
     ended: List[Pair]
     problem: str
 
 
 def end(wanted: Callable[[Tcp], bool], path: str = SOCKET) -> List[Pair]:
-    """Have the connections ended that `wanted` names, and return them. Raises OSError where not all could be asked for."""
-    found = [(item.local, item.remote) for item in connections() if wanted(item)]
+    """End the connections that `wanted` selects, and return them. Raises OSError if not all could be asked for."""
+    pairs = [(item.local, item.remote) for item in connections() if wanted(item)]
     ended: List[Pair] = []
-    for start in range(0, len(found), MOST):
-        answer = ask(found[start : start + MOST], path)
-        ended += answer.ended
-        if answer.problem and not answer.ended:
-            raise OSError(answer.problem)
+    for start in range(0, len(pairs), MOST):
+        outcome = ask(pairs[start : start + MOST], path)
+        ended += outcome.ended
+        if outcome.problem and not outcome.ended:
+            raise OSError(outcome.problem)
     return ended
 
 
-def ask(pairs: Sequence[Pair], path: str = SOCKET) -> Answer:
+def ask(pairs: Sequence[Pair], path: str = SOCKET) -> Outcome:
     """Ask the other process to end these connections. Raises OSError where it does not answer."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as asking:
         asking.settimeout(_PATIENCE)
@@ -52,14 +52,14 @@ def ask(pairs: Sequence[Pair], path: str = SOCKET) -> Answer:
         data = asking.recv(_BYTES)
     try:
         answer = json.loads(data.decode())
-        return Answer([_pair(item) for item in answer["ended"]], str(answer["problem"]))
+        return Outcome([_pair(item) for item in answer["ended"]], str(answer["problem"]))
     except (ValueError, KeyError, TypeError):
         raise OSError("what ends connections gave no answer") from None
 
 
 @contextlib.contextmanager
-def listening(path: str) -> Iterator[socket.socket]:
-    """The socket of the process that answers. Its group alone may connect to it."""
+def open_listener(path: str) -> Iterator[socket.socket]:
+    """Open the socket of the process that answers. Only its group may connect."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
         with contextlib.suppress(FileNotFoundError):
             os.unlink(path)
@@ -69,8 +69,8 @@ def listening(path: str) -> Iterator[socket.socket]:
         yield listener
 
 
-def serve_one(listener: socket.socket, patience: float, answer: Callable[[List[Pair]], Answer]) -> int:
-    """Answer one request that comes within so many seconds. Return for how many connections it was, or -1 for none."""
+def serve_one(listener: socket.socket, patience: float, answer: Callable[[List[Pair]], Outcome]) -> int:
+    """Answer one request that comes within so many seconds. Return the number of its connections, or -1 without a request."""
     listener.settimeout(patience)
     try:
         client, _address = listener.accept()
@@ -83,22 +83,22 @@ def serve_one(listener: socket.socket, patience: float, answer: Callable[[List[P
                 return 0
             pairs = _pairs(client.recv(_BYTES))
             client.send(json.dumps(answer(pairs)._asdict()).encode())
-        except (OSError, ValueError, RecursionError):  # it went away, or asked for nothing that can be understood
+        except (OSError, ValueError, RecursionError):  # the client went away, or its request is malformed
             return 0
     return len(pairs)
 
 
 def _may_ask(client: socket.socket) -> bool:
-    """Whoever connects has passed the rights of the folder and of the socket; so this says the same again."""
+    """True for the own group. The rights of the folder and of the socket have let the client in already."""
     _pid, _user, group = struct.unpack("=iII", client.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
     return bool(group == os.getegid())
 
 
 def _pairs(data: bytes) -> List[Pair]:
-    asked = json.loads(data.decode())
-    if not isinstance(asked, list) or len(asked) > MOST:
+    items = json.loads(data.decode())
+    if not isinstance(items, list) or len(items) > MOST:
         raise ValueError("no list, or too long")
-    return [_pair(item) for item in asked]
+    return [_pair(item) for item in items]
 
 
 def _pair(item: Any) -> Pair:
@@ -109,6 +109,6 @@ def _pair(item: Any) -> Pair:
         raise ValueError("no pair of endpoints") from None
     if not all(isinstance(address, str) for address in (here, there)):
         raise ValueError("no addresses")
-    if not all(isinstance(at, int) and not isinstance(at, bool) for at in (port, other)):
+    if not all(isinstance(number, int) and not isinstance(number, bool) for number in (port, other)):
         raise ValueError("no ports")
     return (here, port), (there, other)

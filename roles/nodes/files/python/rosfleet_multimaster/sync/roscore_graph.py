@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""All registrations of the own roscore, read when somebody needs them: where it tells its changes, these alone.
+"""All registrations of the own roscore, read on demand. Where the roscore tells changes, only these are read.
 
-With 3,000 topics, to read everything takes longer than everything else that master_sync does.
+With 3,000 topics, to read everything takes longer than all other work of master_sync.
 """
 
 from typing import Any, Callable, List, Optional, Sequence, Tuple
@@ -17,18 +17,18 @@ from .core.sync import View
 Names = Sequence[str]
 
 
-class OwnGraph:
+class RoscoreGraph:
     """The registrations. For one thread."""
 
     def __init__(self, roscore: Roscore) -> None:
         self.roscore = roscore
         self._mirror: Optional[Mirror] = None
         self._epoch, self._revision = "", 0
-        self._ask_again = 0.0  # when a roscore that did not tell its changes is asked again whether it does
+        self._ask_again = 0.0  # until then the roscore is not asked whether it tells changes
 
     @property
-    def guarded(self) -> bool:
-        """True where the roscore lets no node of another robot take the name of an own one: the one that tells does."""
+    def guards_names(self) -> bool:
+        """True where the roscore lets no node of another robot take the name of an own one: the managed roscore does."""
         return self._mirror is not None
 
     def read(self, look_up: Callable[[View], Sequence[Names]]) -> View:
@@ -38,14 +38,14 @@ class OwnGraph:
         """
         if self._tells():
             try:
-                return self._changed()
-            except (ValueError, TypeError, Fault):  # it does not tell us
+                return self._read_changes()
+            except (ValueError, TypeError, Fault):  # it tells us no changes
                 pass
             except Exception:
                 self._forget(0.0)  # the next one may be another roscore
                 raise
         self._forget(self._ask_again)
-        return self._whole(look_up)
+        return self._read_whole(look_up)
 
     def carry_out(self, calls: Sequence[Tuple[Any, ...]]) -> List[Any]:
         """Make calls, (method, caller, argument, ...), in one request; the results as of Rpc.multicall. Raises as `read`."""
@@ -67,7 +67,7 @@ class OwnGraph:
     def _forget(self, ask_again: float) -> None:
         self._mirror, self._ask_again = None, ask_again
 
-    def _changed(self) -> View:
+    def _read_changes(self) -> View:
         mirror = self._mirror
         answer = self.roscore.rpc.call(CHANGES, self.roscore.caller, self._epoch, self._revision, 0, True)
         if mirror is None or not isinstance(answer, list) or len(answer) != 3 or answer[0] != 1:
@@ -78,7 +78,7 @@ class OwnGraph:
         state, uris = mirror.state(), (mirror.node_uris, mirror.service_uris)
         return View(state.publishers, state.subscribers, state.services, state.types, *map(dict, uris))
 
-    def _whole(self, look_up: Callable[[View], Sequence[Names]]) -> View:
+    def _read_whole(self, look_up: Callable[[View], Sequence[Names]]) -> View:
         types, system = self.roscore.ask(("getTopicTypes",), ("getSystemState",))
         if types is None or system is None:
             raise OSError("the roscore does not tell its state")

@@ -19,9 +19,9 @@ from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED
 from rosfleet_multimaster.protocol.filters import Filters, Pattern, Rules
 from rosfleet_multimaster.protocol.graph import InvalidDocument, Node, Policy, Provider, State, document
 from rosfleet_multimaster.protocol.members import Members
-from rosfleet_multimaster.sync import fetcher, followed
+from rosfleet_multimaster.sync import fetcher, follower
 from rosfleet_multimaster.sync.core.sync import Fetch
-from rosfleet_multimaster.sync.followed import Answer, Surroundings, View
+from rosfleet_multimaster.sync.follower import Answer, LocalNetworkCache, StateFilter
 
 URI = "http://robot2:11311/"
 ASK = Filters({}).rules("robot2").to_wire(False)
@@ -65,7 +65,7 @@ class Here:
 
     def __init__(self, there, rules=None):
         self.fetch = Fetch(URI, there.uri, rules or Filters({}).rules("robot2"))
-        self.view = View(self.fetch, "http://own:11311/", False, Members(), Surroundings())
+        self.view = StateFilter(self.fetch, "http://own:11311/", False, Members(), LocalNetworkCache())
         self.found = fetcher._fetch(self.fetch, None, self.view, True)
         self.states, self.over = queue.Queue(), queue.Queue()
         if self.found.follower is not None:
@@ -91,7 +91,7 @@ def test_a_change_is_told_at_once_and_alone(there):
 
 def test_to_wait_for_a_processor_delays_nothing_else(there, monkeypatch):
     """An answer that costs much makes a pause. One that only lay there does not: it would be one more delay."""
-    monkeypatch.setattr(followed, "size", lambda state: time.sleep(0.5) or 1)
+    monkeypatch.setattr(follower, "size", lambda state: time.sleep(0.5) or 1)
     here = Here(there)
     there.has({"/a": "/one"})
     assert here.topics() == ["/a"]
@@ -132,7 +132,7 @@ def test_each_way_is_asked_for_once(there, has):
         del methods[gone]
     for known, times in (("", 1), (PACKED, has != PACKED), (has, not has)):
         fetch = Fetch(URI, there.uri, Filters({}).rules("robot2"))
-        view = View(fetch, "http://own:11311/", False, Members(), Surroundings())
+        view = StateFilter(fetch, "http://own:11311/", False, Members(), LocalNetworkCache())
         asked.clear()
         found = fetcher._fetch(fetch, None, view, True, known)
         assert sorted(found.state.publishers) == ["/a"] and found.method == has and len(asked) == times
@@ -197,7 +197,7 @@ def test_one_address_keeps_few_connections(there):
 
 
 def test_a_digest_that_differs_takes_the_whole(there, monkeypatch):
-    monkeypatch.setattr(followed, "WAIT", (0.05, 0.06))
+    monkeypatch.setattr(follower, "WAIT", (0.05, 0.06))
     there.has({"/a": "/one"})
     here = Here(there)
     here.found.follower._state = replace(here.found.state, publishers={"/other": ("/one",)})
@@ -225,10 +225,10 @@ def test_what_is_no_answer_is_refused(value):
 
 
 def test_a_state_that_grows_and_grows_is_not_followed(there, monkeypatch):
-    monkeypatch.setattr(followed, "MOST", 3)
+    monkeypatch.setattr(follower, "MOST", 3)
     here = Here(there)
     there.has({f"/topic{number}": "/one" for number in range(5)})
-    assert isinstance(here.over.get(timeout=5), followed.TooMuch)
+    assert isinstance(here.over.get(timeout=5), follower.StateTooLarge)
 
 
 def test_a_difference_of_another_master_ends_it(there):

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The connections with lost masters, ended so that nothing waits for TCP (see sync/core/losses.py).
+"""Ends the connections with lost masters, so that nothing waits for TCP (see sync/core/losses.py).
 
-Another process ends them (sync/ending.py): a node has no rights beyond those of an ordinary user.
+A separate process ends them (connection_ender.py): a node has only the rights of an ordinary user.
 """
 
 from functools import partial
@@ -17,18 +17,21 @@ from ..protocol.imports import Claims
 from ..protocol.members import Members
 from ..protocol.messages import Registration
 from ..protocol.xml_rpc import NODE
-from . import ending
+from .connection_ender import Pair, ask, end
 from .core.losses import Connection, Disconnection, Look, Losses, connections_of
 from .core.sync import View
 
 QUESTION_TIMEOUT = 2.0  # seconds for the connections of an own node
-SWEEP, SWEEP_AGAIN = 1.0, 0.1  # seconds between two looks for connections to lost masters, and where there were some
-LINES = 50  # log lines of one look
-NOTE = 0.5  # seconds from a registration to its note at most: it takes a look at all of them
+SWEEP, SWEEP_AGAIN = (
+    1.0,
+    0.1,
+)  # seconds between two sweeps of connections to lost masters, and after one that ended some
+LINES = 50  # log lines of one sweep
+NOTE = 0.5  # seconds at most from a registration to its note: one note looks at all of them
 
 
-class Lost:
-    """Notes and ends connections. Does nothing where this service may not end any."""
+class Disconnector:
+    """Notes and ends connections. Does nothing if this service may not end any."""
 
     def __init__(
         self,
@@ -44,17 +47,17 @@ class Lost:
         self._limited, self._online = limited, online
         self._active = wanted and _possible()
         self._askers = askers
-        self._enders = Workers(loop, 1)  # of connections: never behind what may hang
+        self._enders = Workers(loop, 1)  # of its own: never behind a call that may hang
         self._resolvers = Workers(loop, 2)  # name servers know no time limit
-        self._endpoints: Set[Tuple[str, int]] = set()  # what leads there is ended
-        self._latest: Optional[Tuple[Mapping[Registration, str], View, Claims]] = None  # registered, not noted yet,
-        self._note_due = 0.0  # and when it is
+        self._endpoints: Set[Tuple[str, int]] = set()  # connections to these are ended
+        self._latest: Optional[Tuple[Mapping[Registration, str], View, Claims]] = None  # registrations without a note
+        self._note_due = 0.0  # the time of their note
         self._sweeps = RecurringJob(
-            self._enders, lambda: SWEEP, self._sweep, self._swept, lambda: bool(self._endpoints)
+            self._enders, lambda: SWEEP, self._sweep, self._on_sweep, lambda: bool(self._endpoints)
         )
 
     def look(self, now: float) -> None:
-        """See which masters were lost or have come back. Called after each news of them: two may come in one pass."""
+        """See which masters were lost or are back. Called after each of their news: two may come in one pass."""
         if not self._active:
             return
         self._note(now)
@@ -62,13 +65,13 @@ class Lost:
         for look in looks:
             self._sweeps.due = now
             for _name, uri in look.nodes:
-                self._askers.submit(partial(_connections_with, look, uri), partial(self._noted, look.master))
-        for noted in endings:
-            self._enders.submit(partial(_end, noted), self._ended)
+                self._askers.submit(partial(_connections_with, look, uri), partial(self._on_connections, look.master))
+        for disconnection in endings:
+            self._enders.submit(partial(_end, disconnection), self._report)
         self._endpoints = self._losses.endpoints()
 
     def tick(self, now: float) -> Optional[float]:
-        """End what leads to lost masters where that is due; the time of the next call."""
+        """End the connections to lost masters when that is due; the time of the next call."""
         if not self._active:
             return None
         if self._latest is not None and now >= self._note_due:
@@ -76,12 +79,12 @@ class Lost:
         due = [self._sweeps.tick(now), None if self._latest is None else self._note_due]
         return min((time for time in due if time is not None), default=None)
 
-    def registered(self, held: Mapping[Registration, str], view: View, claims: Claims, now: float) -> None:
-        """Note what is registered for whom, and where its hosts are while that can still be found out: soon, or before a loss."""
+    def note_registrations(self, held: Mapping[Registration, str], view: View, claims: Claims, now: float) -> None:
+        """Note the registrations and the addresses of their hosts, soon, or before a loss: later these may be unknown."""
         if self._active:
             self._note_due = now + NOTE if self._latest is None else self._note_due
             self._latest = (held, view, claims)
-            if self._endpoints:  # who was lost may be there again as somebody else, at the same port
+            if self._endpoints:  # a lost robot may be back as another master, at the same port
                 self._note(now)
 
     def _note(self, now: float) -> None:
@@ -93,27 +96,27 @@ class Lost:
             self._endpoints = self._losses.endpoints()
 
     def _resolve(self, host: str) -> None:
-        def resolved(found: Optional[FrozenSet[str]], _problem: Optional[Exception]) -> None:
-            if found:
-                self._losses.take_addresses(host, found, monotonic())
+        def on_addresses(addresses: Optional[FrozenSet[str]], _problem: Optional[Exception]) -> None:
+            if addresses:
+                self._losses.take_addresses(host, addresses, monotonic())
                 self._endpoints = self._losses.endpoints()
 
-        self._resolvers.submit(lambda: connections.addresses_of(host), resolved)
+        self._resolvers.submit(lambda: connections.addresses_of(host), on_addresses)
 
-    def _noted(self, master: str, found: Optional[Set[Connection]], _problem: Optional[Exception]) -> None:
-        self._losses.take_connections(master, found or set())
+    def _on_connections(self, master: str, noted: Optional[Set[Connection]], _problem: Optional[Exception]) -> None:
+        self._losses.take_connections(master, noted or set())
 
-    def _sweep(self) -> List[ending.Pair]:
-        """End what waits for the nodes of lost masters, whichever process of this computer has it."""
+    def _sweep(self) -> List[Pair]:
+        """End all connections of this computer with nodes of lost masters."""
         endpoints = self._endpoints
-        return ending.end(lambda found: found.remote in endpoints)
+        return end(lambda item: item.remote in endpoints)
 
-    def _swept(self, ended: Optional[List[ending.Pair]], problem: Optional[Exception]) -> None:
-        if ended:  # the roscore may have a queue of what leads there
+    def _on_sweep(self, ended: Optional[List[Pair]], problem: Optional[Exception]) -> None:
+        if ended:  # the roscore may have a queue of calls to them
             self._sweeps.due = monotonic() + SWEEP_AGAIN
-        self._ended(ended, problem)
+        self._report(ended, problem)
 
-    def _ended(self, ended: Optional[List[ending.Pair]], problem: Optional[Exception]) -> None:
+    def _report(self, ended: Optional[List[Pair]], problem: Optional[Exception]) -> None:
         for (_address, port), remote in (ended or [])[:LINES]:
             program.LOG.info("the connection from port %d to %s:%d is ended", port, *remote)
         if problem is not None:
@@ -122,7 +125,7 @@ class Lost:
 
 def _possible() -> bool:
     try:
-        problem = ending.ask([]).problem
+        problem = ask([]).problem
     except OSError as error:
         problem = f"multimaster-connections.service does not answer: {error}"
     if problem:
@@ -136,5 +139,5 @@ def _connections_with(look: Look, node_uri: str) -> Set[Connection]:
     return connections_of(answer[2] if isinstance(answer, list) and len(answer) == 3 else [], look.others)
 
 
-def _end(noted: Disconnection) -> List[ending.Pair]:
-    return ending.end(lambda found: noted.wants(found.local[1], found.remote, found.silent))
+def _end(disconnection: Disconnection) -> List[Pair]:
+    return end(lambda item: disconnection.wants(item.local[1], item.remote, item.silent))

@@ -8,8 +8,8 @@ import xmlrpc.client
 import pytest
 from rosfleet_multimaster.protocol.json_text import pack_rows
 from rosfleet_multimaster.protocol.mirror import CHANGES
-from rosfleet_multimaster.sync import own_graph as module
-from rosfleet_multimaster.sync.own_graph import OwnGraph
+from rosfleet_multimaster.sync import roscore_graph as module
+from rosfleet_multimaster.sync.roscore_graph import RoscoreGraph
 
 WHOLE = [
     ["publisher", "/one", "/a", True],
@@ -85,9 +85,9 @@ def test_a_feed_and_whole_states_show_the_same():
     roscore = Roscore(
         [["e", 3, True, WHOLE], ["e", 4, False, [["publisher", "/two", "/a", True]]], ["e", 4, False, []]]
     )
-    graph = OwnGraph(roscore)
+    graph = RoscoreGraph(roscore)
     first = graph.read(everything)
-    assert shown(first) == shown(OwnGraph(Roscore([], tells=False)).read(everything))
+    assert shown(first) == shown(RoscoreGraph(Roscore([], tells=False)).read(everything))
     assert sorted(graph.read(everything).publishers) == ["/one", "/two"] == sorted(graph.read(everything).publishers)
     assert sorted(first.publishers) == ["/one"], "a view is what it was"
     assert roscore.asked == ["has", ("", 0, 0), ("e", 3, 0), ("e", 4, 0)]
@@ -96,7 +96,7 @@ def test_a_feed_and_whole_states_show_the_same():
 @pytest.mark.parametrize("answer", [xmlrpc.client.Fault(1, "8 callers"), ["e", 3, True, [["publisher"]]], ["e"], 7])
 def test_one_run_does_all_when_nothing_waits(clock, answer):
     roscore = Roscore([answer, ["e", 3, True, WHOLE]])
-    graph = OwnGraph(roscore)
+    graph = RoscoreGraph(roscore)
     assert shown(graph.read(everything)) == shown(graph.read(everything))
     assert roscore.asked.count("has") == 1
     clock[0] += module.KNOWN
@@ -106,7 +106,7 @@ def test_one_run_does_all_when_nothing_waits(clock, answer):
 
 def test_after_a_roscore_without_answer_the_next_one_is_asked():
     roscore = Roscore([["e", 3, True, WHOLE], OSError("refused")])
-    graph = OwnGraph(roscore)
+    graph = RoscoreGraph(roscore)
     graph.read(everything)
     with pytest.raises(OSError, match="refused"):
         graph.read(everything)
@@ -118,14 +118,14 @@ def test_a_bundled_roscore_gets_calls_together():
     calls = [("registerPublisher", "/a", "/one", "*", "http://own:1/")]
     roscore, other = Roscore([["e", 3, True, WHOLE]]), Roscore([], tells=False)
     for asked, way in ((roscore, "together"), (other, "multicall")):
-        graph = OwnGraph(asked)
+        graph = RoscoreGraph(asked)
         graph.read(everything)
         assert graph.carry_out(calls) == ["done"] and asked.asked[-1] == (way, calls)
 
 
 def test_after_failed_calls_the_next_one_is_asked_what_it_can():
     roscore = Roscore([["e", 3, True, WHOLE], ["f", 1, True, WHOLE]])
-    graph = OwnGraph(roscore)
+    graph = RoscoreGraph(roscore)
     graph.read(everything)
     roscore.tells = OSError("gone")
     with pytest.raises(OSError, match="gone"):
