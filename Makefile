@@ -93,4 +93,4 @@ copies: ## write the files that are copies of others, after these were edited
 	@python3 tools/copies.py
 
 shipped: setup ## write the list of the files that the built collection holds, of those that git has
-	@$(PYTHON) tools/shipped.py
+	@$(PYTHON) tools/package.py

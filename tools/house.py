@@ -18,6 +18,8 @@ string keys  Places that read `x["name"]` or `x.get("name")`, in plugin_utils an
              are two.
 type comments    Comments that begin with `# type:`, but for `# type: ignore`.
 docstrings   Docstrings that begin with the word What, Whether or Whose.
+lines        Lines of code of the modules, module_utils, plugin_utils and the nodes: without docstrings, comments, empty
+             lines and the documentation of the modules.
 
 Functions, type comments and docstrings are counted in all of plugins/ and in the nodes. --names lists the functions that are
 too long or too complex.
@@ -47,6 +49,9 @@ COLLECTION = "ansible_collections.rosfleet.multimaster."
 LINES, COMPLEXITY = 50, 15
 PLANS = ("plan", "fleet", "member")
 QUESTIONS = ("What", "Whether", "Whose")
+CODE = (f"{PLUGINS}/modules", *TREES)
+MANUALS = {"DOCUMENTATION", "EXAMPLES", "RETURN"}
+BLANK = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 Documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
@@ -224,6 +229,25 @@ def _is_text(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant) and isinstance(node.value, str)
 
 
+def lines(text: str) -> int:
+    """The lines of code of a file: without docstrings, comments, empty lines and the documentation of a module."""
+    words = {
+        line
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Expr | ast.Assign) and _is_documentation(node)
+        for line in range(node.lineno, (node.end_lineno or node.lineno) + 1)
+    }
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    code = {line for token in tokens if token.type not in BLANK for line in range(token.start[0], token.end[0] + 1)}
+    return len(code - words)
+
+
+def _is_documentation(node: ast.Expr | ast.Assign) -> bool:
+    if isinstance(node, ast.Expr):
+        return _is_text(node.value)
+    return any(isinstance(target, ast.Name) and target.id in MANUALS for target in node.targets)
+
+
 def sources(folder: Path) -> list[Path]:
     """The Python files below a folder."""
     return sorted(folder.rglob("*.py"))
@@ -251,6 +275,11 @@ def figures(root: Path) -> dict[str, int]:
     found["string keys of plans"] = counted.plan_keys
     found["type comments"] = counted.type_comments
     found["docstrings that begin with What, Whether, Whose"] = counted.questions
+    for tree in CODE:
+        found[f"lines: {tree.rpartition('/')[2]}"] = sum(
+            lines(path.read_text(encoding="utf-8")) for path in sources(root / tree)
+        )
+    found["lines of product code"] = sum(number for name, number in found.items() if name.startswith("lines: "))
     return found
 
 

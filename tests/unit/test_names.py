@@ -12,12 +12,6 @@ import pytest
 
 ROOT = pathlib.Path(__file__).parents[2]
 TREES = ("plugins", "roles", "lab", "tools")
-#: rooms whose names are still to be changed
-LATER = set(
-    """
-    tools
-    """.split()
-)
 FUNCTION_WORDS, PARTICIPLES, OTHERS = (
     set(words.split())
     for words in re.findall(r"`([a-z]+(?: [a-z]+){9,})`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
@@ -60,7 +54,7 @@ def rooms():
 ROOMS = rooms()
 
 
-@pytest.mark.parametrize("room", [room for room in ROOMS if room not in LATER])
+@pytest.mark.parametrize("room", ROOMS)
 def test_names_are_things_and_deeds(room):
     wrong, public = [], collections.defaultdict(list)
     for path in ROOMS[room]:

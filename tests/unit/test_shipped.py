@@ -13,12 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from tools import copies, package
+
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tools"))
-
-import copies  # noqa: E402
-import shipped  # noqa: E402
-
 BIN = Path(sys.executable).parent
 # What may lie in the folder of somebody who builds.
 DECOYS = """
@@ -42,7 +39,7 @@ x.png x.txt token bundle.zip fleet.tar.gz main.yml main.yml.bak runtime.yml gala
 def strays(seed):
     """Any folder of the tree, and new ones in it, with names of STRAYS: those that are not files of ours."""
     drawn = random.Random(seed)
-    own = shipped.LIST.read_text().split()
+    own = package.LIST.read_text().split()
     folders = sorted({str(folder) for name in own for folder in Path(name).parents} - {"."})
     found = set()
     for folder in folders:
@@ -58,11 +55,11 @@ SECRET = "hunter2-of-the-builder"
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory):
     tree = tmp_path_factory.mktemp("tree")
-    shipped.clean_tree(tree)
+    package.clean_tree(tree)
     for name in (*DECOYS, *strays(seed=1)):
         (tree / name).parent.mkdir(parents=True, exist_ok=True)
         (tree / name).write_text(f"{SECRET}\n")
-    return shipped.build(tree, tmp_path_factory.mktemp("target"))
+    return package.build(tree, tmp_path_factory.mktemp("target"))
 
 
 @pytest.fixture(scope="module")
@@ -88,8 +85,8 @@ def installed(archive, tmp_path_factory):
 
 
 def test_the_files_are_those_of_the_reviewed_list(archive):
-    own = [name for name in shipped.content(archive) if name not in ("MANIFEST.json", "FILES.json")]
-    listed = shipped.LIST.read_text().splitlines()
+    own = [name for name in package.content(archive) if name not in ("MANIFEST.json", "FILES.json")]
+    listed = package.LIST.read_text().splitlines()
     more, less = sorted(set(own) - set(listed)), sorted(set(listed) - set(own))
     assert not more and not less, (
         f"more: {more}, less: {less}; if that is meant: make shipped, and review the difference"
@@ -98,14 +95,14 @@ def test_the_files_are_those_of_the_reviewed_list(archive):
 
 def test_a_file_of_ours_that_the_list_has_not_is_told():
     """And one that is there no more. What git does not have is not ours."""
-    listed, ours = shipped.LIST.read_text().splitlines(), shipped.ours()
+    listed, ours = package.LIST.read_text().splitlines(), package.ours()
     more, less = sorted(set(ours) - set(listed)), sorted(set(listed) - set(ours))
     assert not more and not less, f"not listed: {more}, gone: {less}; make shipped, and review the difference"
-    assert shipped.GALAXY.read_text() == shipped.galaxy(listed), "galaxy.yml has another list: make shipped"
+    assert package.GALAXY.read_text() == package.galaxy(listed), "galaxy.yml has another list: make shipped"
 
 
 def test_no_test_no_tool_no_secret_and_no_link_is_in_it(archive):
-    own = shipped.content(archive)
+    own = package.content(archive)
     assert not [name for name in own if name in DECOYS or name.endswith("(no file)")]
     assert not [name for name in own if name.split("/")[0] in ("tests", "tools", "extensions", ".ci", ".work")]
 
@@ -113,7 +110,7 @@ def test_no_test_no_tool_no_secret_and_no_link_is_in_it(archive):
 def test_what_lies_in_any_folder_is_not_in_it(archive):
     """Files with any name that lay there when it was built: neither their names nor what was in them."""
     lay = strays(seed=1)
-    assert len(lay) > 500 and not set(lay) & set(shipped.content(archive))
+    assert len(lay) > 500 and not set(lay) & set(package.content(archive))
     with tarfile.open(archive) as opened:
         texts = [opened.extractfile(member).read() for member in opened if member.isfile()]
     assert not [text for text in texts if SECRET.encode() in text]
@@ -122,12 +119,12 @@ def test_what_lies_in_any_folder_is_not_in_it(archive):
 @pytest.mark.parametrize("name", ["x[1].yml", "a b.yml", "x*.py", "x\ny.py", "#x.yml"])
 def test_a_name_that_would_stand_for_several_files_is_refused(name):
     with pytest.raises(SystemExit, match="give it another name"):
-        shipped.galaxy(["README.md", f"plugins/{name}"])
+        package.galaxy(["README.md", f"plugins/{name}"])
 
 
 def test_every_python_file_of_the_trees_that_run_is_in_it(archive):
     """A white list that is too short shows here, not on a robot."""
-    own = set(shipped.content(archive))
+    own = set(package.content(archive))
     tracked = subprocess.run(
         ["git", "ls-files", "plugins", "roles", "playbooks", "meta"],
         cwd=ROOT,

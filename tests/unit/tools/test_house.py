@@ -121,3 +121,25 @@ def test_the_figures_of_a_checkout(tmp_path):
 
 def test_no_function_is_too_long_or_too_complex():
     assert not {name for _path, name, _lines, _ways in house.offenders(house.ROOT)}
+
+
+def test_lines_of_code_are_counted_without_documentation_and_blanks():
+    text = '''
+        """A file."""
+
+        DOCUMENTATION = r"""
+        module: x
+        """
+        # a comment
+        TABLE = """
+        two
+        """
+
+
+        def f(a,
+              b):
+            """Two
+            lines."""
+            return a  # one line
+        '''
+    assert house.lines(textwrap.dedent(text)) == 3 + 3

@@ -3,7 +3,7 @@
 
 """Writes which files the collection ships, by name, and builds it.
 
-python tools/shipped.py            writes tests/unit/shipped.txt, and with it `manifest` in galaxy.yml
+python tools/package.py            writes tests/unit/shipped.txt, and with it `manifest` in galaxy.yml
 
 The list is made of the files that git has and that are of a kind that is shipped: `git add` a new one first, and look at the
 difference of the list before you commit it. What else lies in the folder is not shipped, whatever its name: nothing in
