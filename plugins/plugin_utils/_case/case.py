@@ -65,14 +65,13 @@ class Participant:
         multicast = seen.multicast or Multicast()
         return cls(
             name=name,
-            # preflight leaves out services that cannot run there
-            plan=plan if seen.services is None else replace(plan, services=seen.services),
+            plan=_select_services(plan, seen),
             seen=seen,
             members={entry.name: entry for entry in probe.members},
             masters={entry.computer: entry for entry in probe.masters},
             listed={entry.name: entry for entry in probe.list_masters.masters},
             topics={entry.computer: entry for entry in probe.topics},
-            streams={entry.computer: entry for entry in seen.streams.streams} if seen.streams else {},
+            streams=_index_streams(seen),
             udp={entry.name: entry for entry in multicast.udp},
             answered=frozenset(entry.name for entry in probe.members if entry.ping_address and entry.ping_address.ok),
             callers=frozenset(entry.address for entry in multicast.callers),
@@ -91,6 +90,15 @@ class Participant:
     def lacks_ros(self) -> bool:
         """True for the router, and for a second computer of a robot without ROS; a master's computer needs ROS."""
         return not self.plan.is_master and (self.seen.probe is None or bool(self.seen.probe.ros_missing))
+
+
+def _select_services(plan: ComputerPlan, seen: Observation) -> ComputerPlan:
+    """Leave out of a plan the services that cannot run there, as preflight found."""
+    return plan if seen.services is None else replace(plan, services=seen.services)
+
+
+def _index_streams(seen: Observation) -> Mapping[str, Stream]:
+    return {entry.computer: entry for entry in seen.streams.streams} if seen.streams else {}
 
 
 def _read_arp_answers(probe: Probe) -> Mapping[str, bool]:

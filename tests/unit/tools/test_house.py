@@ -123,7 +123,7 @@ def test_no_function_is_too_long_or_too_complex():
     assert not {name for _path, name, _lines, _ways in house.offenders(house.ROOT)}
 
 
-def test_lines_of_code_are_counted_without_documentation_and_blanks():
+def test_lines_are_counted_without_documentation_and_blanks():
     text = '''
         """A file."""
 

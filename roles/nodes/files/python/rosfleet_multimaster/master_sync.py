@@ -54,9 +54,8 @@ class MasterSync:
         updaters = Workers(loop, 8)
         self.core = _core(start)
         online, graph, limited = self._online, RoscoreGraph(start.roscore), self.limited
-        self.disconnector = Disconnector(
-            loop, updaters, limited, values["end_lost_connections"], self.core.members, online
-        )
+        ending, members = values["end_lost_connections"], self.core.members
+        self.disconnector = Disconnector(loop, updaters, limited, ending, members, online)
         questions = TypeQuestions(loop, TypeGuard(), self._monitor_of, ros.md5sum, self._request_round)
         node, callbacks = (start.name, start.node_uri), Callbacks(self._has_list, self._report, self._round_over)
         self.rounds = Rounds(
