@@ -263,7 +263,7 @@ class Ros:
             ]
             published = {name: self.advertised(name) for name, _robot in own + others}
         found = []
-        for name in self.fleet.heard(started)[robot]:
+        for name in self.fleet.talkers_by_robot(started)[robot]:
             if name != computer:
                 found.append(self._topic(computer, name, error, large, published))
         return tuple(found)

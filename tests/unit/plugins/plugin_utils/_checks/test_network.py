@@ -4,6 +4,7 @@
 """Checks of the network between two computers: names, routes, pings, for two robots and between three robot networks."""
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import Ways
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
@@ -282,7 +283,7 @@ def test_a_route_to_the_other_address_of_a_gateway(hop, mode):
         update(route, gateway=hop, error="" if hop else "Network is unreachable")
 
     first = diagnosed(change, fig12()).findings[0]
-    assert first.part == ("route", "tibi-nav", mode, "the common network") and first.proof[0].check == "outer_route"
+    assert first.part == Part("route", "tibi-nav", mode, "the common network") and first.proof[0].check == "outer_route"
 
 
 def test_lost_pings_of_both_sizes_say_nothing_of_the_size():
