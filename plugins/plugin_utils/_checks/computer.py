@@ -107,15 +107,14 @@ def _reachable_needs(case: Case) -> Parts:
 def _reachable_suspects(case: Case) -> Parts:
     """The controller may be on the other side of the gateway, or not."""
     name, plan = case.observer.name, case.observer.plan
-    found = _reachable_needs(case) | make_parts("interface", name, "address", "prefix")
+    parts = _reachable_needs(case) | make_parts("interface", name, "address", "prefix")
     for network in [case.ways.network(plan.robot)] + ([COMMON] if plan.common_address else []):
-        found |= make_parts("link", name, "down", what=network) | make_parts("network", network, "dead")
+        parts |= make_parts("link", name, "down", what=network) | make_parts("network", network, "dead")
     for gateway in filter(None, case.gateways):
-        found |= make_parts("computer", gateway.title, "off") | make_parts("forwarding", gateway.title, "off")
-        found |= make_parts("filter", gateway.title, "forward")
-        found |= make_parts("link", gateway.title, "down", what=case.ways.network(case.observer.plan.robot))
-        found |= make_parts("route", case.observer.name, "missing", "other")
-    return found
+        parts |= make_parts("computer", gateway.title, "off") | make_parts("forwarding", gateway.title, "off")
+        parts |= make_parts("filter", gateway.title, "forward") | make_parts("route", name, "missing", "other")
+        parts |= make_parts("link", gateway.title, "down", what=case.ways.network(plan.robot))
+    return parts
 
 
 REACHABLE = Check(
@@ -161,23 +160,21 @@ def _describe_state(entry: Service) -> str:
 
 
 def _services_evidence(case: Case) -> Parts:
-    found, name = NONE, case.observer.name
+    parts, name = NONE, case.observer.name
     states = {entry.name: entry for entry in (case.probe.services if case.probe else ())}
     for service in case.observer.services:
         entry, unit = states.get(service), f"multimaster-{service}.service"
         if entry is None or entry.active_state != "active":
             missing = entry is not None and entry.load_state == "not-found"
             if service == "roscore" and not missing and case.probe is not None and case.probe.roscore.answer:
-                found |= make_parts("set_up", name, "others")  # one answers, and it is not that of the unit
+                parts |= make_parts("set_up", name, "others")  # a roscore answers that is not the unit's
+            elif missing:
+                parts |= make_parts("service", name, "missing", what=unit)
             else:
-                found |= (
-                    make_parts("service", name, "missing", what=unit)
-                    if missing
-                    else _service_down_parts(name, service, unit)
-                )
+                parts |= _service_down_parts(name, service, unit)
         elif entry.restarts:
-            found |= make_parts("service", name, "restarting", what=unit)
-    return found
+            parts |= make_parts("service", name, "restarting", what=unit)
+    return parts
 
 
 def _service_down_parts(computer: str, service: str, unit: str) -> Parts:
@@ -188,8 +185,8 @@ def _service_down_parts(computer: str, service: str, unit: str) -> Parts:
 
 def _services_needs(case: Case) -> Parts:
     name = case.observer.name
-    return frozenset().union(
-        *(_service_down_parts(name, service, f"multimaster-{service}.service") for service in case.observer.services)
+    return join_parts(
+        _service_down_parts(name, service, f"multimaster-{service}.service") for service in case.observer.services
     )
 
 
@@ -287,10 +284,10 @@ def _judge_addresses(case: Case) -> Judgement | None:
     if case.probe is None or not case.probe.forwarding.interfaces:
         return None
     expected = ", ".join(f"{entry.address}/{entry.network.prefixlen}" for entry in case.observer.plan.networks)
-    found = [f"no interface has {address}" for address in _find_missing_addresses(case)]
-    found += [f"the link to {network} is down" for network in _find_down_links(case)] + wrong_prefixes(case.observer)
-    # Where it does harm, other checks fail; a robot alone, without any network, is well without them.
-    return Judgement(WARNING if found else OK, expected, ", ".join(found) or "all of them")
+    problems = [f"no interface has {address}" for address in _find_missing_addresses(case)]
+    problems += [f"the link to {network} is down" for network in _find_down_links(case)] + wrong_prefixes(case.observer)
+    # Where it does harm, other checks fail. A robot alone works without any network.
+    return Judgement(WARNING if problems else OK, expected, ", ".join(problems) or "all of them")
 
 
 def _find_down_links(case: Case) -> list[str]:
@@ -300,13 +297,13 @@ def _find_down_links(case: Case) -> list[str]:
 
 def _addresses_evidence(case: Case) -> Parts:
     name = case.observer.name
-    found = make_parts("interface", name, "address") if _find_missing_addresses(case) else NONE
-    found |= make_parts("interface", name, "prefix") if wrong_prefixes(case.observer) else NONE
-    return found | join_parts(_link_evidence(case, network) for network in _find_down_links(case))
+    parts = make_parts("interface", name, "address") if _find_missing_addresses(case) else NONE
+    parts |= make_parts("interface", name, "prefix") if wrong_prefixes(case.observer) else NONE
+    return parts | join_parts(_link_evidence(case, network) for network in _find_down_links(case))
 
 
 def _link_evidence(case: Case, network: str) -> Parts:
-    """Blame the network where no computer on it has a link. A single observed computer tells neither."""
+    """Blame the network where no computer on it has a link. A single observed computer is not enough."""
     states = _states(case, network)
     if len(states) < 2:
         return NONE
@@ -316,14 +313,14 @@ def _link_evidence(case: Case, network: str) -> Parts:
 
 
 def _is_flapping(case: Case, network: str) -> bool:
-    """A link that is down now has carried answers in the same run: others on its network were answered through it."""
+    """Say if a link that is down now has carried answers in the same run, to others on its network."""
     name = case.observer.name
     near = (one for one in case.run.values() if one.name != name and network in interfaces_by_network(one, case.ways))
     return any(name in one.answered for one in near)
 
 
 def _states(case: Case, network: str) -> list[str]:
-    """The states of the interfaces on a network, of all who could be looked at."""
+    """The states of all observed interfaces on a network."""
     there = [interfaces_by_network(computer, case.ways).get(network) for computer in case.run.values()]
     return [interface.state for interface in there if interface is not None]
 
@@ -335,7 +332,7 @@ def _addresses_suspects(case: Case) -> Parts:
 
 
 def _addresses_needs(case: Case) -> Parts:
-    """A link whose state is told is up; where it is not told, nobody knows."""
+    """A link is cleared only where its state was read as up."""
     networks = interfaces_by_network(case.observer, case.ways).items()
     up = join_parts(
         make_parts("link", case.observer.name, "down", what=network) for network, seen in networks if seen.state == "up"
@@ -359,13 +356,13 @@ ADDRESSES = Check(
 
 
 def _odd_sizes(case: Case) -> dict[str, str]:
-    """Find the networks on which the computer's MTU is another than that of most: network -> what was found."""
-    found = {}
+    """Find the networks on which the computer's MTU differs from that of most: network -> its description."""
+    sizes = {}
     for network, mtu in mtus_by_network(case.observer, case.ways).items():
         usual = case.usual.get(network, mtu)
         if mtu != usual:
-            found[network] = f"{mtu} on {network}, where most have {usual}"
-    return found
+            sizes[network] = f"{mtu} on {network}, where most have {usual}"
+    return sizes
 
 
 def _judge_mtu(case: Case) -> Judgement | None:
@@ -503,7 +500,7 @@ MASTER_URI = Check(
 
 # Names
 
-ASK_OTHERS = ("dns", "mdns", "nis", "ldap", "wins")  # the beginnings of sources that ask somebody in the network
+ASK_OTHERS = ("dns", "mdns", "nis", "ldap", "wins")  # the beginnings of sources that ask a server in the network
 
 
 def _judge_name_order(case: Case) -> Judgement | None:

@@ -3,8 +3,8 @@
 
 """The engine of the verification: it applies a table of checks to the observations of a fleet.
 
-Pure: the plan and the observations in, one row for each result out. Every observation is looked at once, so the cost grows
-with the number of observations. The engine knows no check; the package `checks` has the table.
+Pure: the plan and the observations in, one row for each result out. The cost grows with the number of observations. The
+engine knows no check; table.py has them.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ class Judgement(NamedTuple):
     found: str = ""
 
 
-PASSED = Judgement(OK)  # what a judge may return for a case that is counted, before it makes sentences
+PASSED = Judgement(OK)  # a judge may return it for a case that is only counted, so that no sentence is made
 
-# what is good between two computers: robot of the observer, robot of the target, and the checks that passed -> pairs
+# robot of the observer, robot of the target, and the checks that passed -> number of pairs
 Passed = Counter[tuple[str, str, tuple[str, ...]]]
 
 
@@ -78,11 +78,11 @@ def _find_no_parts(_case: Case) -> Parts:
 
 @dataclass(frozen=True)
 class Check:
-    """A check: its targets, its judge, and what its results say about the parts of the fleet.
+    """A check: its targets, its judge, and the meaning of its results for the parts of the fleet.
 
-    The judge returns None where there is nothing to judge, because another check says so already. A success needs the parts
-    of `needs`, so it clears them. A failure has its reason among `suspects`, or where there is no such function among the
-    same parts. `evidence` are parts that a value shows to be broken; then nobody is suspected.
+    The judge returns None where there is nothing to judge, for example since a different check says it already. A success
+    needs the parts of `needs`, so it clears them. A failure has its reason among `suspects`; without such a function it is
+    among `needs`. `evidence` are parts that a value shows to be broken; then no other part is suspected.
     """
 
     id: str
@@ -93,16 +93,14 @@ class Check:
     needs: Callable[[Case], Parts] = _find_no_parts
     suspects: Callable[[Case], Parts] | None = None
     evidence: Callable[[Case], Parts] = _find_no_parts
-    carries: str = (
-        ""  # the packets that it sends, a word of packet_filters.TRAFFIC: a rule that drops them is evidence, too
-    )
-    shown: bool = False  # what is good of it is read, too, so there is a row of each
+    carries: str = ""  # its packets, a word of packet_filters.TRAFFIC: a rule that drops them is evidence, too
+    shown: bool = False  # good results have rows, too
 
 
 class Verification:
     """The checks, applied to the observations of a fleet; `observations` has an entry for each computer of the run.
 
-    `pairs` says who was to look at whom: `all`, or `auto`; see `pairs.tried`. `least` are the Mbit/s that are expected.
+    `pairs` chooses the pairs: `all`, or `auto`; see `pairs.choose_pairs`. `least` are the expected Mbit/s.
     """
 
     def __init__(
@@ -133,14 +131,12 @@ class Verification:
             },
         )
         filters = ReadFilters(fleet, {name: computer.seen for name, computer in self.run.items()})
-        self.everything = FleetState(
-            fleet, ways, self.run, exchanges, usual_mtus(self.run.values(), ways), least, filters
-        )
+        self.state = FleetState(fleet, ways, self.run, exchanges, usual_mtus(self.run.values(), ways), least, filters)
 
     def rows(self, passed: Passed | None = None) -> Iterator[Row]:
-        """Apply every check to every computer of the run, and to every pair that was to be tried by one of them.
+        """Apply every check to every computer of the run, and to every pair that one of them was to try.
 
-        With `passed`, what is good between two computers is only counted there: nobody reads a million good rows.
+        With `passed`, good results between two computers are only counted there: a million good rows help no reader.
         """
         for checks, case in self._cases():
             if passed is None or case.target == case.observer.name:
@@ -164,17 +160,17 @@ class Verification:
 
     @property
     def pairs(self) -> tuple[int, int]:
-        """The number of pairs that the computers of the run were to try, and of all that there are."""
+        """The number of pairs that the computers of the run were to try, and of all their pairs."""
         chosen = {name: self.tried[name] for name in self.run}
         return number(chosen), sum(len(self.ways.members.keys() - {name}) for name in self.run)
 
     def cases(self, observer: str, target: str) -> Iterator[tuple[Check, Case]]:
         """Make the cases of one pair, one for each scope, and give each check its own."""
-        made = {}
+        cases = {}
         for check in self.checks:
-            if check.scope not in made:
-                made[check.scope] = self.case(check, observer, target)
-            if case := made[check.scope]:
+            if check.scope not in cases:
+                cases[check.scope] = self.case(check, observer, target)
+            if case := cases[check.scope]:
                 yield check, case
 
     def case(self, check: Check, observer: str, target: str) -> Case | None:
@@ -191,7 +187,7 @@ class Verification:
         return self._case(computer, target, address) if address else None
 
     def _case(self, observer: Participant, target: str, address: str, master: Master | None = None) -> Case:
-        return Case(self.everything, observer, target, address, master)
+        return Case(self.state, observer, target, address, master)
 
     def _select(self, *scopes: str) -> list[Check]:
         return [check for check in self.checks if check.scope in scopes]
@@ -205,7 +201,7 @@ def _judge_case(checks: Sequence[Check], case: Case) -> Iterator[Row]:
 
 
 def _count_passes(checks: Sequence[Check], case: Case, passed: Passed) -> Sequence[Row]:
-    """Count what is good, all of a case at once, and return the rest."""
+    """Count the good results of a case together, and return the other rows."""
     case.counted = True
     good, rows = [], []
     for check in checks:

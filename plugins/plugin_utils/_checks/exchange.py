@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Checks of the exchange between robots: what their roscores hold, compared with what they are to give each other."""
+"""Checks of the exchange between robots: the content of their roscores, compared with the planned flows."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _judge_nodes_answer(case: Case) -> Judgement | None:
 
 
 def _silent_suspects(case: Case) -> Parts:
-    """They ended, or the computer that they are on is not reached."""
+    """The nodes ended, or their computer is not reached."""
     one = case.observer.name
     computers = (member.name for member in case.fleet.members if member.robot == case.observer.plan.robot)
     return make_parts("registration", one, "ghost") | join_parts(
@@ -66,7 +66,7 @@ def _silent_suspects(case: Case) -> Parts:
 
 
 def _silent_evidence(case: Case) -> Parts:
-    """The collection's own nodes: their services run, or another check tells that they do not."""
+    """The collection's own nodes hang; services that do not run have a check of their own."""
     silent = case.exchange.silent if case.exchange else ()
     hung = {"/master_discovery": "discovery", "/master_sync": "sync"}
     nodes = join_parts(make_parts(kind, case.observer.name, "hung") for node, kind in hung.items() if node in silent)
@@ -77,7 +77,7 @@ def _silent_evidence(case: Case) -> Parts:
 
 
 def _has_ended(case: Case, entry: SilentNode) -> bool:
-    """Nobody listens at its port, and the computer is there to say so; a packet filter that refuses says the same."""
+    """Say if a node has ended: its computer refuses the connection, and no packet filter does."""
     filtered = case.filters.find_drop(case.observer.name, case.ways.name_at(entry.host) or entry.host, "nodes")
     return entry.outcome == Outcome.REFUSED and filtered is None
 
@@ -205,7 +205,7 @@ def _flow_suspects(case: Case) -> Parts:
 
 
 def _flow_evidence(case: Case) -> Parts:
-    """What is there against the plan, or cannot be known, has been let in by a node's parameters."""
+    """Superfluous registrations come from parameters of the sync node."""
     own, its = case.robots
     observer = case.observer.name
     if case.exchange is not None and case.exchange.error:
@@ -225,9 +225,8 @@ FLOW = Check(
     documented=Documentation(
         "pair of roscores", "what the one robot is to give is registered at the other, and nothing else of it is", "3.3"
     ),
-    needs=lambda case: make_parts(
-        "sync", case.masters[0], "configuration"
-    ),  # what is registered stays, whoever has died
+    # registrations stay after a node has died, so a success clears no node
+    needs=lambda case: make_parts("sync", case.masters[0], "configuration"),
     suspects=_flow_suspects,
     evidence=_flow_evidence,
 )

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the collection did not set up: who runs the nodes then, and what cannot be judged there."""
+"""Computers that the collection did not set up: the nodes of others, and the checks that do not hold there."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Judge = Callable[[Case], Judgement | None]
 
 
 def guard_judge(judge: Judge, looked: Callable[[Case], bool]) -> Judge:
-    """Return the judge of a check on what site.yml makes: where it has not run, and yet `looked` is true, nothing is judged."""
+    """Return the judge of a check on the work of site.yml. Where site.yml has not run, the result is unknown if `looked` is true."""
 
     def judge_computer(case: Case) -> Judgement | None:
         if not case.is_set_up_by_hand:
@@ -36,7 +36,7 @@ def guard_judge(judge: Judge, looked: Callable[[Case], bool]) -> Judge:
 
 
 def guard_evidence(evidence: Callable[[Case], Parts]) -> Callable[[Case], Parts]:
-    """Return the evidence of such a check: where nothing is judged, because of this and nothing else."""
+    """Return the evidence of such a check. Where site.yml has not run, that is the only evidence."""
     return lambda case: (
         make_parts("set_up", case.observer.name, "by_hand") if case.is_set_up_by_hand else evidence(case)
     )

@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The next boot: what works now, and will not be as planned after it. A row for each kind of part that a person can mend."""
+"""Checks of the next boot: deviations from the plan that come with it. One check for each kind of part."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts, make_parts
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     COMPUTER,
     FAILED,
@@ -27,8 +27,8 @@ def _judge(kind: str, planned: Callable[[Case], bool], expected: str) -> Callabl
     def judge(case: Case) -> Judgement | None:
         if case.probe is None or not planned(case):
             return None
-        found = case.observer.seen.found
-        if found is not None and not found.set_up:  # one sentence for all kinds is enough
+        state = case.observer.seen.found
+        if state is not None and not state.set_up:  # one sentence for all kinds is enough
             return NOT_OURS if kind == "unit" and case.is_set_up_by_hand else None
         entries = [entry for entry in case.probe.next_boot if entry.kind == kind]
         states = "; ".join(f"{entry.name}: {entry.found}" for entry in entries)
@@ -40,11 +40,8 @@ def _judge(kind: str, planned: Callable[[Case], bool], expected: str) -> Callabl
 def _evidence(kind: str) -> Callable[[Case], Parts]:
     def find_parts(case: Case) -> Parts:
         entries = case.probe.next_boot if case.probe else ()
-        found = NONE
-        for entry in entries:
-            if entry.kind == kind:
-                found |= make_parts("boot", case.observer.name, kind, what=entry.name)
-        return found
+        names = [entry.name for entry in entries if entry.kind == kind]
+        return join_parts(make_parts("boot", case.observer.name, kind, what=name) for name in names)
 
     return guard_evidence(find_parts)
 

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The rule, or the route to nowhere, that takes what is for an address: pure, lines of `ip` in, words for `ip ... del` out.
+"""The rule or closed route that takes packets for an address: pure, lines of `ip` in, words for `ip ... del` out.
 
-The words are pasted by people, so a line with anything else than words of `ip`, addresses and numbers is left alone.
+People paste the words. So a line is used only if it has nothing but words of `ip`, addresses and numbers.
 """
 
 from __future__ import annotations
@@ -26,15 +26,14 @@ KINDS = ("blackhole", "unreachable", "prohibit")
 
 
 def taker(policy: Policy, address: str) -> tuple[str, str]:
-    """Name what takes packets for an address: ("rule" or "closed", the words to delete it); empty texts for nothing."""
-    rules = [match for match in map(RULE.fullmatch, _lines(policy.rules)) if match]
-    for rule in rules:
+    """Find the rule or route that takes packets for an address: ("rule" or "closed", words to delete it), or empty texts."""
+    for rule in filter(None, map(RULE.fullmatch, _lines(policy.rules))):
         if (rule["table"] or rule["kind"] in KINDS) and _holds(rule["to"] or "", address):
             return "rule", _words(rule)
-    found = [match for match in map(CLOSED.fullmatch, _lines(policy.closed)) if match and _holds(match["to"], address)]
-    if not found:
-        return "", ""
-    return "closed", " ".join(filter(None, [found[0]["kind"], found[0]["to"], _table(found[0]["table"])]))
+    for route in filter(None, map(CLOSED.fullmatch, _lines(policy.closed))):
+        if _holds(route["to"], address):
+            return "closed", " ".join(filter(None, [route["kind"], route["to"], _table(route["table"])]))
+    return "", ""
 
 
 def _lines(lines: Iterable[str]) -> list[str]:
@@ -51,7 +50,7 @@ def _table(name: str | None) -> str:
 
 
 def _holds(network: str, address: str) -> bool:
-    """Say if an address is in a network; a rule for all addresses has its reason, and is shown by nothing here."""
+    """Say if an address is in a network. A rule for all addresses never counts."""
     try:
         return IPv4Address(address) in IPv4Network(network, strict=False)
     except ValueError:

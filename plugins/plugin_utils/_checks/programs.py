@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Checks of what programs on a computer have: their parameters, and room to write."""
+"""Checks of the programs on a computer: their parameters, and their room to write."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
 
 # The parameters of the nodes
 
-# What a parameter decides: (node, parameter) -> the part; any other one is what the node serves or takes.
+# (node, parameter) -> the part that it decides; any other parameter is of the node's configuration.
 DECIDES = {
     ("master_discovery", "mcast_group"): ("discovery", "group"),
     ("master_discovery", "mcast_port"): ("discovery", "group"),
@@ -67,8 +67,8 @@ def _parameter_part(case: Case, entry: ParameterDifference) -> Parts:
 def _parameters_needs(case: Case) -> Parts:
     """A node that was compared has the parameters of the plan."""
     name, nodes = case.observer.name, case.probe.parameters.nodes if case.probe else ()
-    found = make_parts("discovery", name, "group", "port", "configuration") if "master_discovery" in nodes else NONE
-    return found | (make_parts("sync", name, "configuration") if "master_sync" in nodes else NONE)
+    parts = make_parts("discovery", name, "group", "port", "configuration") if "master_discovery" in nodes else NONE
+    return parts | (make_parts("sync", name, "configuration") if "master_sync" in nodes else NONE)
 
 
 PARAMETERS = Check(

@@ -3,7 +3,7 @@
 
 """The checks of the verification, one table: the rows of each file beside this one, in the order of CHECKS.
 
-In each file a row stands below its judge, and below what its results say about the parts of the fleet.
+In each file a row stands below its functions.
 """
 
 from __future__ import annotations

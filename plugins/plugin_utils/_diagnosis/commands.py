@@ -28,7 +28,7 @@ class Place:
     """The computer of a part, and the fleet."""
 
     computer: Participant
-    everything: FleetState
+    state: FleetState
 
     @property
     def interfaces(self) -> Sequence[ForwardingInterface]:
@@ -38,7 +38,7 @@ class Place:
 
     def interface_on(self, network: str) -> ForwardingInterface | None:
         """Return the interface on a network."""
-        found = interfaces_by_network(self.computer, self.everything.ways).get(network)
+        found = interfaces_by_network(self.computer, self.state.ways).get(network)
         return found if found in self.interfaces else None
 
 
@@ -53,7 +53,7 @@ def _switch_on(place: Place, parts: Sequence[Part]) -> Commands:
 
 def _set_mtu(place: Place, parts: Sequence[Part]) -> Commands:
     for part in parts:
-        interface, usual = place.interface_on(part.what), place.everything.usual.get(part.what)
+        interface, usual = place.interface_on(part.what), place.state.usual.get(part.what)
         if interface and usual and interface.mtu != usual:
             yield advice.command("ip link set dev {} mtu {}", ("device", interface.interface), ("number", usual))
 
@@ -144,12 +144,12 @@ THEN = {
 }
 
 
-def command(parts: Sequence[Part], computer: Participant | None, everything: FleetState) -> str:
+def command(parts: Sequence[Part], computer: Participant | None, state: FleetState) -> str:
     """Return what to paste for parts that are one finding; empty where nothing was read that says it."""
     fault = parts[0].kind, parts[0].mode
     found = COMMANDS.get(fault)
     if found is None or computer is None:
         return ""
-    words = "; ".join(filter(None, dict.fromkeys(found(Place(computer, everything), parts))))
+    words = "; ".join(filter(None, dict.fromkeys(found(Place(computer, state), parts))))
     after = f"; then {SITE}, which {THEN[fault]}" if fault in THEN else ""
     return f"on {parts[0].place}: {words}{after}" if words else ""

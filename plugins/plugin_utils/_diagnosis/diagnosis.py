@@ -158,7 +158,7 @@ class _Diagnosis:
         ends = (row.target, row.observer) if check.carries == GROUP else (row.observer, row.target)
         if check.carries == ROSCORE:
             ends = row.observer, self.verification.ways.master(self.verification.run[row.observer].plan.robot)
-        part = self.verification.everything.filters.find_drop(*ends, check.carries)
+        part = self.verification.state.filters.find_drop(*ends, check.carries)
         return NONE if part is None else frozenset({part})
 
     def result(self) -> Diagnosis:
@@ -191,7 +191,7 @@ class _Diagnosis:
         return replace(
             _add_clock_offset(entry),
             since=describe_onset(entry.part, computer.seen.probe if computer else None),
-            command=command((entry.part, *entry.also), computer, self.verification.everything),
+            command=command((entry.part, *entry.also), computer, self.verification.state),
         )
 
     def _explain_loss(self) -> Parts:
@@ -215,11 +215,7 @@ class _Diagnosis:
         """Say what it costs more to conclude a part that reading did not show; None where it would have shown it."""
         if part.fault.read:
             return UNREAD if self._unread(part) else None
-        return (
-            NOT_FOUND
-            if (part.kind, part.mode) in RULED and self.verification.everything.filters.lets_pass(part)
-            else 0.0
-        )
+        return NOT_FOUND if (part.kind, part.mode) in RULED and self.verification.state.filters.lets_pass(part) else 0.0
 
     def _unread(self, part: Part) -> bool:
         """Nobody could look at the place of a part."""

@@ -28,7 +28,7 @@ def told(change, kind, mode, *whats):
     seen = observed(fleet)
     change(seen[NAME].probe)
     run = Verification(CHECKS, fleet, seen)
-    return command([Part(kind, NAME, mode, what) for what in whats or ("",)], run.run[NAME], run.everything)
+    return command([Part(kind, NAME, mode, what) for what in whats or ("",)], run.run[NAME], run.state)
 
 
 def routes(*found):
@@ -114,7 +114,7 @@ def test_what_is_to_be_pasted(change, part, expected):
 def test_nothing_is_known_of_whom_nobody_looked_at():
     fleet = fig12()
     run = Verification(CHECKS, fleet, {})
-    assert command([Part("link", NAME, "down", NETWORK)], None, run.everything) == ""
+    assert command([Part("link", NAME, "down", NETWORK)], None, run.state) == ""
 
 
 def test_a_finding_has_its_command_first():
