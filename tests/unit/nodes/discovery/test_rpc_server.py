@@ -7,7 +7,7 @@ import socket
 import xmlrpc.client
 
 import pytest
-from rosfleet_multimaster.discovery.rpc_server import RefusedCall, RpcServer
+from rosfleet_multimaster.discovery.rpc_server import PerCaller, RefusedCall, RpcServer
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.edge.rpc_client import Rpc
 
@@ -21,6 +21,8 @@ class Server:
             "refuse": self.refuse,
             "nil": lambda: None,
             "broken": lambda: 1 / 0,
+            "untyped": lambda: [] + 1,
+            "here": PerCaller(lambda caller, word: f"{word} {caller}"),
         }
         self.server = RpcServer("127.0.0.1", 0, methods, lambda host, why: self.malformed.append(why))
         self.port = self.server.server_address[1]
@@ -74,11 +76,21 @@ def test_long_answers_are_compressed_for_who_can_read_it(server):
     assert b"Content-Encoding: gzip" in head and b"xxx" in gzip.decompress(packed)
 
 
-@pytest.mark.parametrize("call", [("refuse",), ("unknown",), ("broken",), ("add", 1), ("system.multicall", [])])
-def test_what_cannot_be_answered_is_a_fault(server, call):
+@pytest.mark.parametrize(
+    "call", [("refuse",), ("unknown",), ("add", 1), ("here",), ("here", 1, 2), ("system.multicall", [])]
+)
+def test_a_mistake_of_the_caller_is_a_fault(server, call):
     with pytest.raises(xmlrpc.client.Fault):
         Rpc(server.uri, 3.0).call(*call)
-    assert server.malformed == (["broken failed: ZeroDivisionError: division by zero"] if call == ("broken",) else [])
+    assert server.malformed == [] and Rpc(server.uri, 3.0).call("here", "at") == "at 127.0.0.1"
+
+
+@pytest.mark.parametrize(("name", "error"), [("broken", "ZeroDivisionError"), ("untyped", "TypeError")])
+def test_a_mistake_of_a_method_is_told_here_too(server, name, error):
+    with pytest.raises(xmlrpc.client.Fault, match=f"{name} failed: {error}"):
+        Rpc(server.uri, 3.0).call(name)
+    (told,) = server.malformed
+    assert told.startswith(f"{name} failed: {error}: ")
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import random
 import pytest
 from fleet_of_one import TIBI, URI
 from rosfleet_multimaster.discovery.core.actions import STRANGER_LIMIT, Ask, Event, Say, Send
+from rosfleet_multimaster.discovery.core.announcements import MAX_ANSWERED
 from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.peer import Contact, Peer, find_name_problem
 from rosfleet_multimaster.discovery.core.peers import ECHO, MAX_MASTERS, MAX_PER_ADDRESS, RETURNED, Peers
@@ -200,6 +201,21 @@ def test_a_flood_of_requests_is_not_answered_by_a_flood():
     for count in range(1000):
         core.datagram(request(), PEER, True, 10.0 + count / 10000)
     assert len(sent(core)) == 2
+
+
+def test_requests_of_too_many_addresses_are_logged_not_answered():
+    core = started()
+    for number in range(MAX_ANSWERED + 10):
+        core.datagram(request(), (f"10.0.{number // 250}.{number % 250}", 11511), False, 10.0)
+    said = take(core)
+    assert sum(isinstance(action, Send) for action in said) == MAX_ANSWERED
+    assert {action.topic for action in said if isinstance(action, Say) and "not answered" in action.text} == {
+        "requests"
+    }
+    core.tick(12.0)
+    take(core)
+    core.datagram(request(), PEER, False, 12.0)
+    assert (Kind.STATE, PEER[0]) in sent(core), "a second later there is room again"
 
 
 def test_without_multicast_the_known_masters_are_told():

@@ -65,9 +65,15 @@ def test_a_flood_of_masters_is_bounded_and_the_fleet_is_first():
     flood = [master(number, name=f"{'x' * 2000}{number}") for number in range(50)]
     flood += [master(number) for number in range(1000, 1500)]
     shown = health([TIBI]).links(flood, [])
-    assert len(shown.links) == MOST and shown.left_out == len(flood) + 1 - MOST
+    names = {"tibi-visio", *(f'"{one.name[: NAME - 2]}' for one in flood)}  # the long names are one, cut
+    assert len(shown.links) == MOST and shown.left_out == len(names) - MOST
     assert shown.links[0].name == "tibi-visio" and max(len(link.name) for link in shown.links) <= NAME
     assert len({link.name for link in shown.links}) == MOST
+
+
+def test_a_second_master_of_a_name_is_not_one_too_many():
+    shown = health().links([master(1), master(2, name="robot1")], [])
+    assert [link.uri for link in shown.links] == [master(1).uri] and shown.left_out == 0
 
 
 def test_masters_are_asked_in_turns_and_none_too_often():

@@ -21,7 +21,7 @@ from ..protocol.members import ALLOW, Members
 from ..protocol.messages import Master
 from ..protocol.plain_text import LINE, plain
 from .core.outsiders import Outsider
-from .rpc_server import Callers, LongPoll, PerCaller, RefusedCall, RpcServer
+from .rpc_server import Callers, LongPoll, Method, PerCaller, RefusedCall, RpcServer
 from .state_feed import LONGEST_WAIT, CallerView, StateFeed
 
 NO_STATE = State("", "")
@@ -80,9 +80,9 @@ class RpcMethods:
         self.changes = Count()  # answers with changes
         self._filtering = threading.Lock()  # patterns of others take time: one caller at a time
 
-    def methods(self) -> Dict[str, Callable[..., Any]]:
+    def methods(self) -> Dict[str, Method]:
         """The methods by their names."""
-        quick: Dict[str, Any] = {}
+        quick: Dict[str, Method] = {}
         if self._feed is not None:
             quick[DIFFERENCES] = LongPoll(partial(self._differences, self._feed, list))
             quick[PACKED] = LongPoll(partial(self._differences, self._feed, json_text.to_json))
@@ -206,7 +206,7 @@ def callers(members: Members, own_uri: str, own_addresses: Callable[[], Set[str]
 def serve(
     address: str,
     port: int,
-    methods: Dict[str, Callable[..., Any]],
+    methods: Dict[str, Method],
     malformed: Callable[[str, str], None],
     rules: Callers,
 ) -> RpcServer:

@@ -3,6 +3,7 @@
 """The XML-RPC server that other programs call."""
 
 import gzip
+import inspect
 import logging
 import socket
 import socketserver
@@ -36,12 +37,12 @@ class PerCaller:
     def __init__(self, method: Callable[..., Any]) -> None:
         self.method = method
 
-    def __call__(self, caller: str, *arguments: Any) -> Any:
-        return self.method(caller, *arguments)
-
 
 class LongPoll(PerCaller):
     """A method that waits for news, if its second argument is true. Then the connection is kept for the next call."""
+
+
+Method = Union[Callable[..., Any], PerCaller]
 
 
 class PackedAnswer:
@@ -74,12 +75,12 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         self,
         address: str,
         port: int,
-        methods: Mapping[str, Callable[..., Any]],
+        methods: Mapping[str, Method],
         malformed: Callable[[str, str], None],
         callers: Callers = EVERYBODY,
     ) -> None:
         """`malformed(host, why)` is called for each malformed request. Raises OSError where the port is taken."""
-        self.methods = dict(methods)
+        self.methods: Dict[str, Method] = dict(methods)
         self.methods["system.listMethods"] = lambda: sorted(self.methods)
         self.methods["system.methodHelp"] = lambda name: _help(self.methods.get(name))
         self.methods["system.methodSignature"] = lambda name: "signatures not supported"
@@ -212,11 +213,12 @@ class _Handler(BaseHTTPRequestHandler):
             self._kept = self.request_version == "HTTP/1.1" and self.server.keep(self.request, self.client_address[0])
             arguments = (self._kept, *arguments)
         if isinstance(method, PerCaller):
-            arguments = (self.client_address[0], *arguments)
+            method, arguments = method.method, (self.client_address[0], *arguments)
         try:
-            return method(*arguments)
+            inspect.signature(method).bind(*arguments)
         except TypeError as problem:
             raise RefusedCall(plain(f"{name}: {problem}")) from None
+        return method(*arguments)
 
     def _answer(self, body: Union[bytes, PackedAnswer]) -> None:
         self.protocol_version = "HTTP/1.1" if self._kept else "HTTP/1.0"

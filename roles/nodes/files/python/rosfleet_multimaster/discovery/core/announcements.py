@@ -67,7 +67,11 @@ class Announcements:
 
     def answer(self, host: str, multicast: bool, now: float) -> None:
         """Answer a request."""
-        if not self._local.online or len(self._answered) > MAX_ANSWERED:
+        if not self._local.online:
+            return
+        if len(self._answered) >= MAX_ANSWERED:
+            text = f"{len(self._answered)} addresses asked for the state within a second: the others are not answered"
+            self._outbox.say("warning", "requests", text)
             return
         group: Tuple[Optional[str], ...] = (None,) if multicast and self._settings.send_mcast else ()
         for target in group + (host,):

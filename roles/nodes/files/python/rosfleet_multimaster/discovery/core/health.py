@@ -110,11 +110,10 @@ class Health:
         found = [self._describe_link(master, heard.get(master.uri)) for master in masters if self._is_other(master)]
         found += self._absent_links({normalize_uri(link.uri) for link in found})
         found.sort(key=lambda link: (self._members.master(link.uri) is None, link.name))  # those of the fleet first
-        shown: Dict[str, LinkHealth] = {}
+        named: Dict[str, LinkHealth] = {}
         for seen in found:
-            if len(shown) < MOST:
-                shown.setdefault(seen.name, seen)
-        return LinkList(list(shown.values()), len(found) - len(shown))
+            named.setdefault(seen.name, seen)
+        return LinkList(list(named.values())[:MOST], max(0, len(named) - MOST))
 
     def _absent_links(self, there: Set[str]) -> Iterator[LinkHealth]:
         """The links to the masters of the fleet that are not listed."""
