@@ -44,6 +44,12 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
 
     _robot = "this computer"
 
+    def __init_subclass__(cls) -> None:
+        """Read the documentation of the module while Ansible loads the action: once, and not in each of its workers."""
+        super().__init_subclass__()
+        if cls.__name__ == "ActionModule":
+            answer_of(cls.__module__.rpartition(".")[2])
+
     def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
         """Run the module and return its result; see ActionBase."""
         result: Result = super().run(tmp, task_vars)
