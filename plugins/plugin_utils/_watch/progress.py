@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import ceil
 
 UNITS = {"": 1, "s": 1, "m": 60, "h": 3600, "d": 86400}
@@ -21,6 +21,7 @@ LEAST, MOST = 10, 7 * 86400  # seconds
 SHORTEST, LONGEST, ROUNDS = 15, 300, 60  # seconds, seconds, number of them
 
 TOGETHER = 10.0  # seconds: losses that have one reason are seen so close to each other
+MOST_EVENTS = 500  # that a computer lists, as module_utils/_watch/watch.py has it
 LINES = 6  # events in the progress line of one round; the result has all
 
 GROUP, MASTER = "group", "master"
@@ -116,11 +117,13 @@ def describe_progress(answers: Mapping[str, WatchAnswer], seconds: int, known: M
     head = f"watched {format_duration(last)} of {format_duration(seconds)}: {values} values on {len(answers)} computers, {state}"
     new = list_events({name: _drop_known(answer, known.get(name, 0)) for name, answer in answers.items()})
     more = [f"  and {len(new) - LINES} more"] if len(new) > LINES else []
+    dropped = sum(answer.dropped for answer in answers.values())
+    more += [f"  {dropped} events are not listed, since a computer lists {MOST_EVENTS} at most"] if dropped else []
     return "\n".join([head, *(f"  {describe_event(*event)}" for event in new[:LINES]), *more])
 
 
 def _drop_known(answer: WatchAnswer, known: int) -> WatchAnswer:
-    return WatchAnswer(answer.watched, answer.seconds, answer.events[known:], answer.lost)
+    return replace(answer, events=answer.events[known:])
 
 
 def describe_event(observer: str, event: Event) -> str:

@@ -166,26 +166,29 @@ class BackEnd(contract.BackEnd):
 def plan_policies(packet_filter: PacketFilter) -> typing.Dict[str, typing.List[RichRule]]:
     """The wanted policies, with their rules."""
     protocols = ("tcp", "udp")
-    open_ports = [
-        RichRule("accept", protocol=port.protocol, ports=str(port.number)) for port in packet_filter.open_ports
-    ]
     members = [RichRule("accept", member, "", name, _RANGE) for member in packet_filter.members for name in protocols]
     # A switch sends its IGMP queries from any address; zones may refuse them.
     igmp = [RichRule("accept", protocol="igmp")]
-    # Ports of ssh are neither opened nor closed: the zones decide about them.
-    ranges = [(name, _format_range(*ports)) for name in protocols for ports in packet_filter.list_closed_ranges(name)]
-    policies = {INPUT: members + igmp + open_ports + [RichRule("drop", "", "", *ports) for ports in ranges]}
+    policies = {INPUT: members + igmp + _list_port_rules(packet_filter, "")}
     if packet_filter.networks:
-        forward = [
+        policies[FORWARD] = [
             RichRule("accept", *ends)
             for network in packet_filter.networks
             for member in packet_filter.list_members(4)
             for ends in ((member, network), (network, member))
             if member != network
-        ]
-        drops = [RichRule("drop", "", network, *ports) for network in packet_filter.networks for ports in ranges]
-        policies[FORWARD] = forward + open_ports + drops
+        ] + [rule for network in packet_filter.networks for rule in _list_port_rules(packet_filter, network)]
     return policies
+
+
+def _list_port_rules(packet_filter: PacketFilter, destination: str) -> typing.List[RichRule]:
+    """The rules for all senders: ports that stay open, and ports that are closed. Zones decide about those of ssh."""
+    opens = [RichRule("accept", "", destination, port.protocol, str(port.number)) for port in packet_filter.open_ports]
+    return opens + [
+        RichRule("drop", "", destination, protocol, _format_range(*ports))
+        for protocol in ("tcp", "udp")
+        for ports in packet_filter.list_closed_ranges(protocol)
+    ]
 
 
 def _format_range(first: int, last: int) -> str:

@@ -99,22 +99,24 @@ class BackEnd(contract.BackEnd):
         return not self._find_misplaced()
 
     def load(self, packet_filter: typing.Optional[PacketFilter]) -> None:
-        planned = [] if packet_filter is None else list_rules(packet_filter, self._list_versions())
-        missing = self._delete_others(planned)
+        self._arrange([] if packet_filter is None else list_rules(packet_filter, self._list_versions()))
+
+    def restore(self, before: contract.Rules) -> None:
+        self._arrange([_parse_rule(text) for text in before])
+
+    def _arrange(self, planned: typing.List[UfwRule]) -> None:
+        """Make these rules our only ones, each in its place."""
+        good = {rule.text for rule in planned} - self._find_misplaced()
+        current = [_parse_rule(text) for text in self.read_rules()]
         # Rules that allow come first and go last, so no member of the fleet is kept out meanwhile.
+        for rule in sorted(current, key=lambda rule: rule.is_allow):
+            if rule.text not in good:
+                contract.run_or_fail(rule.command("delete"))
+        missing = [rule for rule in planned if rule.text not in good & {other.text for other in current}]
         for rule in reversed([rule for rule in missing if rule.is_allow]):
             contract.run_or_fail(rule.command("prepend"))
         for rule in [rule for rule in missing if not rule.is_allow]:
             contract.run_or_fail(rule.command(*self._choose_position(rule.version)))
-
-    def _delete_others(self, planned: typing.List[UfwRule]) -> typing.List[UfwRule]:
-        """Delete our rules that are not planned or not in their place; returns the planned rules that are then missing."""
-        good = {rule.text for rule in planned} - self._find_misplaced()
-        current = [_parse_rule(text) for text in self.read_rules()]
-        for rule in sorted(current, key=lambda rule: rule.is_allow):
-            if rule.text not in good:
-                contract.run_or_fail(rule.command("delete"))
-        return [rule for rule in planned if rule.text not in good & {other.text for other in current}]
 
     def try_out(self, packet_filter: typing.Optional[PacketFilter]) -> None:
         before = self.undo_files()
@@ -123,15 +125,6 @@ class BackEnd(contract.BackEnd):
         finally:
             for path, content in before:
                 _restore_file(path, content)
-
-    def restore(self, before: contract.Rules) -> None:
-        """Restore our rules with commands of ufw. Their order may differ: the next run corrects it."""
-        for rule in [_parse_rule(text) for text in self.read_rules()]:
-            if rule.text not in before:
-                contract.run_or_fail(rule.command("delete"))
-        missing = [_parse_rule(text) for text in before if text not in self.read_rules()]
-        for rule in sorted(missing, key=lambda rule: rule.is_allow):
-            contract.run_or_fail(rule.command("prepend"))
 
     def undo_files(self) -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]:
         return [(path, atomic.read_bytes(path)) for path in FILES.values() if os.path.exists(path)]

@@ -4,6 +4,7 @@
 """What a watch over the fleet tells: progress, and the moment and place of the first loss."""
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch import watch
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch import progress
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch.progress import Event, LostValue, WatchAnswer
 from hypothesis import given
@@ -54,6 +55,14 @@ def test_progress_tells_only_what_is_new():
     assert head == "watched 3:20 of 15:00: 42 values on 2 computers, 1 lost now"
     assert line.endswith("(1:04 after the start): a hears no heartbeat of b on the group")
     assert "\n" not in progress.describe_progress(told, 900, {"a": 2})
+
+
+def test_events_that_a_computer_does_not_list_are_counted():
+    told = {"a": WatchAnswer(3, 30.0, dropped=7), "b": WatchAnswer(3, 30.0, dropped=2)}
+    assert progress.describe_progress(told, 60, {}).splitlines()[1:] == [
+        "  9 events are not listed, since a computer lists 500 at most"
+    ]
+    assert progress.MOST_EVENTS == watch.EVENTS
 
 
 def test_what_returned_is_told():

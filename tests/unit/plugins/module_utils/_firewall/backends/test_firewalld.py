@@ -41,6 +41,13 @@ def test_rules_in_the_words_of_firewall_cmd():
         assert rule in rules
 
 
+def test_a_port_is_opened_to_the_protected_networks_alone():
+    networks = ("10.6.0.0/24", "10.7.0.0/24")
+    rules = firewalld.plan_policies(WANTED._replace(networks=networks))[firewalld.FORWARD]
+    assert all(rule.destination for rule in rules)
+    assert [rule.destination for rule in rules if rule.action == "accept" and rule.ports == "2222"] == list(networks)
+
+
 def test_ports_of_ssh_are_neither_opened_nor_closed():
     rules = firewalld.BackEnd(False).plan_rules(WANTED._replace(open_ports=(), ssh=(2222,)))
     assert not any('"2222"' in rule for rule in rules)

@@ -108,6 +108,18 @@ def test_the_rules_that_keep_out_go_first(machine):
     assert [line.split()[3] for line in asked] == ["deny", "allow"]
 
 
+def test_missing_rules_are_restored_in_their_places(machine):
+    asked = machine(ALLOW + OURS, OTHERS)
+    ufw.BackEnd(False).restore(sorted([ALLOW, ALLOW.replace("10.5.0.1", "10.5.0.2"), DENY]))
+    assert [line.split(" proto")[0] for line in asked] == ["ufw prepend allow", "ufw insert 2 deny"]
+
+
+def test_rules_that_were_not_there_are_taken_back(machine):
+    asked = machine(ALLOW + OURS, DENY + OURS, OTHERS)
+    ufw.BackEnd(False).restore([])
+    assert [line.split()[3] for line in asked] == ["deny", "allow"]
+
+
 def test_a_strange_rule_with_our_comment_is_named(machine):
     machine("limit tcp 22 0.0.0.0/0 any 0.0.0.0/0 in_eth0 x" + OURS)
     with pytest.raises(Problem, match="ufw has a rule with the comment rosfleet.multimaster that this module has not"):
