@@ -97,7 +97,7 @@ def split_concerns(args: Args, word: str) -> tuple[dict[str, Any], dict[str, Any
 
 def choose_confirmations(trial: Args, first: Result) -> dict[str, Any]:
     """Return the options that confirm each waiting concern. Without an answer of the first run, all may wait."""
-    concerns = first.get("concerns") or {name: [{"unconfirmed": True}] for name in trial}
+    concerns = results_of(first) or {name: [{"unconfirmed": True}] for name in trial}
     return {
         name: {**options, "confirm_within": 0}
         for name, options in trial.items()
@@ -105,22 +105,30 @@ def choose_confirmations(trial: Args, first: Result) -> dict[str, Any]:
     }
 
 
+def results_of(answer: Result) -> dict[str, list[Result]]:
+    """Return the results of each concern in an answer: any number, since a robot has written it."""
+    return {name: [one for one in results or () if one] for name, results in (answer.get("concerns") or {}).items()}
+
+
 def join_results(first: Result, second: Result) -> Result:
     """Return the results of both runs as one. The first has the changes; the second has the confirmation and the other concerns."""
     if not first:
         return second
     shown = list(first.get("diff", []))
-    concerns = {**first["concerns"], **second.get("concerns", {})}
-    for name, [done] in first["concerns"].items():
-        if done.get("unconfirmed") and name in second.get("concerns", {}) and not concerns[name][-1].get("failed"):
-            concerns[name] = [{**done, "unconfirmed": False, "confirmed": True}]
+    trial, later = results_of(first), results_of(second)
+    concerns = {**trial, **later}
+    for name in trial.keys() & later.keys():
+        waits = any(one.get("unconfirmed") for one in trial[name])
+        if waits and not any(one.get("failed") for one in later[name]):
+            confirmed = {"unconfirmed": False, "confirmed": True}
+            concerns[name] = [{**one, **confirmed} if one.get("unconfirmed") else one for one in trial[name]]
     merged = {
         **second,
-        "changed": bool(second.get("changed") or (first["changed"] and not second.get("rolled_back"))),
+        "changed": bool(second.get("changed") or (first.get("changed") and not second.get("rolled_back"))),
         "concerns": concerns,
         "diff": shown + [entry for entry in second.get("diff", []) if entry not in shown],
         "warnings": [*first.get("warnings", []), *second.get("warnings", [])],
     }
     if not second.get("failed"):
-        merged["msg"] = " ".join(one["msg"] for results in concerns.values() for one in results)
+        merged["msg"] = " ".join(one.get("msg") or "" for results in concerns.values() for one in results)
     return merged

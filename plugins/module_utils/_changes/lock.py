@@ -53,7 +53,10 @@ def hold(folders: typing.Iterable[str], name: str) -> typing.Iterator[typing.Lis
 
 
 def read_undisturbed(folder: str, read: typing.Callable[[], T]) -> T:
-    """Return what `read` returns while no run holds the lock. Raises Problem as `hold`, and what `read` raises."""
+    """Return what `read` returns while no run holds the lock. Raises Problem as `hold`, and what `read` raises.
+
+    What was read while a run changed something is neither returned nor raised.
+    """
     deadline = time.monotonic() + WAIT
     while True:
         before = _trace(folder)  # first: a run may begin after the wait
@@ -61,11 +64,16 @@ def read_undisturbed(folder: str, read: typing.Callable[[], T]) -> T:
         try:
             content = read()
         except Problem:
-            if _trace(folder) == before or time.monotonic() > deadline:
+            if _trace(folder) == before:
                 raise
-            continue
-        if _trace(folder) == before or time.monotonic() > deadline:
-            return content
+        else:
+            if _trace(folder) == before:
+                return content
+        if time.monotonic() > deadline:
+            raise Problem(
+                f"Other runs have changed this computer again and again for {WAIT:g} s, so no state of it could be read: "
+                "wait for their end and run the play again."
+            )
 
 
 class _Lock(typing.NamedTuple):

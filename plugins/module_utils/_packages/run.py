@@ -86,12 +86,16 @@ class Packages(ModuleRun):
 
     def apply(self) -> None:
         """Record and install, or remove and forget. Raises Problem; what was installed before it stays in the record."""
+        last: typing.Optional[ManagedFiles] = self.record
         if self.changes.new:
-            self._record_of(self.changes.intent).apply()
+            # What goes stands in the record beside what comes, until it is gone.
+            (self._record_of(self.changes.intent) if self.changes.leftover else self.record).apply()
+            last = self._record_of(self.changes.after) if self.changes.leftover else None
             _apt("install", "--no-install-recommends", *self.changes.new)
         if self.removed:
             _apt("remove", *self.removed)
-        self._record_of(self.changes.after).apply()
+        if last:
+            last.apply()
 
     def failure(self, problem: Problem) -> Fields:
         """Return the return values beside the sentence: apt may have installed a part."""

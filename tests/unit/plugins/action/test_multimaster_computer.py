@@ -128,6 +128,27 @@ def test_a_lost_answer_may_be_that_of_any_change(play):
     assert result["concerns"]["sysctl"] == DONE
 
 
+@pytest.mark.parametrize("number", [0, 1, 2, 3])
+def test_a_concern_has_as_many_results_as_the_robot_says(play, number):
+    """They are data of a robot, and of a list of bundles there are several."""
+    several = [*RIGHT * (number - 1), *WAITS][:number]
+    first = answer(sysctl=WAITS, routes=several)
+    result, _runs, _connection = play(first, answer(sysctl=DONE, routes=DONE, managed_files=DONE))
+    confirmed = {**WAITS[0], "unconfirmed": False, "confirmed": True}
+    waits = [confirmed if one["unconfirmed"] else one for one in several]
+    assert result["concerns"]["routes"] == (waits if confirmed in waits else DONE)
+    assert result["concerns"]["sysctl"] == [confirmed]
+
+
+@pytest.mark.parametrize("concerns", [None, {}, {"sysctl": None}, {"sysctl": [None]}, {"sysctl": [{}]}])
+def test_an_answer_that_lacks_values_ends_in_no_traceback(play, concerns):
+    waiting = {"unconfirmed": True, "concerns": concerns}
+    result, runs, _connection = play(waiting, answer(sysctl=DONE, managed_files=DONE))
+    assert (len(runs), result["changed"]) == (2, True)
+    failed = {"failed": True, "msg": "No.", "concerns": concerns}
+    assert play(answer(sysctl=WAITS), failed)[0]["msg"] == "No."
+
+
 def test_what_was_taken_back_is_no_change(play):
     back = {"failed": True, "msg": "Taken back.", "changed": False, "rolled_back": True}
     result, _runs, _connection = play(answer([1], sysctl=WAITS, routes=WAITS), back)

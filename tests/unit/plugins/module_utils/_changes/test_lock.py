@@ -193,6 +193,22 @@ def test_a_refusal_of_a_half_state_is_looked_at_again(records):
     assert (lock.read_undisturbed(str(records), read), len(looks)) == ("whole", 2)
 
 
+@pytest.mark.parametrize("refuses", [False, True])
+def test_a_reading_that_is_always_disturbed_is_none(records, monkeypatch, refuses):
+    monkeypatch.setattr(lock, "WAIT", 0.1)
+    records.mkdir(parents=True)
+
+    def read():
+        (records / str(time.monotonic_ns())).touch()  # as a run would that begins now
+        time.sleep(0.01)
+        if refuses:
+            raise Problem("Half a state.")
+        return "half"
+
+    with pytest.raises(Problem, match="Other runs have changed this computer again and again for 0.1 s"):
+        lock.read_undisturbed(str(records), read)
+
+
 def test_check_mode_makes_nothing(records, tmp_path):
     assert lock.read_undisturbed(str(records), lambda: 7) == 7
     assert list(tmp_path.iterdir()) == []

@@ -7,6 +7,7 @@ import itertools
 import random
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._packages import run
@@ -67,6 +68,20 @@ def test_what_is_wanted_no_more_goes_when_nothing_needs_it(apt):
     assert not apt.bring(keep=True).changed
     assert apt.bring().result() == {"installed": [], "removed": ["ros-b"]}
     assert apt.installed == {"ros-a"} and not apt.record.exists()
+
+
+@pytest.mark.parametrize(
+    ("before", "wanted", "times"),
+    [((), (), 1), (("ros-a",), ("ros-a",), 1), ((), ("ros-a",), 1), (("ros-a",), (), 1), (("ros-a",), ("ros-b",), 3)],
+    ids=["nothing", "as before", "one comes", "one goes", "one for the other"],
+)
+def test_the_record_is_read_once_unless_it_changes_meanwhile(apt, monkeypatch, before, wanted, times):
+    apt.bring(*before)
+    read, loads = record.Record.load, []
+    monkeypatch.setattr(record.Record, "load", lambda self: loads.append(self.path) or read(self))
+    apt.bring(*wanted)
+    assert len(loads) == times
+    assert apt.installed == set(wanted) and apt.record.exists() is bool(wanted)
 
 
 def test_a_failure_says_what_apt_said_and_the_next_run_goes_on(apt):
