@@ -25,7 +25,7 @@ attributes:
     support: full
 """
 
-    # For modules that only look: nothing changes, so there is nothing to show as a difference.
+    # For modules that only read: nothing changes, so there is nothing to show as a difference.
     INFO = r"""
 options: {}
 attributes:
@@ -37,6 +37,25 @@ attributes:
     support: N/A
   idempotent:
     description: Changes nothing.
+    support: full
+  platform:
+    description: The systems on which the module runs.
+    platforms: linux
+    support: full
+"""
+
+    # For modules that measure: they send packets, and may leave a process behind for a while.
+    PROBE = r"""
+options: {}
+attributes:
+  check_mode:
+    description: Changes no file and no setting, so check mode shows no change.
+    support: full
+  diff_mode:
+    description: Changes no file and no setting, so there is no difference to show.
+    support: N/A
+  idempotent:
+    description: Changes no file and no setting.
     support: full
   platform:
     description: The systems on which the module runs.

@@ -79,7 +79,7 @@ options:
     choices: [auto, all]
     default: all
   logs:
-    description: The name of the variable that every computer registered from M(rosfleet.multimaster.multimaster_logs), for example
+    description: The name of the variable that every computer registered from M(rosfleet.multimaster.multimaster_logs_info), for example
       V(verify_logs); empty for no logs. Of each computer the last 60000 letters are kept, of all computers 4000000.
     type: str
     default: ""
@@ -95,7 +95,7 @@ author:
   - rosfleet contributors (@rosfleet)
 seealso:
   - module: rosfleet.multimaster.fleet_report
-  - module: rosfleet.multimaster.multimaster_logs
+  - module: rosfleet.multimaster.multimaster_logs_info
 """
 
 EXAMPLES = r"""

@@ -21,7 +21,7 @@ description:
     on a raw socket, so a discovery node of any user keeps its port, its datagrams, its log and its list of masters.
   - It is a measurement, so a missing computer is a result and no failure, unless O(fail_on_missing=true).
 extends_documentation_fragment:
-  - rosfleet.multimaster.attributes.info
+  - rosfleet.multimaster.attributes.probe
 attributes:
   check_mode:
     support: full

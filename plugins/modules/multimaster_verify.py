@@ -20,13 +20,10 @@ description:
     one begins.
   - With O(state=streamed), between the last two, it sends for a moment to the talker of each other computer and returns how fast
     that was. Such a task needs C(throttle) with V(1), since streams at the same time would measure each other.
-  - The process of the run with O(state=started) waits for at most O(lifetime) behind a socket of root's, and does the run with
-    O(state=collected) when the controller asks there, which saves that computer the start of a module. Where it is gone, or the
-    connection has no pipelining, the module starts as usual.
   - It is a measurement, so what is missing is a result and no failure; M(rosfleet.multimaster.fleet_report) judges it.
   - It runs the commands of ROS as the user C(nobody) and needs root itself, for raw sockets and for the talker's unit.
 extends_documentation_fragment:
-  - rosfleet.multimaster.attributes.info
+  - rosfleet.multimaster.attributes.probe
 attributes:
   check_mode:
     support: full

@@ -18,7 +18,7 @@ description:
     O(state=stopped) ends it. The process ends by itself after O(lifetime).
   - It joins no group, opens no port for others and sends nothing but a TCP connection every three seconds to each master.
 extends_documentation_fragment:
-  - rosfleet.multimaster.attributes.info
+  - rosfleet.multimaster.attributes.probe
 attributes:
   check_mode:
     support: full

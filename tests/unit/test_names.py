@@ -94,6 +94,18 @@ def test_a_word_decides(name, is_class, wrong):
     assert refused(name, is_class) is wrong
 
 
+MODULES = sorted((ROOT / "plugins/modules").glob("[a-z]*.py"))
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.stem)
+def test_a_module_says_by_its_name_where_it_works(path):
+    """Code for a computer, or none; documented as one that only reads, or not."""
+    text = path.read_text(encoding="utf-8")
+    assert path.stem.startswith("fleet_") is ("def main()" not in text)
+    reads = "rosfleet.multimaster.attributes.info\n" in text and not path.stem.startswith("fleet_")
+    assert path.stem.endswith("_info") is reads
+
+
 def test_names_of_tests_are_short_and_there_once():
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
         names = [

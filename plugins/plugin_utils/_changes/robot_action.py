@@ -85,7 +85,9 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
         if not text:
             return self._explain_silence(res)
         try:
-            checked = answer.check_answer(text, answer_of(self._task.action.rpartition(".")[2]))
+            # A play may have a former name of the module, which is a redirect.
+            module = (self._task.resolved_action or self._task.action).rpartition(".")[2]
+            checked = answer.check_answer(text, answer_of(module))
         except answer.StrangeAnswer as strange:
             return {"failed": True, "msg": self._explain_strange_answer(str(strange))}
         result = dict(checked.result)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The action multimaster_logs: runs the module multimaster_logs, and returns its documented answer."""
+"""The action multimaster_logs_info: runs the module multimaster_logs_info, and returns its documented answer."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 # GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
 
 DOCUMENTATION = r"""
-module: multimaster_logs
+module: multimaster_logs_info
 short_description: Read the last lines that the services of the collection have logged
 version_added: "0.1.0"
 description:
@@ -29,7 +29,7 @@ seealso:
 
 EXAMPLES = r"""
 - name: Read what the services said
-  rosfleet.multimaster.multimaster_logs:
+  rosfleet.multimaster.multimaster_logs_info:
     services: [roscore, discovery, sync]
     lines: 50
   register: verify_logs

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The module multimaster_logs refuses what is no service or no number. What it reads: tests/systems/test_bundle.py."""
+"""The module multimaster_logs_info refuses what is no service or no number. What it reads: tests/systems/test_bundle.py."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.modules.multimaster_logs import find_wrong_value
+from ansible_collections.rosfleet.multimaster.plugins.modules.multimaster_logs_info import find_wrong_value
 
 
 @pytest.mark.parametrize("name", ["../x", "a b", "-x", "", "sync\n", "*"])
