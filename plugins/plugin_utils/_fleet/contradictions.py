@@ -19,12 +19,15 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.export
     FROM_SERVER,
     KINDS,
     Export,
+    make_node_filters,
     topics_of,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import (
     BUILT_IN,
     WHITE_LISTS,
+    Filters,
     matches,
+    usable,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import list_givers, make_flows
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
@@ -144,12 +147,10 @@ def _find_collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[st
 def _match_givers(parties: Sequence[Party], key: str) -> Iterator[tuple[str, dict[str, list[Export]]]]:
     """Return each exported name of a kind, with robot -> its entries for this name or for a pattern of it."""
     givers = _group_entries(parties, key)
-    patterns = {
-        name: re.compile(name.replace("*", ".*"), re.IGNORECASE) for name in givers if _CERTAIN_NODES.match(name)
-    }
+    patterns = [name for name in givers if _CERTAIN_NODES.match(name)]
     for name in (name for name in givers if "*" not in name):
         by_robot = {robot: list(entries) for robot, entries in givers[name].items()}
-        for pattern in (text for text, compiled in patterns.items() if compiled.fullmatch(name)):
+        for pattern in (pattern for pattern in patterns if matches([pattern], name)):
             for robot, entries in givers[pattern].items():
                 by_robot.setdefault(robot, []).extend(entries)
         yield name, by_robot
@@ -233,19 +234,16 @@ def _is_ignored(filters: Mapping[str, Sequence[str]], key: str, name: str, parts
     """Return True if filters surely ignore this name. Of an action the topics `parts` count."""
     if "*" in name:
         return False
+    parameters = make_node_filters(filters)
     if key == "services":
-        return matches(filters.get("ignore_services", ()), name)
-    ignored = [
-        *filters.get("ignore_topics", ()),
-        *filters.get("ignore_publishers", ()),
-        *topics_of(filters.get("ignore_actions", ()), FROM_CLIENT + FROM_SERVER),
-    ]
+        return usable(parameters.get("ignore_services", ())).matches(name)
     topics = topics_of([name], parts) if key == "actions" else (name,)
-    return any(matches(ignored, topic) for topic in topics)
+    return any(
+        usable(parameters.get(ignored, ())).matches(topic)
+        for ignored in ("ignore_topics", "ignore_publishers")
+        for topic in topics
+    )
 
 
 def _is_master_ignored(filters: Mapping[str, Sequence[str]], master: str) -> bool:
-    wanted = filters.get("sync_hosts", ())
-    if not master:
-        return False
-    return not matches(wanted, master) if wanted else matches(filters.get("ignore_hosts", ()), master)
+    return bool(master) and not Filters(make_node_filters(filters)).wants_host(master)

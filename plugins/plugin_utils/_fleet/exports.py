@@ -61,6 +61,15 @@ def topics_of(actions: Iterable[str], parts: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"(?:{name})/{part}" if "|" in name else f"{name}/{part}" for name in names for part in parts)
 
 
+def make_node_filters(filters: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
+    """Return filters of the fleet by the parameters of the nodes, an action as its five topics."""
+    parameters: dict[str, list[str]] = {}
+    for name, patterns in filters.items():
+        texts = topics_of(patterns, FROM_CLIENT + FROM_SERVER) if name.endswith("_actions") else patterns
+        parameters.setdefault(FILTERS[name], []).extend(texts)
+    return parameters
+
+
 # Reading
 
 

@@ -11,6 +11,7 @@ from ipaddress import IPv4Address, IPv4Network, ip_address, ip_network
 from typing import Any, TypeVar
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import Filters, InvalidPattern
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue, nearest
 
 T = TypeVar("T")
@@ -180,7 +181,7 @@ def filters(value: Any) -> dict[str, list[str]]:
     """Read filters: lists of patterns, by the names in FILTERS."""
     if not isinstance(value, Mapping):
         raise UnexpectedValue("a mapping of filters, such as {ignore_topics: [/tf]}")
-    read = {}
+    read: dict[str, list[str]] = {}
     for key, patterns in value.items():
         if key not in FILTERS:
             raise UnexpectedValue(
@@ -188,16 +189,11 @@ def filters(value: Any) -> dict[str, list[str]]:
             )
         if not isinstance(patterns, (list, tuple)):
             raise UnexpectedValue(f"a list of patterns at '{key}', such as [/tf, '/camera/*']")
-        for pattern in patterns:
-            _check_pattern(key, pattern)
+        if not all(isinstance(pattern, str) and pattern.strip() for pattern in patterns):
+            raise UnexpectedValue(f"patterns at '{key}' that are texts and not empty")
         read[str(key)] = [str(pattern) for pattern in patterns]
+        try:
+            Filters(exports.make_node_filters(read)).check()  # as the nodes check them at their start
+        except InvalidPattern as problem:
+            raise UnexpectedValue(f"regular expressions at '{key}', but {problem}") from None
     return read
-
-
-def _check_pattern(key: str, pattern: Any) -> None:
-    if not isinstance(pattern, str) or not pattern.strip():
-        raise UnexpectedValue(f"patterns at '{key}' that are texts and not empty")
-    try:
-        re.compile(pattern.strip().replace("*", ".*"))
-    except re.error as problem:
-        raise UnexpectedValue(f"regular expressions at '{key}', but '{pattern}' is none ({problem})") from None

@@ -12,12 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
-    FILTERS,
-    FROM_CLIENT,
-    FROM_SERVER,
-    topics_of,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import make_node_filters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import (
     HOSTS,
     NAMES,
@@ -157,11 +152,8 @@ def _make_sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
 
 
 def _list_filters(robot: Robot) -> Filters:
-    """Return the robot's filters in upstream's names, an action as its five topics."""
-    parameters: Filters = {}
-    for name, patterns in robot.variables.filters.items():
-        texts = topics_of(patterns, FROM_CLIENT + FROM_SERVER) if name.endswith("_actions") else patterns
-        parameters.setdefault(FILTERS[name], []).extend(texts)
+    """Return the robot's filters. A white list also has the topics of the verification."""
+    parameters = make_node_filters(robot.variables.filters)
     if any(parameters.get(name) for name in WHITE_LISTS):
         parameters.setdefault("sync_topics", []).append(VERIFICATION_TOPICS)
     return parameters

@@ -3,6 +3,8 @@
 
 """The action fleet_adopt: what the machines registered in, a folder out, or one sentence."""
 
+import contextlib
+import os
 import pathlib
 import sys
 import types
@@ -77,6 +79,19 @@ def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path):
     (tmp_path / "file").write_text("")
     result = adopt(tmp_path / "file" / "fleet")
     assert result["failed"] and "cannot be written" in result["msg"] and "adopt_inventory" in result["msg"]
+
+
+@pytest.mark.parametrize(
+    "error", [UnicodeEncodeError("utf-8", "x", 0, 1, "a surrogate"), KeyboardInterrupt(), OSError(28, "full")]
+)
+def test_an_end_half_way_leaves_nothing(tmp_path, monkeypatch, error):
+    def rename(*_paths):
+        raise error
+
+    monkeypatch.setattr(os, "rename", rename)
+    with contextlib.suppress(UnicodeEncodeError, KeyboardInterrupt):
+        assert adopt(tmp_path / "fleet")["failed"]
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
