@@ -208,7 +208,7 @@ def through_print(text):
 def through_systemd(text):
     sent = []
     with patch.object(systemd.socket, "socket") as made, patch.dict(systemd.os.environ, NOTIFY_SOCKET="/x"):
-        made.return_value.__enter__.return_value.sendto.side_effect = lambda data, _path: sent.append(data)
+        made.return_value.__enter__.return_value.sendmsg.side_effect = lambda parts, *_more: sent.append(parts[0])
         systemd.notify("STOPPING=1", f"STATUS={text}")
     lines = sent[0].decode().split("\n")
     assert len(lines) == 2 and lines[1].startswith("STATUS=")

@@ -215,7 +215,7 @@ def test_ros_has_three_files(path):
 #: what touches the outside -> the only files of the nodes that import it; wait_for_master.py runs alone, without these
 OUTSIDE = {
     "socket": "discovery/rpc_server discovery/udp edge/addresses edge/connections edge/lifeline edge/loop edge/process/systemd "
-    "edge/ros edge/rpc_client roscore/door roscore/master roscore/tcpros sync/connection_ender",
+    "edge/rpc_client roscore/door roscore/master roscore/tcpros sync/connection_ender",
     "socketserver": "discovery/rpc_server",
     "select": "",
     "selectors": "edge/loop",

@@ -560,7 +560,7 @@ def test_an_address_that_is_none_is_refused_in_few_words(uri):
 )
 def test_what_cannot_be_unpacked_is_one_kind_of_failure(body):
     with contextlib.suppress(OSError, ValueError):
-        assert b"".join(unpack(body, 100)) == b""
+        assert b"".join(unpack([body], 100)) == b""
 
 
 def test_the_numbers_of_strangers_are_short():

@@ -43,9 +43,9 @@ def test_what_libraries_write_is_never_too_dear(values):
 
 
 def test_unpacking_is_bounded():
-    assert b"".join(unpack(gzip.compress(b"abc"), 3)) == b"abc"
+    assert b"".join(unpack([gzip.compress(b"abc")], 3)) == b"abc"
     with pytest.raises(ValueError, match="more than 2 bytes"):
-        list(unpack(gzip.compress(b"abc"), 2))
+        list(unpack([gzip.compress(b"abc")], 2))
 
 
 HOSTILE = {

@@ -2,18 +2,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The addresses of this computer, and those of names (IPv4 only, as ROS 1 is by default)."""
 
+import contextlib
 import os
 import socket
 import struct
 from functools import partial
-from typing import Dict, Iterable, List, NamedTuple, Set, Tuple
+from typing import Dict, Iterable, Iterator, List, NamedTuple, Set, Tuple
 from urllib.parse import urlsplit
 
 from .patience import run_with_limit
 
+# linux/netlink.h
+REQUEST, ACKNOWLEDGE, ALL = 0x1, 0x4, 0x300  # flags of a question; the last one: all there are, NLM_F_DUMP
+_ERROR, _DONE = 2, 3  # kinds of messages that end an answer
 # linux/rtnetlink.h, linux/if_link.h, linux/if_addr.h and net/if.h
-_RTM_NEWLINK, _RTM_GETLINK, _RTM_NEWADDR, _RTM_GETADDR, _RTM_NEWROUTE, _RTM_GETROUTE = 16, 18, 20, 22, 24, 26
-_ROOT_REQUEST = 0x301  # NLM_F_REQUEST | NLM_F_ROOT | NLM_F_MATCH: all there are
+_RTM_GETLINK, _RTM_GETADDR, _RTM_GETROUTE = 18, 22, 26
 _IFA_ADDRESS, _IFA_LOCAL, _RTA_DST, _RTN_LOCAL, _IFF_RUNNING = 1, 2, 1, 2, 0x40
 _GROUPS = 0x1 | 0x10 | 0x40  # RTMGRP_LINK | RTMGRP_IPV4_IFADDR | RTMGRP_IPV4_ROUTE
 
@@ -30,13 +33,11 @@ def network() -> Network:
     """The network of this computer as the kernel tells it now. Raises OSError."""
     of = dict(addresses())
     own, running = set(of), set()
-    for head, parts in _dump_table(
-        _RTM_GETROUTE, _RTM_NEWROUTE, struct.pack("=BBBBBBBBI", socket.AF_INET, *[0] * 8), 12
-    ):
+    for head, parts in _list(_RTM_GETROUTE, 12):
         length, kind = head[1], head[7]
         if kind == _RTN_LOCAL and length == 32 and len(parts.get(_RTA_DST, b"")) == 4:
             own.add(socket.inet_ntoa(parts[_RTA_DST]))
-    for head, _parts in _dump_table(_RTM_GETLINK, _RTM_NEWLINK, bytes(16), 16):
+    for head, _parts in _list(_RTM_GETLINK, 16, socket.AF_UNSPEC):
         index, flags = struct.unpack_from("=iI", head, 4)
         if flags & _IFF_RUNNING:
             running.add(index)
@@ -46,7 +47,7 @@ def network() -> Network:
 def networks() -> List[str]:
     """The networks of this computer's interfaces, as 192.168.1.2/24; not the loopback's."""
     found = []
-    for head, parts in _dump_table(_RTM_GETADDR, _RTM_NEWADDR, struct.pack("=BBBBI", socket.AF_INET, 0, 0, 0, 0), 8):
+    for head, parts in _list(_RTM_GETADDR, 8):
         address = parts.get(_IFA_ADDRESS, b"")  # the other end's, on a point-to-point link
         if len(address) == 4 and address[0] != 127:
             found.append(f"{socket.inet_ntoa(address)}/{head[1]}")
@@ -56,33 +57,47 @@ def networks() -> List[str]:
 def addresses() -> List[Tuple[str, int]]:
     """(IPv4 address, index of its interface) of this computer."""
     found: List[Tuple[str, int]] = []
-    for head, parts in _dump_table(_RTM_GETADDR, _RTM_NEWADDR, struct.pack("=BBBBI", socket.AF_INET, 0, 0, 0, 0), 8):
+    for head, parts in _list(_RTM_GETADDR, 8):
         address = parts.get(_IFA_LOCAL, parts.get(_IFA_ADDRESS, b""))
         if len(address) == 4:
             found.append((socket.inet_ntoa(address), struct.unpack_from("=I", head, 4)[0]))
     return found
 
 
-def _dump_table(request: int, answer: int, head: bytes, size: int) -> List[Tuple[bytes, Dict[int, bytes]]]:
-    """What the kernel lists (rtnetlink(7)): of each entry the head, which has this size, and the attributes."""
-    found: List[Tuple[bytes, Dict[int, bytes]]] = []
-    with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, 0) as kernel:
+def _list(request: int, size: int, family: int = socket.AF_INET) -> Iterator[Tuple[bytes, Dict[int, bytes]]]:
+    """What the kernel lists (rtnetlink(7)): each message, which begins with a head of this size, and its attributes."""
+    for message in ask_kernel(socket.NETLINK_ROUTE, request, REQUEST | ALL, struct.pack("=B15x", family)):
+        yield message, attributes(message, size)
+
+
+def ask_kernel(protocol: int, request: int, flags: int, body: bytes) -> Iterator[bytes]:
+    """The messages of the kernel's answer by netlink(7): a list, or at most one. Raises OSError."""
+    with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, protocol) as kernel:
         kernel.settimeout(2.0)
-        kernel.bind((0, 0))
-        kernel.send(struct.pack("=IHHII", 16 + len(head), request, _ROOT_REQUEST, 1, 0) + head)
+        kernel.send(struct.pack("=IHHII", 16 + len(body), request, flags, 1, 0) + body)
         while True:
-            data = kernel.recv(65536)
-            while data:
+            data = kernel.recv(1 << 16)
+            while len(data) >= 16:
                 length, kind = struct.unpack_from("=IH", data)
-                if kind != answer:
-                    return found
-                parts, at = {}, 16 + size
-                while at < length:
-                    part_size, part = struct.unpack_from("=HH", data, at)
-                    parts[part] = data[at + 4 : at + part_size]
-                    at += (part_size + 3) & ~3
-                found.append((data[16 : 16 + size], parts))
+                (code,) = struct.unpack_from("=i", data, 16) if kind == _ERROR else (0,)
+                if code:
+                    raise OSError(-code, os.strerror(-code))
+                if kind in (_ERROR, _DONE):  # an error of the number 0 says that it is done
+                    return
+                yield data[16:length]
+                if not flags & ALL:
+                    return
                 data = data[(length + 3) & ~3 :]
+
+
+def attributes(message: bytes, at: int) -> Dict[int, bytes]:
+    """The attributes of a message from there on, by their kind."""
+    found = {}
+    while at + 4 <= len(message):
+        size, kind = struct.unpack_from("=HH", message, at)
+        found[kind] = message[at + 4 : at + size]
+        at += max((size + 3) & ~3, 4)
+    return found
 
 
 class Changes:
@@ -95,11 +110,9 @@ class Changes:
 
     def clear(self) -> None:
         """Forget what has changed until now."""
-        try:
+        with contextlib.suppress(OSError):  # no more, or more than the socket holds
             while self.socket.recv(65536):
                 pass
-        except OSError:  # no more, or more than the socket holds
-            pass
 
 
 def resolve(name: str) -> str:
@@ -121,10 +134,8 @@ def addresses_of_all(hosts: Iterable[str]) -> Dict[str, str]:
     """Host -> IPv4 address. Hosts without one are left out."""
     found = {}
     for host in hosts:
-        try:
+        with contextlib.suppress(OSError, UnicodeError):  # one that is no host name must not hide the others
             found[host] = address_of(host)
-        except (OSError, UnicodeError):  # one that is no host name must not hide the others
-            pass
     return found
 
 

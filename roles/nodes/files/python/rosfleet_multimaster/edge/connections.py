@@ -8,16 +8,13 @@ with CONFIG_INET_DIAG_DESTROY. IPv4 only, as ROS 1 is by default.
 
 import contextlib
 import errno
-import os
 import socket
 import struct
-from typing import Callable, FrozenSet, Iterator, List, NamedTuple, Tuple
+from typing import Callable, FrozenSet, List, NamedTuple, Tuple
 
-from .addresses import addresses
+from .addresses import ACKNOWLEDGE, ALL, REQUEST, addresses, ask_kernel, attributes
 
 _NETLINK_SOCK_DIAG, _SOCK_DIAG_BY_FAMILY, _SOCK_DESTROY = 4, 20, 21
-_REQUEST, _ACK, _DUMP = 0x1, 0x4, 0x300
-_NLMSG_ERROR, _NLMSG_DONE = 2, 3
 _LISTEN, _TIME_WAIT, _STATES = 10, 6, 12  # states of TCP, numbered from 1
 _INFO = 2  # the attribute with struct tcp_info; asked for by bit 1
 _INFO_LAST_DATA_RECEIVED = 52  # bytes into it: milliseconds since data came, and then since an acknowledgement came
@@ -40,7 +37,7 @@ def connections() -> List[Tcp]:
     """The connections of this network namespace, half open ones too. Raises OSError."""
     states = ((1 << _STATES) - 1) & ~(1 | 1 << _LISTEN | 1 << _TIME_WAIT)
     body = struct.pack("=BBBBI48x", socket.AF_INET, socket.IPPROTO_TCP, 1 << (_INFO - 1), 0, states)
-    return [_tcp(message) for message in _ask(_SOCK_DIAG_BY_FAMILY, _REQUEST | _DUMP, body)]
+    return [_tcp(message) for message in ask_kernel(_NETLINK_SOCK_DIAG, _SOCK_DIAG_BY_FAMILY, REQUEST | ALL, body)]
 
 
 def owner(local: Tuple[str, int], remote: Tuple[str, int]) -> int:
@@ -49,7 +46,7 @@ def owner(local: Tuple[str, int], remote: Tuple[str, int]) -> int:
     ends = [socket.inet_pton(family, address).ljust(16, b"\0") for address, _port in (local, remote)]
     identity = struct.pack(">HH16s16s", local[1], remote[1], *ends) + struct.pack("=III", 0, 0xFFFFFFFF, 0xFFFFFFFF)
     body = struct.pack("=BBBBI48s", family, socket.IPPROTO_TCP, 0, 0, 0xFFFFFFFF, identity)
-    for message in _ask(_SOCK_DIAG_BY_FAMILY, _REQUEST, body, one=True):
+    for message in ask_kernel(_NETLINK_SOCK_DIAG, _SOCK_DIAG_BY_FAMILY, REQUEST, body):
         return int(struct.unpack_from("=I", message, _OWNER)[0])
     raise OSError(errno.ENOENT, "there is no such connection")
 
@@ -58,7 +55,7 @@ def end(connection: Tcp) -> bool:
     """End a connection; False where it has ended already. Raises OSError, PermissionError without CAP_NET_ADMIN."""
     body = struct.pack("=BBBBI48s", socket.AF_INET, socket.IPPROTO_TCP, 0, 0, 0xFFFFFFFF, connection.identity)
     try:
-        list(_ask(_SOCK_DESTROY, _REQUEST | _ACK, body))
+        list(ask_kernel(_NETLINK_SOCK_DIAG, _SOCK_DESTROY, REQUEST | ACKNOWLEDGE, body))
     except FileNotFoundError:
         return False
     return True
@@ -98,36 +95,12 @@ def addresses_of(host: str) -> FrozenSet[str]:
     return frozenset(address for address in found if not address.startswith("127."))
 
 
-def _ask(kind: int, flags: int, body: bytes, one: bool = False) -> Iterator[bytes]:
-    """Ask the kernel, and yield the messages of its answer, which is `one` of them or ends with a word. Raises OSError."""
-    with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, _NETLINK_SOCK_DIAG) as kernel:
-        kernel.settimeout(2.0)
-        kernel.send(struct.pack("=IHHII", 16 + len(body), kind, flags, 1, 0) + body)
-        while True:
-            data = kernel.recv(1 << 16)
-            while len(data) >= 16:
-                length, what = struct.unpack_from("=IH", data)
-                if what == _NLMSG_DONE:
-                    return
-                if what == _NLMSG_ERROR:
-                    (code,) = struct.unpack_from("=i", data, 16)
-                    if code:
-                        raise OSError(-code, os.strerror(-code))
-                    return
-                yield data[16:length]
-                if one:
-                    return
-                data = data[(length + 3) & ~3 :]
-
-
 def _tcp(message: bytes) -> Tcp:
     _family, state, _timer, _retransmits, identity = _MESSAGE.unpack_from(message)
     sport, dport, source, destination = struct.unpack_from(">HH4s12x4s", identity)
-    silent = 0.0
-    at = _MESSAGE.size
-    while at + 4 <= len(message):
-        size, part = struct.unpack_from("=HH", message, at)
-        if part == _INFO and size >= 4 + _INFO_LAST_DATA_RECEIVED + 8:
-            silent = min(struct.unpack_from("=II", message, at + 4 + _INFO_LAST_DATA_RECEIVED)) / 1000.0
-        at += max((size + 3) & ~3, 4)
+    info = attributes(message, _MESSAGE.size).get(_INFO, b"")
+    times = (
+        struct.unpack_from("=II", info, _INFO_LAST_DATA_RECEIVED) if len(info) >= _INFO_LAST_DATA_RECEIVED + 8 else (0,)
+    )
+    silent = min(times) / 1000.0
     return Tcp(state, (socket.inet_ntoa(source), sport), (socket.inet_ntoa(destination), dport), silent, identity)

@@ -6,6 +6,7 @@ A program is one loop in its main thread. What may block runs in a worker, which
 Each pass of the loop feeds systemd's watchdog, and nothing else does: a loop that hangs is seen.
 """
 
+import contextlib
 import queue
 import selectors
 import socket
@@ -52,10 +53,8 @@ class Loop:
         if self._woken:
             return
         self._woken = True
-        try:
+        with contextlib.suppress(OSError):  # full: it is awake already, or closed
             self._waker.send(b"!")
-        except OSError:  # full: it is awake already, or closed
-            pass
 
     def watch(self, readable: socket.socket, function: Callable[[], None]) -> None:
         """Have a function called when a socket can be read."""
@@ -83,11 +82,9 @@ class Loop:
             due = min(tick(now), now + every)
             for key, _events in self._selector.select(max(0.0, due - monotonic())):
                 key.data()
-            try:
+            with contextlib.suppress(OSError):
                 while self._wakee.recv(4096):
                     pass
-            except OSError:
-                pass
             self._woken = False  # before the calls are counted: whoever found it set has put his in
             for _count in range(self._posted.qsize()):
                 self._posted.get()()

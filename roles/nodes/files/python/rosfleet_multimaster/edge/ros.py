@@ -4,7 +4,6 @@
 
 import logging
 import os
-import socket
 import sys
 import urllib.parse
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
@@ -33,6 +32,7 @@ from ..protocol.messages import (  # noqa: E402
 from ..protocol.plain_text import LINE, plain  # noqa: E402
 from . import diagnostic_classes  # noqa: E402
 from .patience import run_with_limit  # noqa: E402
+from .rpc_client import cut  # noqa: E402
 
 _log = logging.getLogger("rosfleet.ros")
 
@@ -190,10 +190,7 @@ def _call(service: str, kind: Any, seconds: float) -> Any:
 def _end(proxy: Any) -> None:
     connection = getattr(proxy.transport, "socket", None)
     if connection is not None:
-        try:
-            connection.shutdown(socket.SHUT_RDWR)
-        except OSError:  # it has ended
-            pass
+        cut(connection)
     proxy.close()
 
 

@@ -6,13 +6,14 @@ An answer is bounded in bytes, time, nesting and memory. All answers together ar
 one large answer is read at a time, and one is made into values. The state of 5,000 topics is small on its way, packed.
 """
 
+import contextlib
 import hashlib
 import http.client
 import socket
 import threading
 import urllib.parse
 import xmlrpc.client
-from typing import Any, Callable, List, Optional, Sequence, Tuple
+from typing import Any, Callable, List, Optional, Sequence, Tuple, Type
 
 from ..protocol.plain_text import plain, quote
 from ..protocol.xml_rpc import ANSWER, DocumentTooLarge, loads
@@ -71,7 +72,7 @@ class Rpc:
         self._over = True
         connection = self._connection
         if connection is not None and connection.sock is not None:
-            _cut(connection.sock)
+            cut(connection.sock)
 
     def call(
         self,
@@ -235,32 +236,31 @@ class _Response(http.client.HTTPResponse):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self.fp = _Lines(self.fp)  # type: ignore[assignment]
+        self.fp = BoundedLines(self.fp, _HEAD, http.client.HTTPException)  # type: ignore[assignment]
 
 
-class _Lines:
-    """A file of which only so much can be read by lines."""
+class BoundedLines:
+    """A file of which only `left` bytes can be read by lines. More of them raise `problem`."""
 
-    def __init__(self, file: Any) -> None:
-        self._file, self._left = file, _HEAD
+    def __init__(self, file: Any, left: int, problem: Type[Exception]) -> None:
+        self._file, self.left, self._problem = file, left, problem
 
-    def readline(self, *limit: int) -> Any:
+    def readline(self, size: int = -1) -> bytes:
         """Read a line."""
-        line = self._file.readline(*limit)
-        self._left -= len(line)
-        if self._left < 0:
-            raise http.client.HTTPException("too many lines")
+        line: bytes = self._file.readline(self.left + 1 if size < 0 else min(size, self.left + 1))
+        self.left -= len(line)
+        if self.left < 0:
+            raise self._problem("too many lines")
         return line
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._file, name)
 
 
-def _cut(connection: socket.socket) -> None:
-    try:
+def cut(connection: socket.socket) -> None:
+    """End a connection, which another thread may wait for."""
+    with contextlib.suppress(OSError):  # it has ended
         connection.shutdown(socket.SHUT_RDWR)
-    except OSError:  # it has ended
-        pass
 
 
 def _fault(part: Any) -> xmlrpc.client.Fault:

@@ -112,8 +112,7 @@ class Document:
 
     def feed(self, data: Bytes) -> None:
         """Read a piece."""
-        for at in range(0, len(data), _PIECE):
-            piece = data[at : at + _PIECE]
+        for piece in _split(data):
             self._fed += len(piece)
             if self._fed > self._most:
                 raise DocumentTooLarge(f"it has more than {self._most} bytes")
@@ -127,12 +126,11 @@ class Document:
         return self._reader.close(), self._reader.getmethodname()
 
 
-def unpack(body: Bytes, most: int) -> typing.Iterator[bytes]:
+def unpack(pieces: typing.Iterable[Bytes], most: int) -> typing.Iterator[bytes]:
     """Unpack gzip in pieces, but not without a bound. Raises ValueError."""
     unpacker, size = zlib.decompressobj(31), 0
     try:
-        for at in range(0, len(body), _PIECE):
-            rest = body[at : at + _PIECE]
+        for rest in pieces:
             while rest and not unpacker.eof:
                 piece = unpacker.decompress(rest, _PIECE)
                 rest = unpacker.unconsumed_tail
@@ -146,9 +144,13 @@ def unpack(body: Bytes, most: int) -> typing.Iterator[bytes]:
         raise ValueError("the end of what is packed is missing")
 
 
+def _split(data: Bytes) -> typing.Iterator[Bytes]:
+    return (data[at : at + _PIECE] for at in range(0, len(data), _PIECE))
+
+
 def loads(body: Bytes, most: int = STATE, packed: bool = False) -> Values:
     """The values and the method of an XML-RPC document. Document types and entities are not read."""
     document = Document(most)
-    for piece in unpack(body, most) if packed else (body,):
+    for piece in unpack(_split(body), most) if packed else (body,):
         document.feed(piece)
     return document.close()

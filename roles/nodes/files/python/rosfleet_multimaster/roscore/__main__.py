@@ -60,12 +60,12 @@ class Roscore:
         )
         self._survivors = Survivors(self._workers, self._master)
         self._late: Optional[Registry] = None  # nodes of other computers, which may have survived a boot of this one
-        self._status, self._uri, self._shown = 0, "", ""
+        self._uri, self._shown = "", ""
         self._settled = False
         self._refusals = Refusals(self._tell)
 
-    def run(self) -> int:
-        """Serve until a signal; the exit status."""
+    def run(self) -> None:
+        """Serve until a signal."""
         journal.quiet("rosmaster", "rosgraph", "xmlrpc")
         snapshot = store.read(self._options.store) if self._options.store else None
         before = self._restore(snapshot)
@@ -87,7 +87,6 @@ class Roscore:
         self._rosout.end()
         if self._store is not None:
             self._store.sync()
-        return self._status
 
     def _tick(self, now: float) -> float:
         if self._master.done:  # by a call of `shutdown`
@@ -217,7 +216,8 @@ def main() -> int:
     # Also until the loop runs: a store may be the reason that it never does.
     program.on_request_at_once(partial(_forget_at_once, options.store))
     memory.give_back()
-    return Roscore(options).run()
+    Roscore(options).run()
+    return 0
 
 
 def _forget_at_once(folder: str) -> None:

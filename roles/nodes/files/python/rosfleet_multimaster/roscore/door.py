@@ -11,13 +11,13 @@ import logging
 import socket
 import threading
 import xmlrpc.client
-import zlib
 from http.server import BaseHTTPRequestHandler
-from typing import Any, BinaryIO, Callable, Dict, Iterator, List, NamedTuple, Tuple
+from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Tuple
 
 from ..edge.clock import monotonic
+from ..edge.rpc_client import BoundedLines, cut
 from ..protocol.plain_text import LINE, plain
-from ..protocol.xml_rpc import Document, DocumentTooLarge
+from ..protocol.xml_rpc import Document, DocumentTooLarge, unpack
 from .core.bounds import BOUNDS, Refusal, refuse, weigh
 
 _log = logging.getLogger("rosfleet.door")
@@ -102,8 +102,7 @@ class Connections:
                 return False
             longest = min(idle, key=lambda row: row[:2])[2]
             self._open.pop(longest, None)
-            with contextlib.suppress(OSError):
-                longest.shutdown(socket.SHUT_RDWR)
+            cut(longest)
         self._open[connection] = _Connection(own)
         return True
 
@@ -133,24 +132,6 @@ class Door:
         self.connections = Connections(BOUNDS["connections"].most)
 
 
-class _Head:
-    """The file of a connection. The head of a request may have only `left` bytes."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file, self.left = file, 0
-
-    def readline(self, size: int = -1) -> bytes:
-        """A line of the head."""
-        line = self._file.readline(self.left + 1 if size < 0 else min(size, self.left + 1))
-        self.left -= len(line)
-        if self.left < 0:
-            raise ConnectionAbortedError("the head of a request is too long")
-        return line
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._file, name)
-
-
 class Handler(BaseHTTPRequestHandler):
     """A connection."""
 
@@ -168,7 +149,7 @@ class Handler(BaseHTTPRequestHandler):
     def setup(self) -> None:
         """Begin."""
         super().setup()
-        self.rfile = _Head(self.rfile)
+        self.rfile = BoundedLines(self.rfile, 0, ConnectionAbortedError)
 
     def handle_one_request(self) -> None:
         """A request."""
@@ -230,7 +211,7 @@ class Handler(BaseHTTPRequestHandler):
             body = self._read_body(left)
             document = Document(most, BOUNDS["values"].most, BOUNDS["text"].most, plain_types=False)
             try:
-                for piece in _unpack(body, most) if packed else body:
+                for piece in unpack(body, most) if packed else body:
                     document.feed(piece)
                 arguments, name = document.close()
             except Exception as problem:
@@ -310,20 +291,6 @@ def _to_xml(value: Any) -> bytes:
     except Exception as problem:  # a value that XML-RPC has not
         text = xmlrpc.client.dumps(_to_fault(problem))
     return text.encode("utf-8", "xmlcharrefreplace")
-
-
-def _unpack(body: Iterator[bytes], most: int) -> Iterator[bytes]:
-    """Unpack gzip as it comes, up to `most` bytes. Raises ValueError."""
-    unpacker, size = zlib.decompressobj(31), 0
-    for packed in body:
-        while packed and not unpacker.eof:
-            piece = unpacker.decompress(packed, _PIECE)
-            packed, size = unpacker.unconsumed_tail, size + len(piece)
-            if size > most:
-                raise DocumentTooLarge(f"it has more than {most} bytes")
-            yield piece
-    if not unpacker.eof:
-        raise ValueError("the end of what is packed is missing")
 
 
 def multicall(dispatch: Callable[[str, Tuple[Any, ...]], Any], calls: Any) -> List[Any]:

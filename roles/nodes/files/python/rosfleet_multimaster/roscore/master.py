@@ -548,7 +548,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             self.topics_types.update(registry.types)
             for topic in registry.publishers:  # rosmaster lists no topics where one of them has no type
                 self.topics_types.setdefault(topic, "*")
-            self.param_server.parameters = registry.parameters
+            self.param_server.parameters.update(registry.parameters)  # it has none yet
             for table, users_of, attribute in (
                 (self.publishers, registry.publishers, "topic_publications"),
                 (self.subscribers, registry.subscribers, "topic_subscriptions"),

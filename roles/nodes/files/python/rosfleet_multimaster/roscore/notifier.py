@@ -5,6 +5,7 @@
 import logging
 import threading
 import urllib.parse
+from contextlib import closing
 from typing import Any, Callable, Optional, Tuple
 
 from ..edge.clock import monotonic
@@ -81,11 +82,8 @@ class Notifier:
         try:
             if not self._may_call(call):
                 return True, False
-            rpc = Rpc(call.uri, TIMEOUT)
-            try:
+            with closing(Rpc(call.uri, TIMEOUT)) as rpc:
                 rpc.call(call.method, "/master", *call.arguments)
-            finally:
-                rpc.close()
         except ConnectionRefusedError:
             return False, True
         except OSError as problem:

@@ -12,6 +12,7 @@ After a boot of the computer a node of another computer counts only from its fir
 import enum
 import logging
 import xmlrpc.client
+from contextlib import closing
 from functools import partial
 from typing import TYPE_CHECKING, Callable, Dict, List, NamedTuple, Optional, Set
 
@@ -73,12 +74,9 @@ def collect_endpoints(registry: Registry) -> Dict[NodeKey, Endpoints]:
 def ask(name: str, uri: str, endpoints: Endpoints) -> Answer:
     """Ask a node what it has."""
     try:
-        rpc = Rpc(uri, TIMEOUT, NODE)
-        try:
+        with closing(Rpc(uri, TIMEOUT, NODE)) as rpc:
             rpc.call("getPid", CALLER)
             has = {kind: _topics(rpc, method) for kind, method in _LISTS.items()}
-        finally:
-            rpc.close()
     except ConnectionRefusedError:
         return Answer(State.GONE)
     except OSError as problem:

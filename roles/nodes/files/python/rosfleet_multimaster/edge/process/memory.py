@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The memory of a program: the C library gives back what a large answer took, and Python looks less at what stays."""
 
+import contextlib
 import ctypes
 import gc
 
@@ -14,12 +15,10 @@ def give_back() -> None:
 
     Each of eight workers kept the pool of the largest answer that it ever read: 225 MB, where one needs 90.
     """
-    try:
+    with contextlib.suppress(OSError, AttributeError):
         library = ctypes.CDLL(None)
         library.mallopt(_M_ARENA_MAX, 1)
         library.mallopt(_M_MMAP_THRESHOLD, _THRESHOLD)
-    except (OSError, AttributeError):
-        pass
 
 
 def freeze() -> None:

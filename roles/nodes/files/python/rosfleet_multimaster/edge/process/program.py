@@ -188,21 +188,18 @@ def run(main: Callable[[], int]) -> None:
     journal.plain_streams()
     start_log()
     faulthandler.enable(2)  # the watchdog's SIGABRT shows where each thread hangs
+    status = 1
     try:
         status = main()
-    except Fatal as problem:
-        start_log()  # whatever ~log_level says
-        LOG.error("%s", problem)
-        notify(f"STATUS={problem}")
-        status = 1
     except KeyboardInterrupt:
         status = 0
-    except FAILURES as problem:  # while it started
-        start_log()
-        LOG.error("starting again: %s", problem)
-        status = 1
     except Exception as problem:  # ROS's threads would keep a broken program alive
-        start_log()
-        LOG.exception("the program cannot go on: %s", problem)
-        status = 1
+        start_log()  # whatever ~log_level says
+        if isinstance(problem, Fatal):
+            LOG.error("%s", problem)
+            notify(f"STATUS={problem}")
+        elif isinstance(problem, FAILURES):  # while it started
+            LOG.error("starting again: %s", problem)
+        else:
+            LOG.exception("the program cannot go on: %s", problem)
     leave_process(status)

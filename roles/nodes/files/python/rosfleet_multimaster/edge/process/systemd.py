@@ -7,7 +7,7 @@ import os
 import re
 import socket
 import struct
-from typing import List, Optional
+from typing import Any, List, Optional
 
 from ...protocol.plain_text import LINE, plain
 
@@ -19,13 +19,18 @@ def notify(*assignments: str) -> None:
 
     Each assignment is one line, whatever stands in it: a text of others adds none of its own.
     """
-    path, lines = os.environ.get("NOTIFY_SOCKET", ""), [plain(text, LINE) for text in assignments]
+    lines = [plain(text, LINE) for text in assignments]
+    _send("\n".join(lines), [], f"told {lines[0]}")
+
+
+def _send(message: str, rights: List[Any], what: str) -> None:
+    path = os.environ.get("NOTIFY_SOCKET", "")
     if path:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
             try:
-                sender.sendto("\n".join(lines).encode(), "\0" + path[1:] if path.startswith("@") else path)
+                sender.sendmsg([message.encode()], rights, 0, "\0" + path[1:] if path.startswith("@") else path)
             except OSError as problem:
-                _log.warning("systemd cannot be told %s: %s", lines[0], problem)
+                _log.warning("systemd cannot be %s: %s", what, problem)
 
 
 def watchdog() -> Optional[float]:
@@ -40,15 +45,8 @@ def watchdog() -> Optional[float]:
 
 def store_socket(name: str, held: socket.socket) -> None:
     """Have systemd hold a socket while this service is started again (sd_pid_notify_with_fds(3), FDSTORE=1)."""
-    path = os.environ.get("NOTIFY_SOCKET", "")
-    if path:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
-            try:
-                sender.connect("\0" + path[1:] if path.startswith("@") else path)
-                rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, struct.pack("i", held.fileno()))]
-                sender.sendmsg([f"FDSTORE=1\nFDNAME={name}".encode()], rights)
-            except OSError as problem:
-                _log.warning("systemd cannot be given the socket: %s", problem)
+    rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, struct.pack("i", held.fileno()))]
+    _send(f"FDSTORE=1\nFDNAME={name}", rights, "given the socket")
 
 
 def restore_sockets(name: str) -> List[socket.socket]:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A file for other programs, which read it at any time: it is replaced as a whole."""
 
+import contextlib
 import os
 import stat
 
@@ -33,7 +34,5 @@ def write(path: str, text: str) -> None:
 
 def remove(path: str) -> None:
     """Remove the file, where it is there."""
-    try:
+    with contextlib.suppress(OSError):
         os.unlink(path)
-    except OSError:
-        pass
