@@ -10,10 +10,9 @@ import typing
 import xmlrpc.client
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import tcpros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import STATE
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import Strange, ask, server
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_all
 
 CALLER = "/multimaster_info"
@@ -25,10 +24,6 @@ BUNDLED, UPSTREAM = "bundled", "upstream"
 
 Row = typing.Dict[str, typing.Any]
 Tables = typing.List[typing.Dict[str, typing.List[str]]]
-
-
-class Strange(OSError):
-    """Something else than a roscore answers."""
 
 
 def masters(wanted: typing.List[Row], proc: str = "/proc") -> typing.List[Row]:
@@ -99,24 +94,12 @@ class Roscore:
 
     def ask(self, method: str, *arguments: typing.Any) -> typing.Any:
         """Call a method and return its value."""
-        try:
-            code, message, value = getattr(server(self._uri, STATE), method)(CALLER, *arguments)
-        except OSError as problem:
-            raise OSError(f"{self._uri}: {problem.strerror or quote(problem)}") from problem
-        except xmlrpc.client.Error as problem:  # another XML-RPC server, or another HTTP server
-            raise Strange(f"{self._uri}: {quote(problem)}") from problem
-        except Exception as problem:  # http.client's and expat's own
-            raise Strange(f"{self._uri}: {type(problem).__name__}") from problem
-        if code != 1:
-            raise OSError(f"{self._uri}: {method}: {quote(message)}")
-        return value
+        return ask(self._uri, CALLER, method, *arguments)
 
     def parameter(self, name: str, default: typing.Any) -> typing.Any:
-        """Return a parameter, or the default where it is not set."""
+        """Return a parameter, or the default where it gives none."""
         try:
             return self.ask("getParam", name)
-        except Strange:
-            raise
         except OSError:
             return default
 
@@ -143,16 +126,9 @@ def _discovery(roscore: Roscore, uri: str, service: str, node: str) -> Row:
     own = [master for master in entry["masters"] if master["uri"].rstrip("/") == uri.rstrip("/")]
     entry["uri"] = own[0]["monitoruri"] if own else ""
     entry["implementation"] = _implementation(entry["uri"])
-    entry["group"] = plain(_private(roscore, node, "mcast_group", ""))
-    entry["group_port"] = _number(_private(roscore, node, "mcast_port", 0))
+    entry["group"] = plain(roscore.parameter(f"{node}/mcast_group", ""))
+    entry["group_port"] = _number(roscore.parameter(f"{node}/mcast_port", 0))
     return entry
-
-
-def _private(roscore: Roscore, node: str, name: str, default: typing.Any) -> typing.Any:
-    try:
-        return roscore.parameter(f"{node}/{name}", default)
-    except OSError:
-        return default
 
 
 def _implementation(uri: str) -> str:
@@ -175,7 +151,7 @@ def _sync(roscore: Roscore, service: str, node: str) -> Row:
         entry["imports"] = [_count_imports(host) for host in roscore.call(service, tcpros.GET_SYNC_INFO)]
     except OSError as problem:
         entry["error"] = plain(problem)
-    entry["implementation"] = BUNDLED if _private(roscore, "", IMPORTS[1:], None) is not None else UPSTREAM
+    entry["implementation"] = BUNDLED if roscore.parameter(IMPORTS, None) is not None else UPSTREAM
     return entry
 
 

@@ -12,13 +12,11 @@ import shlex
 import shutil
 import time
 import typing
-import xmlrpc.client
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import tcpros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import STATE
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import ask
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, classify_error
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.regular_files import read_regular
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import BASE_PATH, text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import poll
@@ -84,17 +82,7 @@ class Ros:
 
     def ask(self, method: str, *arguments: typing.Any, caller: str = CALLER) -> typing.Any:
         """Call a method of the master API. Raises OSError with a sentence where the roscore gives no value."""
-        try:
-            code, message, value = getattr(server(self.uri, STATE), method)(caller, *arguments)
-        except OSError as problem:
-            raise OSError(f"{self.uri}: {problem.strerror or quote(problem)}") from problem
-        except xmlrpc.client.Error as problem:
-            raise OSError(f"{self.uri}: {quote(problem)}") from problem
-        except Exception as problem:  # http.client's and expat's own: something else than a roscore
-            raise OSError(f"{self.uri} answers, but not as a roscore ({type(problem).__name__})") from problem
-        if code != 1:
-            raise OSError(f"{self.uri}: {method}: {quote(message)}")
-        return value
+        return ask(self.uri, caller, method, *arguments)
 
 
 def roscore(ros: Ros, deadline: float) -> typing.Dict[str, str]:

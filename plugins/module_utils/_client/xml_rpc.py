@@ -9,8 +9,8 @@ import time
 import typing
 import xmlrpc.client
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import ANSWER, Document
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import ANSWER, STATE, Document
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
 
 CALL = 5.0  # seconds that an XML-RPC call may take, from the request to the last byte of the answer
 
@@ -65,6 +65,25 @@ class _Transport(xmlrpc.client.Transport):
 def server(uri: str, most: int = ANSWER) -> typing.Any:
     """Return an XML-RPC server that is asked with limits; an answer may have `most` bytes."""
     return xmlrpc.client.ServerProxy(uri, transport=_Transport(most))
+
+
+class Strange(OSError):
+    """Something else than a roscore answers."""
+
+
+def ask(uri: str, caller: str, method: str, *arguments: typing.Any) -> typing.Any:
+    """Call a method of the master API. Raises OSError where the roscore gives no value, and Strange where it is none."""
+    try:
+        code, message, value = getattr(server(uri, STATE), method)(caller, *arguments)
+    except OSError as problem:
+        raise OSError(f"{uri}: {problem.strerror or quote(problem)}") from problem
+    except xmlrpc.client.Error as problem:  # another XML-RPC server, or another HTTP server
+        raise Strange(f"{uri}: {quote(problem)}") from problem
+    except Exception as problem:  # http.client's and expat's own
+        raise Strange(f"{uri} answers, but not as a roscore ({type(problem).__name__})") from problem
+    if code != 1:
+        raise OSError(f"{uri}: {method}: {quote(message)}")
+    return value
 
 
 def _cut(connection: typing.Any) -> None:

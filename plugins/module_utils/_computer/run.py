@@ -15,7 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer imp
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import Concern, Options
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import deadlines
 
 _SHELLS_LIMIT = 20.0  # seconds until shells have said what they see
 SHELLS = dict(
@@ -142,7 +142,7 @@ def _read_shells(results: typing.Sequence[typing.Tuple[str, Fields]]) -> Fields:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells
 
     try:
-        return {"shells": commands.call_within(_SHELLS_LIMIT, shells.probe)}
+        return {"shells": deadlines.call_within(_SHELLS_LIMIT, shells.probe)}
     except Exception:  # a strange machine may raise anything: then the environment of shells is not known
         return {"shells": dict(shells.NOTHING_SEEN)}
 

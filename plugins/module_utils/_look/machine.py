@@ -17,7 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
     system,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import deadlines
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, Kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import read_tables
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import forwarding
@@ -117,7 +117,7 @@ def look(parameters: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.An
         if part.name not in parameters["parts"]:
             continue
         try:
-            value = commands.call_within(part.limit, part.look, *[parameters[option] for option in part.options])
+            value = deadlines.call_within(part.limit, part.look, *[parameters[option] for option in part.options])
         except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
             value = part.nothing
             result["problems"].append(

@@ -9,15 +9,11 @@ This file alone reads the output of `ip address`, `ip route get` and `ip route s
 
 import ipaddress
 import json
-import os
 import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer, run, text
-
-_UP, _LOOPBACK, _MULTICAST = 0x1, 0x8, 0x1000  # netdevice(7), linux/if.h
-_HOST_PREFIX = {"inet": 32, "inet6": 128}
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer, run
 
 
 class Address(typing.NamedTuple):
@@ -79,15 +75,10 @@ class RouteTo(typing.NamedTuple):
 def interfaces() -> typing.List[Interface]:
     """Read the network interfaces with their addresses. Raises OSError where `ip` fails."""
     answer = run(["ip", "-json", "address"])
-    if answer.status == 0:
-        try:
-            return from_json(answer.output.decode("utf-8"))
-        except ValueError:
-            pass  # iproute2 before 4.14 takes the option and prints text
-    answer = run(["ip", "-oneline", "address"])
-    if answer.status != 0:
-        raise OSError(f"the interfaces' addresses cannot be read: {quote(answer.error) or 'ip failed'}")
-    return from_text(answer.output.decode("utf-8", "replace"), links())
+    try:
+        return from_json(answer.output.decode("utf-8") if answer.status == 0 else "")
+    except ValueError as problem:
+        raise OSError(f"the interfaces' addresses cannot be read: {quote(answer.error) or 'ip failed'}") from problem
 
 
 def from_json(output: str) -> typing.List[Interface]:
@@ -112,31 +103,6 @@ def from_json(output: str) -> typing.List[Interface]:
         for link in data
         if "ifname" in link  # old versions leave empty objects
     ]
-
-
-def from_text(output: str, devices: typing.Iterable[Interface]) -> typing.List[Interface]:
-    """Add the addresses in the output of `ip -oneline address` to interfaces."""
-    addresses: typing.Dict[str, typing.List[Address]] = {}
-    lines = re.findall(
-        r"^\d+:\s+([^\s@]+)\S*\s+(inet6?)\s+([^\s/]+)(?: peer [^\s/]+)?(?:/(\d+))?", output, re.MULTILINE
-    )
-    for name, family, address, prefix in lines:
-        length = int(prefix) if prefix else _HOST_PREFIX[family]
-        addresses.setdefault(name, []).append(Address(address, length, family))
-    return [link._replace(addresses=link.addresses + tuple(addresses.get(link.name, ()))) for link in devices]
-
-
-def links(folder: str = "/sys/class/net") -> typing.List[Interface]:
-    """Read the interfaces without their addresses from the files of the kernel (sysfs(5))."""
-    devices = []
-    for name in sorted(os.listdir(folder)):
-        flags = text(os.path.join(folder, name, "flags")).strip()
-        if not flags:
-            continue  # a file such as bonding_masters
-        up, loopback, multicast = (bool(int(flags, 16) & bit) for bit in (_UP, _LOOPBACK, _MULTICAST))
-        index, mtu = (int(text(os.path.join(folder, name, file)).strip() or 0) for file in ("ifindex", "mtu"))
-        devices.append(Interface(name, index, up, multicast, loopback, mtu))
-    return devices
 
 
 # Routes

@@ -23,7 +23,11 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.he
     Helper,
     Settings,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import echo, echo_request, packet
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import (
+    echo_request,
+    packet,
+    read_echoes,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import (
     admit,
     answer,
@@ -212,10 +216,7 @@ def icmp_rounds(address: str, index: int, group: str, rounds: int) -> typing.Lis
         for number in range(rounds):
             raw.sendto(echo_request(identifier, number), (group, 0))
             until = time.monotonic() + (ICMP_LAST if number == rounds - 1 else ICMP_PAUSE)
-            while time.monotonic() < until:
-                if not select.select([raw], [], [], max(0.0, until - time.monotonic()))[0]:
-                    break
-                reply = echo(raw.recv(256), identifier)
-                if reply and reply.outcome == Outcome.ANSWERED and reply.sequence < rounds:
+            for reply in read_echoes(raw, identifier, until):
+                if reply.outcome == Outcome.ANSWERED and reply.sequence < rounds:
                     answered[reply.sequence].add(reply.source)
     return answered

@@ -33,6 +33,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.back
     leave,
     path_of,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
 
 KIND = "multicast"  # of the doors of helpers
 MOST_ICMP_ROUNDS = 5
@@ -43,10 +44,10 @@ Params = typing.Dict[str, typing.Any]
 Result = typing.Dict[str, typing.Any]
 
 
-def ipv4(text: str) -> typing.Optional[ipaddress.IPv4Address]:
+def ipv4(address: str) -> typing.Optional[ipaddress.IPv4Address]:
     """Read an IPv4 address; None for any other text."""
     try:
-        return ipaddress.IPv4Address(text)
+        return ipaddress.IPv4Address(address)
     except ValueError:
         return None
 
@@ -108,15 +109,6 @@ def wrong_computers(params: Params) -> typing.Optional[str]:
     return None
 
 
-def read(path: str) -> str:
-    """Read a file of the kernel's; empty where there is none, as without IPv6."""
-    try:
-        with open(path) as lines:
-            return lines.read()
-    except OSError:
-        return ""
-
-
 def look(params: Params) -> typing.Tuple[Result, typing.Tuple[str, ...], int]:
     """Read memberships and route of this computer; also its addresses, and the number of the interface asked for. Raises Problem."""
     try:
@@ -135,7 +127,7 @@ def look(params: Params) -> typing.Tuple[Result, typing.Tuple[str, ...], int]:
     interface = addresses.get(address)
     route = network.route_to(params["group"])
     seen = {
-        "memberships": igmp_memberships(read("/proc/net/igmp")) + igmp6_memberships(read("/proc/net/igmp6")),
+        "memberships": igmp_memberships(text("/proc/net/igmp")) + igmp6_memberships(text("/proc/net/igmp6")),
         "route": {"device": route.device, "source": route.source},
         "interface": interface.name if interface else None,
     }
@@ -203,7 +195,7 @@ def ping(settings: Settings, index: int, params: Params) -> Result:
         error = f"Cannot send ICMP echo requests to {params['icmp_group']}: {refused.strerror or refused}."
     return {
         "group": params["icmp_group"],
-        "echo_ignore_broadcasts": int(read(IGNORE_BROADCASTS) or 1),
+        "echo_ignore_broadcasts": int(text(IGNORE_BROADCASTS) or 1),
         "error": error,
         "rounds": [
             icmp_round(number, sources, settings.computers, settings.address)

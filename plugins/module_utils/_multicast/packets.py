@@ -1,10 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Packets of IPv4 and ICMP: the echo request, and the reader of its replies."""
+"""Packets of IPv4 and ICMP: the echo request, and the readers of its replies."""
 
+import select
 import socket
 import struct
+import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
@@ -79,3 +81,16 @@ def echo(received: bytes, identifier: int) -> typing.Optional[Echo]:
     if (kind_sent, echoed) != (8, identifier):
         return None
     return Echo(outer.source, sequence, REFUSALS[kind, code][0], kind, code)
+
+
+def read_echoes(link: socket.socket, identifier: int, deadline: float) -> typing.Iterator[Echo]:
+    """Yield the answers to our echo requests until the deadline (monotonic seconds)."""
+    while time.monotonic() < deadline:
+        if not select.select([link], [], [], max(0.0, deadline - time.monotonic()))[0]:
+            return
+        try:
+            answer = echo(link.recv(2048), identifier)
+        except OSError:
+            continue
+        if answer is not None:
+            yield answer

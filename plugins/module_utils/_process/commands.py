@@ -113,28 +113,6 @@ def _become(who: typing.Tuple[int, int]) -> typing.Callable[[], None]:
     return become
 
 
-def call_within(limit: float, function: typing.Callable[..., typing.Any], *arguments: typing.Any) -> typing.Any:
-    """Call a function; raise TimeoutError after `limit` seconds, since a file on a dead network disk blocks."""
-    results: typing.List[typing.Tuple[bool, typing.Any]] = []
-
-    def work() -> None:
-        try:
-            results.append((True, function(*arguments)))
-        except Exception as problem:  # raised again in the thread of the caller
-            results.append((False, problem))
-
-    thread = threading.Thread(target=work)
-    thread.daemon = True  # a blocked thread does not keep the process
-    thread.start()
-    thread.join(limit)
-    if not results:
-        raise TimeoutError(f"no answer within {limit:g} s")
-    good, value = results[0]
-    if good:
-        return value
-    raise value
-
-
 def text(path: str, most: int = 1 << 20) -> str:
     """Read the text of a regular file, at most `most` bytes of it; empty where it cannot be read."""
     try:

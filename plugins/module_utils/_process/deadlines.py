@@ -52,6 +52,15 @@ def call_all(
     return [results[number] if number in results else late(item) for number, item in enumerate(items)]
 
 
+def call_within(limit: float, function: typing.Callable[..., typing.Any], *arguments: typing.Any) -> typing.Any:
+    """Call a function; raise TimeoutError after `limit` seconds, since a file on a dead network disk blocks."""
+
+    def late(_arguments: typing.Any) -> typing.Any:
+        raise TimeoutError(f"no answer within {limit:g} s")
+
+    return call_all(lambda item: function(*item), [arguments], limit, late)[0]
+
+
 def poll(
     look: typing.Callable[[], typing.Any], wanted: typing.Callable[[typing.Any], bool], deadline: float
 ) -> typing.Any:

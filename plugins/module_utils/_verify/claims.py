@@ -11,11 +11,11 @@ import ipaddress
 import select
 import socket
 import struct
-import sys
 import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.ports import address_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
 
 ARP, REQUEST, REPLY = 0x0806, 1, 2
@@ -53,11 +53,10 @@ def questions(interfaces: typing.Iterable[network.Interface], addresses: typing.
     return list(dict.fromkeys(own + others))
 
 
-def gateways(table: str, byteorder: typing.Any = sys.byteorder) -> typing.List[str]:
-    """List the gateways in the content of /proc/net/route; the kernel prints an address as a number of the machine."""
-    rows = (line.split() for line in table.splitlines()[1:])
-    numbers = (int(row[2], 16).to_bytes(4, byteorder) for row in rows if len(row) > 2)
-    return sorted({socket.inet_ntoa(address) for address in numbers if any(address)})
+def gateways(table: str) -> typing.List[str]:
+    """List the gateways in the content of /proc/net/route (proc(5))."""
+    found = {address_of(words[2]) for words in map(str.split, table.splitlines()[1:]) if len(words) > 2}
+    return sorted(found - {"0.0.0.0"})
 
 
 def ask(wanted: typing.Sequence[Question]) -> Answers:

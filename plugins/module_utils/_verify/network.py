@@ -10,7 +10,6 @@ import ipaddress
 import json
 import os
 import re
-import select
 import socket
 import sys
 import time
@@ -24,8 +23,9 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outc
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import (
     REFUSALS,
-    echo,
+    Echo,
     echo_request,
+    read_echoes,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import run, text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_all
@@ -201,15 +201,11 @@ def losses(addresses: typing.Sequence[str]) -> typing.Dict[str, float]:
 
 def _count(link: socket.socket, identifier: int, got: typing.Dict[str, typing.Set[int]], deadline: float) -> None:
     """Note answers until the deadline, or until nothing is missing."""
-    while any(len(numbers) < COUNTED for numbers in got.values()):
-        if not select.select([link], [], [], max(0.0, deadline - time.monotonic()))[0]:
-            return
-        try:
-            heard = echo(link.recv(2048), identifier)
-        except OSError:
-            continue
-        if heard is not None and heard.outcome == Outcome.ANSWERED and heard.source in got:
+    for heard in read_echoes(link, identifier, deadline):
+        if heard.outcome == Outcome.ANSWERED and heard.source in got:
             got[heard.source].add(heard.sequence)
+        if all(len(numbers) == COUNTED for numbers in got.values()):
+            return
 
 
 def try_unused_port(address: str) -> typing.Tuple[Outcome, str]:
@@ -312,36 +308,22 @@ def _ask(
             except OSError as problem:
                 outcome, number = classify_error(problem)
                 results[address] = Answer(outcome, errno=number, tries=tries)
-        _gather(link, identifier, sent, results, time.monotonic() + answer)
+        for heard in read_echoes(link, identifier, time.monotonic() + answer) if late else ():
+            address, when = sent.get(heard.sequence, ("", 0.0))
+            if address and not results[address].ok:
+                results[address] = _judge(heard, address, when, tries)
+            if all(entry.ok for entry in results.values()):
+                return
 
 
-def _gather(
-    link: socket.socket, identifier: int, sent: typing.Dict, results: typing.Dict[str, Answer], deadline: float
-) -> None:
-    """Read answers until all addresses have answered, or until the deadline."""
-    while time.monotonic() < deadline and not all(entry.ok for entry in results.values()):
-        if not select.select([link], [], [], max(0.0, deadline - time.monotonic()))[0]:
-            break
-        _note(link, identifier, sent, results)
-
-
-def _note(link: socket.socket, identifier: int, sent: typing.Dict, results: typing.Dict[str, Answer]) -> None:
-    """Read one packet, and put what it says into the results."""
-    try:
-        heard = echo(link.recv(2048), identifier)
-    except OSError:
-        return
-    if heard is None or heard.sequence not in sent:
-        return
-    address, when = sent[heard.sequence]
-    if results[address].ok:
-        return
-    answer = Answer(heard.outcome, None, None, heard.type, heard.code, heard.source, results[address].tries)
-    if heard.outcome == Outcome.ANSWERED and heard.source == address:
-        answer = answer._replace(rtt_ms=round((time.monotonic() - when) * 1000, 3))
-    elif heard.outcome == Outcome.ANSWERED:
-        answer = answer._replace(outcome=Outcome.WRONG_SOURCE)
-    results[address] = answer
+def _judge(heard: Echo, address: str, when: float, tries: int) -> Answer:
+    """The answer to the request that was sent to an address at a time (monotonic seconds)."""
+    answer = Answer(heard.outcome, None, None, heard.type, heard.code, heard.source, tries)
+    if heard.outcome != Outcome.ANSWERED:
+        return answer
+    if heard.source != address:
+        return answer._replace(outcome=Outcome.WRONG_SOURCE)
+    return answer._replace(rtt_ms=round((time.monotonic() - when) * 1000, 3))
 
 
 def route_to_plain(route: machine.RouteTo) -> typing.Dict[str, typing.Optional[str]]:

@@ -8,13 +8,13 @@ kernel, or a connection that is closed at once. A value that cannot be read is a
 
 import hashlib
 import socket
-import struct
-import sys
 import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network, systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.ports import address_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.memberships import igmp_memberships
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_all
 
 CONNECT = 2.0  # seconds that a TCP port has to open
@@ -39,7 +39,7 @@ def read_all(targets: Targets, before: "LastLook") -> Values:
     """Read all parts."""
     values: Values = {}
     values.update(links(targets.addresses, targets.group))
-    values.update(routes(targets.destinations, _text("/proc/net/route")))
+    values.update(routes(targets.destinations, text("/proc/net/route")))
     values.update({("setting", name): setting(name) for name in targets.settings})
     values.update(services(targets.services, before))
     values.update(ports(targets.masters))
@@ -55,12 +55,12 @@ def links(addresses: typing.Sequence[str], group: str) -> Values:
         found = network.interfaces()
     except OSError as problem:
         return {("address", address): str(problem) for address in addresses}
-    members = {entry["interface"] for entry in igmp_memberships(_text("/proc/net/igmp")) if entry["group"] == group}
+    members = {entry["interface"] for entry in igmp_memberships(text("/proc/net/igmp")) if entry["group"] == group}
     for address in addresses:
         here = [item for item in found if address in {entry.address for entry in item.addresses}]
         values["address", address] = here[0].name if here else "on no interface"
         if here:
-            values["link", here[0].name] = _text(f"/sys/class/net/{here[0].name}/operstate").strip() or "gone"
+            values["link", here[0].name] = text(f"/sys/class/net/{here[0].name}/operstate").strip() or "gone"
             values["membership", here[0].name] = "member" if here[0].name in members else "no member"
     return values
 
@@ -71,22 +71,17 @@ def routes(destinations: typing.Sequence[str], table: str) -> Values:
     for line in table.splitlines()[1:]:
         words = line.split()
         if len(words) > 7:
-            network_, gateway = _address(words[1]), _address(words[2])
+            network_, gateway = address_of(words[1]), address_of(words[2])
             prefix = bin(int(words[7], 16)).count("1")
             name = "default" if prefix == 0 else f"{network_}/{prefix}"
             gateways.setdefault(name, []).append(gateway)
     return {("route", name): ", ".join(sorted(gateways.get(name, []))) or "no route" for name in destinations}
 
 
-def _address(digits: str) -> str:
-    """Read an address of /proc/net/route: the number that its bytes make in the memory of this machine."""
-    return socket.inet_ntoa(struct.pack("=I" if sys.byteorder == "little" else "!I", int(digits, 16)))
-
-
 def setting(name: str) -> str:
     """Read a kernel setting by its name, such as net.ipv4.ip_forward or net/ipv4/conf/eth0.1/rp_filter."""
     path = name if "/" in name else name.replace(".", "/")
-    return _text("/proc/sys/" + path).strip() or "not there"
+    return text("/proc/sys/" + path).strip() or "not there"
 
 
 def services(units: typing.Sequence[str], before: "LastLook") -> Values:
@@ -144,11 +139,3 @@ def _sum(path: str) -> str:
             return hashlib.sha256(stream.read(MOST_BYTES)).hexdigest()[:12]
     except OSError as problem:
         return problem.strerror or "cannot be read"
-
-
-def _text(path: str) -> str:
-    try:
-        with open(path) as stream:
-            return stream.read(MOST_BYTES)
-    except (OSError, ValueError):
-        return ""

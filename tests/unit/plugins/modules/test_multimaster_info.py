@@ -13,7 +13,7 @@ import time
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports as ports_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells, system
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands, deadlines
 
 
 def assert_gone(command):
@@ -58,11 +58,11 @@ def test_run_as_nobody_in_a_clean_environment(monkeypatch):
 
 
 def test_within_gives_the_value_the_error_or_a_timeout():
-    assert commands.call_within(1, int, "7") == 7
+    assert deadlines.call_within(1, int, "7") == 7
     with pytest.raises(ValueError, match="invalid literal"):
-        commands.call_within(1, int, "x")
+        deadlines.call_within(1, int, "x")
     with pytest.raises(TimeoutError, match="no answer within 0.05 s"):
-        commands.call_within(0.05, time.sleep, 5)
+        deadlines.call_within(0.05, time.sleep, 5)
 
 
 def test_text_never_opens_a_fifo(tmp_path):

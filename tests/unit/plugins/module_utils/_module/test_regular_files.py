@@ -9,7 +9,8 @@ import socket
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.fkie import packages
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.regular_files import read_regular
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import call_within, text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_within
 
 
 def test_a_regular_file_is_read_whole_or_its_beginning(tmp_path):

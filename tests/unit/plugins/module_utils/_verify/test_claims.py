@@ -80,7 +80,7 @@ def test_own_addresses_are_asked_for_first():
 
 
 def test_gateways_are_read_out_of_the_kernels_table():
-    assert claims.gateways(ROUTES, "little") == ["192.168.1.1"]
+    assert claims.gateways(ROUTES) == ["192.168.1.1"]
     assert claims.gateways("") == []
 
 
