@@ -18,7 +18,7 @@ class ActionModule(RobotAction):
 
     def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
         """Run the module and return its result; see ActionBase."""
-        if self._task.args.get("state") != "stopped":
+        if self._task.args.get("action", self._task.args.get("state")) not in ("stop", "stopped"):
             answer: Result = super().run(tmp, task_vars)
             return answer
         result: Result = ActionBase.run(self, tmp, task_vars)

@@ -100,7 +100,7 @@ options:
     choices: [auto, all]
     default: all
   streams:
-    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_verify) with C(state=streamed), for
+    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_verify) with C(action=stream), for
       example V(verify_streams); empty for none.
     type: str
     default: ""

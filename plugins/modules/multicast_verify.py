@@ -12,9 +12,9 @@ description:
     address, whether it hears this computer, how much was lost, the round-trip time and the difference of the clocks.
   - Does the rounds of C(ping 224.0.0.1) of the report IRI-TR-15-1 as well, and lists the multicast groups of every
     interface.
-  - It takes two tasks, so that any number of C(--forks) works. The first, with O(state=started), leaves a helper on
+  - It takes two tasks, so that any number of C(--forks) works. The first, with O(action=start), leaves a helper on
     every computer that sends a small datagram twice a second and counts those of the others. The second, with
-    O(state=collected), lets the helper of this computer measure and returns the result. Use the C(linear) strategy
+    O(action=collect), lets the helper of this computer measure and returns the result. Use the C(linear) strategy
     (the default), so that the first task is through on every computer before the second begins.
   - The helper ends by itself when all helpers that it knows of have measured, or after O(lifetime). It opens no port
     of its own for the group. Its datagrams are empty, which a discovery node ignores silently, and it receives copies
@@ -25,17 +25,19 @@ extends_documentation_fragment:
 attributes:
   check_mode:
     support: full
-    details: In check mode nothing is sent and no helper is started; the result is that of O(state=listed).
+    details: In check mode nothing is sent and no helper is started; the result is that of O(action=list).
 options:
-  state:
+  action:
     description:
-      - With V(listed), only the memberships of every interface and the route to O(group) are returned; nothing is
+      - With V(list), only the memberships of every interface and the route to O(group) are returned; nothing is
         sent.
-      - With V(started), a helper is left running on this computer; an older one of this computer is ended.
-      - With V(collected), the helper of the same O(run) measures, and the result is returned.
+      - With V(start), a helper is left running on this computer; an older one of this computer is ended.
+      - With V(collect), the helper of the same O(run) measures, and the result is returned.
+      - V(listed), V(started) and V(collected) are the former words for the same, as C(state) is the former name of the option.
     type: str
-    choices: [listed, started, collected]
-    default: listed
+    choices: [list, start, collect, listed, started, collected]
+    aliases: [state]
+    default: list
   run:
     description:
       - The label of the run, for example V(verify-1730000000), of 1 to 64 letters, digits, dots, hyphens and
@@ -55,17 +57,17 @@ options:
   interface_address:
     description:
       - The IPv4 address, for example V(192.168.1.229), of the interface of this computer to send and receive on.
-      - Required unless O(state=listed).
+      - Required unless O(action=list).
     type: str
   name:
     description:
       - The name of this computer as in O(computers), for example V(kobuki1computer).
-      - Required unless O(state=listed).
+      - Required unless O(action=list).
     type: str
   computers:
     description:
       - All computers of the fleet that are to hear each other on O(group), this one included.
-      - Required unless O(state=listed).
+      - Required unless O(action=list).
     type: list
     elements: dict
     suboptions:
@@ -119,7 +121,7 @@ options:
     default: 120
   fail_on_missing:
     description:
-      - Whether to fail, with O(state=collected), when it is not proven for every other computer that it is heard and
+      - Whether to fail, with O(action=collect), when it is not proven for every other computer that it is heard and
         hears this one, for example V(true). The message names the computers and the likely causes.
     type: bool
     default: false
@@ -153,15 +155,15 @@ EXAMPLES = r"""
 
     - name: List the multicast groups of every interface
       rosfleet.multimaster.multicast_verify:
-        state: listed
+        action: list
 
     - name: Listen on every computer
       rosfleet.multimaster.multicast_verify:
-        state: started
+        action: start
 
     - name: Measure from every computer
       rosfleet.multimaster.multicast_verify:
-        state: collected
+        action: collect
         rounds: 20
         interval: 0.1
         fail_on_missing: true
@@ -227,7 +229,7 @@ interface:
   sample: eth0
 udp:
   description: For every other computer, what UDP datagrams on the group and port showed.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample:
@@ -340,7 +342,7 @@ udp:
       sample: -0.0021
 heard:
   description: The names of the computers that are heard.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: str
   sample: [kobuki2computer]
@@ -348,7 +350,7 @@ missing:
   description:
     - The names of the computers that are not heard, or that counted none of this computer's datagrams; where the group
       does not reach one of the two, by unicast.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: str
   sample: []
@@ -356,13 +358,13 @@ unanswered:
   description:
     - The names of the computers that are heard, but gave no count, so that it is unknown here whether they hear this
       one.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: str
   sample: []
 unexpected:
   description: Sources of datagrams on the group and port that are no computers of the fleet.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample: [{address: 192.168.1.77, interface: eth0, datagrams: 3}]
@@ -386,7 +388,7 @@ callers:
   description:
     - Who has sent empty datagrams to O(port) of this computer itself since the helper was started. A computer that has
       sent some and is not among them is seen from another address, or its datagrams are dropped.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample: [{address: 192.168.11.100, datagrams: 3}]
@@ -405,13 +407,13 @@ multicast_ok:
   description:
     - Whether it is proven for every other computer that it is heard and hears this one, that is, none is missing or
       unanswered.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: bool
   sample: true
 send_errors:
   description:
     - How many datagrams this computer's kernel refused to send, for example because of a firewall's output rule.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: dict
   sample: {count: 0, last: null}
   contains:
@@ -430,7 +432,7 @@ icmp:
     - The rounds of ICMP echo requests. A host whose C(net.ipv4.icmp_echo_ignore_broadcasts) is 1, the kernel's
       default, never answers, though multicast works; and an answer says nothing on UDP and another group. Null with
       O(icmp=false).
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: dict
   sample:
     group: 224.0.0.1
@@ -505,7 +507,7 @@ def main() -> None:
     )
     module.get_bin_path("ip", required=True)
     try:
-        result = multicast.run_state(module.params, module.check_mode)
+        result = multicast.run_action(module.params, module.check_mode)
     except Problem as problem:
         ends.fail(module, msg=str(problem))
     if module.params["fail_on_missing"] and result.get("multicast_ok") is False:

@@ -11,14 +11,14 @@ description:
     the names, pings by name and by address, connects to the discovery nodes, compares the clocks, calls
     C(rosservice call /master_discovery/list_masters), and hears what every other computer publishes (section 4.3).
     On the computer of a roscore it also reads what that holds, of which robot it is, and which nodes are connected.
-  - It takes three tasks, so that any number of C(--forks) works. With O(state=started), every computer that has ROS
+  - It takes three tasks, so that any number of C(--forks) works. With O(action=start), every computer that has ROS
     starts a talker, a small node without rospy in a unit that ends by itself after O(lifetime); with O(look) and
     O(multicast) the machine is looked at and a listener started in the same run. With
-    O(state=collected), every computer looks, all others at once, and returns what it found; one node on each computer
-    subscribes to all talkers, as C(rostopic echo) does to one. With O(state=stopped), the
+    O(action=collect), every computer looks, all others at once, and returns what it found; one node on each computer
+    subscribes to all talkers, as C(rostopic echo) does to one. With O(action=stop), the
     talkers end. Use the C(linear) strategy (the default), so that a task is through on every computer before the next
     one begins.
-  - With O(state=streamed), between the last two, it sends for a moment to the talker of each other computer and returns how fast
+  - With O(action=stream), between the last two, it sends for a moment to the talker of each other computer and returns how fast
     that was. Such a task needs C(throttle) with V(1), since streams at the same time would measure each other.
   - It is a measurement, so what is missing is a result and no failure; M(rosfleet.multimaster.fleet_report) judges it.
   - It runs the commands of ROS as the user C(nobody) and needs root itself, for raw sockets and for the talker's unit.
@@ -29,17 +29,20 @@ attributes:
     support: full
     details: In check mode no talker is started or stopped, and no command of ROS is run.
 options:
-  state:
+  action:
     description:
-      - With V(started), a talker is left running on this computer, and helpers of M(rosfleet.multimaster.multicast_verify)
+      - With V(start), a talker is left running on this computer, and helpers of M(rosfleet.multimaster.multicast_verify)
         on the computers of O(members) with O(members[].discovery=true) are sent a few empty datagrams, so that they see
         from which address they come. An older talker ends first. That a talker cannot start is a result and no failure.
-      - With V(collected), this computer looks at all others and returns what it found.
-      - With V(streamed), this computer sends a stream to each of O(talkers), one after the other, and returns RV(streams).
-      - With V(stopped), the talker of this computer ends.
+      - With V(collect), this computer looks at all others and returns what it found.
+      - With V(stream), this computer sends a stream to each of O(talkers), one after the other, and returns RV(streams).
+      - With V(stop), the talker of this computer ends.
+      - V(started), V(collected), V(streamed) and V(stopped) are the former words for the same, as C(state) is the former name of the
+        option.
     type: str
-    choices: [started, collected, streamed, stopped]
-    default: collected
+    choices: [start, collect, stream, stop, started, collected, streamed, stopped]
+    aliases: [state]
+    default: collect
   run:
     description:
       - The label of the run, for example V(verify-1730000000), of 1 to 64 letters, digits, dots, hyphens and
@@ -49,7 +52,7 @@ options:
   name:
     description:
       - The name of this computer as in O(members), for example V(kobuki1computer).
-      - Required unless O(state=stopped).
+      - Required unless O(action=stop).
     type: str
   is_master:
     description:
@@ -66,7 +69,7 @@ options:
   members:
     description:
       - All computers of the fleet, this one included.
-      - Required with O(state=collected) and O(state=streamed).
+      - Required with O(action=collect) and O(action=stream).
     type: list
     elements: dict
     suboptions:
@@ -107,7 +110,7 @@ options:
   masters:
     description:
       - All masters of the fleet, as RV(rosfleet.multimaster.fleet_plan#module:masters).
-      - Required with O(state=collected).
+      - Required with O(action=collect).
     type: list
     elements: dict
     suboptions:
@@ -224,14 +227,14 @@ options:
         default: true
   multicast:
     description:
-      - The options of M(rosfleet.multimaster.multicast_verify) without its O(state), for example C(name) and C(computers) of its
-        listener. With O(state=started) its listener is started, and with O(state=collected), what it measures is measured here
+      - The options of M(rosfleet.multimaster.multicast_verify) without its O(action), for example C(name) and C(computers) of its
+        listener. With O(action=start) its listener is started, and with O(action=collect), what it measures is measured here
         at the same time, so a computer has one module run and not two; see RV(multicast). Nothing is measured on the group,
         if not given.
     type: dict
   look:
     description:
-      - With O(state=started) the options of M(rosfleet.multimaster.multimaster_info), for example C(parts). The machine is looked
+      - With O(action=start) the options of M(rosfleet.multimaster.multimaster_info), for example C(parts). The machine is looked
         at in the same run; see RV(machine). It is not looked at, if not given.
     type: dict
   parameters:
@@ -263,12 +266,12 @@ options:
   lifetime:
     description:
       - How many seconds a talker lives at most, for example V(300); from 10 to 7200. It must cover the time from the
-        first computer's task with O(state=started) to the last one's with O(state=collected) or O(state=streamed).
+        first computer's task with O(action=start) to the last one's with O(action=collect) or O(action=stream).
     type: int
     default: 300
   seconds:
     description:
-      - How many seconds a stream with O(state=streamed) takes, for example V(0.5); from 0.1 to 2. It ends earlier after 20 MB.
+      - How many seconds a stream with O(action=stream) takes, for example V(0.5); from 0.1 to 2. It ends earlier after 20 MB.
     type: float
     default: 0.5
 author:
@@ -299,22 +302,22 @@ EXAMPLES = r"""
 
     - name: Start the talkers
       rosfleet.multimaster.multimaster_verify:
-        state: started
+        action: start
 
     - name: Look at all others
       rosfleet.multimaster.multimaster_verify:
-        state: collected
+        action: collect
       register: seen
 
     - name: Stop the talkers
       rosfleet.multimaster.multimaster_verify:
-        state: stopped
+        action: stop
 """
 
 RETURN = r"""
 members:
   description: What this computer sees of every computer of the fleet; of itself only what its name means.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample:
@@ -614,7 +617,7 @@ claims:
     - Who answers for an address on the networks of this computer, asked by ARP without an address of its own, so that it
       changes nothing. The own addresses, for which nobody else is to answer, and those of O(members) and of gateways, for
       which one computer is. Empty where the kernel does not allow it, and without an interface of Ethernet.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample: [{address: 192.168.1.239, interface: eth0, macs: ["02:42:c0:a8:01:ef"]}]
@@ -637,7 +640,7 @@ claims:
       sample: ["02:42:c0:a8:01:ef"]
 policy:
   description: What decides beside the routes of the main table where packets go.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: dict
   sample: {rules: ["100: from all to 192.168.12.0/24 lookup 77"], closed: ["blackhole 192.168.12.5"]}
   contains:
@@ -655,13 +658,13 @@ policy:
       sample: ["blackhole 192.168.12.5"]
 name_sources:
   description: Who is asked for the address of a name, in this order, as the line C(hosts) of C(/etc/nsswitch.conf) says it. Empty where it says nothing.
-  returned: when O(state=collected), but not for the router
+  returned: when O(action=collect), but not for the router
   type: list
   elements: str
   sample: [files, dns]
 default_routes:
   description: The default routes of this computer.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample: [{device: eth0, source: null, gateway: 192.168.1.1, metric: null}]
@@ -688,7 +691,7 @@ default_routes:
       sample: null
 forwarding:
   description: What decides whether packets pass from one network to another through this computer.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: dict
   sample:
     ip_forward: 1
@@ -793,7 +796,7 @@ forwarding:
           sample: "2026-11-22T09:12:44+0000 kobuki2computer kernel: eth0: Link is Down"
 masters:
   description: The discovery node of every master.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample:
@@ -891,7 +894,7 @@ masters:
       sample: ""
 roscore:
   description: The roscore of this computer's robot.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: dict
   sample: {uri: "http://kobuki1computer:11311", answer: "http://kobuki1computer:11311/", error: "", outcome: answered}
   contains:
@@ -921,7 +924,7 @@ outsiders:
   description:
     - The senders of heartbeats that the discovery node of this computer ignores, since they do not belong to the fleet. Empty
       where the nodes are not the collection's own.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample:
@@ -949,7 +952,7 @@ outsiders:
       sample: it is no robot of the fleet
 list_masters:
   description: What C(rosservice call /master_discovery/list_masters) prints on this computer.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: dict
   sample:
     masters:
@@ -999,7 +1002,7 @@ list_masters:
       sample: ""
 topics:
   description: What the talkers of the other computers say here.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample:
@@ -1088,7 +1091,7 @@ exchange:
   description:
     - What the roscore of this computer holds, by the robot that it is of, read at the end of the looking.
     - Where O(is_master=false) it is empty, and RV(exchange.error) says so.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: dict
   sample:
     error: ""
@@ -1270,7 +1273,7 @@ exchange:
           sample: kobuki2
 parameters:
   description: The parameters of the nodes on the roscore, compared with O(parameters).
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: dict
   sample:
     nodes: [master_discovery, master_sync]
@@ -1317,7 +1320,7 @@ parameters:
       sample: ""
 clock:
   description: The clock of this computer.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: dict
   sample: {synchronised: true}
   contains:
@@ -1328,7 +1331,7 @@ clock:
       sample: true
 disks:
   description: The room that is left for others than root where services write, each file system once.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample: [{path: /var/lib, free_bytes: 5368709120, free_files: 300000}]
@@ -1352,7 +1355,7 @@ changes:
   description:
     - When this computer was changed last, as far as its files and its services tell it. What a kernel was told by hand has
       no time of its own; it is after the last start.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample: [{about: names, what: /etc/hosts, how: was changed, when: 2026-11-22 09:12:44 UTC}]
@@ -1379,7 +1382,7 @@ changes:
       sample: 2026-11-22 09:12:44 UTC
 next_boot:
   description: What works now, or not, and will not be as O(boot) and O(services) say after the next boot.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample:
@@ -1416,7 +1419,7 @@ next_boot:
       sample: /etc/sysctl.d/99-local.conf line 3
 services:
   description: The services of O(services).
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample:
@@ -1481,7 +1484,7 @@ services:
       sample: Sun 2026-11-22 09:12:44 UTC
 talker:
   description: The talker of this computer.
-  returned: unless O(state=stopped) or O(is_router=true)
+  returned: unless O(action=stop) or O(is_router=true)
   type: dict
   sample: {running: true, error: ""}
   contains:
@@ -1497,17 +1500,17 @@ talker:
       sample: ""
     failed:
       description: Whether it should run and could not be started.
-      returned: when O(state=started)
+      returned: when O(action=start)
       type: bool
       sample: false
     msg:
       description: The same as a sentence.
-      returned: when O(state=started) and it was not started
+      returned: when O(action=start) and it was not started
       type: str
       sample: "No talker: there is no command rostopic in the PATH of /etc/rosfleet-multimaster/environment; install it."
 streams:
   description: How fast a stream of this computer comes to each of O(talkers).
-  returned: when O(state=streamed)
+  returned: when O(action=stream)
   type: list
   elements: dict
   sample:
@@ -1530,29 +1533,29 @@ streams:
       sample: ""
 ros_missing:
   description: Why no node can run on this computer, or empty where ROS is set up.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: str
   sample: ""
 multicast:
   description:
     - What M(rosfleet.multimaster.multicast_verify) with the same state returns; where that fails, V(failed) and the sentence
       in C(msg).
-  returned: when O(multicast), with O(state=started) or O(state=collected)
+  returned: when O(multicast), with O(action=start) or O(action=collect)
   type: dict
   sample: {udp: [], heard: [], missing: [], unexpected: [], msg: Every other computer (0) is heard on the group and hears this one.}
 machine:
   description: What M(rosfleet.multimaster.multimaster_info) returns.
-  returned: when O(state=started) and O(look)
+  returned: when O(action=start) and O(look)
   type: dict
   sample: {problems: [], hostname: kobuki1computer, owned: [routes, sysctl]}
 seconds:
   description: How long the looking took.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: float
   sample: 2.3
 problems:
   description: One sentence for each part that could not be looked at; such a part has an empty value.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: str
   sample: []
@@ -1563,12 +1566,18 @@ msg:
   sample: Looked at 2 computers in 2.3 s.
 """
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import actions
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.run import run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.run import ACTIONS, run
 
 TEXT = {"type": "str", "required": True}
 ARGUMENTS = {
-    "state": {"type": "str", "choices": ["started", "collected", "streamed", "stopped"], "default": "collected"},
+    "action": {
+        "type": "str",
+        "choices": actions.list_words(*ACTIONS),
+        "aliases": ["state"],
+        "default": "collect",
+    },
     "run": {"type": "str", "default": "default"},
     "name": {"type": "str"},
     "is_master": {"type": "bool", "default": False},
@@ -1642,13 +1651,14 @@ ARGUMENTS = {
 }
 
 
+NEEDED = {"start": ["name"], "collect": ["name", "members", "masters"], "stream": ["name", "members"]}
+
+
 def main() -> None:
     module = Module(
         argument_spec=ARGUMENTS,
         required_if=[
-            ("state", "started", ["name"]),
-            ("state", "collected", ["name", "members", "masters"]),
-            ("state", "streamed", ["name", "members"]),
+            ("action", word, needed) for action, needed in NEEDED.items() for word in actions.list_words(action)
         ],
         supports_check_mode=True,
     )

@@ -14,8 +14,8 @@ description:
     as before has returned.
   - Some faults need minutes. An example is a switch with IGMP snooping and without a querier, which forgets a group after
     about 260 seconds.
-  - It takes several tasks. O(state=started) leaves a process behind on the computer, each O(state=collected) asks it, and
-    O(state=stopped) ends it. The process ends by itself after O(lifetime).
+  - It takes several tasks. O(action=start) leaves a process behind on the computer, each O(action=collect) asks it, and
+    O(action=stop) ends it. The process ends by itself after O(lifetime).
   - It joins no group, opens no port for others and sends nothing but a TCP connection every three seconds to each master.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.probe
@@ -24,13 +24,15 @@ attributes:
     support: full
     details: It does the same in check mode, since it changes nothing.
 options:
-  state:
+  action:
     description:
-      - With V(started), a watch begins; an older one of this computer ends.
-      - With V(collected), the watch of the same O(run) is asked, and the result is returned.
-      - With V(stopped), every watch of this computer ends.
+      - With V(start), a watch begins; an older one of this computer ends.
+      - With V(collect), the watch of the same O(run) is asked, and the result is returned.
+      - With V(stop), every watch of this computer ends.
+      - V(started), V(collected) and V(stopped) are the former words for the same, as C(state) is the former name of the option.
     type: str
-    choices: [started, collected, stopped]
+    choices: [start, collect, stop, started, collected, stopped]
+    aliases: [state]
     required: true
   run:
     description: The label of the run, for example V(watch-1730000000), of 1 to 64 letters, digits, dots, hyphens and underscores.
@@ -74,7 +76,7 @@ options:
     default: []
   until:
     description:
-      - With O(state=collected), how long the watch has lasted when it answers, in seconds, for example V(30). It answers
+      - With O(action=collect), how long the watch has lasted when it answers, in seconds, for example V(30). It answers
         earlier where something is lost, and at once with V(0). From 0 to 604800; at most 600 seconds from now.
     type: int
     default: 0
@@ -94,7 +96,7 @@ seealso:
 EXAMPLES = r"""
 - name: Watch from now on
   rosfleet.multimaster.multimaster_watch:
-    state: started
+    action: start
     addresses: [192.168.1.229]
     masters:
       - {computer: kobuki2computer, address: 192.168.1.239, rpc_port: 11611}
@@ -103,29 +105,29 @@ EXAMPLES = r"""
 
 - name: Wait until something is lost, or the first half minute is over
   rosfleet.multimaster.multimaster_watch:
-    state: collected
+    action: collect
     until: 30
   register: watched
 
 - name: End the watch
   rosfleet.multimaster.multimaster_watch:
-    state: stopped
+    action: stop
 """
 
 RETURN = r"""
 watched:
   description: How many values are watched.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: int
   sample: 23
 seconds:
   description: How long the watch has lasted, in seconds.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: float
   sample: 312.4
 events:
   description: What was lost and what has returned, in the order of time, 500 at most.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample:
@@ -176,12 +178,12 @@ events:
       sample: 261.2
 dropped:
   description: How many events there were beyond those of RV(events).
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: int
   sample: 0
 lost:
   description: What is lost now.
-  returned: when O(state=collected)
+  returned: when O(action=collect)
   type: list
   elements: dict
   sample: [{kind: group, name: kobuki2computer}]
@@ -208,7 +210,7 @@ import ipaddress
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import actions, ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import (
     Visit,
@@ -294,7 +296,7 @@ def collect_losses(module: Module) -> Result:
     if not reply:
         ends.fail(
             module,
-            msg=f"No watch of the run {params['run']!r} lives on this computer: its task with state=started did not run, its "
+            msg=f"No watch of the run {params['run']!r} lives on this computer: its task with action=start did not run, its "
             "lifetime was over, or the computer was started again.",
         )
     lost = len(reply["lost"])
@@ -310,9 +312,9 @@ def stop_watches(module: Module) -> Result:
     return {"msg": "No watch lives here."}
 
 
-STATES = {"started": start_watch, "collected": collect_losses, "stopped": stop_watches}
+ACTIONS = {"start": start_watch, "collect": collect_losses, "stop": stop_watches}
 ARGUMENTS = {
-    "state": {"type": "str", "choices": ["started", "collected", "stopped"], "required": True},
+    "action": {"type": "str", "choices": actions.list_words(*ACTIONS), "aliases": ["state"], "required": True},
     "run": {"type": "str", "default": "default"},
     "group": {"type": "str", "default": "226.0.0.0"},
     "port": {"type": "int", "default": 11511},
@@ -331,7 +333,7 @@ def main() -> None:
     error = find_wrong_setting(module.params)
     if error:
         ends.fail(module, msg=error)
-    ends.leave(module, changed=False, **STATES[module.params["state"]](module))
+    ends.leave(module, changed=False, **ACTIONS[actions.read_action(module.params)](module))
 
 
 if __name__ == "__main__":

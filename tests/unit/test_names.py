@@ -9,6 +9,7 @@ import pathlib
 import re
 
 import pytest
+import yaml
 
 ROOT = pathlib.Path(__file__).parents[2]
 TREES = ("plugins", "roles", "lab", "tools")
@@ -104,6 +105,12 @@ def test_a_module_says_by_its_name_where_it_works(path):
     assert path.stem.startswith("fleet_") is ("def main()" not in text)
     reads = "rosfleet.multimaster.attributes.info\n" in text and not path.stem.startswith("fleet_")
     assert path.stem.endswith("_info") is reads
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.stem)
+def test_nothing_is_asked_by_state(path):
+    text = path.read_text(encoding="utf-8").split('DOCUMENTATION = r"""')[1].split('"""')[0]
+    assert "state" not in yaml.safe_load(text).get("options", {})
 
 
 def test_names_of_tests_are_short_and_there_once():

@@ -9,6 +9,7 @@ import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import actions
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper import Settings
@@ -94,7 +95,7 @@ def wrong_computers(params: Params) -> typing.Optional[str]:
                 "every computer needs an address of its own."
             )
         names[name], addresses[address] = address, name
-    if params["state"] == "listed":
+    if actions.read_action(params) == "list":
         return None
     if params["name"] not in names:
         return (
@@ -135,7 +136,7 @@ def look(params: Params) -> typing.Tuple[Result, typing.Tuple[str, ...], int]:
 
 
 def describe(seen: Result, group: str) -> str:
-    """Return the message of the state `listed`."""
+    """Return the message of the action `list`."""
     members = sorted({item["interface"] for item in seen["memberships"] if item["group"] == group})
     return f"{group} has members on {', '.join(map(quote, members)) or 'no interface'}."
 
@@ -163,7 +164,7 @@ def collect(params: Params, settings: Settings, index: int) -> Result:
     request = {"do": "measure", "settings": plain(settings)}
     request.update((option, params[option]) for option in ("rounds", "interval", "unicast"))
     ended = (
-        f"No helper of the run {settings.run!r} is listening on this computer: its task with state=started did not run, "
+        f"No helper of the run {settings.run!r} is listening on this computer: its task with action=start did not run, "
         f"or its lifetime ({params['lifetime']} s) was over; run that task before this one, or raise lifetime."
     )
     try:
@@ -219,18 +220,19 @@ def settings_of(params: Params, interface: str, addresses: typing.Tuple[str, ...
     )
 
 
-def run_state(params: Params, quiet: bool) -> Result:
-    """Do what the state asks for, and return the result; with `quiet` nothing is sent. Raises Problem."""
+def run_action(params: Params, quiet: bool) -> Result:
+    """Do what the action asks for, and return the result; with `quiet` nothing is sent. Raises Problem."""
     error = wrong(params)
     if error:
         raise Problem(error)
     seen, addresses, index = look(params)
     result = dict(seen, msg=describe(seen, params["group"]))
-    if params["state"] != "listed" and quiet:
+    action = actions.read_action(params)
+    if action != "list" and quiet:
         result["msg"] += " Check mode: nothing was sent, and no helper was started or asked."
-    elif params["state"] == "started":
+    elif action == "start":
         result.update(start(settings_of(params, seen["interface"], addresses), index))
-    elif params["state"] == "collected":
+    elif action == "collect":
         result["memberships"] = drop_own(seen["memberships"], seen["interface"], params["group"])
         result.update(collect(params, settings_of(params, seen["interface"], addresses), index))
     return result
@@ -243,7 +245,12 @@ COMPUTER = {
     "multicast": {"type": "bool", "default": True},
 }
 OPTIONS = {
-    "state": {"type": "str", "choices": ["listed", "started", "collected"], "default": "listed"},
+    "action": {
+        "type": "str",
+        "choices": actions.list_words("list", "start", "collect"),
+        "aliases": ["state"],
+        "default": "list",
+    },
     "run": {"type": "str", "default": "default"},
     "group": {"type": "str", "default": "226.0.0.0"},
     "port": {"type": "int", "default": 11511},
@@ -258,4 +265,4 @@ OPTIONS = {
     "lifetime": {"type": "int", "default": 120},
     "fail_on_missing": {"type": "bool", "default": False},
 }
-REQUIRED_IF = (("state", "started", NEEDED), ("state", "collected", NEEDED))
+REQUIRED_IF = tuple(("action", word, NEEDED) for word in actions.list_words("start", "collect"))

@@ -101,7 +101,7 @@ def look_topics(params: Params, ros: Ros, deadline: float) -> typing.List[Result
     return topics.topics(ros, list_talkers(params), params["run"], params["name"], deadline)
 
 
-# Imports take most of a module's start. A part that few computers or states need is imported where it is used.
+# Imports take most of a module's start. A part that few computers or actions need is imported where it is used.
 
 
 def look_next_boot(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
@@ -112,20 +112,19 @@ def look_next_boot(params: Params, ros: Ros, deadline: float) -> typing.List[Res
 
 def look_multicast(params: Params, ros: Ros, deadline: float) -> typing.Optional[Result]:
     """Measure on the group. An obstacle is a result too, since the other parts still count."""
-    return group(params, "collected")
+    return group(params, "collect")
 
 
-def group(params: Params, state: str) -> typing.Optional[Result]:
-    """Return what multicast_verify returns in this state; None where nothing is measured on the group."""
+def group(params: Params, action: str) -> typing.Optional[Result]:
+    """Return what multicast_verify returns for this action; None where nothing is measured on the group."""
     if params["multicast"] is None:
         return None
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import multicast
 
     try:
-        options = validate_options(
-            "multicast", dict(params["multicast"], state=state), multicast.OPTIONS, multicast.REQUIRED_IF
-        )
-        return multicast.run_state(options, quiet=False)
+        own = {name: value for name, value in params["multicast"].items() if name != "state"}  # the alias of action
+        options = validate_options("multicast", dict(own, action=action), multicast.OPTIONS, multicast.REQUIRED_IF)
+        return multicast.run_action(options, quiet=False)
     except Problem as problem:
         return {"failed": True, "msg": str(problem)}
 

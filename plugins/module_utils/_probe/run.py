@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The states of multimaster_verify: start, collect, stream and stop."""
+"""The actions of multimaster_verify: start, collect, stream and stop."""
 
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import actions, ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.lanes import look
@@ -29,7 +29,7 @@ def start_verification(module: Module) -> Result:
     params = module.params
     # First: the listeners that start below are no part of the machine.
     machine = look_at_machine(params)
-    multicast = None if module.check_mode else group(params, "started")
+    multicast = None if module.check_mode else group(params, "start")
     result = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
     parts = {"multicast": multicast, "machine": machine}
     return dict(result, **{name: value for name, value in parts.items() if value is not None})
@@ -127,21 +127,21 @@ def stop_talker(module: Module) -> Result:
     return {"msg": "No talker runs."}
 
 
-STATES = {
-    "started": start_verification,
-    "collected": collect_results,
-    "streamed": stream_to_talkers,
-    "stopped": stop_talker,
+ACTIONS = {
+    "start": start_verification,
+    "collect": collect_results,
+    "stream": stream_to_talkers,
+    "stop": stop_talker,
 }
 
 
 def run(module: Module) -> None:
-    """Do what the state asks for, and end the module."""
+    """Do what the action asks for, and end the module."""
     error = find_wrong_option(module.params)
     if error:
         ends.fail(module, msg=error)
     try:
-        result = STATES[module.params["state"]](module)
+        result = ACTIONS[actions.read_action(module.params)](module)
     except Problem as problem:
         ends.fail(module, msg=str(problem))
     ends.leave(module, changed=False, **result)

@@ -356,7 +356,7 @@ class Outsider:
 
 @dataclass(frozen=True)
 class Probe:
-    """The result of multimaster_verify with `state: collected`."""
+    """The result of multimaster_verify with `action: collect`."""
 
     members: tuple[SeenMember, ...] = ()
     default_routes: tuple[DefaultRoute, ...] = ()
@@ -392,7 +392,7 @@ class Stream:
 
 @dataclass(frozen=True)
 class Streams:
-    """The result of multimaster_verify with `state: streamed`."""
+    """The result of multimaster_verify with `action: stream`."""
 
     streams: tuple[Stream, ...] = ()
 
@@ -470,7 +470,7 @@ class Membership:
 
 @dataclass(frozen=True)
 class Multicast:
-    """The result of multicast_verify with `state: collected`."""
+    """The result of multicast_verify with `action: collect`."""
 
     memberships: tuple[Membership, ...] = ()
     udp: tuple[Datagrams, ...] = ()

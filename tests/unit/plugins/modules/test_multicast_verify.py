@@ -33,8 +33,8 @@ class Network(namespaces.Network):
             return list(pool.map(lambda host: self.module(host, **options), self.hosts))
 
     def measure(self, forks):
-        self.task(forks, state="started")
-        return self.task(forks, state="collected", **QUICK)
+        self.task(forks, action="start")
+        return self.task(forks, action="collect", **QUICK)
 
 
 @pytest.fixture
@@ -98,14 +98,14 @@ def test_everyone_hears_everyone_one_after_the_other(network):
         host.run("sh", "-c", "echo 0 > /proc/sys/net/ipv4/icmp_echo_ignore_broadcasts")
     net.hosts[2].run("sh", "-c", "echo 1 > /proc/sys/net/ipv4/icmp_echo_ignore_broadcasts")
     net.hosts[1].run("ip", "address", "add", "192.168.1.77/24", "dev", "eth0")
-    net.task(3, state="started")
+    net.task(3, action="start")
     stranger = (
         "import socket; s = socket.socket(2, 2); s.bind(('192.168.1.77', 0)); s.sendto(b'x', ('226.0.0.0', 11511))"
     )
     net.hosts[1].run(sys.executable, "-c", stranger)
     first, *rest = net.hosts
-    results = [net.module(first, state="collected", **{**QUICK, "icmp": True, "rounds": 1})]
-    results += [net.module(host, state="collected", **QUICK) for host in rest]
+    results = [net.module(first, action="collect", **{**QUICK, "icmp": True, "rounds": 1})]
+    results += [net.module(host, action="collect", **QUICK) for host in rest]
     for host, result in zip(net.hosts, results):
         others = [item for item in net.hosts if item is not host]
         assert result["multicast_ok"], result["msg"]
@@ -132,7 +132,7 @@ def test_everyone_hears_everyone_one_after_the_other(network):
     # everybody has measured: the helpers end by themselves and leave nothing
     assert until(lambda: not any(host.processes() for host in net.hosts), 5)
     assert first.run("ls", "/run") == ""
-    assert "lifetime" in net.module(first, fails=True, state="collected")["msg"]
+    assert "lifetime" in net.module(first, fails=True, action="collect")["msg"]
 
 
 @pytest.mark.skipif(not shutil.which("iptables"), reason="needs iptables, to drop the group")
@@ -157,9 +157,9 @@ def test_without_the_group_unicast_still_tells(network):
     first, second = net.hosts
     first.run("iptables", "-A", "OUTPUT", "-d", GROUP, "-j", "DROP")
     second.run("iptables", "-A", "OUTPUT", "-d", GROUP, "-j", "DROP")
-    net.task(2, state="started")
+    net.task(2, action="start")
     for host, other, fails in ((first, second, False), (second, first, True)):
-        result = net.module(host, fails=fails, state="collected", fail_on_missing=fails, **QUICK)
+        result = net.module(host, fails=fails, action="collect", fail_on_missing=fails, **QUICK)
         entry = result["udp"][0]
         assert (entry["heard_from"], entry["heard_by"], entry["unicast"]) == (False, False, True)
         assert "not permitted" in result["send_errors"]["last"]
@@ -201,8 +201,8 @@ def test_clocks_an_hour_apart(network, tmp_path):
 def test_a_computer_that_is_down_is_missing(network):
     net = network(2)
     first, down = net.hosts
-    net.module(first, state="started")
-    result = net.module(first, state="collected", **QUICK)
+    net.module(first, action="start")
+    result = net.module(first, action="collect", **QUICK)
     assert result["missing"] == [down.name] and result["udp"][0]["heard_by"] is None
     assert f"No answer came from {down.name}" in result["msg"]
 
@@ -210,14 +210,14 @@ def test_a_computer_that_is_down_is_missing(network):
 def test_a_new_helper_ends_the_older_one_and_lifetime_ends_it(network):
     net = network(2)
     host = net.hosts[0]
-    net.module(host, state="started", run="killed")
+    net.module(host, action="start", run="killed")
     for pid in host.processes():
         os.kill(pid, 9)  # leaves its door behind, which does not hinder the next one
-    net.module(host, state="started", run="yesterday")
+    net.module(host, action="start", run="yesterday")
     older = host.processes()
-    other = net.module(host, fails=True, state="collected", run="yesterday", port=11512)
+    other = net.module(host, fails=True, action="collect", run="yesterday", port=11512)
     assert "started with other options" in other["msg"]
-    net.module(host, state="started", lifetime=2)
+    net.module(host, action="start", lifetime=2)
     newer = host.processes()
     assert len(older) == len(newer) == 1 and older != newer
     (door,) = host.run("sh", "-c", "echo /run/rosfleet-multimaster/*").split()
@@ -226,15 +226,23 @@ def test_a_new_helper_ends_the_older_one_and_lifetime_ends_it(network):
     assert until(lambda: not host.processes(), 5)
 
 
-def test_check_mode_and_listed_send_nothing(network):
+def test_a_playbook_with_the_former_words_measures(network):
+    net = network(2)
+    net.task(2, state="started")
+    results = net.task(2, state="collected", **QUICK)
+    assert all(result["multicast_ok"] for result in results)
+    assert "multicast_ok" not in net.module(net.hosts[0], state="listed")
+
+
+def test_check_mode_and_list_send_nothing(network):
     net = network(2)
     host = net.hosts[0]
-    result = net.module(host, state="started", _ansible_check_mode=True)
+    result = net.module(host, action="start", _ansible_check_mode=True)
     assert "Check mode" in result["msg"] and not host.processes()
     assert {"interface": "eth0", "family": "ipv4", "group": "224.0.0.1"}.items() <= next(
         item for item in result["memberships"] if item["interface"] == "eth0"
     ).items()
     assert any(item["family"] == "ipv6" and item["group"] == "ff02::1" for item in result["memberships"])
     assert result["interface"] == "eth0"
-    wrong = net.module(host, fails=True, state="started", computers=[{"name": host.name, "address": "10.9.9.9"}])
+    wrong = net.module(host, fails=True, action="start", computers=[{"name": host.name, "address": "10.9.9.9"}])
     assert "10.9.9.9" in wrong["msg"] and host.address in wrong["msg"]

@@ -9,12 +9,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_verify
 
 
-def test_check_mode_refuses_the_same():
+@pytest.mark.parametrize("words", [{"action": "collect"}, {"state": "collected"}, {}], ids=str)
+def test_check_mode_refuses_the_same(words):
     arguments = {
-        "state": "collected",
+        **words,
         "name": "kobuki1computer",
         "members": [{"name": "kobuki1computer", "address": "x"}],
         "masters": [],

@@ -51,10 +51,10 @@ def test_a_silent_master_and_a_lost_route_are_told_with_the_time(two):
         {"computer": host.name, "address": host.address, "rpc_port": 11611, "robot": "ignored"} for host in two.hosts
     ]
     watch(
-        two, state="started", addresses=[one.address], masters=masters, destinations=["10.9.0.0/16"], lifetime=60,
+        two, action="start", addresses=[one.address], masters=masters, destinations=["10.9.0.0/16"], lifetime=60,
         settings=["net.ipv4.ip_forward"],
     )  # fmt: skip
-    quiet = watch(two, state="collected", until=4)
+    quiet = watch(two, action="collect", until=4)
     assert lost(quiet) == {
         ("port", host.name) for host in two.hosts
     }  # nobody listens there: lost from the first look on
@@ -65,11 +65,11 @@ def test_a_silent_master_and_a_lost_route_are_told_with_the_time(two):
     deadline = time.monotonic() + 30
     while not {("group", other.name), ("master", other.name), ("route", "10.9.0.0/16")} <= lost(quiet):
         assert time.monotonic() < deadline, quiet
-        quiet = watch(two, state="collected", until=int(quiet["seconds"]) + 2)
+        quiet = watch(two, action="collect", until=int(quiet["seconds"]) + 2)
     silent = next(event for event in quiet["events"] if event["kind"] == "group")
     assert abs(silent["time"] - stopped) < 2.0  # the last heartbeat, not the time at which it was missed
-    watch(two, state="stopped")
-    assert "No watch of the run 'test' lives on this computer" in watch(two, fails=True, state="collected")["msg"]
+    watch(two, action="stop")
+    assert "No watch of the run 'test' lives on this computer" in watch(two, fails=True, action="collect")["msg"]
     assert not one.processes() - {hearts[0].pid}
     for heart in hearts:
         heart.kill()
@@ -78,7 +78,7 @@ def test_a_silent_master_and_a_lost_route_are_told_with_the_time(two):
 
 def test_it_ends_by_itself(two):
     one = two.hosts[0]
-    watch(two, state="started", lifetime=1)
+    watch(two, action="start", lifetime=1)
     deadline = time.monotonic() + 20
     while one.processes():
         assert time.monotonic() < deadline
@@ -97,5 +97,5 @@ def test_it_ends_by_itself(two):
     ],
 )
 def test_bad_options_are_one_sentence(two, options, sentence):
-    assert sentence in watch(two, fails=True, state="started", **options)["msg"]
+    assert sentence in watch(two, fails=True, action="start", **options)["msg"]
     assert not two.hosts[0].processes()

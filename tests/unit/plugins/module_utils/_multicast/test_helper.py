@@ -274,7 +274,7 @@ def test_lifetime_ends_a_helper_between_measurements():
 # The module's options
 
 GOOD = {
-    "state": "started",
+    "action": "start",
     "run": "default",
     "group": "226.0.0.0",
     "icmp_group": "224.0.0.1",
@@ -290,7 +290,7 @@ GOOD = {
 
 def test_good_options_are_good():
     assert wrong(GOOD) is None
-    assert wrong({**GOOD, "state": "listed", "name": None, "interface_address": None, "computers": None}) is None
+    assert wrong({**GOOD, "action": "list", "name": None, "interface_address": None, "computers": None}) is None
 
 
 @pytest.mark.parametrize(

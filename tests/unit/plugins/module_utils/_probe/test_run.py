@@ -31,7 +31,7 @@ def test_the_options_of_another_module_are_checked_as_there():
     with pytest.raises(Problem, match=r"^look: The option ports has 0; expected numbers from 1 to 65535\.$"):
         run.look_at_machine(dict(look={"ports": [{"protocol": "tcp", "port": 0}]}))
     assert run.look_at_machine(dict(look=None)) is None
-    assert parts.group(dict(multicast={"name": "one"}), "started") == {
+    assert parts.group(dict(multicast={"name": "one"}), "start") == {
         "failed": True,
-        "msg": "multicast: state is started but all of the following are missing: interface_address, computers.",
+        "msg": "multicast: action is start but all of the following are missing: interface_address, computers.",
     }
