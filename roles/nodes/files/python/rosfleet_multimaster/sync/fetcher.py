@@ -3,7 +3,7 @@
 """Fetches the states of other masters from their discovery nodes, and follows their changes."""
 
 from functools import partial
-from typing import Any, Callable, Dict, NamedTuple, Optional, Set
+from typing import Any, Callable, Dict, NamedTuple, Optional, Set, cast
 from xmlrpc.client import Fault
 
 from ..edge.clock import monotonic
@@ -174,9 +174,8 @@ def _method(rpc: Rpc) -> str:
 def _fetch_whole(rpc: Rpc, rules: Any, read: Callable[[Any], State]) -> State:
     """The state of a master that does not tell its changes: of upstream, or where this is switched off."""
     try:
-        state: State = rpc.call("masterInfoFiltered", rules, read=read)
+        return cast(State, rpc.call("masterInfoFiltered", rules, read=read))
     except Fault:
         if "masterInfoFiltered" in rpc.call("system.listMethods"):
             raise
-        state = rpc.call("masterInfo", read=read)
-    return state
+        return cast(State, rpc.call("masterInfo", read=read))

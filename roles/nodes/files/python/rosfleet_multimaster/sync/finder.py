@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Finds the discovery node of the own roscore by its topic and service, and asks it for its list of masters."""
 
-from typing import Callable, List, NamedTuple, Optional, Set, Tuple
+from typing import Callable, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 from ..edge.clock import monotonic
 from ..edge.lifeline import Lifeline, Socket, lifeline
@@ -23,10 +23,10 @@ LIST_FIRST, LIST = 0.5, 10.0  # seconds between two looks at list_masters: until
 class FindResult(NamedTuple):
     """The discovery node of the own roscore; "" for unknown parts."""
 
-    topic: str
-    service: str
-    uri: str
-    line: Optional[Socket]
+    topic: str = ""
+    service: str = ""
+    uri: str = ""
+    line: Optional[Socket] = None
 
 
 class Finder:
@@ -71,27 +71,26 @@ class Finder:
     def _find(self) -> FindResult:
         """The discovery node of this roscore, if it is alive (a roscore knows dead ones, too). With a lifeline to a new one."""
         foreign = {node for node, _uri in self._claims()}
-        view = self._graph.read(lambda view: _discovery(view, foreign)[2:])
-        topics, services, nodes, _services = _discovery(view, foreign)
+        view = self._graph.read(lambda view: (_discovery(view, foreign)[2], []))  # the URI of no service is needed
+        topics, services, nodes = _discovery(view, foreign)
         uri = view.node_uris.get(nodes[0], "") if nodes else ""
         line = lifeline(uri) if uri != self._line.uri else None
         if not uri or (line is None and uri != self._line.uri):
-            return FindResult("", "", "", None)
+            return FindResult()
         return FindResult("".join(topics[:1]), services[0], uri, line)
 
-    def _on_result(self, result: Optional[FindResult], problem: Optional[Exception]) -> None:
-        topic, service = (result.topic, result.service) if result is not None else ("", "")
-        if topic:
-            self._subscribe(topic)
-        if problem is not None:
+    def _on_result(self, result: Optional[FindResult], _problem: Optional[Exception]) -> None:
+        if result is None:
             self._finds.due = monotonic() + LIST_FIRST
-        if result is not None and result.line is not None:
+            return
+        if result.topic:
+            self._subscribe(result.topic)
+        if result.line is not None:
             self._line.hold(result.uri, result.line)
-        if service and service != self._service:
-            self._lists.due = 0.0
-        if service:
-            self._service = service
-        elif problem is None:
+        if result.service:
+            self._lists.due = self._lists.due if result.service == self._service else 0.0
+            self._service = result.service
+        else:
             text = f"no master_discovery on the roscore at {self._graph.roscore.rpc.uri}: waiting for it"
             self._limited.say("warning", "discovery", text)
             if not self.listed_once:
@@ -108,11 +107,17 @@ class Finder:
         self._on_list(masters, first, asked)
 
 
-def _discovery(view: View, foreign: Set[str]) -> Tuple[List[str], List[str], List[str], List[str]]:
-    """Topics, services and nodes of this robot's discovery; and an empty list: the URI of no service is needed."""
-    own = {name: [node for node in nodes if node not in foreign] for name, nodes in view.publishers.items()}
-    kind = CHANGES_TYPE
-    topics = sorted(topic for topic, nodes in own.items() if nodes and view.types.get(topic, "").endswith(kind))
-    providers = {name: [node for node in nodes if node not in foreign] for name, nodes in view.services.items()}
-    services = sorted(name for name, nodes in providers.items() if nodes and name.endswith(LIST_MASTERS))
-    return topics, services, providers[services[0]] if services else [], []
+def _discovery(view: View, foreign: Set[str]) -> Tuple[List[str], List[str], List[str]]:
+    """Topics, services and nodes of this robot's discovery."""
+
+    def is_own(nodes: Sequence[str]) -> bool:
+        return not foreign.issuperset(nodes)
+
+    topics = sorted(
+        topic
+        for topic, nodes in view.publishers.items()
+        if view.types.get(topic, "").endswith(CHANGES_TYPE) and is_own(nodes)
+    )
+    services = sorted(name for name, nodes in view.services.items() if name.endswith(LIST_MASTERS) and is_own(nodes))
+    providers = view.services[services[0]] if services else []
+    return topics, services, [node for node in providers if node not in foreign]

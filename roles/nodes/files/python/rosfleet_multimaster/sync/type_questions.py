@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Questions about the types of shared topics: to own nodes, and to other masters."""
 
+from functools import partial
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from ..edge.clock import monotonic
@@ -15,6 +16,7 @@ TYPES = 200  # types in one question to another master: the answer must fit
 TIMEOUT = 2.0  # seconds for the answer of an own node or of another master
 
 Md5Sum = Callable[[str], Optional[str]]
+Md5Sums = Tuple[Dict[str, str], Dict[str, str]]  # type -> md5 sum: of another master, and here
 
 
 class TypeQuestions:
@@ -35,22 +37,18 @@ class TypeQuestions:
     def ask(self, question: Question) -> None:
         """Ask, and hand the answer to the guard later."""
         if question.node is not None:
-            node = question.node
-            self._workers.submit(
-                lambda: _types_of(node[1]), lambda types, _problem: self._take_node_answer(node, types)
-            )
+            self._workers.submit(partial(_types_of, question.node[1]), partial(self._take_types, question.node))
             return
         monitor, types = self._monitor_of(question.master), sorted(question.types)
         self._workers.submit(
-            lambda: _md5sums(monitor, types, self._md5sum),
-            lambda sums, _problem: self._take_master_answer(question.master, sums),
+            partial(_md5sums, monitor, types, self._md5sum), partial(self._take_md5sums, question.master)
         )
 
-    def _take_node_answer(self, node: NodeKey, types: Optional[Dict[str, str]]) -> None:
+    def _take_types(self, node: NodeKey, types: Optional[Dict[str, str]], _problem: Optional[Exception]) -> None:
         self.guard.take_node_types(node, types, monotonic())
         self._on_answer()
 
-    def _take_master_answer(self, master: str, sums: Optional[Tuple[Dict[str, str], Dict[str, str]]]) -> None:
+    def _take_md5sums(self, master: str, sums: Optional[Md5Sums], _problem: Optional[Exception]) -> None:
         there, here = sums or (None, {})
         self.guard.take_md5sums(master, there, here, monotonic())
         self._on_answer()
@@ -69,7 +67,7 @@ def _types_of(node_uri: str) -> Dict[str, str]:
     return types
 
 
-def _md5sums(monitor_uri: str, types: List[str], md5sum: Md5Sum) -> Tuple[Dict[str, str], Dict[str, str]]:
+def _md5sums(monitor_uri: str, types: List[str], md5sum: Md5Sum) -> Md5Sums:
     """The md5 sums of types at another master, and here. Only types that an own node has named are imported."""
     rpc, there = Rpc(monitor_uri, TIMEOUT), {}
     try:

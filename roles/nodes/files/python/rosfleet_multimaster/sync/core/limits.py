@@ -9,15 +9,13 @@ them (sync.py). Free of sockets, threads and clocks.
 """
 
 from dataclasses import replace
-from typing import AbstractSet, Dict, Iterator, List, Mapping, Optional, Set, Tuple
+from typing import AbstractSet, Any, Dict, Iterator, List, Mapping, Optional, Set, Tuple
 
 from ...protocol.graph import Endpoints, State
 from ...protocol.plain_text import quote
-from .sync import Refusal, Remote, master_nodes
+from .sync import KINDS, Refusal, Remote, Row, master_nodes, rows
 
 MOST = 5000  # registrations of one master
-
-Row = Tuple[str, str, str]  # kind, topic or service, node
 
 
 def limit_state(
@@ -33,56 +31,34 @@ def limit_state(
     """
     if size(state) <= most:
         return state
-    rows = list(_rows(state))
+    everything = list(rows(state))
     mine = master_nodes(state, own_uri, sync_remote_nodes)
-    own = [row for row in rows if row[2] in mine]
-    old = set(_rows(before)) if before is not None else set()
+    own = [row for row in everything if row[2] in mine]
+    old = set(rows(before)) if before is not None else set()
     own.sort(key=lambda row: (row not in old, row))
     taken = set(own[:most])
-    taken.update(sorted(_foreign_publishers(rows, mine.keys(), taken))[: most - len(taken)])
-    publishers, subscribers, services = (
-        _keep_rows(kind, table, taken)
-        for kind, table in (
-            ("publisher", state.publishers),
-            ("subscriber", state.subscribers),
-            ("service", state.services),
-        )
-    )
-    nodes = {node for _kind, _name, node in taken}
+    taken.update(sorted(_foreign_publishers(everything, mine.keys(), taken))[: most - len(taken)])
+    tables: Dict[str, Any] = {f"{kind}s": _keep_rows(kind, getattr(state, f"{kind}s"), taken) for kind in KINDS}
+    topics, nodes = {*tables["publishers"], *tables["subscribers"]}, {node for _kind, _name, node in taken}
     return replace(
         state,
-        publishers=publishers,
-        subscribers=subscribers,
-        services=services,
-        types={name: kind for name, kind in state.types.items() if name in publishers or name in subscribers},
+        **tables,
+        types={name: kind for name, kind in state.types.items() if name in topics},
         nodes={name: node for name, node in state.nodes.items() if name in nodes},
-        providers={name: provider for name, provider in state.providers.items() if name in services},
+        providers={name: provider for name, provider in state.providers.items() if name in tables["services"]},
         left_out=max(0, len(own) - most),
     )
 
 
-def _foreign_publishers(rows: List[Row], mine: AbstractSet[str], taken: Set[Row]) -> Iterator[Row]:
+def _foreign_publishers(everything: List[Row], mine: AbstractSet[str], taken: Set[Row]) -> Iterator[Row]:
     """The publishers of third masters, on topics of taken subscribers."""
     heard = {name for kind, name, _node in taken if kind == "subscriber"}
-    return (row for row in rows if row[0] == "publisher" and row[1] in heard and row[2] not in mine)
+    return (row for row in everything if row[0] == "publisher" and row[1] in heard and row[2] not in mine)
 
 
 def size(state: State) -> int:
     """The number of registrations in a state."""
-    return sum(
-        len(nodes) for table in (state.publishers, state.services, state.subscribers) for nodes in table.values()
-    )
-
-
-def _rows(state: State) -> Iterator[Row]:
-    for kind, table in (
-        ("publisher", state.publishers),
-        ("service", state.services),
-        ("subscriber", state.subscribers),
-    ):
-        for name, nodes in table.items():
-            for node in nodes:
-                yield kind, name, node
+    return sum(len(nodes) for kind in KINDS for nodes in getattr(state, f"{kind}s").values())
 
 
 def _keep_rows(kind: str, table: Endpoints, taken: Set[Row]) -> Dict[str, Tuple[str, ...]]:

@@ -21,11 +21,11 @@ from typing import Any, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Se
 from ...protocol.members import Members
 from ...protocol.messages import NodeKey, Registration
 from .permission import LOWEST, ports
+from .places import PARSED, host_of
 from .sync import View
 
 FORGET = 930.0  # seconds after a loss: by then TCP itself has given up (net.ipv4.tcp_retries2)
 RESOLVE = 300.0  # seconds between two looks at the address of a host
-PARSED = 4096  # parsed URIs that are kept: they are used with each news of a master
 
 # As rospy and roscpp describe a connection in getBusInfo; rospy does not know from which port it was called.
 _INFO = re.compile(r"TCPROS connection on port (\d+) to \[(?:.*):(\d+|None) on socket")
@@ -144,7 +144,7 @@ class Losses:
         for node in master.nodes:
             port = _port(node)
             if port >= LOWEST and port not in self._ports:
-                endpoints.update((address, port) for address in self._host_addresses(_host(node)) & believed)
+                endpoints.update((address, port) for address in self._host_addresses(host_of(node[1])) & believed)
         return endpoints
 
     def _robot_addresses(self, uri: str) -> FrozenSet[str]:
@@ -153,7 +153,7 @@ class Losses:
         A stranger chooses the host of its URI, so addresses of the fleet do not count.
         """
         member = self._members.master(uri)
-        return self._host_addresses(_host(("", uri))) - self._members.hosts if member is None else member.hosts
+        return self._host_addresses(host_of(uri)) - self._members.hosts if member is None else member.hosts
 
     def _host_addresses(self, host: str) -> FrozenSet[str]:
         return self._addresses.get(host, (0.0, frozenset()))[1]
@@ -172,15 +172,11 @@ def connections_of(bus_info: Any, others: FrozenSet[str]) -> Set[Connection]:
 
 def _hosts(uri: str, master: _Master) -> Set[str]:
     """The hosts of a master and of its nodes; empty if it has no node here."""
-    return {host for host in map(_host, [*master.nodes, ("", uri)]) if host} if master.nodes else set()
-
-
-@lru_cache(PARSED)
-def _host(node: NodeKey) -> str:
-    try:
-        return urllib.parse.urlsplit(node[1]).hostname or ""
-    except ValueError:
-        return ""
+    return (
+        {host for host in map(host_of, [uri, *(where for _name, where in master.nodes)]) if host}
+        if master.nodes
+        else set()
+    )
 
 
 @lru_cache(PARSED)

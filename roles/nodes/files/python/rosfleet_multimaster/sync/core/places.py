@@ -8,6 +8,7 @@ leads to them. An allowed stranger has its own address, those in networks of thi
 second master on this computer has nodes here.
 """
 
+from functools import lru_cache
 from typing import Container, Dict, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional, Set
 from urllib.parse import urlsplit
 
@@ -18,6 +19,7 @@ from .permission import LOWEST
 
 LOCAL_NAMES = ("", "localhost", "localhost.localdomain", "ip6-localhost")
 MAX_NAMES = 16  # hosts of one state that are looked up
+PARSED = 4096  # parsed URIs that are kept: they are used with each news of a master
 
 
 class LocalNetwork(NamedTuple):
@@ -95,6 +97,7 @@ def names_to_resolve(state: State, members: Members) -> List[str]:
     return sorted(host for host in hosts if host and host not in known and not _is_address(host))[:MAX_NAMES]
 
 
+@lru_cache(PARSED)
 def host_of(uri: str) -> str:
     """The host of a URI; empty where it has none."""
     try:

@@ -29,6 +29,9 @@ DOUBT = 10.0  # seconds between two fetches of a followed master that told no ch
 MISSING = 15.0  # seconds that a master may be missing in the list (of a discovery node that has just started)
 
 LONG_AGO = float("-inf")
+KINDS = ("publisher", "service", "subscriber")  # each has a table in a State and in a View, under its plural
+
+Row = Tuple[str, str, str]  # kind, topic or service, node
 
 
 def nodes_of(items: Iterable[Registration]) -> Set[NodeKey]:
@@ -50,29 +53,28 @@ class View:
     def registrations(self, claims: Iterable[NodeKey]) -> Set[Registration]:
         """Everything that the claimed nodes have registered."""
         claimed = {node: uri for node, uri in claims if self.node_uris.get(node) == uri}
-        items = set()
-        for kind, table in (
-            ("publisher", self.publishers),
-            ("subscriber", self.subscribers),
-            ("service", self.services),
-        ):
-            for name, nodes in table.items():
-                for node in nodes:
-                    if node in claimed:
-                        service_uri = self.service_uris.get(name, "") if kind == "service" else ""
-                        items.add(Registration(kind, name, node, claimed[node], service_uri))
-        return items
+        return {
+            Registration(kind, name, node, claimed[node], self.service_uris.get(name, "") if kind == "service" else "")
+            for kind, name, node in rows(self)
+            if node in claimed
+        }
 
     def local_nodes(self, claims: Iterable[NodeKey]) -> Dict[str, List[str]]:
         """Topic -> the nodes on it that are not claimed: this robot's own."""
         claimed = {node for node, uri in claims if self.node_uris.get(node) == uri}
         users: Dict[str, Dict[str, None]] = {}
-        for table in (self.publishers, self.subscribers):
-            for topic, nodes in table.items():
-                for node in nodes:
-                    if node not in claimed:
-                        users.setdefault(topic, {})[node] = None
+        for kind, topic, node in rows(self):
+            if kind != "service" and node not in claimed:
+                users.setdefault(topic, {})[node] = None
         return {topic: list(nodes) for topic, nodes in users.items()}
+
+
+def rows(registrations: object) -> Iterator[Row]:
+    """All registrations of a State or a View."""
+    for kind in KINDS:
+        for name, nodes in getattr(registrations, f"{kind}s").items():
+            for node in nodes:
+                yield kind, name, node
 
 
 class Refusal(NamedTuple):
