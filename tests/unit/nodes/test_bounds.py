@@ -15,6 +15,7 @@ import xmlrpc.client
 
 import pytest
 from rosfleet_multimaster.discovery import rpc_server
+from rosfleet_multimaster.discovery.core.local_master import LocalMaster
 from rosfleet_multimaster.discovery.rpc_methods import callers
 from rosfleet_multimaster.discovery.rpc_server import RefusedCall, RpcServer
 from rosfleet_multimaster.edge import loop, rpc_client
@@ -24,6 +25,7 @@ from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.protocol.filters import InvalidPattern, Rules
 from rosfleet_multimaster.protocol.graph import Graph, build, document
 from rosfleet_multimaster.protocol.members import Members
+from rosfleet_multimaster.protocol.parameters import Settings
 from rosfleet_multimaster.protocol.plain_text import is_plain
 from rosfleet_multimaster.protocol.xml_rpc import STATE as STATE_BYTES
 from rosfleet_multimaster.protocol.xml_rpc import DocumentTooLarge, loads, unpack
@@ -331,7 +333,9 @@ def fleet_server(**changed):
     def outside(address):
         return address.replace("127.", "10.", 1)
 
-    who = callers(Members.from_parameters({**FLEET, **changed}), "http://own:11311/", lambda: {"10.0.0.1"})
+    who = callers(
+        Members.from_parameters({**FLEET, **changed}), "http://own:11311/", lambda address: address == "10.0.0.1"
+    )
     made = Server(
         rpc_server.Callers(
             lambda caller, here: who.objection(outside(caller), outside(here)),
@@ -383,13 +387,14 @@ def test_strangers_have_no_connection_by_any_address():
 
 
 def test_this_computer_itself_may_always_call():
-    who = callers(Members.from_parameters(FLEET), "http://own:11311/", lambda: {"172.17.0.1"})
+    members = Members.from_parameters(FLEET)
+    who = callers(members, "http://own:11311/", LocalMaster(Settings(), ["172.17.0.1"], 11611, members).is_own)
     assert who.objection("127.0.0.1", "127.0.0.1") == who.objection("172.17.0.1", "172.17.0.1") == ""
     assert who.is_member("172.17.0.1")
 
 
 def test_anybody_may_call_without_a_plan():
-    who = callers(Members.from_parameters({}), "http://own:11311/", set)
+    who = callers(Members.from_parameters({}), "http://own:11311/", lambda address: False)
     assert not who.reserved
     assert who.objection("10.9.9.9", "10.0.0.1") == ""
 

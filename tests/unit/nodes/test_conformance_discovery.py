@@ -174,7 +174,7 @@ def test_16_a3_an_answer_goes_to_the_requester_and_to_the_group(multicast, to):
 
 def test_16_a4_leave_on_shutdown_and_of_others():
     made = met()
-    made.leave()
+    made.announcements.leave()
     assert sent(made) == [(Kind.LEAVE, None)]
     made.datagram(beat(kind=Kind.LEAVE), PEER, True, 12.0)
     made.tick(12.2)
@@ -196,7 +196,7 @@ def test_16_a4_versions_2_and_3_are_accepted_and_no_others():
 def test_16_a5_the_own_master_is_listed_and_announced():
     made = core()
     made.take_own_state(OWN, 0.0)
-    assert made.masters() == [OWN]
+    assert made.view.masters() == [OWN]
     assert take(made, Event) == [Event("new", OWN)]
 
 
@@ -336,7 +336,7 @@ def test_15_9_a_leave_from_one_address_keeps_a_master_at_another():
     made.tick(11.5)
     made.take_contact(KEY, None, "Connection refused", 11.5, gone=True)
     assert [event.change for event in take(made, Event)] == ["changed"]
-    assert [master.monitor_uri for master in made.masters()] == [OWN.monitor_uri, "http://10.0.0.2:11611"]
+    assert [master.monitor_uri for master in made.view.masters()] == [OWN.monitor_uri, "http://10.0.0.2:11611"]
 
 
 @pytest.mark.parametrize("step", [-10.0, 3600.0, 0.0])
@@ -361,7 +361,7 @@ def test_15_10_the_core_knows_no_wall_clock():
         two.core.take_own_state(two.master(), world.now)
         world.carry_out(two)
         world.run(world.now + 10.0)
-        assert one.core.masters()[1].stamp == two.stamp and one.core.masters()[1].online
+        assert one.core.view.masters()[1].stamp == two.stamp and one.core.view.masters()[1].online
     assert not [event for event in one.events if event[1] == "removed"]
 
 
@@ -379,7 +379,7 @@ def test_15_11_one_silent_master_does_not_postpone_the_others():
         now += 0.25
         if now < 15.0:
             made.datagram(beat(rate=1.0), ("10.0.0.2", 11511), True, now)
-    assert {master.name for master in made.masters() if not master.online} == {"r1", "r3"}
+    assert {master.name for master in made.view.masters() if not master.online} == {"r1", "r3"}
 
 
 def test_15_12_the_pace_of_looks_is_a_parameter_that_stays():
@@ -419,7 +419,7 @@ def test_15_17_those_who_hear_of_it_forget_it_and_find_it_again():
     del world.answered
     world.start(two)
     world.run(40.0)
-    assert one.core.masters()[1].online
+    assert one.core.view.masters()[1].online
 
 
 # 13: what upstream's server does for anybody

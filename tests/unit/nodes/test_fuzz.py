@@ -103,7 +103,7 @@ class Bystander:
         assert len(self.asked) <= MAX_ASKED + len(self.core.peers.table)
 
     def master(self, uri):
-        return next((master for master in self.core.masters() if master.uri == uri), None)
+        return next((master for master in self.core.view.masters() if master.uri == uri), None)
 
 
 @slow

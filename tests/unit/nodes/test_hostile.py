@@ -137,7 +137,9 @@ def test_own_addresses_are_never_asked():
     own["addresses"] = ["192.168.1.202", "192.168.1.203"]
     core = running({**MEMBERS, "members": [TIBI, ROUTER, own], "allow": ["192.168.1.202", "192.168.1.66"]})
     asked = [
-        address for address in ("192.168.1.202", "192.168.1.203", "127.0.0.1", ADDRESS, ROGUE) if core.may_ask(address)
+        address
+        for address in ("192.168.1.202", "192.168.1.203", "127.0.0.1", ADDRESS, ROGUE)
+        if core.local.may_ask(address)
     ]
     assert asked == [ADDRESS, ROGUE]
 

@@ -231,12 +231,11 @@ def test_any_difference_is_a_state_of_its_master_or_malformed(told_rows, gone):
 
 
 @pytest.fixture(name="there")
-def _there(monkeypatch):
+def _there():
     own = ServedMaster(URI, "robot2", "/master_discovery", lambda: "127.0.0.1", 1, state=TRUE, away="")
     changes = StateFeed(own.current)
     changes.update(TRUE, None)
-    served = RpcMethods(own, Policy(), {}, set, lambda: None, str, list, changes)
-    monkeypatch.setattr(served, "_is_here", lambda caller: False)
+    served = RpcMethods(own, Policy(), {}, lambda address: False, lambda: None, str, list, changes)
     server = RpcServer("127.0.0.1", 0, served.methods(), lambda *_why: None)
     yield f"http://127.0.0.1:{server.server_address[1]}", changes, server
     server.stop()

@@ -1,11 +1,19 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sentences about names that lead elsewhere."""
+"""Sentences about names that lead elsewhere, and the times of other masters."""
 
-from rosfleet_multimaster.discovery.contacts import Contacts
+import threading
+import time
+
+import pytest
+from rosfleet_multimaster.discovery.contacts import Contacts, ask_time
+from rosfleet_multimaster.discovery.core.health import Health
 from rosfleet_multimaster.discovery.core.peer import Contact
+from rosfleet_multimaster.discovery.rpc_server import RpcServer
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.process import program
+from rosfleet_multimaster.protocol.members import Members
+from rosfleet_multimaster.protocol.messages import Master
 
 
 def test_what_is_said_of_a_master_that_is_not_known_is_not_kept():
@@ -26,3 +34,36 @@ def test_what_is_said_of_a_master_that_is_not_known_is_not_kept():
     known.append(contact.uri)
     contacts._compare(contact, "192.168.1.2", "", None)
     assert list(errors) == [contact.uri]
+
+
+class Now:
+    """Workers that do it at once."""
+
+    def submit(self, job, done):
+        try:
+            done(job(), None)
+        except (OSError, ValueError) as problem:
+            done(None, problem)
+
+
+@pytest.mark.parametrize(
+    ("answer", "offset"), [(lambda: ["http://x:1/", time.time() + 3.0], 3.0), (lambda: ["x", "y"], None), (None, None)]
+)
+def test_the_offset_is_measured_and_nonsense_is_none(answer, offset):
+    server = RpcServer("127.0.0.1", 0, {"getCurrentTime": answer} if answer else {}, lambda _host, _why: None)
+    try:
+        monitor = f"http://127.0.0.1:{server.server_address[1]}"
+        master = Master("robot2", "http://robot2:11311/", monitor, "/d", 1.0, 1.0, True)
+        health = Health("http://own:11311/", Members())
+        assert health.question([master], 0.0) == master
+        if answer is None:
+            with pytest.raises(Exception, match="getCurrentTime"):
+                ask_time(master, Now(), health)
+        else:
+            ask_time(master, Now(), health)
+    finally:
+        threading.Thread(target=server.stop).start()
+    (link,) = health.links([master], []).links
+    assert (link.answer is None) == (offset is None)
+    if link.answer is not None:
+        assert link.answer.offset == pytest.approx(offset, abs=0.5) and 0 < link.answer.seconds < 3

@@ -30,14 +30,12 @@ ASK = Filters({}).rules("robot2").to_wire(False)
 class Discovery:
     """A discovery that serves its state; callers are strangers to it."""
 
-    def __init__(self, told=True, policy=None, monkeypatch=None):
+    def __init__(self, told=True, policy=None, is_here=lambda address: True):
         self.own = ServedMaster(URI, "robot2", "/master_discovery", lambda: "127.0.0.1", 1, away="")
         self.told, self.secret = StateFeed(self.own.current), []
         served = RpcMethods(
-            self.own, policy or Policy(), {}, set, lambda: self.secret, str, list, self.told if told else None
+            self.own, policy or Policy(), {}, is_here, lambda: self.secret, str, list, self.told if told else None
         )
-        if monkeypatch is not None:
-            monkeypatch.setattr(served, "_is_here", lambda caller: False)
         self.server = RpcServer("127.0.0.1", 0, served.methods(), lambda *_why: None)
         self.uri = f"http://127.0.0.1:{self.server.server_address[1]}"
         self.asked = []
@@ -54,8 +52,8 @@ class Discovery:
 
 
 @pytest.fixture(name="there")
-def _there(monkeypatch):
-    made = Discovery(monkeypatch=monkeypatch)
+def _there():
+    made = Discovery(is_here=lambda address: False)
     yield made
     made.server.stop()
 
@@ -149,8 +147,8 @@ def test_a_large_state_travels_as_xml_and_is_followed(there, monkeypatch):
     here.found.follower.stop()
 
 
-def test_where_the_quick_way_is_off_the_whole_is_fetched(monkeypatch):
-    there = Discovery(told=False, monkeypatch=monkeypatch)
+def test_where_the_quick_way_is_off_the_whole_is_fetched():
+    there = Discovery(told=False, is_here=lambda address: False)
     there.has({"/a": "/one"})
     here = Here(there)
     assert sorted(here.found.state.publishers) == ["/a"] and not here.found.method and here.found.follower is None
@@ -191,7 +189,7 @@ def test_one_address_keeps_few_connections(there):
     for thread in threads[-2:] + threads[:-2]:
         thread.join(5)
     assert len(answers) == len(rpcs) and 1.9 < time.monotonic() - began < 4.0
-    assert len(there.server._kept) <= rpc_server._KEPT_PER_ADDRESS
+    assert sum(connection.kept for connection in there.server._open.values()) <= rpc_server._KEPT_PER_ADDRESS
     assert all(answer[2] is False and answer[5] for answer in answers), "nothing new, and a digest"
     Rpc(there.uri, 5.0).call("masterContacts")  # there is still room for the other methods
 

@@ -8,8 +8,7 @@
 import urllib.parse
 from typing import Any, Dict, List, Optional, Tuple
 
-from .discovery import times
-from .discovery.contacts import Contacts
+from .discovery.contacts import Contacts, ask_time
 from .discovery.core import report
 from .discovery.core.actions import Ask, Event, Say, Send
 from .discovery.core.discovery import Discovery
@@ -73,9 +72,11 @@ class MasterDiscovery:
         self.datagrams = Datagrams(values, self.loop, resolvers, self.limited, self.errors, heard)
         settings = {name: value for name, value in values.items() if name in Settings.__dataclass_fields__}
         self.core = Discovery(Settings(**settings), (), self.own.rpc_port, self.members)
-        asking = (self._is_told, self.core.may_ask, self._on_contact)
+        asking = (self.told.__contains__, self.core.local.may_ask, self._on_contact)
         self.contacts = Contacts(self.loop, resolvers, self.limited, self.errors, *asking)
-        self.address_looks = RecurringJob(DirectRunner(), self._pause_of_looks, self._look_at_addresses)
+        self.address_looks = RecurringJob(
+            DirectRunner(), lambda: LOOKS[self.datagrams.hears_of_changes], self._look_at_addresses
+        )
         self.health = Health(self.own.uri, self.members)
         node, shown = (self.own.uri, self.own.node), (self._entries, self._samples)
         self.display = Display(values, *node, self.loop, self.limited, *shown)
@@ -86,7 +87,7 @@ class MasterDiscovery:
         self.served = self._make_served(values)
         self.datagrams.start()  # there may be no network yet
         self._look_at_networks()
-        rules = callers(self.members, self.own.uri, lambda: self.datagrams.own_addresses)
+        rules = callers(self.members, self.own.uri, self.core.local.is_own)
         self.server = serve(
             values["rpc_addr"], self.own.rpc_port, self.served.methods(), self._on_malformed_request, rules
         )
@@ -96,7 +97,7 @@ class MasterDiscovery:
             self.own,
             Policy.from_parameters(values),
             self.errors,
-            lambda: self.datagrams.own_addresses,
+            self.core.local.is_own,
             lambda: self.source.do_not_sync,
             ros.md5sum,
             lambda: self.outsiders,
@@ -147,7 +148,7 @@ class MasterDiscovery:
                 self.contacts.ask(action)
             elif isinstance(action, Event):
                 if not events:  # before it is told: who then asks for the list has it there
-                    events, self.masters = True, tuple(self.core.masters())
+                    events, self.masters = True, tuple(self.core.view.masters())
                 self._event(action)
             elif isinstance(action, Say):
                 self.limited.say(action.level, action.topic, action.text)
@@ -190,16 +191,16 @@ class MasterDiscovery:
         before, self.outsiders = self.outsiders, tuple(self.core.outsiders.list_ignored())
         if self.node is None:
             return
-        self.node.links(self.own.name, lambda: self.core.links(monotonic()), wall_clock())
+        self.node.links(self.own.name, lambda: self.core.view.links(monotonic()), wall_clock())
         asked = self.health.question(self.masters, monotonic()) if self.display.has_outputs else None
         if asked is not None:
-            times.ask(asked, self.clock_questions, self.health)
+            ask_time(asked, self.clock_questions, self.health)
         if self.outsiders != before:
             self.display.mark_stale()
         self.display.look(self.diagnostics)
 
     def _links(self) -> LinkList:
-        return self.health.links(self.masters, self.core.links(monotonic()))
+        return self.health.links(self.masters, self.core.view.links(monotonic()))
 
     def _entries(self) -> List[Diagnosis]:
         """The entries of /diagnostics."""
@@ -222,9 +223,6 @@ class MasterDiscovery:
             },
             **report.link_samples(self._links()),
         }
-
-    def _pause_of_looks(self) -> float:
-        return LOOKS[self.datagrams.hears_of_changes]
 
     def _look_at_addresses(self) -> None:
         self._carry_out()  # first: a look may close the sockets, and what is to be sent would be lost
@@ -253,11 +251,8 @@ class MasterDiscovery:
 
     def _on_sockets_open(self, now: float) -> None:
         self._on_address_change()
-        self.core.greet(now)
+        self.core.announcements.greet(now)
         self._show_own(now)
-
-    def _is_told(self, uri: str) -> bool:
-        return uri in self.told
 
     def _on_contact(self, key: Key, contact: Optional[Contact], problem: str, gone: bool, fault: bool) -> bool:
         if contact is not None and contact.uri == self.own.uri:  # perhaps this node itself, at a new address
@@ -321,7 +316,7 @@ class MasterDiscovery:
         self.ended.set()
         program.leave_after(5.0)
         self.server.stop()  # first: whoever still answers has not left
-        self.core.leave()
+        self.core.announcements.leave()
         self._carry_out()
         self.display.end()
         program.LOG.info("left")

@@ -159,7 +159,7 @@ def test_another_beat_is_no_copy_whoever_sends_it():
     core.datagram(state(2002), PEER, True, 11.01)
     core.datagram(state(2001), ("10.0.0.9", 11511), True, 11.02)
     core.tick(11.02)
-    assert [master.stamp for master in core.masters()][1] == 2002 and core.strangers.table
+    assert [master.stamp for master in core.view.masters()][1] == 2002 and core.strangers.table
 
 
 def test_a_flood_of_beats_of_a_known_master_is_not_remembered():
@@ -228,7 +228,7 @@ def test_leave_and_refresh():
     core = met(robot_hosts=["third"])
     core.refresh(20.0)
     assert sent(core) == [(Kind.REQUEST, PEER[0]), (Kind.REQUEST, None), (Kind.REQUEST, "third")]
-    core.leave()
+    core.announcements.leave()
     assert sent(core) == [(Kind.LEAVE, None), (Kind.LEAVE, "third")]
 
 
@@ -240,7 +240,7 @@ def test_the_own_master_is_listed_first():
     for datagram in (state(5), request(), leave()):
         core.datagram(datagram, ("192.168.1.229", 11511), True, 11.0)
     assert take(core) == []
-    assert [(master.name, master.monitor_uri) for master in core.masters()] == [
+    assert [(master.name, master.monitor_uri) for master in core.view.masters()] == [
         ("kobuki1computer", "http://192.168.1.229:11611"),
         ("kobuki2computer", "http://192.168.1.239:11611"),
     ]
@@ -286,7 +286,7 @@ def test_what_many_datagrams_change_is_told_once():
         core.datagram(state(stamp), PEER, True, 11.0)
     core.tick(11.0)
     assert changes(core) == [("changed", "kobuki2computer", True)]
-    assert [master.stamp for master in core.masters()][1] == 2003
+    assert [master.stamp for master in core.view.masters()][1] == 2003
 
 
 def test_empty_datagrams_are_ignored_and_malformed_ones_counted():
@@ -297,7 +297,7 @@ def test_empty_datagrams_are_ignored_and_malformed_ones_counted():
         core.datagram(data, PEER, True, 11.0)
     assert core.malformed == 3
     assert {type(action) for action in take(core)} == {Say}
-    assert len(core.masters()) == 2
+    assert len(core.view.masters()) == 2
 
 
 def test_two_addresses_of_one_master_are_one_master():
@@ -336,7 +336,7 @@ def test_one_name_or_one_uri_for_two_masters_is_reported():
     texts = [action.text for action in take(core, Say)]
     assert any("two masters are called kobuki2computer" in text for text in texts)
     assert any("ROS_HOSTNAME" in text for text in texts)
-    assert core.masters()[0] == OWN
+    assert core.view.masters()[0] == OWN
 
 
 def heard_from_two_addresses(answers):
@@ -391,7 +391,7 @@ def test_an_own_address_that_is_new_is_not_another_master():
     core.take_addresses(["127.0.0.1", "192.168.1.229", new[0]])
     core.take_contact((*new, 11611), CONTACT._replace(uri=OWN.uri), "", 11.1)
     core.datagram(state(), new, True, 12.0)
-    assert take(core, Say) == [] and [master.uri for master in core.masters()] == [OWN.uri]
+    assert take(core, Say) == [] and [master.uri for master in core.view.masters()] == [OWN.uri]
 
 
 # Floods
@@ -491,13 +491,13 @@ def test_leave_of_a_master_that_no_longer_answers():
     assert len(take(core, Ask)) == 1
     core.take_contact(KEY, None, REFUSED, 11.2, gone=True)
     assert changes(core) == [("removed", "kobuki2computer", False)]
-    assert [master.name for master in core.masters()] == ["kobuki1computer"]
+    assert [master.name for master in core.view.masters()] == ["kobuki1computer"]
 
 
 def test_leave_of_a_computer_that_is_off():
     core, now = met(), 11.0
     core.datagram(leave(), PEER, True, now)
-    while core.masters()[1:]:
+    while core.view.masters()[1:]:
         now = core.next_tick()
         core.tick(now)
         for action in take(core, Ask):
@@ -551,7 +551,7 @@ def test_who_promised_a_beat_is_asked_and_then_offline():
     core = met()
     core.datagram(state(rate=1.0), PEER, True, 10.0)
     asked, requests, now = [], [], 10.0
-    while core.masters()[1].online:
+    while core.view.masters()[1].online:
         now = core.next_tick()
         core.tick(now)
         for action in take(core):
@@ -641,7 +641,7 @@ def test_a_master_that_answers_over_tcp_alone_stays():
     two.stamp = 2000.0
     world.run(60.0)
     assert [event[1:] for event in seen(one, two)] == [("new", True), ("changed", True)]
-    assert one.core.masters()[1].stamp == 2000.0
+    assert one.core.view.masters()[1].stamp == 2000.0
 
 
 def test_silence_is_offline_after_65_s_and_removed_after_300_s():
@@ -710,7 +710,7 @@ def test_a_dead_roscore_is_not_announced_as_alive():
 def test_a_roscore_that_fails_for_a_moment_is_not_dead():
     core = met(heartbeat_hz=1.0)
     assert not core.note_silent_roscore(10.5, 10.6) and not core.note_silent_roscore(10.5, 11.5)
-    assert changes(core) == [] and core.masters()[0].online
+    assert changes(core) == [] and core.view.masters()[0].online
     core.take_own_state(OWN, 11.6)
     assert not core.note_silent_roscore(12.0, 12.0)
     assert changes(core) == []
@@ -721,12 +721,12 @@ def test_a_roscore_that_fails_for_a_moment_is_not_dead():
 
 def test_quality_of_a_link():
     core = met()
-    assert [link.quality for link in core.links(10.0)] == [-1.0, -1.0]
+    assert [link.quality for link in core.view.links(10.0)] == [-1.0, -1.0]
     core = met(heartbeat_hz=1.0, measurement_intervals=10)
     for second in range(11, 31):
         if second % 2:
             core.datagram(state(rate=1.0), PEER, True, float(second))
-    own, peer = core.links(30.5)
+    own, peer = core.view.links(30.5)
     assert own.quality == 0.0  # its own multicast does not come back
     assert peer.quality == pytest.approx(50.0, abs=10)
     assert peer.silent == pytest.approx(1.5)
@@ -793,7 +793,7 @@ def test_a_full_list_of_masters_takes_a_new_one_later(monkeypatch):
             known = action.key[0] == new[0]
             contact = CONTACT._replace(uri="http://new:11311/", name="new") if known else None
             core.take_contact(action.key, contact, "" if known else TIMED_OUT, float(now))
-    assert core.strangers.refused == 1 and [master.name for master in core.masters()[1:]] == ["new"]
+    assert core.strangers.refused == 1 and [master.name for master in core.view.masters()[1:]] == ["new"]
 
 
 def looks(monkeypatch, masters):
@@ -815,7 +815,7 @@ def looks(monkeypatch, masters):
                 core.datagram(state(rate=1.0), (f"192.168.2.{number}", 11511), True, now)
                 core.tick(now)
                 assert core.next_tick() > now
-    assert len(core.masters()) == masters + 1 and all(master.online for master in core.masters())
+    assert len(core.view.masters()) == masters + 1 and all(master.online for master in core.view.masters())
     return len(seen)
 
 

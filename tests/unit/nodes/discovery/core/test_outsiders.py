@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Senders that are ignored: asked twice, told of once."""
 
+from rosfleet_multimaster.discovery.core.actions import Outbox
 from rosfleet_multimaster.discovery.core.outsiders import AGAIN, FORGET, MAX_ASKED, MAX_OUTSIDERS, Budget, Outsiders
 from rosfleet_multimaster.discovery.core.peer import Contact
 
@@ -21,32 +22,34 @@ def asked(outsiders, until, address="10.0.0.6", answer=None):
 
 
 def test_who_says_its_name_is_asked_once_and_told_of_once():
-    outsiders = Outsiders()
+    box = Outbox(lambda address: False)
+    outsiders = Outsiders(box)
     assert asked(outsiders, 1000, answer=ROGUE) == [0]
-    (news,) = outsiders.news
+    (news,) = outsiders.list_ignored()
     assert str(news) == (
         '"rogue" (http://rogue:11311/) at 10.0.0.6 is ignored: it is no robot of the fleet; add it to the inventory, or its '
         "address to multimaster_allow"
     )
-    assert outsiders.list_ignored() == [news]
+    assert [line.text for line in box.actions] == [str(news)]
 
 
 def test_who_does_not_is_asked_twice_and_told_of_by_address():
-    outsiders = Outsiders()
+    box = Outbox(lambda address: False)
+    outsiders = Outsiders(box)
     assert len(asked(outsiders, 1000)) == 2
-    (news,) = outsiders.news
-    assert str(news).startswith("the sender of heartbeats at 10.0.0.6 is ignored: it does not say who it is;")
+    (line,) = box.actions
+    assert line.text.startswith("the sender of heartbeats at 10.0.0.6 is ignored: it does not say who it is;")
 
 
 def test_who_may_not_be_asked_is_told_of_by_address_at_once():
-    outsiders = Outsiders()
+    outsiders = Outsiders(Outbox(lambda address: False))
     outsiders.hear("172.16.0.1", 22, 0.0, False)
     assert list(outsiders.due(0.0)) == [] and outsiders.next_due() is None
-    assert [news.address for news in outsiders.news] == ["172.16.0.1"]
+    assert [news.address for news in outsiders.list_ignored()] == ["172.16.0.1"]
 
 
 def test_a_flood_does_not_win_more_questions_for_an_address():
-    outsiders, tries = Outsiders(), {}
+    outsiders, tries = Outsiders(Outbox(lambda address: False)), {}
     for step in range(4 * MAX_OUTSIDERS):
         address = f"10.0.{step % 512 // 256}.{step % 256}"
         outsiders.hear(address, 1024 + step, step / 100, True)
@@ -58,14 +61,14 @@ def test_a_flood_does_not_win_more_questions_for_an_address():
 
 
 def test_few_are_asked_at_a_time():
-    outsiders = Outsiders()
+    outsiders = Outsiders(Outbox(lambda address: False))
     for number in range(50):
         outsiders.hear(f"10.0.0.{number}", 11611, 0.0, True)
     assert len(list(outsiders.due(0.0))) == MAX_ASKED and list(outsiders.due(1.0)) == []
 
 
 def test_the_silent_are_forgotten():
-    outsiders = Outsiders()
+    outsiders = Outsiders(Outbox(lambda address: False))
     asked(outsiders, 3, answer=ROGUE)
     outsiders.forget(FORGET + 3.0)
     assert outsiders.list_ignored() == []

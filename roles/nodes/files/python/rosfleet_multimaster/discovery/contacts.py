@@ -3,13 +3,17 @@
 """Questions to other discovery nodes: their contacts, and whether the name of their host leads to them."""
 
 import xmlrpc.client
+from contextlib import closing
 from typing import Callable, Dict, Optional, Set, Tuple
 
 from ..edge.addresses import address_of
+from ..edge.clock import monotonic, wall_clock
 from ..edge.loop import Loop, Workers
 from ..edge.process import program
 from ..edge.rpc_client import Rpc
+from ..protocol.messages import Master
 from .core.actions import CONTACT_LIMIT, Ask
+from .core.health import LIMIT, Answer, Health, read_answer
 from .core.peer import Contact, Key, find_name_problem
 from .core.strangers import MAX_ASKED
 
@@ -83,3 +87,14 @@ def _find_host(host: str, heard: str, rpc_port: int, may_ask: Callable[[str], bo
 
 def _ask_contact(monitor_uri: str, limit: float = CONTACT_LIMIT) -> Contact:
     return Contact.from_answer(Rpc(monitor_uri, limit).call("masterContacts"))
+
+
+def ask_time(master: Master, workers: Workers, health: Health) -> None:
+    """Ask a master for its time in a worker, and hand the answer to `health`: the round trip, and the offset of its clock."""
+
+    def ask() -> Answer:
+        began, wall = monotonic(), wall_clock()
+        with closing(Rpc(master.monitor_uri, LIMIT)) as rpc:
+            return read_answer(rpc.call("getCurrentTime"), wall, monotonic() - began)
+
+    workers.submit(ask, lambda answer, _problem: health.take_answer(master.uri, answer))

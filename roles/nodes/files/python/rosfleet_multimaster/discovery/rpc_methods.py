@@ -7,7 +7,7 @@ import os
 import threading
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Callable, Dict, Iterable, List, Optional, Set, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Optional, Tuple
 
 from ..edge.clock import sleep, wall_clock
 from ..edge.counter import Count
@@ -64,17 +64,17 @@ class RpcMethods:
         own: ServedMaster,
         policy: Policy,
         errors: Dict[str, str],
-        own_addresses: Callable[[], Set[str]],
+        is_here: Callable[[str], bool],
         do_not_sync: Callable[[], Any],
         md5sum: Callable[[str], Optional[str]],
         outsiders: Callable[[], Iterable[Outsider]],
         feed: Optional[StateFeed] = None,
     ) -> None:
-        """`do_not_sync()`: the parameter of the roscore with this name; `md5sum(type)`: of a message type, None for none.
+        """`is_here(address)`: of this computer; `do_not_sync()`: the parameter of the roscore with this name; `md5sum(type)`: of a message type, None for none.
 
         `outsiders()`: the ignored masters; `feed`: the changes, where others may ask for differences.
         """
-        self._own, self._policy, self._errors, self._own_addresses = own, policy, errors, own_addresses
+        self._own, self._policy, self._errors, self._is_here = own, policy, errors, is_here
         self._do_not_sync, self._md5sum = do_not_sync, md5sum
         self._outsiders, self._feed = outsiders, feed
         self.changes = Count()  # answers with changes
@@ -161,9 +161,6 @@ class RpcMethods:
         sums = ((name, self._md5sum(name)) for name in types if isinstance(name, str) and name in known)
         return [[name, md5sum] for name, md5sum in sums if md5sum]
 
-    def _is_here(self, caller: str) -> bool:
-        return caller.startswith("127.") or caller in self._own_addresses()
-
     def _view(self, caller: str) -> Tuple[State, List[Rules]]:
         """The part of the state that a caller may see, and the rules for it."""
         return self._viewer(caller)(self._own.current())
@@ -186,21 +183,18 @@ def _parse_filter(filters: Any) -> Rules:
         raise RefusedCall(f"the filter is not usable: {problem}") from None
 
 
-def callers(members: Members, own_uri: str, own_addresses: Callable[[], Set[str]]) -> Callers:
+def callers(members: Members, own_uri: str, is_here: Callable[[str], bool]) -> Callers:
     """The rules for callers. The server listens at all addresses, since the planned one may come late."""
     own = members.master(own_uri)
 
-    def is_local(address: str) -> bool:
-        return address.startswith("127.") or address in own_addresses()
-
     def find_objection(caller: str, address: str) -> str:
-        if is_local(caller) or members.strangers == ALLOW:
+        if is_here(caller) or members.strangers == ALLOW:
             return ""
         if own is not None and address not in own.hosts:
             return f"{address} is no address of this computer in the plan"
         return "" if members.serves(caller) else "it is no computer of the fleet"
 
-    return Callers(find_objection, bool(members.robots), lambda address: is_local(address) or members.knows(address))
+    return Callers(find_objection, bool(members.robots), lambda address: is_here(address) or members.knows(address))
 
 
 def serve(

@@ -10,7 +10,7 @@ import socketserver
 import threading
 import xmlrpc.client
 from http.server import BaseHTTPRequestHandler
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple, Union
+from typing import Any, Callable, Dict, Mapping, NamedTuple, Tuple, Union
 
 from ..edge.clock import monotonic
 from ..edge.counter import Count
@@ -63,6 +63,12 @@ class Callers(NamedTuple):
 EVERYBODY = Callers()
 
 
+class _Connection(NamedTuple):
+    caller: str  # its address
+    since: float  # when it was made, or the last question on it came
+    kept: bool  # for a long poll
+
+
 class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
     """An XML-RPC server with bounds: connections, size of a request, and time of a connection."""
 
@@ -86,8 +92,7 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         self.methods["system.methodSignature"] = lambda name: "signatures not supported"
         self.malformed, self._callers = malformed, callers
         self.sent = Count()  # bytes of answers
-        self._open: Dict[socket.socket, Tuple[str, float]] = {}  # -> address of the caller, and since when
-        self._kept: Dict[socket.socket, str] = {}  # those with a long poll -> address of the caller
+        self._open: Dict[socket.socket, _Connection] = {}
         self._keeping = threading.Lock()
         super().__init__((address, port), _Handler)
         threading.Thread(target=self.serve_forever, name="xml-rpc", kwargs={"poll_interval": 1.0}, daemon=True).start()
@@ -95,20 +100,18 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
     def verify_request(self, request: Any, client_address: Any) -> bool:
         """Refuse a connection that is not allowed, or is one too many."""
         address = client_address[0]
-        objection = self._callers.objection(address, request.getsockname()[0]) or self._find_excess(address)
+        objection = self._callers.objection(address, request.getsockname()[0])
+        if not objection and self._is_full(address, False, _MAX_CONNECTIONS, _MAX_PER_ADDRESS):
+            objection = "too many connections at once"
         if objection:
             self.malformed(address, objection)
             return False
-        self._open[request] = (address, monotonic())
+        self._open[request] = _Connection(address, monotonic(), False)
         return True
 
-    def _find_excess(self, address: str) -> str:
-        callers = [caller for request, (caller, _since) in list(self._open.items()) if request not in self._kept]
-        full = self._is_full(address, callers, _MAX_CONNECTIONS, _MAX_PER_ADDRESS)
-        return "too many connections at once" if full else ""
-
-    def _is_full(self, address: str, callers: List[str], most: int, per_address: int) -> bool:
+    def _is_full(self, address: str, kept: bool, most: int, per_address: int) -> bool:
         """True where there is no room for one more of this address. Half of the room is for members."""
+        callers = [connection.caller for connection in list(self._open.values()) if connection.kept is kept]
         if self._callers.reserved and not self._callers.is_member(address):
             callers = [caller for caller in callers if caller == address or not self._callers.is_member(caller)]
             most //= 2
@@ -117,17 +120,15 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
     def keep(self, request: Any, address: str) -> bool:
         """Keep a connection for a long poll. False where there are too many."""
         with self._keeping:
-            if request not in self._kept:
-                if self._is_full(address, list(self._kept.values()), _KEPT, _KEPT_PER_ADDRESS):
-                    return False
-                self._kept[request] = address
-            self._open[request] = (address, monotonic())
+            if not self._open[request].kept and self._is_full(address, True, _KEPT, _KEPT_PER_ADDRESS):
+                return False
+            self._open[request] = _Connection(address, monotonic(), True)
             return True
 
     def service_actions(self) -> None:
         """End the connections that take too long."""
-        for request, (_address, since) in list(self._open.items()):
-            if monotonic() - since > (_KEPT_SECONDS if request in self._kept else _MAX_SECONDS):
+        for request, connection in list(self._open.items()):
+            if monotonic() - connection.since > (_KEPT_SECONDS if connection.kept else _MAX_SECONDS):
                 try:
                     request.shutdown(socket.SHUT_RDWR)
                 except OSError:
@@ -136,7 +137,6 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
     def shutdown_request(self, request: Any) -> None:
         """A connection has ended."""
         self._open.pop(request, None)
-        self._kept.pop(request, None)
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Questions about the types of shared topics: to own nodes, and to other masters."""
 
+from contextlib import closing
 from functools import partial
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
@@ -56,26 +57,22 @@ class TypeQuestions:
 
 def _types_of(node_uri: str) -> Dict[str, str]:
     """Topic -> type, as a node of this robot has them."""
-    rpc, types = Rpc(node_uri, TIMEOUT, NODE), {}
-    try:
+    types: Dict[str, str] = {}
+    with closing(Rpc(node_uri, TIMEOUT, NODE)) as rpc:
         for method in ("getPublications", "getSubscriptions"):
             answer = rpc.call(method, "/rosfleet")
             rows = answer[2] if isinstance(answer, list) and len(answer) == 3 and isinstance(answer[2], list) else []
             types.update({row[0]: row[1] for row in rows if _is_pair(row)})
-    finally:
-        rpc.close()
     return types
 
 
 def _md5sums(monitor_uri: str, types: List[str], md5sum: Md5Sum) -> Md5Sums:
     """The md5 sums of types at another master, and here. Only types that an own node has named are imported."""
-    rpc, there = Rpc(monitor_uri, TIMEOUT), {}
-    try:
+    there: Dict[str, str] = {}
+    with closing(Rpc(monitor_uri, TIMEOUT)) as rpc:
         for at in range(0, len(types), TYPES):
             rows = rpc.call("getTopicsMd5sum", types[at : at + TYPES])
             there.update({row[0]: row[1] for row in rows if _is_pair(row)} if isinstance(rows, list) else {})
-    finally:
-        rpc.close()
     here = {name: md5sum(name) for name in types if name in there}
     return there, {name: text for name, text in here.items() if text}
 

@@ -28,11 +28,11 @@ There are no sockets, threads and clocks here: every time is an argument, in sec
 to be done accumulates in `Discovery.actions`. The program takes it from there, in one place, and carries it out.
 """
 
-from typing import Container, Iterable, List, Optional, Tuple
+from typing import Container, Iterable, Optional, Tuple
 
 from ...protocol.heartbeat import Heartbeat, InvalidHeartbeat, Kind, decode
 from ...protocol.members import Members
-from ...protocol.messages import Link, Master
+from ...protocol.messages import Master
 from ...protocol.parameters import Settings
 from .actions import Outbox
 from .announcements import Announcements
@@ -57,10 +57,10 @@ class Discovery:
     ) -> None:
         self.members = Members() if members is None else members
         self.malformed = 0
-        self.outsiders = Outsiders()
         self.local = LocalMaster(settings, own_addresses, rpc_port, self.members)
         self._outbox = Outbox(self.local.is_own)
         self.actions = self._outbox.actions
+        self.outsiders = Outsiders(self._outbox)
         self.peers = Peers(settings, self.members, self.local, self._outbox)
         self.strangers = Strangers(self.members, self.outsiders, self._outbox)
         self.announcements = Announcements(settings, self.local, self.peers, self._outbox)
@@ -105,14 +105,6 @@ class Discovery:
                 del table[key]
         self.view.publish(self._ticked)
 
-    def greet(self, now: float) -> None:
-        """Tell the others and ask them, since this master or its network has just come."""
-        self.announcements.greet(now)
-
-    def leave(self) -> None:
-        """Tell the others that this node ends."""
-        self.announcements.leave()
-
     def refresh(self, now: float) -> None:
         """Ask everybody for their state now."""
         self.announcements.refresh(now)
@@ -136,7 +128,7 @@ class Discovery:
         planned = self.members.is_discovery(source[0], beat.rpc_port)
         if not planned and not self.local.admits(source[0]):
             if beat.kind is not Kind.LEAVE:
-                self.outsiders.hear(source[0], beat.rpc_port, now, self.may_ask(source[0]))
+                self.outsiders.hear(source[0], beat.rpc_port, now, self.local.may_ask(source[0]))
                 self.strangers.meet(now)
             return
         key = (source[0], 0 if planned else source[1], beat.rpc_port)
@@ -174,7 +166,8 @@ class Discovery:
         `gone`: it was answered that there is no master, `fault`: by a discovery node.
         """
         self.peers.mark_stale()
-        self.strangers.end_question(key)
+        # A closed port is no answer of a discovery node.
+        self.strangers.end_question(key, answered=contact is not None or fault)
         entry = self.peers.table.get(key) or self.strangers.table.get(key)
         if entry is None:
             other = f"its discovery answers at port {key[2]}, which is not the planned one"
@@ -182,8 +175,6 @@ class Discovery:
             self.strangers.meet(now)
             return False
         asked, entry.asked, entry.contacted, entry.contact_due = entry.asked, None, now, None
-        if contact is not None or fault:  # a closed port is no answer of a discovery node
-            self.strangers.give_back(key)
         if contact is None and not fault:
             entry.failed = now
         starting = contact is not None and contact.stamp <= 0.0
@@ -219,15 +210,3 @@ class Discovery:
     def next_tick(self) -> float:
         """The time at which `tick` has something to do."""
         return min([self._next_scan, self.peers.next_step(), *self.strangers.due(), *self.announcements.due()])
-
-    def masters(self) -> List[Master]:
-        """All masters, the own one first."""
-        return self.view.masters()
-
-    def links(self, now: float) -> List[Link]:
-        """The quality of the links to all masters, as `~linkstats` shows it."""
-        return self.view.links(now)
-
-    def may_ask(self, address: str) -> bool:
-        """True where a connection to an address may be made that somebody else names; also in another thread."""
-        return self.local.may_ask(address)

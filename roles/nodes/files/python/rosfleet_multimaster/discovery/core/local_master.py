@@ -55,7 +55,10 @@ class LocalMaster:
         return rpc_port == self.rpc_port and self.is_own(address)
 
     def may_ask(self, address: str) -> bool:
-        """True where a connection to an address may be made that somebody else names: never to this computer itself."""
+        """True where a connection to an address may be made that somebody else names: never to this computer itself.
+
+        Also called in other threads.
+        """
         if address.startswith("127.") or address == "0.0.0.0":
             return False
         if self.networks is None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
 
 from ...protocol.plain_text import quote
+from .actions import Outbox
 from .peer import LONG_AGO, Contact, Key
 
 TRIES = 2  # connections to an address that has not said who it is,
@@ -72,8 +73,8 @@ class _Outsider:
 class Outsiders:
     """The senders that are ignored, by their addresses."""
 
-    def __init__(self) -> None:
-        self.news: List[Outsider] = []  # to be told, each once
+    def __init__(self, outbox: Outbox) -> None:
+        self._outbox = outbox
         self._table: Dict[str, _Outsider] = {}  # in the order in which they were last heard
         self._tries: Dict[str, Tuple[int, float]] = {}  # address -> how many, and when the last one was
         self._asking = 0
@@ -158,6 +159,7 @@ class Outsiders:
             del self._table[first]
 
     def _tell(self, entry: _Outsider, outsider: Outsider) -> None:
+        """Log an ignored sender, once."""
         if entry.notice != outsider:
             entry.notice = outsider
-            self.news.append(outsider)
+            self._outbox.say("warning", f"outsider {outsider.address}", str(outsider))

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What people are shown of discovery: entries of /diagnostics about links, masters, clocks and strangers; metrics."""
 
-from typing import Any, Dict, Iterable, List, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Optional, Sequence, Tuple
 
 from ...protocol import metrics
 from ...protocol.diagnosis import ERROR, OK, PREFIX, VALUES, WARN, Diagnosis, warning
@@ -39,7 +39,7 @@ def links(shown: LinkList) -> List[Diagnosis]:
     masters = Diagnosis(
         f"{PREFIX}masters",
         f"{online} of {len(shown.links)} are there",
-        [(link.name, "online" if link.online else "not there") for link in shown.links][:VALUES] + more,
+        [(link.name, "online" if link.online else "not there") for link in shown.links] + more,
         level,
     )
     return [masters, *map(_link, shown.links), _clocks(shown.links)]
@@ -73,29 +73,27 @@ def _clocks(shown: Sequence[LinkHealth]) -> Diagnosis:
     level = sum(most >= limit for limit in APART)
     apart = [name for name, answer in answers if answer.surely_apart >= APART[0]]
     message = f"set them by NTP, they differ: {', '.join(apart[:10])}" if apart else "they agree"
-    return Diagnosis(f"{PREFIX}clocks", message if answers else "not compared yet", values[:VALUES], level)
+    return Diagnosis(f"{PREFIX}clocks", message if answers else "not compared yet", values, level)
 
 
 # Metrics
 
+#: metric -> its value for a link; None for no sample
+_LINK_SAMPLES: Dict[str, Callable[[LinkHealth], Optional[float]]] = {
+    "multimaster_link_up": lambda link: link.online,
+    "multimaster_link_lost_total": lambda link: link.losses,
+    "multimaster_link_silence_seconds": lambda link: link.silent,
+    "multimaster_link_heartbeats_ratio": lambda link: link.quality / 100 if link.quality >= 0 else None,
+    "multimaster_link_answer_seconds": lambda link: link.answer and link.answer.seconds,
+    "multimaster_clock_offset_seconds": lambda link: link.answer and link.answer.offset,
+}
+
 
 def link_samples(shown: LinkList) -> metrics.Samples:
     """The samples about the links."""
-    links = shown.links
-
-    def label(values: Iterable[Tuple[str, float]]) -> Dict[metrics.Values, float]:
-        return {(name,): value for name, value in values}
-
-    return {
-        **metrics.scalar_samples(masters_online=sum(link.online for link in links), links_left_out=shown.left_out),
-        "multimaster_link_up": label((link.name, link.online) for link in links),
-        "multimaster_link_lost_total": label((link.name, link.losses) for link in links),
-        "multimaster_link_silence_seconds": label(
-            (link.name, link.silent) for link in links if link.silent is not None
-        ),
-        "multimaster_link_heartbeats_ratio": label(
-            (link.name, link.quality / 100) for link in links if link.quality >= 0
-        ),
-        "multimaster_link_answer_seconds": label((link.name, link.answer.seconds) for link in links if link.answer),
-        "multimaster_clock_offset_seconds": label((link.name, link.answer.offset) for link in links if link.answer),
-    }
+    online = sum(link.online for link in shown.links)
+    samples: metrics.Samples = metrics.scalar_samples(masters_online=online, links_left_out=shown.left_out)
+    for name, read in _LINK_SAMPLES.items():
+        values = {(link.name,): read(link) for link in shown.links}
+        samples[name] = {labels: value for labels, value in values.items() if value is not None}
+    return samples

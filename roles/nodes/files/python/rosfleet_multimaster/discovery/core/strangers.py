@@ -45,13 +45,11 @@ class Strangers:
             entry.beats.append(now)
         self.meet(now)
 
-    def end_question(self, key: Key) -> None:
-        """Note that a question has ended, whatever the answer."""
+    def end_question(self, key: Key, answered: bool) -> None:
+        """Note that a question has ended. `answered`: by a discovery node."""
         self._asked.discard(key)
-
-    def give_back(self, key: Key) -> None:
-        """Note that an address has answered."""
-        self._budget.refund(key[0])
+        if answered:
+            self._budget.refund(key[0])
 
     def forget(self, now: float) -> None:
         """Forget those that have been silent for long."""
@@ -65,7 +63,6 @@ class Strangers:
         A flood may always have new senders: so the one that is heard most comes first. It may repeat the same ones:
         so every second time, the one that was asked least comes first.
         """
-        self._tell_ignored()
         for key in self._outsiders.due(now):
             self._outbox.ask_stranger(key)
         while len(self._asked) < MAX_ASKED:
@@ -97,9 +94,3 @@ class Strangers:
         for entry in self.table.values():
             if entry.contact_due is not None and entry.asked is None:
                 yield entry.contact_due, entry
-
-    def _tell_ignored(self) -> None:
-        """Log each ignored sender once."""
-        for outsider in self._outsiders.news:
-            self._outbox.say("warning", f"outsider {outsider.address}", str(outsider))
-        self._outsiders.news.clear()
