@@ -175,7 +175,7 @@ def test_no_folder_is_a_heap(tree):
 
 
 #: the format of XML-RPC is in a module of Python that has servers and clients, too
-FORMATS = {"protocol/xml_rpc.py": {"xmlrpc"}}
+FORMATS = {"protocol/xml_rpc.py": {"xmlrpc"}, "roscore/core/store_format.py": {"xmlrpc"}}
 
 
 def in_the_nodes(path):

@@ -25,6 +25,7 @@ from . import core_services, master, store
 from .changes import Changes
 from .core.bounds import refuse
 from .core.registry import Record, Registry
+from .core.store_format import Content
 from .refusals import Refusals
 from .survivors import THREADS, Survivors, find_alive
 
@@ -132,12 +133,13 @@ class Roscore:
 
     # The start
 
-    def _restore(self, snapshot: Optional[store.Snapshot]) -> Optional[Registry]:
+    def _restore(self, snapshot: Optional[Content]) -> Optional[Registry]:
         """Give the master the knowledge of an earlier life that counts. Raises Fatal, and the next start knows nothing."""
         if snapshot is None:
             return None
         try:
-            before = self._find_survivors(snapshot.registry) if snapshot.another_boot else snapshot.registry
+            same_boot = snapshot.boot == store.read_boot_id()
+            before = snapshot.registry if same_boot else self._find_survivors(snapshot.registry)
             if before is not None:
                 self._master.restore(before)
         except Exception as problem:

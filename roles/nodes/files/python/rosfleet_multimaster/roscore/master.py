@@ -571,9 +571,8 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             self._records.clear()
             self.usage = Usage()
             self.usage.parameters = weigh(registry.parameters)
-            for record in registry.records():
-                if record[0] != "set":
-                    self.usage.count(record)
+            for record in self.records():
+                self.usage.count(record)
 
     def _node(self, name: str, uri: str) -> Any:
         nodes = self.reg_manager.nodes

@@ -26,7 +26,6 @@ class Notifier:
         self._plan, self._may_call = Notifications(), may_call
         self._wake = threading.Condition()
         self._workers = self._idle = 0
-        self.calls = 0  # calls that were made
 
     def tell(self, uri: str, method: str, name: str, arguments: Tuple[Any, ...]) -> None:
         """Queue a call of a node. It replaces the waiting one of the same method and name."""
@@ -57,7 +56,6 @@ class Notifier:
                     self._call_worker()  # this one may be busy for long
             answered, gone = self._make(call)
             with self._wake:
-                self.calls += 1
                 self._plan.finish(call, monotonic(), answered, gone)
 
     def _await(self) -> Optional[Call]:

@@ -6,9 +6,10 @@ A follower (roscore/changes.py) is told the counts as if they were a parameter, 
 """
 
 import threading
+from collections import Counter
 from typing import Callable, Dict, List
+from typing import Counter as Counts
 
-from ..edge.counter import Count
 from ..edge.process import program
 from ..protocol.mirror import REFUSED
 from .core.registry import Record
@@ -22,14 +23,15 @@ class Refusals:
     def __init__(self, tell: Callable[[List[Record]], None]) -> None:
         """`tell(records)`: tell the followers."""
         self._tell, self._limited = tell, program.LimitedLog()
-        self._counts: Dict[str, Count] = {}
+        self._counts: Counts[str] = Counter()
         self._lock = threading.Lock()
         self._told: Dict[str, int] = {}
         self._due = 0.0
 
     def add(self, bound: str, why: str) -> None:
         """Count a request that exceeds this bound; in any thread."""
-        self._counts.setdefault(bound or "value", Count()).add()
+        with self._lock:
+            self._counts[bound or "value"] += 1
         self.say(f"beyond {bound}", f"a request is refused: {why}")
 
     def say(self, topic: str, why: str) -> None:
@@ -43,7 +45,8 @@ class Refusals:
 
     def tick(self, now: float) -> None:
         """Tell new counts."""
-        counts = {bound: count.value for bound, count in list(self._counts.items())}
+        with self._lock:
+            counts = dict(self._counts)
         if now >= self._due and counts != self._told:
             self._due, self._told = now + PAUSE, counts
             self._tell(self.records())

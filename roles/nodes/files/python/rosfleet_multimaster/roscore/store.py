@@ -11,14 +11,13 @@ import fcntl
 import logging
 import os
 import threading
-import xmlrpc.client
-from typing import Any, Callable, ContextManager, Iterable, List, NamedTuple, Optional, Sequence, Set
+from typing import Any, Callable, ContextManager, Iterable, List, Optional, Sequence, Set
 
 from ..edge.clock import monotonic, sleep
 from ..protocol.plain_text import plain
 from .core import store_format
 from .core.bounds import weigh
-from .core.registry import Record, Registry
+from .core.registry import Record
 
 _log = logging.getLogger("rosfleet.store")
 
@@ -33,15 +32,6 @@ _WARNINGS = 1000  # about parameters that cannot be kept
 _REST = 0.002  # seconds of rest for callers while a new file is written
 
 
-class Snapshot(NamedTuple):
-    """The registry of an earlier life, and whether this computer was started since."""
-
-    registry: Registry
-    another_boot: bool
-    size: int  # bytes of the file that count; 0 where a new file is to be written,
-    lines: int  # and the number of its last line
-
-
 def read_boot_id() -> str:
     """The id of the present boot of this computer."""
     try:
@@ -51,8 +41,11 @@ def read_boot_id() -> str:
         return ""
 
 
-def read(folder: str) -> Optional[Snapshot]:
-    """Read the store of this folder. One that cannot be read is set aside, whole or in part, with a warning."""
+def read(folder: str) -> Optional[store_format.Content]:
+    """Read the store of this folder; its size is 0 where a new file is to be written.
+
+    One that cannot be read is set aside, whole or in part, with a warning.
+    """
     path = os.path.join(folder, store_format.FILE)
     try:
         if _count_start(folder) >= STARTS:
@@ -61,7 +54,7 @@ def read(folder: str) -> Optional[Snapshot]:
         with open(path, "rb") as file:
             size = os.fstat(file.fileno()).st_size
             lines = iter(lambda: file.readline(LONGEST), b"")
-            content = store_format.read(lines, _to_xmlrpc) if size <= LARGEST else None
+            content = store_format.read(lines) if size <= LARGEST else None
     except FileNotFoundError:
         return None
     except Exception as problem:  # of any kind: a roscore that knows nothing is better than no roscore
@@ -75,8 +68,7 @@ def read(folder: str) -> Optional[Snapshot]:
         set_aside(folder, "what can be read of it counts")
     elif content.torn:
         _log.info("the last change was not written to its end in %s: nobody had an answer to it", path)
-    another_boot = content.boot != read_boot_id()
-    return Snapshot(content.registry, another_boot, 0 if broken or another_boot else content.size, content.lines)
+    return content._replace(size=0) if broken or content.boot != read_boot_id() else content
 
 
 def _count_start(folder: str) -> int:
@@ -111,10 +103,6 @@ def forget(folder: str) -> bool:
     return True
 
 
-def _to_xmlrpc(value: store_format.Special) -> Any:
-    return getattr(xmlrpc.client, value.kind)(value.content())
-
-
 def set_aside(folder: str, why: str) -> None:
     """Rename a store that cannot be used: it is kept."""
     path = os.path.join(folder, store_format.FILE)
@@ -147,7 +135,7 @@ class Store:
         self._warned = ""
         self._left_out: Set[str] = set()  # parameters with values that are not kept, of which a warning was given
 
-    def start(self, snapshot: Optional[Snapshot] = None) -> None:
+    def start(self, snapshot: Optional[store_format.Content] = None) -> None:
         """Go on in the file of a snapshot, or write a new one. Then sync and renew it in a thread."""
         old = snapshot is not None and self._resume(snapshot)
         if not old:
@@ -208,7 +196,7 @@ class Store:
                     _log.warning("%s has a value that cannot be kept: after a restart it is without it", plain(name))
             return store_format.format_line(number, kept)
 
-    def _resume(self, snapshot: Snapshot) -> bool:
+    def _resume(self, snapshot: store_format.Content) -> bool:
         """Go on in the file of a snapshot. The sync of a new one takes seconds where the disk is busy."""
         if not snapshot.size:
             return False

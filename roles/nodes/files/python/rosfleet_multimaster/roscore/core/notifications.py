@@ -42,7 +42,7 @@ class _Node:
 
     def __init__(self, host: str) -> None:
         self.host, self.busy = host, False
-        self.waiting: OrderedDict[Key, Tuple[str, Tuple[Any, ...], int]] = OrderedDict()  # the last one: changes
+        self.waiting: OrderedDict[Key, Call] = OrderedDict()
         self.history: Dict[Key, Tuple[float, float]] = {}  # key -> time of its last call, and the pause after that
         self.silent_since: Optional[float] = None
         self.again, self.pause = 0.0, RETRY
@@ -56,7 +56,6 @@ class Notifications:
         self._ready: OrderedDict[str, None] = OrderedDict()  # URIs with something that waits, and no call under way
         self._busy: Dict[str, Dict[str, float]] = {}  # host -> URI of a node with a call under way -> since when
         self._slow: Set[str] = set()  # URIs of silent nodes with a call under way
-        self.dropped = 0  # calls that were given up
 
     def add(self, uri: str, host: str, method: str, name: str, arguments: Tuple[Any, ...]) -> None:
         """Add a call of a node. It replaces the waiting one of the same method and name."""
@@ -64,7 +63,8 @@ class Notifications:
         if node is None:
             node = self._nodes[uri] = _Node(host)
         before = node.waiting.pop((method, name), None)
-        node.waiting[method, name] = (method, arguments, 1 if before is None else before[2] + 1)
+        changes = 1 if before is None else before.changes + 1
+        node.waiting[method, name] = Call(uri, method, arguments, (method, name), changes)
         if not node.busy:
             self._ready.setdefault(uri)
 
@@ -77,9 +77,8 @@ class Notifications:
             key, due = self._find_first(node, now)
             due = max(due, room.get(node.host, now))
             if due <= now:
-                method, arguments, changes = node.waiting.pop(key)
                 self._begin(uri, node, now)
-                return Call(uri, method, arguments, key, changes), None
+                return node.waiting.pop(key), None
             earliest = due if earliest is None else min(due, earliest)
         return None, earliest
 
@@ -92,7 +91,6 @@ class Notifications:
         if not self._busy[node.host]:
             del self._busy[node.host]
         if gone:
-            self.dropped += len(node.waiting) + 1
             del self._nodes[call.uri]
             return
         if answered:
@@ -156,9 +154,8 @@ class Notifications:
             node.silent_since = now
         node.again, node.pause = now + node.pause, min(2 * node.pause, LATEST)
         if now - node.silent_since > PATIENCE:
-            self.dropped += len(node.waiting) + 1
             node.waiting.clear()
             node.silent_since, node.pause = None, RETRY
         elif call.key not in node.waiting:  # else something newer waits already
-            node.waiting[call.key] = (call.method, call.arguments, call.changes)
+            node.waiting[call.key] = call
             node.waiting.move_to_end(call.key, last=False)

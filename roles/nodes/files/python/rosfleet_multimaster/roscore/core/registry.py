@@ -25,6 +25,10 @@ class Service(NamedTuple):
     uri: str
 
 
+#: kind of a record about a node that uses something -> the table of these
+_USERS = {"publisher": "publishers", "subscriber": "subscribers", "listener": "listeners"}
+
+
 class Registry:
     """All that a roscore knows, as plain data."""
 
@@ -55,8 +59,8 @@ class Registry:
     def current(self, record: Record) -> Record:
         """What is true now of the thing in a record: its presence, or the type or the URI that it has."""
         kind, key, *rest = record
-        if kind in ("publisher", "subscriber", "listener"):
-            return [*record[:4], tuple(rest[:2]) in getattr(self, f"{kind}s").get(key, {})]
+        if kind in _USERS:
+            return [*record[:4], tuple(rest[:2]) in getattr(self, _USERS[kind]).get(key, {})]
         if kind == "service":
             service = self.services.get(key)
             there = service is not None and (service.node, service.uri) == tuple(rest[:2])
@@ -70,12 +74,8 @@ class Registry:
             yield ["type", topic, kind]
         for node, uri in self.nodes.items():
             yield ["node", node, uri]
-        for name, table in (
-            ("publisher", self.publishers),
-            ("subscriber", self.subscribers),
-            ("listener", self.listeners),
-        ):
-            for key, users in table.items():
+        for name, table in _USERS.items():
+            for key, users in getattr(self, table).items():
                 for node, uri in users:
                     yield [name, key, node, uri, True]
         for name, service in self.services.items():
@@ -86,11 +86,11 @@ class Registry:
         rest = Registry()
         rest.types, rest.parameters = self.types, self.parameters
         rest.nodes = {node: uri for node, uri in self.nodes.items() if not is_gone(node, uri)}
-        for name in ("publishers", "subscribers", "listeners"):
-            for key, users in getattr(self, name).items():
+        for table in _USERS.values():
+            for key, users in getattr(self, table).items():
                 some = {node: None for node in users if not is_gone(*node)}
                 if some:
-                    getattr(rest, name)[key] = some
+                    getattr(rest, table)[key] = some
         rest.services = {key: it for key, it in self.services.items() if not is_gone(it.node, it.node_uri)}
         return rest
 
@@ -125,19 +125,14 @@ def _set_service(registry: Registry, service: str, node: str, uri: str, node_uri
         del registry.services[service]
 
 
-def _set_type(registry: Registry, topic: str, kind: str) -> None:
-    _set_or_remove(registry.types, topic, kind)
+def _make_value_change(table: str) -> Callable[[Registry, str, str], None]:
+    def change(registry: Registry, name: str, value: str) -> None:
+        if value:
+            getattr(registry, table)[name] = value
+        else:
+            getattr(registry, table).pop(name, None)
 
-
-def _set_node(registry: Registry, node: str, uri: str) -> None:
-    _set_or_remove(registry.nodes, node, uri)
-
-
-def _set_or_remove(table: Dict[str, str], name: str, value: str) -> None:
-    if value:
-        table[name] = value
-    else:
-        table.pop(name, None)
+    return change
 
 
 def _set_parameter(registry: Registry, name: str, value: Any) -> None:
@@ -171,20 +166,16 @@ def split_name(name: str) -> List[str]:
 
 
 _APPLY: Dict[str, Callable[..., None]] = {
-    "publisher": _make_user_change("publishers"),
-    "subscriber": _make_user_change("subscribers"),
-    "listener": _make_user_change("listeners"),
+    **{kind: _make_user_change(table) for kind, table in _USERS.items()},
     "service": _set_service,
-    "type": _set_type,
-    "node": _set_node,
+    "type": _make_value_change("types"),
+    "node": _make_value_change("nodes"),
     "set": _set_parameter,
     "delete": _delete_parameter,
 }
 #: kind -> the types of what follows it
 _TYPES: Dict[str, Tuple[type, ...]] = {
-    "publisher": (str, str, str, bool),
-    "subscriber": (str, str, str, bool),
-    "listener": (str, str, str, bool),
+    **dict.fromkeys(_USERS, (str, str, str, bool)),
     "service": (str, str, str, str, bool),
     "type": (str, str),
     "node": (str, str),

@@ -11,8 +11,9 @@ file: a process or a computer that ends while it writes leaves half a line. A va
 
 import base64
 import json
+import xmlrpc.client
 import zlib
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 from .bounds import Usage, check_names, refuse, weigh_parameter
 from .registry import Record, Registry
@@ -23,30 +24,12 @@ SLACK, FACTOR = 1 << 20, 2  # a store is written anew when it has grown by so ma
 MOST = 1 << 26  # or by so many bytes. So many may wait for that at once
 
 
-class Special(NamedTuple):
-    """A value that XML-RPC has and JSON has not: the name of its class in xmlrpc.client, and its text."""
-
-    kind: str
-    text: str
-
-    @classmethod
-    def from_value(cls, value: Any) -> "Special":
-        """The same of a value of a parameter. Raises TypeError for other classes."""
-        kind = type(value).__name__
-        if kind == "Binary":
-            return cls(kind, base64.b64encode(value.data).decode())
-        if kind == "DateTime":
-            return cls(kind, str(value.value))
-        raise TypeError(f"a {kind} cannot be kept")
-
-    def content(self) -> Any:
-        """The argument of the class that makes the value again."""
-        return base64.b64decode(self.text) if self.kind == "Binary" else self.text
-
-
 _SPECIAL = "\0special"  # XML has no such character, so no mapping of a parameter has this key
 _SPARE = 1.1  # while it is read, things that are gone count for a while
-_KINDS = ("Binary", "DateTime")
+_KINDS: Dict[str, Callable[[str], Any]] = {  # values that XML-RPC has and JSON has not -> from the text that is kept
+    "Binary": lambda text: xmlrpc.client.Binary(base64.b64decode(text)),
+    "DateTime": xmlrpc.client.DateTime,
+}
 _UNKEPT = (ValueError, TypeError, OverflowError, RecursionError)
 _NOTHING = object()
 
@@ -107,20 +90,20 @@ def _is_kept(value: Any) -> bool:
     return True
 
 
-def read(lines: Iterable[bytes], special: Any = lambda value: value) -> Optional[Content]:
-    """Read a store, line by line; None where its first line is not one of this format. `special` makes values of Special ones.
+def read(lines: Iterable[bytes]) -> Optional[Content]:
+    """Read a store, line by line; None where its first line is not one of this format.
 
     Lines after a damaged one do not count. A whole line is left out alone where it makes no sense or exceeds a bound.
     """
     lines = iter(lines)
     head = next(lines, b"")
-    first = _parse(head, 0, special)
+    first = _parse(head, 0)
     if not head.endswith(b"\n") or not isinstance(first, dict) or first.get("format") != FORMAT:
         return None
     registry, usage, size, last, omissions = Registry(), Usage(_SPARE), len(head), 0, 0
     rest = b""
     for number, text in enumerate(lines, 1):
-        records = _parse(text, number, special)
+        records = _parse(text, number)
         if records is None:
             rest = text
             break
@@ -161,7 +144,7 @@ def _apply_one(registry: Registry, usage: Usage, record: Record) -> None:
     registry.apply(record)
 
 
-def _parse(text: bytes, number: int, special: Any) -> Any:
+def _parse(text: bytes, number: int) -> Any:
     """The content of a line; None where it does not count, "" where it is whole and no JSON."""
     body = text[:-1]
     if not text.endswith(b"\n") or body[:9] != b"%08x " % zlib.crc32(body[9:]):
@@ -170,20 +153,23 @@ def _parse(text: bytes, number: int, special: Any) -> Any:
     if written != b"%d" % number:
         return None
     try:
-        return json.loads(content.decode(), object_hook=lambda mapping: _from_json(mapping, special))
+        return json.loads(content.decode(), object_hook=_from_json)
     except (ValueError, TypeError, RecursionError, MemoryError):
         return ""
 
 
 def _to_json(value: Any) -> Any:
-    return {_SPECIAL: list(Special.from_value(value))}
+    kind = type(value).__name__
+    if kind not in _KINDS:
+        raise TypeError(f"a {kind} cannot be kept")
+    return {_SPECIAL: [kind, base64.b64encode(value.data).decode() if kind == "Binary" else str(value.value)]}
 
 
-def _from_json(mapping: Dict[str, Any], special: Any) -> Any:
+def _from_json(mapping: Dict[str, Any]) -> Any:
     pair = mapping.get(_SPECIAL) if len(mapping) == 1 else None
     if not isinstance(pair, list) or len(pair) != 2 or pair[0] not in _KINDS or not isinstance(pair[1], str):
         return mapping
-    return special(Special(*pair))
+    return _KINDS[pair[0]](pair[1])
 
 
 def is_renewal_due(size: int, base: int) -> bool:
