@@ -66,7 +66,6 @@ _value:
       elements: dict
 """
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -86,7 +85,7 @@ def multicast_router(
         raise AnsibleFilterError(str(problem)) from problem
     return {
         "files": [{"path": units.ROUTER_FILE, "content": units.render_routes(robot, group, interfaces)}],
-        "units": [dataclasses.asdict(unit)],
+        "units": [unit],
     }
 
 

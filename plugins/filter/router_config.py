@@ -74,12 +74,13 @@ from typing import Any
 from ansible.errors import AnsibleFilterError
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import router_config as router_config_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.dialects import DIALECTS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 
 
 def router_config(plan: Any, dialects: Sequence[str] | None = None, interfaces: Any = None) -> list[dict[str, str]]:
     """Return the files for all devices; see DOCUMENTATION."""
-    dialects = tuple(router_config_module.DIALECTS) if dialects is None else dialects
+    dialects = tuple(DIALECTS) if dialects is None else dialects
     if not isinstance(plan, Mapping) or "networks" not in plan:
         raise AnsibleFilterError(
             f"The plan to render is {plan!r}; expected the return of rosfleet.multimaster.fleet_plan: register it first."

@@ -89,7 +89,6 @@ _value:
       type: str
 """
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -120,7 +119,7 @@ def service_units(
             f"take {unknown[0]} out of services_list."
         )
     try:
-        service_list = units.render_services(
+        return units.render_services(
             names,
             robot,
             address,
@@ -131,7 +130,6 @@ def service_units(
         )
     except quotes.Unquotable as problem:
         raise AnsibleFilterError(str(problem)) from problem
-    return [dataclasses.asdict(unit) for unit in service_list]
 
 
 class FilterModule:

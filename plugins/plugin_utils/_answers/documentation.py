@@ -25,7 +25,6 @@ class Kind:
     returned: str = ""  # when, as the documentation says it; "always" and "success" are promises
 
 
-RAW = Kind("raw")
 TEXT, NUMBER, YES_NO = Kind("str"), Kind("int"), Kind("bool")
 DIFFERENCE = Kind("dict", dict.fromkeys(("before", "after", "before_header", "after_header", "prepared"), TEXT))
 DIFFERENCES = Kind("list", each=DIFFERENCE)
@@ -71,13 +70,10 @@ def read_documentation(module: str, text_of: Callable[[str], str]) -> Answer:
             own[key] = answer[part] if part else Kind("dict", answer)
     for (name, key), modules in RUNS.items():
         if name == module:
-            own[key] = Kind("dict", {one: _run_list(one, text_of) for one in modules})
+            runs = {one: Kind("dict", read_documentation(one, text_of)) for one in modules}
+            own[key] = Kind("dict", {one: Kind("list", each=run) for one, run in runs.items()})
     own.pop("diff", None)  # in any module as Ansible has it
     return {**COMMON, **own}
-
-
-def _run_list(module: str, text_of: Callable[[str], str]) -> Kind:
-    return Kind("list", each=Kind("dict", read_documentation(module, text_of)))
 
 
 def _read_section(source: str) -> dict[str, Kind]:

@@ -104,13 +104,8 @@ class GuardedAction(RobotAction):
     def _attempt(self, args: Mapping[str, Any], task_vars: dict[str, Any] | None, limit: float) -> Result:
         """Run the module once. Raises AnsibleConnectionFailure, also after `limit` seconds."""
         with limit_time(limit):
-            return self._run_once(args, task_vars)
-
-    def _run_once(self, args: Mapping[str, Any], task_vars: dict[str, Any] | None) -> Result:
-        """Run the module once, however long it takes."""
-        # Ansible writes into the options, so it gets a copy.
-        result: Result = self._execute_module(module_args={**args}, task_vars=task_vars)
-        return result
+            # Ansible writes into the options, so it gets a copy.
+            return self._execute_module(module_args={**args}, task_vars=task_vars)
 
     def _reconnect(self) -> None:
         """Close a connection that stays open between tasks. A plugin without such connections has no reset()."""

@@ -10,11 +10,12 @@ Where a field may be None, plain data has an empty text or an empty dictionary. 
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import enum
+import functools
 import types
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -63,15 +64,6 @@ class Converter(NamedTuple):
     nothing: Any = ""  # plain data for None
 
 
-_CONVERTERS: dict[Any, Converter] = {}  # made once for each type
-
-
-def _converter(kind: Any) -> Converter:
-    if kind not in _CONVERTERS:
-        _CONVERTERS[kind] = _make_converter(kind)
-    return _CONVERTERS[kind]
-
-
 def _make_converter(kind: Any) -> Converter:
     origin, arguments = get_origin(kind), get_args(kind)
     if dataclasses.is_dataclass(kind):
@@ -85,6 +77,9 @@ def _make_converter(kind: Any) -> Converter:
     if origin is not None:
         return _dictionary(_converter(arguments[1]))
     return _SCALARS[kind]
+
+
+_converter: Callable[[Any], Converter] = functools.cache(_make_converter)  # made once for each type
 
 
 def _pass_on(value: Any) -> Any:
@@ -122,16 +117,13 @@ _SCALARS: Mapping[Any, Converter] = {
 
 
 def _optional(inner: Converter) -> Converter:
-    def write(value: Any) -> Any:
-        return inner.nothing if value is None else inner.write(value)
-
     def read(data: Any, path: str) -> Any:
         return None if data is None or data == inner.nothing else inner.read(data, path)
 
     # Each caller gets an empty dictionary of its own, since callers may change plain data.
-    if inner.nothing == {}:
-        return Converter(lambda value: {} if value is None else inner.write(value), read, inner.nothing)
-    return Converter(write, read, inner.nothing)
+    return Converter(
+        lambda value: copy.copy(inner.nothing) if value is None else inner.write(value), read, inner.nothing
+    )
 
 
 def _list(item: Converter) -> Converter:
@@ -159,44 +151,39 @@ class _Field(NamedTuple):
     key: str
     converter: Converter
     required: bool
-    words: Mapping[Any, str]  # value -> word
-    values: Mapping[str, Any]  # word -> value
     left_out: bool
-
-    @classmethod
-    def from_field(cls, field: dataclasses.Field[Any], kind: Any) -> _Field:
-        """Describe a field whose type is `kind`."""
-        exceptions: Notation = field.metadata.get(_NOTATION, Notation())
-        return cls(
-            name=field.name,
-            key=exceptions.key or field.name,
-            converter=_converter(kind),
-            required=field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING,
-            words=dict(exceptions.words),
-            values={word: value for value, word in exceptions.words},
-            left_out=exceptions.left_out,
-        )
-
-    def write(self, content: Any) -> Any:
-        """Return the value of the field as plain data."""
-        return self.words[content] if self.words and content in self.words else self.converter.write(content)
-
-    def read(self, data: Any, path: str) -> Any:
-        """Return the value that plain data has for the field."""
-        if isinstance(data, str) and data in self.values:
-            return self.values[data]
-        return self.converter.read(data, path)
 
 
 def _record(kind: Any) -> Converter:
     hints = get_type_hints(kind)
-    fields = [_Field.from_field(each, hints[each.name]) for each in dataclasses.fields(kind)]
-    return Converter(partial(_write_record, fields), partial(_read_record, kind, fields), {})
+    fields = [_describe_field(field, _converter(hints[field.name])) for field in dataclasses.fields(kind)]
+    return Converter(functools.partial(_write_record, fields), functools.partial(_read_record, kind, fields), {})
+
+
+def _describe_field(field: dataclasses.Field[Any], converter: Converter) -> _Field:
+    key, words, left_out = field.metadata.get(_NOTATION, Notation())
+    required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    return _Field(
+        field.name, key or field.name, _add_words(converter, words) if words else converter, required, left_out
+    )
+
+
+def _add_words(inner: Converter, words: Sequence[tuple[Any, str]]) -> Converter:
+    """Return the converter for a field some of whose values have a text of their own."""
+    by_value, by_word = dict(words), {word: value for value, word in words}
+    return Converter(
+        lambda value: by_value[value] if value in by_value else inner.write(value),
+        lambda data, path: by_word[data] if isinstance(data, str) and data in by_word else inner.read(data, path),
+    )
 
 
 def _write_record(fields: Sequence[_Field], value: Any) -> dict[str, Any]:
     contents = ((field, getattr(value, field.name)) for field in fields)
-    return {field.key: field.write(content) for field, content in contents if not (field.left_out and content is None)}
+    return {
+        field.key: field.converter.write(content)
+        for field, content in contents
+        if not (field.left_out and content is None)
+    }
 
 
 def _read_record(kind: Any, fields: Sequence[_Field], data: Any, path: str) -> Any:
@@ -207,4 +194,4 @@ def _read_record(kind: Any, fields: Sequence[_Field], data: Any, path: str) -> A
     if missing:
         raise Mismatch(f"{begin}{missing[0]} is missing.")
     present = [field for field in fields if field.key in data]
-    return kind(**{field.name: field.read(data[field.key], begin + field.key) for field in present})
+    return kind(**{field.name: field.converter.read(data[field.key], begin + field.key) for field in present})

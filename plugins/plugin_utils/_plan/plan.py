@@ -9,34 +9,14 @@ from collections.abc import Iterable
 from ipaddress import IPv4Network
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Computer, Fleet, Robot, Router
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import membership, parameters, providers
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
-    DEFAULT_ROUTE,
-    ComputerPlan,
-    ExpectedRoute,
-    Firewall,
-    FleetPlan,
-    Flow,
-    HostsEntry,
-    Interface,
-    Listener,
-    LookAt,
-    Master,
-    Member,
-    Membership,
-    MulticastRouting,
-    Port,
-    RobotNetwork,
-    Route,
-    Setting,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import membership, model, parameters, providers
 
 # The parts of multimaster_info that preflight needs: of every computer, and of those with ROS.
 LOOKED_AT = ("system", "owned", "interfaces", "ways", "routing", "forwarding", "filters", "multicast_routing")
 LOOKED_AT_WITH_ROS = ("ros", "packages", "ports", "exports", "sshd", "environment")
 
 
-def fleet_plan(fleet: Fleet) -> FleetPlan:
+def fleet_plan(fleet: Fleet) -> model.FleetPlan:
     """Return the plan of the fleet; the router has an entry among the computers, too."""
     computers = {
         computer.name: _plan_computer(fleet, robot, computer) for robot in fleet.robots for computer in robot.computers
@@ -45,15 +25,16 @@ def fleet_plan(fleet: Fleet) -> FleetPlan:
         computers[fleet.router.name] = _plan_router(fleet, fleet.router)
     members = tuple(_make_member(fleet, robot, computer) for robot in fleet.robots for computer in robot.computers)
     belonging = membership.make_membership(fleet)
-    return FleetPlan(
+    return model.FleetPlan(
         hosts_entries=tuple(
-            HostsEntry(computer.address, (computer.name, *computer.variables.aliases)) for computer in fleet.computers
+            model.HostsEntry(computer.address, (computer.name, *computer.variables.aliases))
+            for computer in fleet.computers
         ),
         masters=tuple(_make_master(fleet, robot) for robot in fleet.robots),
         flows=_flows(fleet),
         common_network=fleet.variables.common_network,
         networks=tuple(
-            RobotNetwork(
+            model.RobotNetwork(
                 robot=robot.name,
                 network=robot.network,
                 gateway=robot.gateway.address,
@@ -79,9 +60,9 @@ def fleet_plan(fleet: Fleet) -> FleetPlan:
 # What all computers share
 
 
-def _make_master(fleet: Fleet, robot: Robot) -> Master:
+def _make_master(fleet: Fleet, robot: Robot) -> model.Master:
     address, port = robot.master.discovery_address, robot.variables.rpc_port
-    return Master(
+    return model.Master(
         robot=robot.name,
         computer=robot.master.name,
         address=address,
@@ -93,11 +74,11 @@ def _make_master(fleet: Fleet, robot: Robot) -> Master:
     )
 
 
-def _flows(fleet: Fleet) -> tuple[Flow, ...]:
+def _flows(fleet: Fleet) -> tuple[model.Flow, ...]:
     """Return the declared flows, the receivers by name."""
     robots = [robot.name for robot in fleet.robots]
     return tuple(
-        Flow(
+        model.Flow(
             givers=flow.givers,
             to=flow.to or tuple(robot for robot in robots if robot not in flow.givers),
             topics=flow.topics,
@@ -107,11 +88,11 @@ def _flows(fleet: Fleet) -> tuple[Flow, ...]:
     )
 
 
-def _make_member(fleet: Fleet, robot: Robot, computer: Computer) -> Member:
+def _make_member(fleet: Fleet, robot: Robot, computer: Computer) -> model.Member:
     is_master = computer == robot.master
     routed = fleet.variables.multicast_routing != "none" and robot.gateway is not None and bool(robot.gateway.name)
     in_common_network = computer.common_address is not None
-    return Member(
+    return model.Member(
         name=computer.name,
         robot=robot.name,
         address=computer.address,
@@ -122,10 +103,12 @@ def _make_member(fleet: Fleet, robot: Robot, computer: Computer) -> Member:
     )
 
 
-def _listeners(members: Iterable[Member]) -> tuple[Listener, ...]:
+def _listeners(members: Iterable[model.Member]) -> tuple[model.Listener, ...]:
     """Return the computers that measure datagrams: those of discovery, first those that hear the group."""
     listeners = (
-        Listener(member.name, member.discovery_address, member.multicast) for member in members if member.discovery
+        model.Listener(member.name, member.discovery_address, member.multicast)
+        for member in members
+        if member.discovery
     )
     return tuple(sorted(listeners, key=lambda listener: not listener.multicast))
 
@@ -133,13 +116,13 @@ def _listeners(members: Iterable[Member]) -> tuple[Listener, ...]:
 # What one computer needs
 
 
-def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPlan:
+def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.ComputerPlan:
     is_master = computer == robot.master
     is_gateway = robot.gateway is not None and robot.gateway.name == computer.name
     existing = robot.variables.routes == "existing"
     expected = _list_expected_routes(fleet, robot, computer) if existing else ()
     metrics = parameters.writes_metrics(robot) and is_master
-    return ComputerPlan(
+    return model.ComputerPlan(
         computer=computer.name,
         robot=robot.name,
         address=computer.address,
@@ -172,8 +155,8 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> ComputerPl
     )
 
 
-def _look_at(robot: Robot, is_master: bool, expected: Iterable[ExpectedRoute], metrics: bool) -> LookAt:
-    return LookAt(
+def _look_at(robot: Robot, is_master: bool, expected: Iterable[model.ExpectedRoute], metrics: bool) -> model.LookAt:
+    return model.LookAt(
         parts=LOOKED_AT + LOOKED_AT_WITH_ROS + (("folders",) if metrics else ()),
         folders=(robot.variables.metrics_folder,) if metrics else None,
         destinations=tuple(route.destination[1] for route in expected),
@@ -182,38 +165,40 @@ def _look_at(robot: Robot, is_master: bool, expected: Iterable[ExpectedRoute], m
     )
 
 
-def _plan_router(fleet: Fleet, router: Router) -> ComputerPlan:
+def _plan_router(fleet: Fleet, router: Router) -> model.ComputerPlan:
     """Return the plan of the router (section 4.2 of the report). It is no computer of a robot, so it has no ROS."""
-    return ComputerPlan(
+    return model.ComputerPlan(
         computer=router.name,
         address=router.address,
         common_address=router.address,
         network=fleet.variables.common_network,
-        networks=(Interface(fleet.variables.common_network, router.address),),
+        networks=(model.Interface(fleet.variables.common_network, router.address),),
         is_router=True,
         roscore="existing",
         sysctl=FORWARDING + NO_REDIRECTS,
-        routes=tuple(Route(robot.network, robot.gateway.common_address) for robot in fleet.robots if robot.gateway),
+        routes=tuple(
+            model.Route(robot.network, robot.gateway.common_address) for robot in fleet.robots if robot.gateway
+        ),
         firewall=_firewall(fleet, _networks_behind_router(fleet)),
-        look_at=LookAt(parts=LOOKED_AT),
+        look_at=model.LookAt(parts=LOOKED_AT),
     )
 
 
-def _interfaces(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[Interface, ...]:
-    own = Interface(robot.network, computer.address)
+def _interfaces(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[model.Interface, ...]:
+    own = model.Interface(robot.network, computer.address)
     if robot.gateway is None or computer.common_address is None:
         return (own,)
-    return own, Interface(fleet.variables.common_network, computer.common_address)
+    return own, model.Interface(fleet.variables.common_network, computer.common_address)
 
 
-def _routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[Route, ...]:
+def _routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[model.Route, ...]:
     """Return the routes of a computer: behind a gateway the report's default route, unless the robot wants networks."""
     if robot.gateway and not computer.common_address and robot.variables.routes == "default":
-        return (Route(DEFAULT_ROUTE, robot.gateway.address),)
+        return (model.Route(model.DEFAULT_ROUTE, robot.gateway.address),)
     return _network_routes(fleet, robot, computer)
 
 
-def _network_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[Route, ...]:
+def _network_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[model.Route, ...]:
     """Return a route to each other network.
 
     On the common network it leads to the other robot's gateway itself. The router would send the packets back on the
@@ -221,39 +206,42 @@ def _network_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[Rou
     """
     others = [(other.network, other.gateway) for other in fleet.robots if other.gateway and other != robot]
     if computer.common_address:
-        return tuple(Route(network, gateway.common_address) for network, gateway in others)
+        return tuple(model.Route(network, gateway.common_address) for network, gateway in others)
     networks = [fleet.variables.common_network, *(network for network, _gateway in others)]
-    return tuple(Route(network, robot.gateway.address) for network in networks if robot.gateway)
+    return tuple(model.Route(network, robot.gateway.address) for network in networks if robot.gateway)
 
 
-def _list_expected_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[ExpectedRoute, ...]:
+def _list_expected_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[model.ExpectedRoute, ...]:
     """Return the routes that something else makes. On the common network they may also lead to its router."""
     also = (fleet.router.address,) if computer.common_address and fleet.router else ()
     return tuple(
-        ExpectedRoute(route.destination, (route.gateway, *also)) for route in _network_routes(fleet, robot, computer)
+        model.ExpectedRoute(route.destination, (route.gateway, *also))
+        for route in _network_routes(fleet, robot, computer)
     )
 
 
-def _multicast_routing(fleet: Fleet, gateway: Computer) -> MulticastRouting | None:
+def _multicast_routing(fleet: Fleet, gateway: Computer) -> model.MulticastRouting | None:
     """Return the multicast routing of a gateway between the robot's network and the common network."""
     if fleet.variables.multicast_routing == "none" or gateway.common_address is None:
         return None
-    return MulticastRouting(fleet.variables.multicast_group, (gateway.address, gateway.common_address))
+    return model.MulticastRouting(fleet.variables.multicast_group, (gateway.address, gateway.common_address))
 
 
 # The packet filter
 
 
-def _firewall(fleet: Fleet, networks: tuple[IPv4Network, ...], computer: Computer | None = None) -> Firewall | None:
+def _firewall(
+    fleet: Fleet, networks: tuple[IPv4Network, ...], computer: Computer | None = None
+) -> model.Firewall | None:
     """Return the packet filter of a computer or of the router. None: no packet filter is wanted."""
     if fleet.variables.firewall != "fleet":
         return None
     if computer is None:
-        return Firewall(networks)
-    return Firewall(networks, computer.variables.firewall_also, computer.variables.firewall_ports)
+        return model.Firewall(networks)
+    return model.Firewall(networks, computer.variables.firewall_also, computer.variables.firewall_ports)
 
 
-def _let_in(fleet: Fleet, belonging: Membership) -> tuple[IPv4Network, ...]:
+def _let_in(fleet: Fleet, belonging: model.Membership) -> tuple[IPv4Network, ...]:
     """Return the sources that pass the packet filters: all planned addresses, and the networks of multimaster_allow.
 
     The addresses of gateways outside the inventory are among them: such a gateway may masquerade.
@@ -277,34 +265,34 @@ def _networks_behind_router(fleet: Fleet) -> tuple[IPv4Network, ...]:
 # Section 4.2 of the report. The reverse-path filter is loose. A strict one drops packets that come back on another
 # interface (kernel: Documentation/networking/ip-sysctl, rp_filter; the larger value of `all` and the interface counts).
 FORWARDING = (
-    Setting("net.ipv4.ip_forward", "1"),
-    Setting("net.ipv4.conf.all.rp_filter", "2"),
+    model.Setting("net.ipv4.ip_forward", "1"),
+    model.Setting("net.ipv4.conf.all.rp_filter", "2"),
 )
 # The router sends packets back to the common network, with an ICMP redirect for each. `ping -c1` takes that for an error.
 # The kernel sends redirects if `all` or the interface has 1.
 NO_REDIRECTS = (
-    Setting("net.ipv4.conf.all.send_redirects", "0"),
-    Setting("net.ipv4.conf.default.send_redirects", "0"),
-    Setting("net.ipv4.conf.{common}.send_redirects", "0"),  # preflight knows the interface
+    model.Setting("net.ipv4.conf.all.send_redirects", "0"),
+    model.Setting("net.ipv4.conf.default.send_redirects", "0"),
+    model.Setting("net.ipv4.conf.{common}.send_redirects", "0"),  # preflight knows the interface
 )
 
 # A computer answers ARP for the addresses of its interfaces alone. In a foreign network another machine may have its planned
 # address (the unit multimaster-address; kernel: Documentation/networking/ip-sysctl, arp_ignore). 1, 2 and 8 answer less.
-NO_FOREIGN_ARP = Setting("net.ipv4.conf.all.arp_ignore", "3", enough=("1", "2", "8"))
+NO_FOREIGN_ARP = model.Setting("net.ipv4.conf.all.arp_ignore", "3", enough=("1", "2", "8"))
 
 
-def _sysctl(fleet: Fleet) -> tuple[Setting, ...]:
+def _sysctl(fleet: Fleet) -> tuple[model.Setting, ...]:
     """Return the kernel settings of every computer. Answers to `ping 224.0.0.1` are of section 3.2 of the report."""
     answers = fleet.variables.answer_broadcast_pings
-    return (Setting("net.ipv4.icmp_echo_ignore_broadcasts", "0" if answers else "1"), NO_FOREIGN_ARP)
+    return (model.Setting("net.ipv4.icmp_echo_ignore_broadcasts", "0" if answers else "1"), NO_FOREIGN_ARP)
 
 
-def _ports(fleet: Fleet, robot: Robot) -> tuple[Port, ...]:
+def _ports(fleet: Fleet, robot: Robot) -> tuple[model.Port, ...]:
     """Return the ports that the services of the robot's master listen on."""
     return (
-        Port("tcp", robot.variables.roscore_port),
-        Port("udp", fleet.variables.multicast_port),
-        Port("tcp", robot.variables.rpc_port),
+        model.Port("tcp", robot.variables.roscore_port),
+        model.Port("udp", fleet.variables.multicast_port),
+        model.Port("tcp", robot.variables.rpc_port),
     )
 
 

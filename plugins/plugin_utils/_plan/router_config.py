@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.dialect import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.dialects import (
+    DIALECTS,
     GATEWAY,
     MARK,
     PEERS,
@@ -24,11 +25,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.dialect
     ROUTES,
     Block,
     Dialect,
-    load_dialects,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-
-DIALECTS = load_dialects()
 
 
 class RouterConfigProblem(ValueError):

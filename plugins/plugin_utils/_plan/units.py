@@ -26,12 +26,8 @@ WAIT = f"{SYSTEM_PYTHON} -m rosfleet_multimaster.wait_for_master"
 RUN_PLAIN = f"{SYSTEM_PYTHON} -m rosfleet_multimaster.run_plain"
 
 
-@dataclass(frozen=True)
-class Unit:
-    """A unit as the module managed_services takes it."""
-
-    name: str
-    content: str
+# A unit as the module managed_services takes it: its name and its content.
+Unit = dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -255,7 +251,7 @@ def render_services(
         else:
             node = NODES[name]
             text = _NODE.format(**shared, node=node.name, task=node.task, program=programs[name])
-        units.append(Unit(f"multimaster-{name}.service", text))
+        units.append({"name": f"multimaster-{name}.service", "content": text})
     return units
 
 
@@ -483,7 +479,7 @@ def render_router(robot: str, group: str, interfaces: Sequence[str], command: st
         file=ROUTER_FILE,
         names=" ".join(quotes.quote_argument(interface) for interface in interfaces),
     )
-    return Unit(ROUTER_UNIT, text)
+    return {"name": ROUTER_UNIT, "content": text}
 
 
 def render_routes(robot: str, group: str, interfaces: Sequence[str]) -> str:

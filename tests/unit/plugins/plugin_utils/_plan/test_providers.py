@@ -122,7 +122,7 @@ def rendered(found):
         found.programs,
         units.Inputs("4567", "0123"),
     )
-    files = {unit.name: unit.content for unit in made}
+    files = {unit["name"]: unit["content"] for unit in made}
     for name in ("discovery", "sync"):
         files[f"master_{name}.json"] = json.dumps(getattr(found, name), indent=4, sort_keys=True) + "\n"
     files["packages"] = "\n".join(found.packages)

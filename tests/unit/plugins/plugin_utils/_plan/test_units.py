@@ -20,7 +20,8 @@ INTERFACES = ["eth1", "eth0"]
 def made(names, inputs):
     programs = units.render_programs("bundled", "/usr/bin/python3", {}, 11311)
     return {
-        unit.name: unit.content for unit in units.render_services(names, "tibi", ADDRESS, ROSCORE, programs, inputs)
+        unit["name"]: unit["content"]
+        for unit in units.render_services(names, "tibi", ADDRESS, ROSCORE, programs, inputs)
     }
 
 
@@ -72,7 +73,7 @@ def test_the_own_address_route_is_found_by_its_mark():
 def test_no_unit_waits_for_a_network():
     """A target of the network is reached late or never on a robot that is switched on alone."""
     texts = [*made(["address", "roscore", "discovery", "sync"], units.Inputs("", "")).values()]
-    texts.append(units.render_router("tibi", "239.255.11.11", INTERFACES, "/usr/sbin/smcrouted", "feed").content)
+    texts.append(units.render_router("tibi", "239.255.11.11", INTERFACES, "/usr/sbin/smcrouted", "feed")["content"])
     assert len(texts) == 5
     for text in texts:
         assert not re.search(
@@ -82,15 +83,15 @@ def test_no_unit_waits_for_a_network():
 
 def test_the_multicast_router():
     unit = units.render_router("tibi", "239.255.11.11", INTERFACES, "/usr/sbin/smcrouted", "feed")
-    assert unit.content == (GOLDEN / unit.name).read_text(encoding="utf-8")
+    assert unit["content"] == (GOLDEN / unit["name"]).read_text(encoding="utf-8")
     routes = units.render_routes("tibi", "239.255.11.11", INTERFACES)
     assert routes == (GOLDEN / "smcroute.conf").read_text(encoding="utf-8")
 
 
 def test_names_of_interfaces_are_arguments_and_no_commands():
     unit = units.render_router("tibi", "239.255.11.11", ["eth0;reboot", 'a"$(id)%n'], "/usr/sbin/smcrouted", "feed")
-    assert 'exit 1\' sh "eth0;reboot" "a\\"$$(id)%%n"\n' in unit.content
-    assert unit.content.count("reboot") == 1
+    assert 'exit 1\' sh "eth0;reboot" "a\\"$$(id)%%n"\n' in unit["content"]
+    assert unit["content"].count("reboot") == 1
 
 
 @pytest.mark.parametrize("path", ["+/bin/sh", "/tmp/x\nExecStartPre=+/bin/sh", "bin/roscore", ""])
@@ -103,18 +104,18 @@ def test_a_path_that_systemd_would_read_otherwise_is_refused(path):
 
 def test_the_name_of_a_robot_is_a_text():
     unit = units.render_services(["roscore"], "50%h", ADDRESS, ROSCORE, {}, units.Inputs("", ""))[0]
-    assert "Description=ROS master of 50%%h (roscore)\n" in unit.content
+    assert "Description=ROS master of 50%%h (roscore)\n" in unit["content"]
     with pytest.raises(quotes.Unquotable, match="on one line"):
         units.render_services(["roscore"], "tibi\n[Service]", ADDRESS, ROSCORE, {}, units.Inputs("", ""))
 
 
 def test_the_bundled_roscore_remembers_and_upstreams_does_not():
     bundled = units.render_programs("bundled", "/opt/python3", {}, 11411)
-    text = units.render_services(["roscore"], "tibi", ADDRESS, ROSCORE, bundled, units.Inputs("", ""))[0].content
+    text = units.render_services(["roscore"], "tibi", ADDRESS, ROSCORE, bundled, units.Inputs("", ""))[0]["content"]
     assert "\nExecStart=/opt/python3 -m rosfleet_multimaster.roscore --port 11411\n" in text
     assert "\nStateDirectory=%N\n" in text and "ExecStartPost" not in text and "/usr/bin/roscore" not in text
     upstream = units.render_programs("fkie_apt", "/opt/python3", dict.fromkeys(units.NODES, "/opt/node"), 11411)
-    text = units.render_services(["roscore"], "tibi", ADDRESS, ROSCORE, upstream, units.Inputs("", ""))[0].content
+    text = units.render_services(["roscore"], "tibi", ADDRESS, ROSCORE, upstream, units.Inputs("", ""))[0]["content"]
     assert (
         "\nExecStart=/usr/bin/python3 -m rosfleet_multimaster.run_plain /usr/bin/roscore -p 11311 -w 16 -t 3\n" in text
         and "StateDirectory" not in text
@@ -153,12 +154,12 @@ def _files(tmp_path, monkeypatch):
     )
     upstream = units.render_programs("fkie_apt", "/bin/true", dict.fromkeys(programs, "/bin/true"), 11311)
     made += [
-        units.Unit(unit.name.replace(".service", "-upstream.service"), unit.content)
+        {**unit, "name": unit["name"].replace(".service", "-upstream.service")}
         for unit in units.render_services(["roscore", *upstream], "tibi", ADDRESS, roscore, upstream, inputs)
     ]
     made.append(units.render_router("tibi", "239.255.11.11", INTERFACES, "/bin/true", "feed"))
     for unit in made:
-        (tmp_path / unit.name).write_text(unit.content, encoding="utf-8")
+        (tmp_path / unit["name"]).write_text(unit["content"], encoding="utf-8")
     return sorted(tmp_path.iterdir())
 
 
