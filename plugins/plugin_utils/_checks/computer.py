@@ -27,7 +27,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     UNKNOWN,
     WARNING,
     Check,
-    Documentation,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.manual_setup import (
@@ -83,9 +82,9 @@ FORWARDING = Check(
     title="gateways and the router pass packets on",
     scope=COMPUTER,
     judge=_judge_forwarding,
-    documented=Documentation(
-        "gateways, router", "`net.ipv4.ip_forward` is 1, also on the interfaces of the plan", "4.2"
-    ),
+    about="gateways, router",
+    expected="`net.ipv4.ip_forward` is 1, also on the interfaces of the plan",
+    report="4.2",
     needs=lambda case: make_parts("forwarding", case.observer.name, "off"),
     evidence=_forwarding_evidence,
 )
@@ -122,7 +121,8 @@ REACHABLE = Check(
     title="computer answers the controller",
     scope=COMPUTER,
     judge=_judge_reachable,
-    documented=Documentation("computer", "it answers the controller"),
+    about="computer",
+    expected="it answers the controller",
     needs=_reachable_needs,
     suspects=_reachable_suspects,
 )
@@ -195,7 +195,9 @@ SERVICES = Check(
     title="services are active",
     scope=COMPUTER,
     judge=guard_judge(_judge_services, _has_services),
-    documented=Documentation("computer", "its services are active and were never started again by systemd", "3.3"),
+    about="computer",
+    expected="its services are active and were never started again by systemd",
+    report="3.3",
     needs=_services_needs,
     evidence=guard_evidence(_services_evidence),
 )
@@ -226,11 +228,9 @@ ENVIRONMENT = Check(
     title="services run with the planned environment",
     scope=COMPUTER,
     judge=guard_judge(_judge_environment, _has_services),
-    documented=Documentation(
-        "computer",
-        "the process of each service really has the variables of the environment file and of the plan",
-        "3.2",
-    ),
+    about="computer",
+    expected="the process of each service really has the variables of the environment file and of the plan",
+    report="3.2",
     needs=lambda case: make_parts("environment", case.observer.name, "service"),
     evidence=guard_evidence(_environment_evidence),
 )
@@ -263,7 +263,8 @@ MEASURED = Check(
     title="computer could be looked at",
     scope=COMPUTER,
     judge=_judge_measured,
-    documented=Documentation("computer", "the measurements gave a result"),
+    about="computer",
+    expected="the measurements gave a result",
     needs=lambda case: make_parts("computer", case.observer.name, "unmeasured"),
     evidence=lambda case: make_parts("computer", case.observer.name, "unmeasured", what=_find_problem(case)),
 )
@@ -345,10 +346,8 @@ ADDRESSES = Check(
     title="interfaces have the planned addresses",
     scope=COMPUTER,
     judge=_judge_addresses,
-    documented=Documentation(
-        "computer",
-        "an interface has each of its addresses with the prefix length of its network, and its link is up (warning)",
-    ),
+    about="computer",
+    expected="an interface has each of its addresses with the prefix length of its network, and its link is up (warning)",
     needs=_addresses_needs,
     suspects=_addresses_suspects,
     evidence=_addresses_evidence,
@@ -377,7 +376,8 @@ MTU = Check(
     title="interfaces have the MTU of the others",
     scope=COMPUTER,
     judge=_judge_mtu,
-    documented=Documentation("computer", "each interface has the MTU that most have on its network (warning)"),
+    about="computer",
+    expected="each interface has the MTU that most have on its network (warning)",
     needs=lambda case: join_parts(
         make_parts("interface", case.observer.name, "mtu", what=network)
         for network in mtus_by_network(case.observer, case.ways)
@@ -405,10 +405,8 @@ REVERSE_PATH = Check(
     title="no strict reverse-path filter",
     scope=COMPUTER,
     judge=_judge_reverse_path,
-    documented=Documentation(
-        "gateways, router",
-        "the reverse-path filter is not strict: the larger value of `all` and the interface is not 1 (warning)",
-    ),
+    about="gateways, router",
+    expected="the reverse-path filter is not strict: the larger value of `all` and the interface is not 1 (warning)",
     needs=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
     evidence=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
 )
@@ -427,7 +425,8 @@ REDIRECTS = Check(
     title="router sends no redirects",
     scope=COMPUTER,
     judge=_judge_redirects,
-    documented=Documentation("router", "no ICMP redirects are sent into the common network (warning)"),
+    about="router",
+    expected="no ICMP redirects are sent into the common network (warning)",
     evidence=lambda case: make_parts("redirects", case.observer.name, "sent"),
 )
 
@@ -444,9 +443,8 @@ ANSWERS_PINGS = Check(
     title="kernel answers pings",
     scope=COMPUTER,
     judge=_judge_answers_pings,
-    documented=Documentation(
-        "computer", "`net.ipv4.icmp_echo_ignore_all` is 0, as pings of the fleet need it (warning)"
-    ),
+    about="computer",
+    expected="`net.ipv4.icmp_echo_ignore_all` is 0, as pings of the fleet need it (warning)",
     needs=lambda case: make_parts("setting", case.observer.name, "icmp_all"),
     evidence=lambda case: make_parts("setting", case.observer.name, "icmp_all"),
 )
@@ -491,7 +489,9 @@ MASTER_URI = Check(
     scope=COMPUTER,
     judge=_judge_master_uri,
     carries=ROSCORE,
-    documented=Documentation("computer", "`ROS_MASTER_URI` and the roscore's own `getUri` are the planned URI", "3.2"),
+    about="computer",
+    expected="`ROS_MASTER_URI` and the roscore's own `getUri` are the planned URI",
+    report="3.2",
     needs=lambda case: roscore(case, case.observer.name, case.masters[0]),
     suspects=_roscore_suspects,
     evidence=_master_uri_evidence,
@@ -517,11 +517,9 @@ NAME_ORDER = Check(
     title="/etc/hosts is asked for names first",
     scope=COMPUTER,
     judge=_judge_name_order,
-    documented=Documentation(
-        "computer",
-        "the line `hosts` of `/etc/nsswitch.conf` has `files` before what asks a name server (warning)",
-        "3.1",
-    ),
+    about="computer",
+    expected="the line `hosts` of `/etc/nsswitch.conf` has `files` before what asks a name server (warning)",
+    report="3.1",
     needs=lambda case: make_parts("names", case.observer.name, "order"),
     evidence=lambda case: make_parts("names", case.observer.name, "order"),
 )
@@ -548,7 +546,9 @@ DEFAULT_ROUTES = Check(
     title="one default route at most",
     scope=COMPUTER,
     judge=_judge_default_routes,
-    documented=Documentation("computer", "one at most, of whatever metric (warning)", "4.2"),
+    about="computer",
+    expected="one at most, of whatever metric (warning)",
+    report="4.2",
     needs=lambda case: make_parts("route", case.observer.name, "defaults"),
     evidence=lambda case: make_parts("route", case.observer.name, "defaults"),
 )
@@ -570,27 +570,8 @@ PACKET_FILTER = Check(
     title="the packet filter is as planned",
     scope=COMPUTER,
     judge=guard_judge(_judge_packet_filter, lambda case: case.observer.seen.packet_filter is not None),
-    documented=Documentation(
-        "computer", "with `multimaster_firewall: fleet`: all its rules are there, now and at boot"
-    ),
+    about="computer",
+    expected="with `multimaster_firewall: fleet`: all its rules are there, now and at boot",
     needs=lambda case: make_parts("filter", case.observer.name, "changed"),
     evidence=guard_evidence(lambda case: make_parts("filter", case.observer.name, "changed")),
-)
-
-
-CHECKS = (
-    FORWARDING,
-    REACHABLE,
-    SERVICES,
-    ENVIRONMENT,
-    MEASURED,
-    ADDRESSES,
-    MTU,
-    REVERSE_PATH,
-    REDIRECTS,
-    ANSWERS_PINGS,
-    MASTER_URI,
-    NAME_ORDER,
-    DEFAULT_ROUTES,
-    PACKET_FILTER,
 )

@@ -41,7 +41,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     PASSED,
     WARNING,
     Check,
-    Documentation,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
@@ -56,6 +55,48 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uri
 LOSS = 0.05
 # Seconds that two clocks may differ: tf extrapolates and messages are dropped from some tenths on.
 CLOCK_WARNING, CLOCK_FAILED = 0.1, 0.5
+
+
+# Who has joined the group: also of nodes that somebody started by hand, whose parameters nobody knows
+
+ALL_HOSTS = "224.0.0.1"  # every kernel has joined it
+
+
+def _membership_interfaces(case: Case) -> set[str] | None:
+    """The interfaces on which a program has joined the group; None where that is not to be known, or nobody needs it."""
+    multicast, own, group = case.observer.seen.multicast, case.own, str(case.fleet.multicast_group)
+    if multicast is None or not multicast.memberships or own is None or not own.multicast or group == ALL_HOSTS:
+        return None
+    runs = case.observer.plan.is_master and bool(case.observer.listed)
+    if not runs or case.fleet.transport == "unicast":
+        return None
+    return {entry.interface for entry in multicast.memberships if entry.group == group}
+
+
+def _judge_membership(case: Case) -> Judgement | None:
+    interfaces = _membership_interfaces(case)
+    planned = interfaces_by_network(case.observer, case.ways).get(COMMON)
+    if interfaces is None or planned is None:
+        return None
+    expected = f"a program has joined {case.fleet.multicast_group} on {planned.interface}"
+    found = f"on {' and '.join(sorted(interfaces))}" if interfaces else "on no interface"
+    return Judgement(OK if planned.interface in interfaces else _transport_verdict(case, True), expected, found)
+
+
+MEMBERSHIP = Check(
+    id="membership",
+    title="discovery has joined the group",
+    scope=COMPUTER,
+    judge=_judge_membership,
+    about="masters",
+    expected="a program has joined the group on the planned interface, as the kernel has it in `/proc/net/igmp`",
+    report="3.3",
+    evidence=lambda case: (
+        make_parts("interface", case.observer.name, "multicast")
+        if _membership_interfaces(case)
+        else make_parts("discovery", case.observer.name, "group")
+    ),
+)
 
 
 # Datagrams on the group
@@ -140,11 +181,9 @@ UDP_MULTICAST = Check(
     scope=MEMBER,
     judge=_judge_udp_multicast,
     carries=GROUP,
-    documented=Documentation(
-        "pair that the group reaches",
-        "UDP datagrams on the group and port in use arrive, from the planned address",
-        "3.3",
-    ),
+    about="pair that the group reaches",
+    expected="UDP datagrams on the group and port in use arrive, from the planned address",
+    report="3.3",
     needs=_group_needs,
     suspects=_group_suspects,
     evidence=_group_evidence,
@@ -188,7 +227,8 @@ UDP_UNICAST = Check(
     scope=MEMBER,
     judge=_judge_udp_unicast,
     carries="udp",
-    documented=Documentation("pair with discovery", "UDP datagrams to the computer itself arrive on that port"),
+    about="pair with discovery",
+    expected="UDP datagrams to the computer itself arrive on that port",
     needs=_unicast_needs,
     suspects=lambda case: (
         _unicast_needs(case)
@@ -223,9 +263,9 @@ SOURCE = Check(
     title="datagrams arrive from the planned address",
     scope=MEMBER,
     judge=_judge_source,
-    documented=Documentation(
-        "pair between networks", "datagrams arrive from the planned address: no gateway translates it (warning)", "4.2"
-    ),
+    about="pair between networks",
+    expected="datagrams arrive from the planned address: no gateway translates it (warning)",
+    report="4.2",
     needs=lambda case: _unicast_needs(case) | translation_parts(case, case.observer.name, case.target),
     # Whatever drops the questions of ARP may drop the answers, too.
     suspects=lambda case: (
@@ -259,11 +299,9 @@ ICMP_ROUNDS = Check(
     title="ping of the multicast group (informs only)",
     scope=MEMBER,
     judge=_judge_icmp_rounds,
-    documented=Documentation(
-        "pair on the common network",
-        "an answer in each round of `ping 224.0.0.1`; informs only, and only where computers are to answer",
-        "3.2",
-    ),
+    about="pair on the common network",
+    expected="an answer in each round of `ping 224.0.0.1`; informs only, and only where computers are to answer",
+    report="3.2",
     needs=lambda case: make_parts("setting", case.target, "icmp_group"),
     suspects=lambda case: (
         loss_parts(case, case.observer.name, case.target)
@@ -345,7 +383,8 @@ RPC_PORT = Check(
     scope=MASTER_TOO,
     judge=_judge_rpc_port,
     carries="rpc",
-    documented=Documentation("to masters", "the TCP port of the discovery node opens"),
+    about="to masters",
+    expected="the TCP port of the discovery node opens",
     needs=_port_needs,
     suspects=_port_suspects,
     evidence=_port_evidence,
@@ -397,9 +436,9 @@ MASTER_ROUTE = Check(
     title="route to the discovery node",
     scope=MASTER,
     judge=lambda case: _judge_route(case, _to_master(case), case.master.address),
-    documented=Documentation(
-        "to masters", "packets to the address of its discovery node leave by the planned gateway", "4.2"
-    ),
+    about="to masters",
+    expected="packets to the address of its discovery node leave by the planned gateway",
+    report="4.2",
     needs=lambda case: make_parts(
         "route", case.observer.name, "missing", "other", what=_beyond(case, case.master.address)
     ),
@@ -424,9 +463,9 @@ OUTER_ROUTE = Check(
     title="route to the other address of a gateway",
     scope=MEMBER,
     judge=lambda case: _judge_route(case, _to_outer(case), _outer(case)),
-    documented=Documentation(
-        "to gateways", "packets to its address in the common network leave by the planned gateway", "4.2"
-    ),
+    about="to gateways",
+    expected="packets to its address in the common network leave by the planned gateway",
+    report="4.2",
     needs=lambda case: make_parts("route", case.observer.name, "missing", "other", what=_beyond(case, _outer(case))),
     suspects=lambda case: make_parts("interface", case.observer.name, "prefix", "address"),
     evidence=lambda case: _route_evidence(case, _to_outer(case), _outer(case)),
@@ -452,9 +491,8 @@ ROSCORE_PORT = Check(
     title="port of the roscore is not refused",
     scope=MASTER,
     judge=_judge_roscore_port,
-    documented=Documentation(
-        "to masters", "the TCP port of its roscore opens, or nothing comes back; refused: it has ended (warning)"
-    ),
+    about="to masters",
+    expected="the TCP port of its roscore opens, or nothing comes back; refused: it has ended (warning)",
     needs=lambda case: make_parts("roscore", case.target, "dead"),
     evidence=lambda case: make_parts("roscore", case.target, "dead"),
 )
@@ -507,7 +545,8 @@ CLOCK = Check(
     title="clocks agree",
     scope=MASTER,
     judge=_judge_clock,
-    documented=Documentation("to masters", "less than 0.1 s apart (warning), less than 0.5 s (failure)"),
+    about="to masters",
+    expected="less than 0.1 s apart (warning), less than 0.5 s (failure)",
     needs=_clock_needs,
     suspects=_clock_suspects,
 )
@@ -582,71 +621,10 @@ LIST_MASTERS = Check(
     title="rosservice call /master_discovery/list_masters",
     scope=MASTER_TOO,
     judge=_judge_list_masters,
-    documented=Documentation(
-        "to masters",
-        "`rosservice call /master_discovery/list_masters` has the master online, with its planned URIs",
-        "3.3, Fig. 8",
-    ),
+    about="to masters",
+    expected="`rosservice call /master_discovery/list_masters` has the master online, with its planned URIs",
+    report="3.3, Fig. 8",
     needs=_list_needs,
     suspects=_list_suspects,
     evidence=_list_evidence,
-)
-
-
-# Who has joined the group: also of nodes that somebody started by hand, whose parameters nobody knows
-
-ALL_HOSTS = "224.0.0.1"  # every kernel has joined it
-
-
-def _membership_interfaces(case: Case) -> set[str] | None:
-    """The interfaces on which a program has joined the group; None where that is not to be known, or nobody needs it."""
-    multicast, own, group = case.observer.seen.multicast, case.own, str(case.fleet.multicast_group)
-    if multicast is None or not multicast.memberships or own is None or not own.multicast or group == ALL_HOSTS:
-        return None
-    runs = case.observer.plan.is_master and bool(case.observer.listed)
-    if not runs or case.fleet.transport == "unicast":
-        return None
-    return {entry.interface for entry in multicast.memberships if entry.group == group}
-
-
-def _judge_membership(case: Case) -> Judgement | None:
-    interfaces = _membership_interfaces(case)
-    planned = interfaces_by_network(case.observer, case.ways).get(COMMON)
-    if interfaces is None or planned is None:
-        return None
-    expected = f"a program has joined {case.fleet.multicast_group} on {planned.interface}"
-    found = f"on {' and '.join(sorted(interfaces))}" if interfaces else "on no interface"
-    return Judgement(OK if planned.interface in interfaces else _transport_verdict(case, True), expected, found)
-
-
-MEMBERSHIP = Check(
-    id="membership",
-    title="discovery has joined the group",
-    scope=COMPUTER,
-    judge=_judge_membership,
-    documented=Documentation(
-        "masters",
-        "a program has joined the group on the planned interface, as the kernel has it in `/proc/net/igmp`",
-        "3.3",
-    ),
-    evidence=lambda case: (
-        make_parts("interface", case.observer.name, "multicast")
-        if _membership_interfaces(case)
-        else make_parts("discovery", case.observer.name, "group")
-    ),
-)
-
-
-CHECKS = (
-    MEMBERSHIP,
-    UDP_MULTICAST,
-    UDP_UNICAST,
-    SOURCE,
-    ICMP_ROUNDS,
-    RPC_PORT,
-    MASTER_ROUTE,
-    OUTER_ROUTE,
-    ROSCORE_PORT,
-    CLOCK,
-    LIST_MASTERS,
 )

@@ -64,14 +64,6 @@ PASSED = Judgement(OK)  # a judge may return it for a case that is only counted,
 Passed = Counter[tuple[str, str, tuple[str, ...]]]
 
 
-class Documentation(NamedTuple):
-    """A row of the table in docs/operate/verification.md: the targets, what is expected, and where the report has it."""
-
-    scope: str
-    expected: str
-    report: str = ""
-
-
 def _find_no_parts(_case: Case) -> Parts:
     return NONE
 
@@ -89,7 +81,9 @@ class Check:
     title: str
     scope: str
     judge: Callable[[Case], Judgement | None]
-    documented: Documentation
+    about: str  # the targets, as docs/operate/verification.md names them
+    expected: str  # the same place
+    report: str = ""  # where the report has it
     needs: Callable[[Case], Parts] = _find_no_parts
     suspects: Callable[[Case], Parts] | None = None
     evidence: Callable[[Case], Parts] = _find_no_parts

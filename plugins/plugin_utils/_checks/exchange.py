@@ -29,7 +29,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     UNKNOWN,
     WARNING,
     Check,
-    Documentation,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import SilentNode
@@ -87,7 +86,8 @@ NODES_ANSWER = Check(
     title="registered nodes answer",
     scope=COMPUTER,
     judge=_judge_nodes_answer,
-    documented=Documentation("roscore", "each of the robot's nodes that is registered answers (warning)"),
+    about="roscore",
+    expected="each of the robot's nodes that is registered answers (warning)",
     needs=lambda case: (
         make_parts("sync", case.observer.name, "hung") | make_parts("discovery", case.observer.name, "hung")
     ),
@@ -125,9 +125,8 @@ NAMES = Check(
     title="no node or service name twice",
     scope=MASTER,
     judge=_judge_names,
-    documented=Documentation(
-        "pair of roscores", "no node and no service that is exchanged has a name that another robot has too"
-    ),
+    about="pair of roscores",
+    expected="no node and no service that is exchanged has a name that another robot has too",
     evidence=_names_evidence,
 )
 
@@ -173,9 +172,8 @@ TYPES = Check(
     title="topics have the same type on both sides",
     scope=MASTER,
     judge=_judge_types,
-    documented=Documentation(
-        "pair of roscores", "a topic that is exchanged has one type and one md5 sum on both robots"
-    ),
+    about="pair of roscores",
+    expected="a topic that is exchanged has one type and one md5 sum on both robots",
     evidence=_types_evidence,
 )
 
@@ -222,9 +220,9 @@ FLOW = Check(
     title="robot has what it is to get, and nothing else",
     scope=MASTER,
     judge=_judge_flow,
-    documented=Documentation(
-        "pair of roscores", "what the one robot is to give is registered at the other, and nothing else of it is", "3.3"
-    ),
+    about="pair of roscores",
+    expected="what the one robot is to give is registered at the other, and nothing else of it is",
+    report="3.3",
     # registrations stay after a node has died, so a success clears no node
     needs=lambda case: make_parts("sync", case.masters[0], "configuration"),
     suspects=_flow_suspects,
@@ -251,15 +249,7 @@ CROSS_LINK = Check(
     title="connections only as exchanged",
     scope=MASTER,
     judge=_judge_cross_link,
-    documented=Documentation("pair of roscores", "nodes of the two robots are connected only by what is exchanged"),
+    about="pair of roscores",
+    expected="nodes of the two robots are connected only by what is exchanged",
     evidence=lambda case: frozenset({Part.from_pair("registration", "link", *case.robots)}),
-)
-
-
-CHECKS = (
-    NODES_ANSWER,
-    NAMES,
-    TYPES,
-    FLOW,
-    CROSS_LINK,
 )

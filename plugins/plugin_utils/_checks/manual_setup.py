@@ -15,7 +15,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     UNKNOWN,
     WARNING,
     Check,
-    Documentation,
     Judgement,
 )
 
@@ -60,11 +59,7 @@ AS_PLANNED = Check(
     title="nothing stands against the plan",
     scope=COMPUTER,
     judge=_judge_conflicts,
-    documented=Documentation(
-        "computer",
-        "nobody else holds the ports of its services, and site.yml would refuse nothing else there (warning)",
-    ),
+    about="computer",
+    expected="nobody else holds the ports of its services, and site.yml would refuse nothing else there (warning)",
     evidence=_conflict_evidence,
 )
-
-CHECKS = (AS_PLANNED,)

@@ -36,7 +36,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     PASSED,
     WARNING,
     Check,
-    Documentation,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.policy_routing import taker
@@ -44,6 +43,59 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 
 LOST = 0.2  # of the pings to one computer: in a wireless network some are always lost, and few are sent
+
+# Whose an address is
+
+
+def _find_duplicates(case: Case) -> dict[str, list[str]]:
+    """List the addresses on the observer's networks for which another one answers, too: address -> hardware addresses.
+
+    A computer with two interfaces in one network answers by both, so its own are left out.
+    """
+    found = {}
+    own = {str(entry.address) for entry in case.observer.plan.networks}
+    for claim in case.probe.claims if case.probe else ():
+        holder = case.run.get(case.ways.name_at(claim.address))
+        known = case.observer.macs if claim.address in own else holder.macs if holder else frozenset()
+        strange = [mac for mac in claim.macs if mac.lower() not in known]
+        if case.ways.name_at(claim.address) and len(strange) > (0 if known else 1):
+            found[claim.address] = strange
+    return found
+
+
+def _judge_address_once(case: Case) -> Judgement | None:
+    if case.probe is None or not case.probe.claims:
+        return None
+    twice = _find_duplicates(case)
+    found = "; ".join(f"for {address} also {' and '.join(macs)}" for address, macs in twice.items())
+    return Judgement(FAILED if twice else OK, "one computer answers for each address", found or "one for each")
+
+
+def _duplicate_evidence(case: Case) -> Parts:
+    return join_parts(
+        make_parts("interface", case.ways.name_at(address), "duplicate") for address in _find_duplicates(case)
+    )
+
+
+def _duplicate_needs(case: Case) -> Parts:
+    """A computer that gets no ARP answer for its own address is alone with it, for all observers."""
+    name = case.observer.name
+    return make_parts("interface", name, "duplicate") | join_parts(
+        make_parts("interface", name, "duplicate", what=other) for other in (*case.ways.members, *case.ways.titles)
+    )
+
+
+ADDRESS_ONCE = Check(
+    id="address_once",
+    title="nobody else answers for an address",
+    scope=COMPUTER,
+    judge=_judge_address_once,
+    about="computer, its networks",
+    expected="asked by ARP, one hardware address answers for each address of the fleet, none for its own",
+    needs=_duplicate_needs,
+    evidence=_duplicate_evidence,
+)
+
 
 # The name
 
@@ -93,9 +145,9 @@ NAME = Check(
     title="name means the planned address",
     scope=ITSELF_TOO,
     judge=_judge_name,
-    documented=Documentation(
-        "pair, itself too", "the name resolves to the planned address and no other", "3.1, Fig. 6"
-    ),
+    about="pair, itself too",
+    expected="the name resolves to the planned address and no other",
+    report="3.1, Fig. 6",
     needs=lambda case: names(case.observer.name, case.target),
     evidence=_name_evidence,
 )
@@ -119,9 +171,8 @@ USER_NAME = Check(
     title="name means the same without rights",
     scope=ITSELF_TOO,
     judge=_judge_user_name,
-    documented=Documentation(
-        "pair, itself too", "a user without rights, as nodes are, gets the same addresses for the name"
-    ),
+    about="pair, itself too",
+    expected="a user without rights, as nodes are, gets the same addresses for the name",
     needs=lambda case: make_parts("names", case.observer.name, "rights"),
     evidence=lambda case: make_parts("names", case.observer.name, "rights", what=case.target),
 )
@@ -205,7 +256,9 @@ ROUTE = Check(
     title="packets leave from the planned address",
     scope=MEMBER,
     judge=_judge_route,
-    documented=Documentation("pair", "packets leave from the planned address, and by the planned gateway", "4.2"),
+    about="pair",
+    expected="packets leave from the planned address, and by the planned gateway",
+    report="4.2",
     needs=_route_needs,
     evidence=_route_evidence,
 )
@@ -289,7 +342,9 @@ PING_ADDRESS = Check(
     scope=MEMBER,
     judge=_judge_ping_address,
     carries="icmp",
-    documented=Documentation("pair", "one of three ICMP echo requests to its address is answered", "3.2, 4.2"),
+    about="pair",
+    expected="one of three ICMP echo requests to its address is answered",
+    report="3.2, 4.2",
     needs=_ping_needs,
     suspects=_ping_suspects,
     evidence=_ping_evidence,
@@ -312,10 +367,8 @@ TCP_ANSWER = Check(
     title="TCP is refused, so the computer is there",
     scope=MEMBER,
     judge=_judge_answers_tcp,
-    documented=Documentation(
-        "pair without an answered ping",
-        "a TCP port that nobody uses refuses; tells a lost ping from a computer that is off",
-    ),
+    about="pair without an answered ping",
+    expected="a TCP port that nobody uses refuses; tells a lost ping from a computer that is off",
     needs=lambda case: way(case, case.observer.name, case.target),
 )
 
@@ -334,7 +387,9 @@ PING_NAME = Check(
     title="ping by name",
     scope=MEMBER,
     judge=_judge_ping_name,
-    documented=Documentation("pair", "one of three ICMP echo requests to what its name means is answered", "3.2, 4.2"),
+    about="pair",
+    expected="one of three ICMP echo requests to what its name means is answered",
+    report="3.2, 4.2",
     needs=lambda case: _ping_needs(case) | names(case.observer.name, case.target),
     suspects=lambda case: (
         loss_parts(case, case.observer.name, case.target)
@@ -360,10 +415,8 @@ PING_LARGE = Check(
     title="large packets arrive",
     scope=MEMBER,
     judge=_judge_ping_large,
-    documented=Documentation(
-        "pair",
-        "an ICMP echo request as large as the interface allows is answered, or a router tells that it is too large (warning)",
-    ),
+    about="pair",
+    expected="an ICMP echo request as large as the interface allows is answered, or a router tells that it is too large (warning)",
     needs=lambda case: large(case, case.observer.name, case.target),
 )
 
@@ -385,7 +438,8 @@ PING_LOSS = Check(
     title="few pings are lost",
     scope=MEMBER,
     judge=_judge_ping_loss,
-    documented=Documentation("pair", "of further ICMP echo requests at most every fifth has no answer (warning)"),
+    about="pair",
+    expected="of further ICMP echo requests at most every fifth has no answer (warning)",
     needs=lambda case: loss_parts(case, case.observer.name, case.target),
 )
 
@@ -415,9 +469,8 @@ NEIGHBOUR = Check(
     title="address belongs to one computer",
     scope=MEMBER,
     judge=_judge_neighbour,
-    documented=Documentation(
-        "pair on one network", "the hardware address of its address is one of that computer's own (warning)"
-    ),
+    about="pair on one network",
+    expected="the hardware address of its address is one of that computer's own (warning)",
     needs=lambda case: make_parts("interface", case.target, "duplicate", what=case.observer.name),
     evidence=_neighbour_evidence,
 )
@@ -462,80 +515,8 @@ ANSWERS_ARP = Check(
     title="computer on the same network answers ARP",
     scope=MEMBER,
     judge=_judge_answers_arp,
-    documented=Documentation(
-        "pair on one network",
-        "somebody answers the question who has its address, which no packet filter for IP drops; tells such a filter from a "
-        "network that is dead",
-    ),
+    about="pair on one network",
+    expected="somebody answers the question who has its address, which no packet filter for IP drops; tells such a filter from a "
+    "network that is dead",
     needs=_arp_needs,
-)
-
-
-# Whose an address is
-
-
-def _find_duplicates(case: Case) -> dict[str, list[str]]:
-    """List the addresses on the observer's networks for which another one answers, too: address -> hardware addresses.
-
-    A computer with two interfaces in one network answers by both, so its own are left out.
-    """
-    found = {}
-    own = {str(entry.address) for entry in case.observer.plan.networks}
-    for claim in case.probe.claims if case.probe else ():
-        holder = case.run.get(case.ways.name_at(claim.address))
-        known = case.observer.macs if claim.address in own else holder.macs if holder else frozenset()
-        strange = [mac for mac in claim.macs if mac.lower() not in known]
-        if case.ways.name_at(claim.address) and len(strange) > (0 if known else 1):
-            found[claim.address] = strange
-    return found
-
-
-def _judge_address_once(case: Case) -> Judgement | None:
-    if case.probe is None or not case.probe.claims:
-        return None
-    twice = _find_duplicates(case)
-    found = "; ".join(f"for {address} also {' and '.join(macs)}" for address, macs in twice.items())
-    return Judgement(FAILED if twice else OK, "one computer answers for each address", found or "one for each")
-
-
-def _duplicate_evidence(case: Case) -> Parts:
-    return join_parts(
-        make_parts("interface", case.ways.name_at(address), "duplicate") for address in _find_duplicates(case)
-    )
-
-
-def _duplicate_needs(case: Case) -> Parts:
-    """A computer that gets no ARP answer for its own address is alone with it, for all observers."""
-    name = case.observer.name
-    return make_parts("interface", name, "duplicate") | join_parts(
-        make_parts("interface", name, "duplicate", what=other) for other in (*case.ways.members, *case.ways.titles)
-    )
-
-
-ADDRESS_ONCE = Check(
-    id="address_once",
-    title="nobody else answers for an address",
-    scope=COMPUTER,
-    judge=_judge_address_once,
-    documented=Documentation(
-        "computer, its networks",
-        "asked by ARP, one hardware address answers for each address of the fleet, none for its own",
-    ),
-    needs=_duplicate_needs,
-    evidence=_duplicate_evidence,
-)
-
-
-CHECKS = (
-    ADDRESS_ONCE,
-    NAME,
-    USER_NAME,
-    ROUTE,
-    PING_ADDRESS,
-    TCP_ANSWER,
-    PING_NAME,
-    PING_LARGE,
-    PING_LOSS,
-    NEIGHBOUR,
-    ANSWERS_ARP,
 )

@@ -14,7 +14,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     FAILED,
     OK,
     Check,
-    Documentation,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.manual_setup import (
@@ -46,47 +45,44 @@ def _evidence(kind: str) -> Callable[[Case], Parts]:
     return guard_evidence(find_parts)
 
 
-def _check(kind: str, title: str, planned: Callable[[Case], bool], expected: str, documented: Documentation) -> Check:
+def _check(kind: str, title: str, planned: Callable[[Case], bool], fine: str, expected: str) -> Check:
     return Check(
         id=f"next_boot_{kind}",
         title=title,
         scope=COMPUTER,
-        judge=_judge(kind, planned, expected),
-        documented=documented,
+        judge=_judge(kind, planned, fine),
+        about="computer",
+        expected=expected,
         needs=lambda case: make_parts("boot", case.observer.name, kind),
         evidence=_evidence(kind),
     )
 
 
-CHECKS = (
-    _check(
-        "unit",
-        "services start at the next boot",
-        lambda case: bool(case.observer.plan.services),
-        "all enabled",
-        Documentation("computer", "the units of its services are enabled, and not masked or for this boot only"),
-    ),
-    _check(
-        "sysctl",
-        "kernel settings stay at the next boot",
-        lambda case: bool(case.observer.plan.sysctl),
-        "the planned values",
-        Documentation(
-            "computer", "of all files that set a planned kernel setting at boot, the one that decides has its value"
-        ),
-    ),
-    _check(
-        "route",
-        "routes stay at the next boot",
-        lambda case: bool(case.observer.plan.routes),
-        "the files of all routes",
-        Documentation("computer", "the file that makes a route of the plan at boot is as site.yml wrote it"),
-    ),
-    _check(
-        "names",
-        "/etc/hosts stays at the next boot",
-        lambda case: not case.observer.plan.is_router,
-        "nobody writes it anew",
-        Documentation("computer", "where cloud-init is installed, it is kept from writing `/etc/hosts` anew"),
-    ),
+UNIT = _check(
+    "unit",
+    "services start at the next boot",
+    lambda case: bool(case.observer.plan.services),
+    "all enabled",
+    "the units of its services are enabled, and not masked or for this boot only",
+)
+SYSCTL = _check(
+    "sysctl",
+    "kernel settings stay at the next boot",
+    lambda case: bool(case.observer.plan.sysctl),
+    "the planned values",
+    "of all files that set a planned kernel setting at boot, the one that decides has its value",
+)
+ROUTE = _check(
+    "route",
+    "routes stay at the next boot",
+    lambda case: bool(case.observer.plan.routes),
+    "the files of all routes",
+    "the file that makes a route of the plan at boot is as site.yml wrote it",
+)
+NAMES = _check(
+    "names",
+    "/etc/hosts stays at the next boot",
+    lambda case: not case.observer.plan.is_router,
+    "nobody writes it anew",
+    "where cloud-init is installed, it is kept from writing `/etc/hosts` anew",
 )

@@ -17,7 +17,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     FAILED,
     OK,
     Check,
-    Documentation,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.manual_setup import (
@@ -76,9 +75,9 @@ PARAMETERS = Check(
     title="nodes have the planned parameters",
     scope=COMPUTER,
     judge=guard_judge(_judge_parameters, _has_parameters),
-    documented=Documentation(
-        "roscore", "the parameters of discovery and sync on the roscore are those of the plan", "3.3"
-    ),
+    about="roscore",
+    expected="the parameters of discovery and sync on the roscore are those of the plan",
+    report="3.3",
     needs=_parameters_needs,
     evidence=guard_evidence(_parameters_evidence),
 )
@@ -113,15 +112,10 @@ ROOM = Check(
     title="services have room to write",
     scope=COMPUTER,
     judge=_judge_room,
-    documented=Documentation("computer", "where services write, 1 MiB and 16 files are left for others than root"),
+    about="computer",
+    expected="where services write, 1 MiB and 16 files are left for others than root",
     needs=lambda case: make_parts("computer", case.observer.name, "disk"),
     evidence=lambda case: join_parts(
         make_parts("computer", case.observer.name, "disk", what=disk.path) for disk in _full(case)
     ),
-)
-
-
-CHECKS = (
-    PARAMETERS,
-    ROOM,
 )

@@ -28,7 +28,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     UNKNOWN,
     WARNING,
     Check,
-    Documentation,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
@@ -132,9 +131,9 @@ TOPIC_HEARD = Check(
     title="subscriber hears the other's talker",
     scope=MEMBER,
     judge=_judge_topic_heard,
-    documented=Documentation(
-        "pair", "a subscriber hears what the talker of that computer says in this run", "3.3, 4.3, Fig. 9"
-    ),
+    about="pair",
+    expected="a subscriber hears what the talker of that computer says in this run",
+    report="3.3, 4.3, Fig. 9",
     needs=_topic_needs,
     suspects=_topic_suspects,
     carries="nodes",
@@ -171,7 +170,9 @@ DIRECT_CONNECTION = Check(
     title="rostopic info shows a direct connection",
     scope=MEMBER,
     judge=_judge_direct_connection,
-    documented=Documentation("pair", "the publisher in `rostopic info` is a node on that computer", "3.3"),
+    about="pair",
+    expected="the publisher in `rostopic info` is a node on that computer",
+    report="3.3",
     suspects=lambda case: registration_parts(case, case.observer.name, case.target),
     evidence=_connection_evidence,
 )
@@ -196,17 +197,8 @@ THROUGHPUT = Check(
     title="throughput",
     scope=MEMBER,
     judge=_judge_throughput,
-    documented=Documentation(
-        "pair, with `verify_throughput`",
-        "a stream to its talker is as fast as `verify_throughput_least` says (warning); without that it only informs",
-    ),
+    about="pair, with `verify_throughput`",
+    expected="a stream to its talker is as fast as `verify_throughput_least` says (warning); without that it only informs",
     needs=lambda case: slow(case, case.observer.name, case.target) if case.least else NONE,
     shown=True,
-)
-
-
-CHECKS = (
-    TOPIC_HEARD,
-    DIRECT_CONNECTION,
-    THROUGHPUT,
 )

@@ -16,7 +16,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     OK,
     WARNING,
     Check,
-    Documentation,
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Outsider
@@ -24,11 +23,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uri
 
 
 def _judge_strangers(case: Case) -> Judgement | None:
-    multicast, listed = case.observer.seen.multicast, case.observer.listed
-    if case.probe is None or not (multicast or listed):
+    if case.probe is None or not (case.observer.seen.multicast or case.observer.listed):
         return None
-    planned = {master.name for master in case.fleet.masters}
-    guests = {entry.name: _host(entry.monitoruri) for entry in listed.values() if entry.name not in planned}
+    guests = _find_guests(case)
     welcome = sorted(name for name, address in guests.items() if _is_allowed(case, address))
     ignored = [f"{_title(entry)} is ignored: {entry.why}" for entry in case.probe.outsiders]
     unwanted = [f"master {name} at {guests[name]}" for name in sorted(set(guests) - set(welcome))]
@@ -36,6 +33,12 @@ def _judge_strangers(case: Case) -> Judgement | None:
     found = [*ignored, *unwanted, *_datagrams(case, named)]
     fine = f"only those, and the allowed {', '.join(welcome)}" if welcome else "only those"
     return Judgement(WARNING if found else OK, "only computers of the fleet", ", ".join(found) or fine)
+
+
+def _find_guests(case: Case) -> dict[str, str]:
+    """List the masters in the list that are not planned: name -> address."""
+    planned = {master.name for master in case.fleet.masters}
+    return {name: _host(entry.monitoruri) for name, entry in case.observer.listed.items() if name not in planned}
 
 
 def _datagrams(case: Case, named: set[str]) -> list[str]:
@@ -80,9 +83,9 @@ def _evidence(case: Case) -> Parts:
 
 def _find_unwanted(case: Case) -> dict[str, str]:
     """List those on the group and in the list of masters that are neither planned nor allowed: address -> name."""
-    multicast, planned = case.observer.seen.multicast, {master.name for master in case.fleet.masters}
+    multicast = case.observer.seen.multicast
     senders = {entry.address: "" for entry in (multicast.unexpected if multicast else ())}
-    guests = {_host(entry.monitoruri): name for name, entry in case.observer.listed.items() if name not in planned}
+    guests = {address: name for name, address in _find_guests(case).items()}
     return {at: name for at, name in {**senders, **guests}.items() if not _is_allowed(case, at)}
 
 
@@ -101,9 +104,7 @@ STRANGERS = Check(
     title="nobody else is on the group",
     scope=COMPUTER,
     judge=_judge_strangers,
-    documented=Documentation("computer", "nobody else on the group, no other master, none that is ignored (warning)"),
+    about="computer",
+    expected="nobody else on the group, no other master, none that is ignored (warning)",
     evidence=_evidence,
 )
-
-
-CHECKS = (STRANGERS,)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The checks of the verification, one table: the rows of each file beside this one, in the order of CHECKS.
+"""The checks of the verification, one table: the rows of each file beside this one, in the order of FILES.
 
 In each file a row stands below its functions.
 """
@@ -19,18 +19,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks impor
     ros,
     strangers,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import Check
 
-CHECKS = (
-    *computer.CHECKS,
-    *manual_setup.CHECKS,
-    *next_boot.CHECKS,
-    *programs.CHECKS,
-    *network.CHECKS,
-    *discovery_nodes.CHECKS,
-    *ros.CHECKS,
-    *exchange.CHECKS,
-    *strangers.CHECKS,
-)
+FILES = (computer, manual_setup, next_boot, programs, network, discovery_nodes, ros, exchange, strangers)
+CHECKS = tuple(row for file in FILES for row in vars(file).values() if isinstance(row, Check))
 TITLES = {check.id: check.title for check in CHECKS}
 
 
@@ -38,6 +30,7 @@ def markdown_table() -> str:
     """Return the table of checks for docs/operate/verification.md."""
     lines = ["| check | for | expected | report |", "|---|---|---|---|"]
     for check in CHECKS:
-        scope, expected, report = check.documented
-        lines.append(f"| `{check.id}` | {scope} | {expected} | {report + ' ' if report else ''}|")
+        lines.append(
+            f"| `{check.id}` | {check.about} | {check.expected} | {check.report + ' ' if check.report else ''}|"
+        )
     return "\n".join(lines) + "\n"

@@ -3,6 +3,8 @@
 
 """The check of strangers."""
 
+from dataclasses import replace
+
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     DefaultRoute,
@@ -40,6 +42,14 @@ def test_who_is_ignored_is_named_once():
     found = notable(evaluate(change))["strangers", ONE, ONE]
     assert found.verdict == WARNING
     assert found.found == "rogue at 192.168.1.66 is ignored: it is no robot of the fleet"
+
+
+def test_ignored_sender_is_shown_when_it_tells_no_name():
+    def change(seen):
+        update(seen[ONE].probe, outsiders=[replace(ROGUE, name="")])
+
+    found = notable(evaluate(change))["strangers", ONE, ONE].found
+    assert found == "a sender of heartbeats at 192.168.1.66 is ignored: it is no robot of the fleet"
 
 
 def test_who_is_allowed_is_no_stranger():
