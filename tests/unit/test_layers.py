@@ -57,7 +57,7 @@ ROOMS = {
         "_options": set(),
         "_observed": {"_data", "_fleet", "_plan"},
         "_case": {"_data", "_fleet", "_observed", "_plan", "_world"},
-        "_checks": {"_case", "_observed", "_plan"},
+        "_checks": {"_case", "_fleet", "_observed", "_plan"},
         "_diagnosis": {"_case", "_checks", "_fleet", "_observed", "_plan"},
         "_judgement": {"_case", "_checks", "_data", "_diagnosis", "_fleet", "_observed", "_plan"},
         "_report": {"_case", "_checks", "_diagnosis", "_fleet", "_judgement", "_plan"},

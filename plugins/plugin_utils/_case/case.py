@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A case: one observer and one target of a fleet, with everything that a check may look at."""
+"""A case: one observer and one target of a fleet, with state that a check may look at."""
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Exchanges
@@ -17,69 +17,46 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     Datagrams,
     Exchange,
     ForwardingInterface,
-    HeardTopic,
-    Icmp,
-    ListedMaster,
     Multicast,
     Observation,
     Probe,
-    SeenMaster,
-    SeenMember,
-    Stream,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
     ComputerPlan,
     FleetPlan,
     Master,
-    Member,
 )
 
 ANSWERS_BROADCASTS = ("net.ipv4.icmp_echo_ignore_broadcasts", "0")
 
 
-@dataclass(frozen=True)
 class Participant:
     """A computer of the run: its plan and its observation, with an index for each list of the observation."""
 
-    name: str
-    plan: ComputerPlan
-    seen: Observation
-    members: Mapping[str, SeenMember] = field(default_factory=dict)
-    masters: Mapping[str, SeenMaster] = field(default_factory=dict)  # by computer
-    listed: Mapping[str, ListedMaster] = field(default_factory=dict)
-    topics: Mapping[str, HeardTopic] = field(default_factory=dict)  # by computer of the talker
-    streams: Mapping[str, Stream] = field(default_factory=dict)  # by computer, to which it was sent
-    udp: Mapping[str, Datagrams] = field(default_factory=dict)
-    answered: frozenset[str] = frozenset()  # the members that answered its pings
-    callers: frozenset[str] = frozenset()  # the addresses from which it was called
-    # by round of pings of the group: the members that answered
-    rounds: Sequence[tuple[int, frozenset[str]]] = ()
-    answers_broadcasts: bool = False  # by plan
-    claimed: Mapping[str, bool] = field(default_factory=dict)  # address on its networks -> an answer came for it
-    macs: frozenset[str] = frozenset()  # its hardware addresses
-
-    @classmethod
-    def from_observation(cls, name: str, plan: ComputerPlan, seen: Observation) -> Participant:
-        """Index an observation."""
-        probe = seen.probe or Probe()
-        multicast = seen.multicast or Multicast()
-        return cls(
-            name=name,
-            plan=_select_services(plan, seen),
-            seen=seen,
-            members={entry.name: entry for entry in probe.members},
-            masters={entry.computer: entry for entry in probe.masters},
-            listed={entry.name: entry for entry in probe.list_masters.masters},
-            topics={entry.computer: entry for entry in probe.topics},
-            streams=_index_streams(seen),
-            udp={entry.name: entry for entry in multicast.udp},
-            answered=frozenset(entry.name for entry in probe.members if entry.ping_address and entry.ping_address.ok),
-            callers=frozenset(entry.address for entry in multicast.callers),
-            rounds=_rounds(multicast.icmp),
-            claimed=_read_arp_answers(probe),
-            macs=frozenset(entry.mac.lower() for entry in probe.forwarding.interfaces if entry.mac),
-            answers_broadcasts=ANSWERS_BROADCASTS in {(entry.name, entry.value) for entry in plan.sysctl},
-        )
+    def __init__(self, name: str, plan: ComputerPlan, seen: Observation) -> None:
+        probe, multicast = seen.probe or Probe(), seen.multicast or Multicast()
+        self.name, self.seen = name, seen
+        # without the services that cannot run there, as preflight found
+        self.plan = plan if seen.services is None else replace(plan, services=seen.services)
+        self.members = {entry.name: entry for entry in probe.members}
+        self.masters = {entry.computer: entry for entry in probe.masters}
+        self.listed = {entry.name: entry for entry in probe.list_masters.masters}
+        self.topics = {entry.computer: entry for entry in probe.topics}  # by computer of the talker
+        # by the computer to which it was sent
+        self.streams = {entry.computer: entry for entry in seen.streams.streams} if seen.streams else {}
+        self.udp = {entry.name: entry for entry in multicast.udp}
+        # the members that answered its pings
+        self.answered = frozenset(entry.name for entry in probe.members if entry.ping_address and entry.ping_address.ok)
+        self.callers = frozenset(entry.address for entry in multicast.callers)  # the addresses from which it was called
+        # by round of pings of the group: the members that answered
+        rounds = multicast.icmp.rounds if multicast.icmp else ()
+        self.rounds = [(entry.round, frozenset(entry.answered)) for entry in rounds]
+        self.claimed: dict[str, bool] = {}  # address on its networks -> an answer came for it
+        for claim in probe.claims:
+            self.claimed[claim.address] = self.claimed.get(claim.address, False) or bool(claim.macs)
+        self.macs = frozenset(entry.mac.lower() for entry in probe.forwarding.interfaces if entry.mac)
+        # by plan
+        self.answers_broadcasts = ANSWERS_BROADCASTS in {(entry.name, entry.value) for entry in plan.sysctl}
 
     @property
     def services(self) -> tuple[str, ...]:
@@ -90,26 +67,6 @@ class Participant:
     def lacks_ros(self) -> bool:
         """True for the router, and for a second computer of a robot without ROS; a master's computer needs ROS."""
         return not self.plan.is_master and (self.seen.probe is None or bool(self.seen.probe.ros_missing))
-
-
-def _select_services(plan: ComputerPlan, seen: Observation) -> ComputerPlan:
-    """Leave out of a plan the services that cannot run there, as preflight found."""
-    return plan if seen.services is None else replace(plan, services=seen.services)
-
-
-def _index_streams(seen: Observation) -> Mapping[str, Stream]:
-    return {entry.computer: entry for entry in seen.streams.streams} if seen.streams else {}
-
-
-def _read_arp_answers(probe: Probe) -> Mapping[str, bool]:
-    answers: dict[str, bool] = {}
-    for claim in probe.claims:
-        answers[claim.address] = answers.get(claim.address, False) or bool(claim.macs)
-    return answers
-
-
-def _rounds(icmp: Icmp | None) -> Sequence[tuple[int, frozenset[str]]]:
-    return [(entry.round, frozenset(entry.answered)) for entry in icmp.rounds] if icmp else ()
 
 
 def _is_set_up(computer: Participant) -> bool:
@@ -168,58 +125,29 @@ class FleetState:
 class Case:  # no dataclass: a large fleet has hundreds of thousands, and many checks look at each
     """The fleet, an observer, and a target: a member or a master of the plan."""
 
-    __slots__ = (
-        "address",
-        "counted",
-        "exchanges",
-        "filters",
-        "fleet",
-        "least",
-        "member",
-        "observer",
-        "own",
-        "peer",
-        "planned",
-        "probe",
-        "run",
-        "stream",
-        "target",
-        "target_master",
-        "topic",
-        "udp",
-        "usual",
-        "ways",
-        "_way",
-    )
-
     def __init__(
-        self, everything: FleetState, observer: Participant, target: str, address: str, target_master: Master | None
+        self, state: FleetState, observer: Participant, target: str, address: str, target_master: Master | None
     ) -> None:
-        self.fleet = everything.fleet
-        self.ways = everything.ways
-        self.run = everything.run
-        self.exchanges = everything.exchanges
-        self.filters = everything.filters
-        self.usual = everything.usual
-        self.least = everything.least
+        self.state = state
+        self.fleet = state.fleet
+        self.ways = state.ways
+        self.run = state.run
         self.observer = observer
         self.target = target
         self.address = address  # of the target
         self.counted = False  # a good result is only counted, so it needs no sentences
         self.target_master = target_master  # in a check of masters only
         # the result of multimaster_verify on the observer
-        self.probe: Probe | None = observer.seen.probe
+        self.probe = observer.seen.probe
         # the target, if it takes part in this run, and the datagrams between the two
-        self.peer: Participant | None = self.run.get(target)
-        self.udp: Datagrams | None = observer.udp.get(target) if self.peer is not None else None
+        self.peer = self.run.get(target)
+        self.udp = observer.udp.get(target) if self.peer is not None else None
         # the target in the result of multimaster_verify on the observer, and the topic of its talker
-        self.member: SeenMember | None = observer.members.get(target)
-        self.topic: HeardTopic | None = observer.topics.get(target)
-        self.stream: Stream | None = observer.streams.get(target)
+        self.member = observer.members.get(target)
+        self.topic = observer.topics.get(target)
         # target and observer among the members of the plan; None for the router
-        self.planned: Member | None = self.ways.members.get(target)
-        self.own: Member | None = self.ways.members.get(observer.name)
-        self._way: Way | None = None
+        self.planned = self.ways.members.get(target)
+        self.own = self.ways.members.get(observer.name)
 
     @property
     def master(self) -> Master:
@@ -263,9 +191,7 @@ class Case:  # no dataclass: a large fleet has hundreds of thousands, and many c
     @property
     def way(self) -> Way:
         """The planned way of packets to the target."""
-        if self._way is None:
-            self._way = self.ways.way(self.observer.plan, self.target)
-        return self._way
+        return self.ways.way(self.observer.plan, self.target)
 
     @property
     def gateways(self) -> tuple[Gateway | None, Gateway | None]:

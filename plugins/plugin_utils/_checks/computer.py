@@ -358,7 +358,7 @@ def _odd_sizes(case: Case) -> dict[str, str]:
     """Find the networks on which the computer's MTU differs from that of most: network -> its description."""
     sizes = {}
     for network, mtu in mtus_by_network(case.observer, case.ways).items():
-        usual = case.usual.get(network, mtu)
+        usual = case.state.usual.get(network, mtu)
         if mtu != usual:
             sizes[network] = f"{mtu} on {network}, where most have {usual}"
     return sizes

@@ -109,7 +109,7 @@ class Verification:
         self.fleet = fleet
         self.ways = ways = Ways(fleet)
         self.run = {
-            name: Participant.from_observation(name, plan, observations[name])
+            name: Participant(name, plan, observations[name])
             for name, plan in fleet.computers.items()
             if name in observations
         }

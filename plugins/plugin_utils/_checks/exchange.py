@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
     NONE,
@@ -31,17 +29,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     Check,
     Judgement,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import SilentNode
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 
 NAMED = 4  # registrations, names or connections that a finding names
-
-
-def _join_first(items: Iterable[str]) -> str:
-    """Join the first items, and say how many more there are."""
-    texts = list(items)
-    more = f" and {len(texts) - NAMED} more" if len(texts) > NAMED else ""
-    return ", ".join(texts[:NAMED]) + more
 
 
 # Registered nodes
@@ -51,7 +43,7 @@ def _judge_nodes_answer(case: Case) -> Judgement | None:
     if case.exchange is None or case.exchange.error:
         return None
     silent = case.exchange.silent
-    found = f"no answer of {_join_first(silent)}" if silent else "they answer"
+    found = f"no answer of {shorten_list(silent, NAMED)}" if silent else "they answer"
     return Judgement(WARNING if silent else OK, "every node that is registered answers", found)
 
 
@@ -71,13 +63,13 @@ def _silent_evidence(case: Case) -> Parts:
     nodes = join_parts(make_parts(kind, case.observer.name, "hung") for node, kind in hung.items() if node in silent)
     refused = [entry.node for entry in (case.exchange.silences if case.exchange else ()) if _has_ended(case, entry)]
     return nodes | (
-        make_parts("registration", case.observer.name, "ghost", what=_join_first(refused)) if refused else NONE
+        make_parts("registration", case.observer.name, "ghost", what=shorten_list(refused, NAMED)) if refused else NONE
     )
 
 
 def _has_ended(case: Case, entry: SilentNode) -> bool:
     """Say if a node has ended: its computer refuses the connection, and no packet filter does."""
-    filtered = case.filters.find_drop(case.observer.name, case.ways.name_at(entry.host) or entry.host, "nodes")
+    filtered = case.state.filters.find_drop(case.observer.name, case.ways.name_at(entry.host) or entry.host, "nodes")
     return entry.outcome == Outcome.REFUSED and filtered is None
 
 
@@ -100,21 +92,22 @@ NODES_ANSWER = Check(
 
 
 def _has_both_contents(case: Case) -> bool:
-    return case.exchange is not None and all(robot in case.exchanges.robots for robot in case.robots)
+    return case.exchange is not None and all(robot in case.state.exchanges.robots for robot in case.robots)
 
 
 def _judge_names(case: Case) -> Judgement | None:
     if not _has_both_contents(case):
         return None
     own, its = case.robots
-    clashes = case.exchanges.clashes(its, own)
-    found = _join_first(f"the {clash.kind} {clash.name} is of {' and of '.join(clash.robots)}" for clash in clashes)
+    clashes = case.state.exchanges.clashes(its, own)
+    names = (f"the {clash.kind} {clash.name} is of {' and of '.join(clash.robots)}" for clash in clashes)
+    found = shorten_list(names, NAMED)
     return Judgement(FAILED if clashes else OK, "each name once", found or "no name twice")
 
 
 def _names_evidence(case: Case) -> Parts:
     own, its = case.robots
-    clashes = case.exchanges.clashes(its, own)
+    clashes = case.state.exchanges.clashes(its, own)
     return frozenset(
         Part.from_pair("registration", "twin", *clash.robots, what=f"{clash.kind} {clash.name}") for clash in clashes
     )
@@ -138,9 +131,9 @@ def _judge_types(case: Case) -> Judgement | None:
     if case.exchange is None or not _has_both_contents(case):
         return None
     own, its = case.robots
-    conflicts, expected = case.exchanges.conflicts(its, own), "each topic has one type"
+    conflicts, expected = case.state.exchanges.conflicts(its, own), "each topic has one type"
     if conflicts:
-        return Judgement(FAILED, expected, _join_first(map(_describe_conflict, conflicts)))
+        return Judgement(FAILED, expected, shorten_list(map(_describe_conflict, conflicts), NAMED))
     if case.exchange.types_error:
         return Judgement(UNKNOWN, expected, f"the md5 sums are not known: {case.exchange.types_error}")
     return Judgement(OK, expected, "the same types")
@@ -155,10 +148,10 @@ def _describe_conflict(conflict: Conflict) -> str:
 
 def _types_evidence(case: Case) -> Parts:
     own, its = case.robots
-    if conflicts := case.exchanges.conflicts(its, own):
+    if conflicts := case.state.exchanges.conflicts(its, own):
         return frozenset(
             Part("messages", odd, "differ", conflict.topic)
-            if (odd := case.exchanges.odd(conflict))
+            if (odd := case.state.exchanges.odd(conflict))
             else Part.from_pair("messages", "differ", own, its, what=conflict.topic)
             for conflict in conflicts
         )
@@ -189,9 +182,9 @@ def _judge_flow(case: Case) -> Judgement | None:
     own, its = case.robots
     if case.exchange.error:
         return Judgement(UNKNOWN, f"what {its} gives", case.exchange.error)
-    missing, superfluous = case.exchanges.find_missing(its, own), case.exchanges.superfluous(its, own)
+    missing, superfluous = case.state.exchanges.find_missing(its, own), case.state.exchanges.superfluous(its, own)
     parts = [("not there", missing), ("there against the plan", superfluous)]
-    found = "; ".join(f"{words}: {_join_first(map(str, items))}" for words, items in parts if items)
+    found = "; ".join(f"{words}: {shorten_list(map(str, items), NAMED)}" for words, items in parts if items)
     return Judgement(FAILED if found else OK, f"what {its} gives to {own}, and nothing else", found or "just that")
 
 
@@ -208,9 +201,9 @@ def _flow_evidence(case: Case) -> Parts:
     observer = case.observer.name
     if case.exchange is not None and case.exchange.error:
         return make_parts("sync", observer, "untold")
-    if superfluous := case.exchanges.superfluous(its, own):
-        return make_parts("sync", observer, "configuration", what=_join_first(map(str, superfluous)))
-    if len(case.exchanges.find_imports(its, own)) >= MOST_REGISTRATIONS:
+    if superfluous := case.state.exchanges.superfluous(its, own):
+        return make_parts("sync", observer, "configuration", what=shorten_list(map(str, superfluous), NAMED))
+    if len(case.state.exchanges.find_imports(its, own)) >= MOST_REGISTRATIONS:
         return make_parts("sync", observer, "limit", what=case.target)
     return NONE
 
@@ -236,11 +229,12 @@ FLOW = Check(
 def _judge_cross_link(case: Case) -> Judgement | None:
     if case.exchange is None or case.exchange.error:
         return None
-    crossing = case.exchanges.find_crossing_links(case.exchange.connections, *case.robots)
-    found = _join_first(
+    crossing = case.state.exchanges.find_crossing_links(case.exchange.connections, *case.robots)
+    links = (
         f"{link.node} {'hears' if link.direction == 'in' else 'is heard by'} {link.peer} of {link.robot} on {link.topic}"
         for link in crossing
     )
+    found = shorten_list(links, NAMED)
     return Judgement(FAILED if crossing else OK, "only connections of what is exchanged", found or "only such")
 
 

@@ -61,14 +61,14 @@ def _judge_topic_heard(case: Case) -> Judgement | None:
 def _gives_nothing(case: Case) -> bool:
     """The target's robot declares that it gives the observer's nothing."""
     own, its = case.robots
-    return own != its and case.exchanges.flows.declares_nothing(its, own)
+    return own != its and case.state.exchanges.flows.declares_nothing(its, own)
 
 
 def _is_filtered(case: Case, topic: str) -> bool:
     """The filters between the two robots leave the topic out."""
     own, its = case.robots
     talker = Item("publisher", topic, TALKER_NODE + topic.rpartition("/")[2])
-    return own != its and not case.exchanges.flows.rules(its, own).passes(talker, TALKER_TYPE)
+    return own != its and not case.state.exchanges.flows.rules(its, own).passes(talker, TALKER_TYPE)
 
 
 def _topic_needs(case: Case) -> Parts:
@@ -183,13 +183,13 @@ DIRECT_CONNECTION = Check(
 
 def _judge_throughput(case: Case) -> Judgement | None:
     """Judge by what the user expects; nobody else knows how fast a link is to be."""
-    stream = case.stream
+    stream = case.observer.streams.get(case.target)
     if stream is None or case.peer is None:
         return None
-    expected = f"at least {case.least:g} Mbit/s" if case.least else "any"
+    expected = f"at least {case.state.least:g} Mbit/s" if case.state.least else "any"
     if stream.mbit_s is None:
         return Judgement(UNKNOWN, expected, f"not measured: {stream.error}")
-    return Judgement(OK if stream.mbit_s >= case.least else WARNING, expected, f"{stream.mbit_s:.1f} Mbit/s")
+    return Judgement(OK if stream.mbit_s >= case.state.least else WARNING, expected, f"{stream.mbit_s:.1f} Mbit/s")
 
 
 THROUGHPUT = Check(
@@ -199,6 +199,6 @@ THROUGHPUT = Check(
     judge=_judge_throughput,
     about="pair, with `verify_throughput`",
     expected="a stream to its talker is as fast as `verify_throughput_least` says (warning); without that it only informs",
-    needs=lambda case: slow(case, case.observer.name, case.target) if case.least else NONE,
+    needs=lambda case: slow(case, case.observer.name, case.target) if case.state.least else NONE,
     shown=True,
 )

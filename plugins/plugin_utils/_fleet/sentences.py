@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
 
@@ -18,6 +18,7 @@ def number_problems(problems: Sequence[str]) -> str:
     return "\n".join([f"{len(texts)} problems:", *(f"{number}. {text}" for number, text in enumerate(texts, 1))])
 
 
-def shorten_list(names: Sequence[str]) -> str:
-    """Return the first three names, and the number of the others."""
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+def shorten_list(names: Iterable[str], most: int = 3, others: str = "more") -> str:
+    """Return the first names, and the number of the others."""
+    texts = list(names)
+    return ", ".join(texts[:most]) + (f" and {len(texts) - most} {others}" if len(texts) > most else "")
