@@ -55,19 +55,7 @@ def gather_run(
     names = {option: options.get(option) or "" for option in (*OPTIONS, "logs")}
     planned_names = list_plan_names(fleet)
     observations = {
-        host: read_observation(
-            hostvars[host],
-            names["multicast"],
-            names["probe"],
-            names["earlier"],
-            names["packet_filter"],
-            names["plan"],
-            names["streams"],
-            names["machine"],
-            planned_names,
-        )
-        for host in fleet.computers
-        if host in hosts
+        host: read_observation(hostvars[host], names, planned_names) for host in fleet.computers if host in hosts
     }
     infos = {host: find_result(hostvars[host], names["machine"]) for host in observations}
     logs = {host: _lines(find_result(hostvars[host], names["logs"])) for host in observations} if names["logs"] else {}

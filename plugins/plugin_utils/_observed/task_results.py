@@ -10,7 +10,7 @@ a name, an address or the like, or it stands in quotes. So the checks need not q
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from functools import lru_cache
 from typing import Any, TypeVar
 
@@ -72,32 +72,27 @@ KEY = re.compile(r"[a-z][a-z_]*")
 
 
 def read_observation(
-    variables: Mapping[str, Any],
-    multicast: str,
-    probe: str,
-    earlier: Sequence[str],
-    packet_filter: str = "",
-    plan: str = "",
-    streams: str = "",
-    machine: str = "",
-    names: Collection[str] = (),
+    variables: Mapping[str, Any], tasks: Mapping[str, Any], names: Collection[str] = ()
 ) -> Observation:
-    """Read the registered results of one computer; the message of the first failure is its problem. `names`: those of the plan."""
-    results = [find_result(variables, name) for name in (*earlier, multicast, probe)]
+    """Read the registered results of one computer; the message of the first failure is its problem.
+
+    `tasks` has the names of the variables with the results, and `names` the names of the plan.
+    """
+    results = [find_result(variables, name) for name in (*tasks["earlier"], tasks["multicast"], tasks["probe"])]
     failures = [entry for entry in results if entry.get("unreachable") or entry.get("failed")]
     problem = quote(failures[0].get("msg", ""), LINE) if failures else ""
     unreachable = any(entry.get("unreachable") for entry in failures)
     try:
         return Observation(
-            multicast=read_result(Multicast, variables, multicast, "udp", names),
-            probe=read_result(Probe, variables, probe, "members", names),
+            multicast=read_result(Multicast, variables, tasks["multicast"], "udp", names),
+            probe=read_result(Probe, variables, tasks["probe"], "members", names),
             unreachable=unreachable,
             problem=problem,
-            packet_filter=read_result(PacketFilter, variables, packet_filter, "members", names),
-            found=read_preflight(variables, plan, names),
-            services=read_services(variables, plan, names),
-            streams=read_result(Streams, variables, streams, "streams", names),
-            filters=read_result(FilterChains, variables, f"{machine}.filters", "chains", names),
+            packet_filter=read_result(PacketFilter, variables, tasks.get("packet_filter", ""), "members", names),
+            found=read_preflight(variables, tasks.get("plan", ""), names),
+            services=read_services(variables, tasks.get("plan", ""), names),
+            streams=read_result(Streams, variables, tasks.get("streams", ""), "streams", names),
+            filters=read_result(FilterChains, variables, f"{tasks.get('machine', '')}.filters", "chains", names),
         )
     except Mismatch as mismatch:  # a stranger's answer to one computer must not cost the others their report
         return Observation(
@@ -108,8 +103,8 @@ def read_observation(
 def list_plan_names(fleet: FleetPlan) -> frozenset[str]:
     """List the names in the plan: of computers, masters, robots and services."""
     robots = {plan.robot for plan in fleet.computers.values()} | {master.robot for master in fleet.masters}
-    read_services = {name for plan in fleet.computers.values() for name in plan.services}
-    return frozenset({*fleet.computers, *robots, *read_services, *(master.name for master in fleet.masters)})
+    services = {name for plan in fleet.computers.values() for name in plan.services}
+    return frozenset({*fleet.computers, *robots, *services, *(master.name for master in fleet.masters)})
 
 
 def read_result(

@@ -12,28 +12,28 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 
 
+def _read(variables, multicast, probe, earlier, packet_filter=""):
+    tasks = {"multicast": multicast, "probe": probe, "earlier": earlier, "packet_filter": packet_filter}
+    return task_results.read_observation(variables, tasks)
+
+
 def test_registered_results_become_an_observation():
     good = {"verify_multicast": {"udp": []}, "verify_probe": {"members": []}, "multimaster_info": {"changed": False}}
-    seen = task_results.read_observation(good, "verify_multicast", "verify_probe", ["multimaster_info"])
+    seen = _read(good, "verify_multicast", "verify_probe", ["multimaster_info"])
     assert seen == Observation(Multicast(), Probe())
     together = {"verify_probe": {"members": [], "multicast": {"udp": []}}, "multimaster_info": {"changed": False}}
-    assert (
-        task_results.read_observation(together, "verify_probe.multicast", "verify_probe", ["multimaster_info"]) == seen
-    )
+    assert _read(together, "verify_probe.multicast", "verify_probe", ["multimaster_info"]) == seen
     half = {"verify_probe": {"members": [], "multicast": {"failed": True, "msg": "No helper."}}}
-    assert task_results.read_observation(half, "verify_probe.multicast", "verify_probe", []) == Observation(
+    assert _read(half, "verify_probe.multicast", "verify_probe", []) == Observation(
         probe=Probe(), problem='"No helper."'
     )
     filtered = {**good, "verify_filter": {"members": [], "changed": True, "msg": "would be changed"}}
-    seen = task_results.read_observation(filtered, "verify_multicast", "verify_probe", [], "verify_filter")
+    seen = _read(filtered, "verify_multicast", "verify_probe", [], "verify_filter")
     assert (seen.packet_filter.changed, seen.packet_filter.msg) == (True, '"would be changed"')
     skipped = {**good, "verify_filter": {"changed": False, "skipped": True}}
-    assert (
-        task_results.read_observation(skipped, "verify_multicast", "verify_probe", [], "verify_filter").packet_filter
-        is None
-    )
+    assert _read(skipped, "verify_multicast", "verify_probe", [], "verify_filter").packet_filter is None
     down = {"multimaster_info": {"unreachable": True, "msg": "no route\n to host"}}
-    assert task_results.read_observation(down, "verify_multicast", "verify_probe", ["multimaster_info"]) == Observation(
+    assert _read(down, "verify_multicast", "verify_probe", ["multimaster_info"]) == Observation(
         unreachable=True, problem='"no route to host"'
     )
     broken = {
@@ -41,7 +41,7 @@ def test_registered_results_become_an_observation():
         "verify_talker": {"failed": True, "msg": "Cannot start."},
         "verify_probe": {"failed": True, "msg": "x"},
     }
-    assert task_results.read_observation(broken, "verify_multicast", "verify_probe", ["verify_talker"]) == Observation(
+    assert _read(broken, "verify_multicast", "verify_probe", ["verify_talker"]) == Observation(
         Multicast(), problem='"Cannot start."'
     )
 
@@ -60,18 +60,15 @@ def test_outcomes_are_words_that_need_no_sentence():
         "tcp": "No route to host",
         "tcp_outcome": "host_unreachable",
     }
-    seen = task_results.read_observation({"verify_probe": {"members": [entry]}}, "", "verify_probe", [])
+    seen = _read({"verify_probe": {"members": [entry]}}, "", "verify_probe", [])
     (member,) = seen.probe.members
     assert (member.ping_address.outcome, member.ping_address.reporter) == (Outcome.HOST_UNREACHABLE, "192.168.1.201")
     assert member.tcp_outcome == Outcome.HOST_UNREACHABLE and member.ping_address.error.startswith('"')
     entry["tcp_outcome"] = "refused by a stranger"
-    assert (
-        "tcp_outcome"
-        in task_results.read_observation({"verify_probe": {"members": [entry]}}, "", "verify_probe", []).problem
-    )
+    assert "tcp_outcome" in _read({"verify_probe": {"members": [entry]}}, "", "verify_probe", []).problem
 
 
 def test_an_answer_of_strangers_costs_one_computer_its_result():
     odd = {"verify_probe": {"members": 3}}
-    seen = task_results.read_observation(odd, "verify_multicast", "verify_probe", [])
+    seen = _read(odd, "verify_multicast", "verify_probe", [])
     assert seen.probe is None and seen.problem.startswith('its results cannot be read: "members is 3')
