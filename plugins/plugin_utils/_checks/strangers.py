@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from ipaddress import IPv4Address
-from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
@@ -19,7 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Outsider
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import is_same_uri
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import host_of, is_same_uri
 
 
 def _judge_strangers(case: Case) -> Judgement | None:
@@ -38,7 +37,7 @@ def _judge_strangers(case: Case) -> Judgement | None:
 def _find_guests(case: Case) -> dict[str, str]:
     """List the masters in the list that are not planned: name -> address."""
     planned = {master.name for master in case.fleet.masters}
-    return {name: _host(entry.monitoruri) for name, entry in case.observer.listed.items() if name not in planned}
+    return {name: host_of(entry.monitoruri) for name, entry in case.observer.listed.items() if name not in planned}
 
 
 def _datagrams(case: Case, named: set[str]) -> list[str]:
@@ -53,13 +52,6 @@ def _datagrams(case: Case, named: set[str]) -> list[str]:
 
 def _title(entry: Outsider) -> str:
     return f"{entry.name or 'a sender of heartbeats'} at {entry.address}"
-
-
-def _host(uri: str) -> str:
-    try:
-        return urlsplit(uri).hostname or ""
-    except ValueError:
-        return ""
 
 
 def _is_allowed(case: Case, address: str) -> bool:

@@ -32,6 +32,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.co
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.cover import Failure, explain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.offsets import offset
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.onset import describe_onset
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 
@@ -75,9 +76,7 @@ class Finding:
     @property
     def subjects(self) -> str:
         """Name what of the part is concerned: the first names or networks, and how many more."""
-        whats = list(dict.fromkeys(part.what for part in (self.part, *self.also) if part.what))
-        more = f" and {len(whats) - NAMED} more" if len(whats) > NAMED else ""
-        return ", ".join(whats[:NAMED]) + more
+        return shorten_list(dict.fromkeys(part.what for part in (self.part, *self.also) if part.what), NAMED)
 
     def sentence(self) -> str:
         """Say what is wrong."""

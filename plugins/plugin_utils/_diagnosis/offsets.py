@@ -10,8 +10,7 @@ from statistics import median
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import Row
-
-NAMED = 3  # computers that are named
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
 
 
 def offset(part: Part, rows: Iterable[Row]) -> str:
@@ -25,8 +24,7 @@ def offset(part: Part, rows: Iterable[Row]) -> str:
     if not found:
         return ""
     middle, others = median(found.values()), sorted(found)
-    more = f" and {len(others) - NAMED} more" if len(others) > NAMED else ""
-    whose = " and ".join(others) if len(others) < NAMED else ", ".join(others[:NAMED]) + more
+    whose = " and ".join(others) if len(others) < 3 else shorten_list(others)
     return f"{_amount(abs(middle))} {'ahead of' if middle > 0 else 'behind'} {whose}"
 
 

@@ -24,5 +24,8 @@ def is_same_uri(one: str, other: str) -> bool:
 
 @lru_cache(CACHE_SIZE)
 def host_of(uri: str) -> str:
-    """Return the host of a URI in small letters; empty for a URI without a host."""
-    return (urlsplit(uri).hostname or "").lower()
+    """Return the host of a URI in small letters; empty for a URI without a host, and for any other text."""
+    try:
+        return urlsplit(uri).hostname or ""
+    except ValueError:  # as "http://[" makes it
+        return ""

@@ -14,7 +14,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, UNKNOWN
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.picture import SIGNS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.picture import SIGNS, shorten
 
 MOST = 8  # robots: more arrows are not readable
 LETTER, SHOWN = 7.3, 20  # the width of a letter; letters of a name that are shown
@@ -40,7 +40,7 @@ def draw_arrows(robots: Sequence[str], unseen: Mapping[str, Sequence[str]], read
     """Draw the picture, if there are few robots. `unseen` has the robots that a robot does not discover; `read` are the robots that were asked."""
     if not 2 <= len(robots) <= MOST:
         return ""
-    names = {robot: _short(robot) for robot in robots}
+    names = {robot: shorten(robot, SHOWN) for robot in robots}
     wide = round(max(map(len, names.values())) * LETTER) + 20
     radius = max(110, round(len(robots) * (HIGH + wide) / 5))
     width, height = 2 * radius + wide + 20, 2 * radius + HIGH + 20
@@ -62,10 +62,6 @@ def draw_arrows(robots: Sequence[str], unseen: Mapping[str, Sequence[str]], read
     title = quoteattr(f"Who discovers whom: {len(robots)} robots")
     begin = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" role="img"'
     return "\n".join([f"{begin} aria-label={title}>", f"<style>{STYLE}</style>", *lines, *boxes, "</svg>\n"])
-
-
-def _short(name: str) -> str:
-    return plain(name) if len(plain(name)) <= SHOWN else plain(name)[: SHOWN - 1] + "\u2026"
 
 
 def _box(robot: str, name: str, middle: Point, wide: int) -> str:

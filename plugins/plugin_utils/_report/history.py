@@ -14,6 +14,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
 
 NAME = "%Y-%m-%dT%H%M%S"  # of the files of a run
 PATTERN = "[0-9][0-9][0-9][0-9]-[0-9][0-9]-[0-9][0-9]T[0-9][0-9][0-9][0-9][0-9][0-9].*"
@@ -74,5 +75,4 @@ def _compare(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]
 def _compare_names(kind: str, before: Sequence[str], now: Sequence[str]) -> Iterator[str]:
     for names, word in ((set(now) - set(before), "new"), (set(before) - set(now), "gone")):
         if names:
-            more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-            yield f"{kind}{', '.join(sorted(names)[:NAMED])}{more} {'is' if len(names) == 1 else 'are'} {word}"
+            yield f"{kind}{shorten_list(sorted(names), NAMED)} {'is' if len(names) == 1 else 'are'} {word}"

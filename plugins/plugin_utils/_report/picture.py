@@ -19,6 +19,7 @@ from xml.sax.saxutils import escape, quoteattr
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, UNKNOWN, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, RobotNetwork
 
 _T = TypeVar("_T")
@@ -30,7 +31,6 @@ BOX, GAP, BAR, EDGE = 46, 14, 10, 12  # heights and distances
 HEAD = 62  # the title of a robot, and the robots that it discovers
 LETTER = 7.3  # width of a letter
 LONGEST, SHORTEST = 26, 14  # letters of a name that are shown
-NAMED = 3  # robots that are named in a line
 MARKS = 4  # marks that are drawn at one place
 
 STYLE = """
@@ -98,8 +98,15 @@ def _robot(fleet: FleetPlan, name: str, unseen: Sequence[str]) -> _Robot:
     if network is not None and network.device:
         lines = ("gateway, no computer", str(network.gateway), str(network.common_address))
         front.append(_Device(str(network.gateway), lines, "the gateway of the robot, a device", planned=False))
-    not_seen = f"{SIGNS[FAILED]} does not discover {_name_some(unseen)}" if unseen else ""
-    return _Robot(name, "discovers " + (_name_some(others) or "nobody"), not_seen, tuple(front), network, tuple(behind))
+    not_seen = f"{SIGNS[FAILED]} does not discover {shorten_list(map(shorten, unseen))}" if unseen else ""
+    return _Robot(
+        name,
+        "discovers " + (shorten_list(map(shorten, others)) or "nobody"),
+        not_seen,
+        tuple(front),
+        network,
+        tuple(behind),
+    )
 
 
 def _split_computers(fleet: FleetPlan, robot: str, alone: bool) -> tuple[list[_Device], list[_Device]]:
@@ -124,12 +131,8 @@ def _device(fleet: FleetPlan, name: str) -> _Device:
     return _Device(name, lines, f"{name}: {', '.join(lines)}")
 
 
-def _name_some(names: Sequence[str]) -> str:
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return ", ".join(_short(name) for name in names[:NAMED]) + more
-
-
-def _short(text: str, most: int = LONGEST) -> str:
+def shorten(text: str, most: int = LONGEST) -> str:
+    """Return the first letters of a text, made plain."""
     return plain(text) if len(plain(text)) <= most else plain(text)[: most - 1] + "\u2026"
 
 
@@ -200,7 +203,7 @@ class _Picture:
     def _draw(self, robot: _Robot, x: int, top: int) -> int:
         """Draw a robot below the bar; return its height."""
         y = top + GAP
-        self._text(x + GAP, y + 20, f"robot {_short(robot.name)}", "title")
+        self._text(x + GAP, y + 20, f"robot {shorten(robot.name)}", "title")
         self._text(x + GAP, y + 37, robot.discovers, "small")
         if robot.unseen:
             self._text(x + GAP, y + 52, robot.unseen, "small")
@@ -240,7 +243,7 @@ class _Picture:
             f'<g><title>{escape(plain(device.title))}</title><rect class="{kind}{_class(_worst(marks))}" x="{x}" y="{y}" '
             f'width="{self.box}" height="{self._height(device)}" rx="4"/>'
         )
-        self._text(x + GAP, y + 19, _short(device.name), "name")
+        self._text(x + GAP, y + 19, shorten(device.name), "name")
         for number, line in enumerate(device.lines):
             self._text(x + GAP, y + 35 + 14 * number, line, "small")
         self.parts.append("</g>")

@@ -20,6 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS, TITLES
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Finding
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.summary import Summary, is_small
 
 WIDTH = 120
@@ -136,24 +137,19 @@ def _name_unexamined(entry: Finding) -> str:
     """Return the computers that could not be examined because of a finding."""
     names = dict.fromkeys(row.observer for row in entry.rows if row.check == "reachable")
     others = [name for name in names if name not in entry.part.places]
-    return f"not examined: {_join(others)}" if others else ""
+    return f"not examined: {shorten_list(others, PAIRS)}" if others else ""
 
 
 def _name_pairs(rows: Sequence[Row]) -> str:
     """Return the first check of these rows, with its pairs."""
     pairs = list(dict.fromkeys(_pair(row) for row in rows if row.check == rows[0].check))
-    return f"{TITLES[rows[0].check]}: {_join(pairs)}"
+    return f"{TITLES[rows[0].check]}: {shorten_list(pairs, PAIRS)}"
 
 
 def _count_checks(checks: Iterable[str]) -> str:
     """Return titles of checks, each with its number."""
-    return _join([f"{TITLES[check]} ({number})" for check, number in Counter(checks).most_common()], "other checks")
-
-
-def _join(names: Sequence[str], others: str = "more") -> str:
-    """Join the first names, and count the others."""
-    rest = f" and {len(names) - PAIRS} {others}" if len(names) > PAIRS else ""
-    return ", ".join(names[:PAIRS]) + rest
+    names = [f"{TITLES[check]} ({number})" for check, number in Counter(checks).most_common()]
+    return shorten_list(names, PAIRS, "other checks")
 
 
 def _format_unexplained(rows: Sequence[Row], width: int) -> list[str]:

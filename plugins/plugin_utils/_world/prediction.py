@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
 from typing import NamedTuple
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, Member
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import facts, packets, plan_world
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Packet, World
@@ -26,7 +27,7 @@ NODES = 45000  # stands for the ports of nodes, which the kernel chooses above 3
 WIDTH = 120
 MATRIX = 16  # computers: a larger matrix is not printed
 ALL = 30  # computers of which all pairs are tried
-PAIRS = 4  # that are named in a sentence
+PAIRS, MOST = 4, 8  # pairs and machines that are named in a sentence
 
 
 class Traffic(NamedTuple):
@@ -258,7 +259,7 @@ def write_sentence(end: End, pairs: Sequence[Pair]) -> str:
 
 
 def _name_ways(pairs: Sequence[Pair]) -> str:
-    return _join(list(dict.fromkeys(f"{pair.observer} -> {pair.target}" for pair in pairs)), PAIRS)
+    return shorten_list(dict.fromkeys(f"{pair.observer} -> {pair.target}" for pair in pairs), PAIRS)
 
 
 def warnings(prediction: Prediction) -> list[str]:
@@ -359,16 +360,12 @@ def _groups(prediction: Prediction) -> Iterator[str]:
 def _notes(prediction: Prediction) -> list[str]:
     notes = []
     if prediction.assumed:
-        notes.append(f"Not looked at, and taken as planned: {_join(prediction.assumed)}.")
+        notes.append(f"Not looked at, and taken as planned: {shorten_list(prediction.assumed, MOST)}.")
     if prediction.unclear:
         notes.append(
-            f"The packet filter says more than is understood here, see nft list ruleset on: {_join(prediction.unclear)}."
+            f"The packet filter says more than is understood here, see nft list ruleset on: {shorten_list(prediction.unclear, MOST)}."
         )
     return ["\n".join(notes)] if notes else []
-
-
-def _join(names: Sequence[str], most: int = 8) -> str:
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def write_verdict(prediction: Prediction) -> str:

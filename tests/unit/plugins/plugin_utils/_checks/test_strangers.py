@@ -60,3 +60,11 @@ def test_who_is_allowed_is_no_stranger():
 
     for variables in ({"multimaster_strangers": "allow"}, {"multimaster_allow": ["192.168.1.77"]}):
         assert not notable(evaluate(change, plan(**variables)))
+
+
+def test_planned_master_is_judged_when_its_uri_is_hostile():
+    def change(seen):
+        lists = seen[ONE].probe.list_masters
+        update(lists, masters=[replace(entry, monitoruri="http://[") for entry in lists.masters])
+
+    assert {key[0] for key in notable(evaluate(change))} == {"list_masters"}
