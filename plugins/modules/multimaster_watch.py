@@ -206,15 +206,16 @@ msg:
 """
 
 import contextlib
-import ipaddress
 import re
 import typing
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import is_address
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import actions, ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import (
     Visit,
     end_others,
+    find_wrong_value,
     leave,
     open_door,
     path_of,
@@ -232,12 +233,8 @@ Result = typing.Dict[str, typing.Any]
 
 def find_wrong_setting(params: Params) -> typing.Optional[str]:
     """Say in one sentence which option cannot be used; None where all can."""
-    if not re.match(r"[A-Za-z0-9._-]{1,64}\Z", params["run"]):
-        return f"run is {params['run']!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores."
-    for option, least, most in (("port", 1, 65535), ("until", 0, 604800), ("lifetime", 1, 604800)):
-        if not least <= params[option] <= most:
-            return f"{option} is {params[option]}, expected {least} to {most}."
-    return find_wrong_place(params)
+    bounds = (("port", 1, 65535), ("until", 0, 604800), ("lifetime", 1, 604800))
+    return find_wrong_value(params, bounds) or find_wrong_place(params)
 
 
 def find_wrong_place(params: Params) -> typing.Optional[str]:
@@ -249,9 +246,7 @@ def find_wrong_place(params: Params) -> typing.Optional[str]:
     places = [("group", params["group"])] + [("addresses", address) for address in params["addresses"]]
     places += [(f"masters: the address of {master['computer']}", master["address"]) for master in params["masters"]]
     for place, address in places:
-        try:
-            ipaddress.IPv4Address(address)
-        except ValueError:
+        if not is_address(address):
             return f"{place} is {address!r}, expected an IPv4 address such as 192.168.1.239."
     for name in params["settings"]:
         if not re.match(r"[A-Za-z0-9_./-]+\Z", name) or ".." in name:

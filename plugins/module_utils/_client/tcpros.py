@@ -6,6 +6,7 @@
 Whoever answers may be anybody: time, bytes and numbers of entries are bounded.
 """
 
+import contextlib
 import os
 import selectors
 import socket
@@ -109,60 +110,54 @@ LIST_MASTERS = {"31a962d97ea3e3c12d428ff4786f124b": _master}
 GET_SYNC_INFO = {"d5261ec56e202860a07fb47b41e1b2a8": _sync_master}
 
 
+@contextlib.contextmanager
+def _explain(late: str, strange: str) -> typing.Iterator[None]:
+    """Raise OSError with one of these sentences for an answer that does not come, or that is none."""
+    try:
+        yield
+    except socket.timeout:
+        raise OSError(late) from None
+    except (ValueError, struct.error) as problem:  # also of a URI that is none
+        raise OSError(f"{strange}: {quote(problem)}") from None
+
+
 def call(
     uri: str, service: str, known: typing.Mapping[str, typing.Callable[[Reader], Row]], caller: str
 ) -> typing.List[Row]:
     """Call a service at its URI (rosrpc://host:port) and read the list in its answer. Raises OSError with a sentence."""
-    try:
-        return _call(uri, service, known, caller, time.monotonic() + CALL)
-    except socket.timeout:
-        raise OSError(f"{service} gave no answer within {CALL:g} s") from None
-    except ValueError as problem:  # also of a URI that is none
-        raise OSError(f"{service} gave an answer that is none: {quote(problem)}") from None
-
-
-def _call(
-    uri: str,
-    service: str,
-    known: typing.Mapping[str, typing.Callable[[Reader], Row]],
-    caller: str,
-    deadline: float,
-) -> typing.List[Row]:
-    place = urllib.parse.urlsplit(uri)
-    if place.scheme != "rosrpc" or not place.hostname or not place.port:
-        raise ValueError(f"{quote(uri)} is no address of a service")
-    with socket.create_connection((place.hostname, place.port), CALL) as connection:
-        connection.sendall(node.header({"callerid": caller, "service": service, "md5sum": "*"}))
-        fields = node.fields_of(_read_block(connection, _HEADER, deadline))
-        if "error" in fields:
-            raise OSError(f"{service}: {quote(fields['error'])}")
-        if fields.get("md5sum") not in known:
-            raise UnknownType(
-                f"{service} is of the type {quote(fields.get('type', ''))} ({quote(fields.get('md5sum', ''))}), which is not known"
-            )
-        connection.sendall(node.block(b""))
-        good = _read(connection, 1, deadline) == b"\1"
-        answer = _read_block(connection, MOST, deadline)
-    if not good:
-        raise OSError(f"{service}: {quote(answer.decode('utf-8', 'replace'))}")
-    return Reader(answer).items(known[fields["md5sum"]])
+    deadline = time.monotonic() + CALL
+    with _explain(f"{service} gave no answer within {CALL:g} s", f"{service} gave an answer that is none"):
+        place = urllib.parse.urlsplit(uri)
+        if place.scheme != "rosrpc" or not place.hostname or not place.port:
+            raise ValueError(f"{quote(uri)} is no address of a service")
+        with socket.create_connection((place.hostname, place.port), CALL) as connection:
+            connection.sendall(node.header({"callerid": caller, "service": service, "md5sum": "*"}))
+            fields = node.fields_of(_read_block(connection, _HEADER, deadline))
+            if "error" in fields:
+                raise OSError(f"{service}: {quote(fields['error'])}")
+            if fields.get("md5sum") not in known:
+                raise UnknownType(
+                    f"{service} is of the type {quote(fields.get('type', ''))} ({quote(fields.get('md5sum', ''))}), which is not known"
+                )
+            connection.sendall(node.block(b""))
+            good = _read(connection, 1, deadline) == b"\1"
+            answer = _read_block(connection, MOST, deadline)
+        if not good:
+            raise OSError(f"{service}: {quote(answer.decode('utf-8', 'replace'))}")
+        return Reader(answer).items(known[fields["md5sum"]])
 
 
 def hear(place: typing.Tuple[str, int], topic: str, caller: str) -> typing.Tuple[str, str]:
     """Subscribe a topic of texts at its publisher, and return its next message, and its node. Raises OSError with a sentence."""
     deadline = time.monotonic() + CALL
-    try:
-        with socket.create_connection(place, CALL) as connection:
-            fields = {"callerid": caller, "topic": topic, "type": node.TYPE, "md5sum": node.SUM, "tcp_nodelay": "1"}
-            connection.sendall(node.header(fields))
-            fields = node.fields_of(_read_block(connection, _HEADER, deadline))
-            if "error" in fields:
-                raise OSError(plain(fields["error"]))
-            return plain(Reader(_read_block(connection, _HEADER, deadline)).text()), plain(fields.get("callerid", ""))
-    except socket.timeout:
-        raise OSError(f"no message within {CALL:g} s") from None
-    except (ValueError, struct.error) as problem:
-        raise OSError(f"a message that is none: {quote(problem)}") from None
+    late, strange = f"no message within {CALL:g} s", "a message that is none"
+    with _explain(late, strange), socket.create_connection(place, CALL) as connection:
+        fields = {"callerid": caller, "topic": topic, "type": node.TYPE, "md5sum": node.SUM, "tcp_nodelay": "1"}
+        connection.sendall(node.header(fields))
+        fields = node.fields_of(_read_block(connection, _HEADER, deadline))
+        if "error" in fields:
+            raise OSError(plain(fields["error"]))
+        return plain(Reader(_read_block(connection, _HEADER, deadline)).text()), plain(fields.get("callerid", ""))
 
 
 def send_stream(place: typing.Tuple[str, int], topic: str, caller: str, seconds: float) -> typing.Tuple[int, float]:
@@ -171,29 +166,25 @@ def send_stream(place: typing.Tuple[str, int], topic: str, caller: str, seconds:
     Raises OSError with a sentence.
     """
     deadline = time.monotonic() + CALL + seconds
-    try:
-        with socket.create_connection(place, CONNECT) as connection:
-            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # the rest is not sent
-            fields = {
-                "callerid": caller,
-                "topic": topic,
-                "type": node.TYPE,
-                "md5sum": node.SUM,
-                "stream": f"{seconds:g}",
-            }
-            connection.sendall(node.header(fields))
-            fields = node.fields_of(_read_block(connection, _HEADER, deadline))
-            if "error" in fields or "stream" not in fields:
-                raise OSError(plain(fields.get("error", "it takes no stream")))
-            _send(connection, deadline)
-            came, took = Reader(_read_block(connection, _HEADER, deadline)).text().split()
-            if not 0 < int(came) <= 2 * node.STREAM_BYTES or not 0 < float(took) <= node.REQUEST:
-                raise ValueError(f"{quote(came)} bytes in {quote(took)} s")
-            return int(came), float(took)
-    except socket.timeout:
-        raise OSError(f"no answer within {CALL:g} s") from None
-    except (ValueError, struct.error) as problem:
-        raise OSError(f"an answer that is none: {quote(problem)}") from None
+    late, strange = f"no answer within {CALL:g} s", "an answer that is none"
+    with _explain(late, strange), socket.create_connection(place, CONNECT) as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # the rest is not sent
+        fields = {
+            "callerid": caller,
+            "topic": topic,
+            "type": node.TYPE,
+            "md5sum": node.SUM,
+            "stream": f"{seconds:g}",
+        }
+        connection.sendall(node.header(fields))
+        fields = node.fields_of(_read_block(connection, _HEADER, deadline))
+        if "error" in fields or "stream" not in fields:
+            raise OSError(plain(fields.get("error", "it takes no stream")))
+        _send(connection, deadline)
+        came, took = Reader(_read_block(connection, _HEADER, deadline)).text().split()
+        if not 0 < int(came) <= 2 * node.STREAM_BYTES or not 0 < float(took) <= node.REQUEST:
+            raise ValueError(f"{quote(came)} bytes in {quote(took)} s")
+        return int(came), float(took)
 
 
 def _send(connection: socket.socket, deadline: float) -> None:

@@ -19,30 +19,17 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.comm
 
 _SERVERS = ("sshd", "sshd-session", "dropbear")  # processes that serve ssh
 _SOCKETS = ("ssh.socket", "sshd.socket")  # units of systemd that listen for one
-_ESTABLISHED, _LISTEN = "01", "0A"  # include/net/tcp_states.h
 _SOCKET = re.compile(r"socket:\[([0-9]+)\]")
 _NUMBER = re.compile(r"[0-9]{1,5}\Z")
 _MOST_ANCESTORS = 64
 
 
-class Connection(typing.NamedTuple):
-    """A TCP connection of this computer."""
-
-    port: int  # here
-    peer: str  # the address of the other end
-    inode: str
-
-
 class Session(typing.NamedTuple):
     """A connection from outside through which this process was started."""
 
-    connection: Connection
+    port: int  # here
+    peer: str  # the address of the other end
     program: str  # the process that serves it
-
-    @property
-    def is_ssh(self) -> bool:
-        """True where an ssh server serves it."""
-        return self.program in _SERVERS
 
 
 class Access(typing.NamedTuple):
@@ -56,11 +43,11 @@ class Access(typing.NamedTuple):
         members = [ipaddress.ip_network(member) for member in packet_filter.members]
         open_ports = packet_filter.list_open_ports("tcp")
         for session in self.sessions:
-            peer = ipaddress.ip_address(session.connection.peer)
-            closed = session.connection.port >= FIRST and session.connection.port not in open_ports
+            peer = ipaddress.ip_address(session.peer)
+            closed = session.port >= FIRST and session.port not in open_ports
             if closed and not peer.is_loopback and not any(peer in network for network in members):
                 return (
-                    f"The controller at {peer} reaches this computer on TCP port {session.connection.port} of {quote(session.program)}, which is no "
+                    f"The controller at {peer} reaches this computer on TCP port {session.port} of {quote(session.program)}, which is no "
                     "ssh server, and the packet filter would cut it off; expected ssh, or an address that is let in: add it to "
                     "multimaster_allow, or reach the computer by ssh."
                 )
@@ -69,34 +56,31 @@ class Access(typing.NamedTuple):
 
 def read_access(proc: str = "/proc") -> Access:
     """Read the connections and ssh servers of this computer."""
-    rows = [row for table in ("tcp", "tcp6") for row in _read_rows(text(f"{proc}/net/{table}", 1 << 24))]
-    listening = {int(row[1].rpartition(":")[2], 16) for row in rows if row[3] == _LISTEN}
-    connections = [_parse_connection(row) for row in rows if row[3] == _ESTABLISHED]
+    sockets = [
+        entry for table in ("tcp", "tcp6") for entry in ports.read_table("tcp", text(f"{proc}/net/{table}", 1 << 24))
+    ]
+    listeners = [entry for entry in sockets if entry.state == ports.LISTEN]
+    listening = {entry.port for entry in listeners}
+    connections = [
+        entry._replace(peer=re.sub("^::ffff:", "", entry.peer)) for entry in sockets if entry.state == ports.ESTABLISHED
+    ]
     sessions = _find_sessions([connection for connection in connections if connection.port in listening], proc)
     ssh = _find_ssh_servers({port for port in listening if port >= FIRST}, proc)
-    ssh |= {session.connection.port for session in sessions if session.is_ssh} | _find_systemd_ports()
-    ssh |= _read_ssh_connection(connections) & _find_root_ports(rows)
+    ssh |= {session.port for session in sessions if session.program in _SERVERS} | _find_systemd_ports()
+    # What SSH_CONNECTION names counts where root alone listens.
+    ssh |= _read_ssh_connection(connections) & (listening - {entry.port for entry in listeners if entry.uid != 0})
     return Access(sorted(port for port in ssh if port >= FIRST), sessions)
 
 
-def _read_rows(table: str) -> typing.List[typing.List[str]]:
-    rows = [line.split() for line in table.splitlines()[1:]]
-    return [row for row in rows if len(row) >= 10]
-
-
-def _parse_connection(row: typing.Sequence[str]) -> Connection:
-    peer = ports.address_of(row[2].rpartition(":")[0])
-    return Connection(int(row[1].rpartition(":")[2], 16), peer[7:] if peer.startswith("::ffff:") else peer, row[9])
-
-
-def _find_sessions(connections: typing.Iterable[Connection], proc: str) -> typing.List[Session]:
+def _find_sessions(connections: typing.Iterable[ports.Socket], proc: str) -> typing.List[Session]:
     """The connections that this process's ancestors serve."""
     by_inode = {connection.inode: connection for connection in connections}
     sessions = []
     for pid, name in _list_ancestors(proc):
         for inode in _list_inodes(f"{proc}/{pid}/fd"):
             if inode in by_inode:
-                sessions.append(Session(by_inode.pop(inode), name))
+                connection = by_inode.pop(inode)
+                sessions.append(Session(connection.port, connection.peer, name))
     return sessions
 
 
@@ -138,13 +122,7 @@ def _read_process_name(pid: int, proc: str) -> str:
     return text(f"{proc}/{pid}/comm").strip()
 
 
-def _find_root_ports(rows: typing.Iterable[typing.Sequence[str]]) -> typing.Set[int]:
-    """The ports on which root alone listens."""
-    listeners = [(int(row[1].rpartition(":")[2], 16), row[7]) for row in rows if row[3] == _LISTEN]
-    return {port for port, _user in listeners} - {port for port, user in listeners if user != "0"}
-
-
-def _read_ssh_connection(connections: typing.Iterable[Connection]) -> typing.Set[int]:
+def _read_ssh_connection(connections: typing.Iterable[ports.Socket]) -> typing.Set[int]:
     """The port of SSH_CONNECTION, if one of these connections has this port and this peer; else an empty set.
 
     Every user may write the variable. An ssh server behind a pipe, as of a ProxyCommand, writes "UNKNOWN 65535 UNKNOWN 65535".

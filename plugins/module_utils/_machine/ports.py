@@ -14,7 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
 
 _TABLES = (("tcp", "tcp"), ("tcp", "tcp6"), ("udp", "udp"), ("udp", "udp6"))
-_LISTEN = "0A"  # include/net/tcp_states.h
+ESTABLISHED, LISTEN = "01", "0A"  # include/net/tcp_states.h
 _UNIT = re.compile(r"[^/]+\.(?:service|scope|socket)")
 
 
@@ -26,6 +26,8 @@ class Socket(typing.NamedTuple):
     address: str
     uid: int
     inode: str
+    state: str
+    peer: str  # the address of the other end
 
 
 def holders(
@@ -37,7 +39,7 @@ def holders(
         entry
         for protocol, table in _TABLES
         for entry in read_table(protocol, text(os.path.join(proc, "net", table), 1 << 24))
-        if (entry.protocol, entry.port) in places
+        if (entry.protocol, entry.port) in places and (protocol == "udp" or entry.state == LISTEN)
     ]
     owners, unreadable = _owners({entry.inode for entry in sockets}, proc)
     processes = []
@@ -50,14 +52,15 @@ def holders(
 
 
 def read_table(protocol: str, table: str) -> typing.List[Socket]:
-    """Read the sockets of one table of /proc/net that take packets: TCP in LISTEN, UDP in any state."""
+    """Read the sockets of one table of /proc/net."""
     sockets = []
-    for line in table.splitlines()[1:]:
-        fields = line.split()
-        if len(fields) < 10 or (protocol == "tcp" and fields[3] != _LISTEN):
-            continue
-        address, _separator, port = fields[1].partition(":")
-        sockets.append(Socket(protocol, int(port, 16), address_of(address), int(fields[7]), fields[9]))
+    for fields in map(str.split, table.splitlines()[1:]):
+        if len(fields) >= 10:
+            address, _separator, port = fields[1].partition(":")
+            peer = address_of(fields[2].partition(":")[0])
+            sockets.append(
+                Socket(protocol, int(port, 16), address_of(address), int(fields[7]), fields[9], fields[3], peer)
+            )
     return sockets
 
 

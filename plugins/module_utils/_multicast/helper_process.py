@@ -8,6 +8,7 @@ of a datagram, behind the firewall's input rules as an application's, whoever ho
 stays as it is.
 """
 
+import contextlib
 import ctypes
 import random
 import select
@@ -61,19 +62,14 @@ class Sockets(typing.NamedTuple):
 
 def open_sockets(settings: Settings, index: int, path: str) -> Sockets:
     """Open the sockets of a helper; `index` is the number of the interface, `path` that of the door. Raises OSError."""
-    sockets: typing.List[socket.socket] = []
-    try:
-        for make in (
-            lambda: _copies(settings, index),
-            lambda: _control(settings, index),
-            lambda: open_door(path),
-        ):
-            sockets.append(make())
-    except OSError:
-        for item in sockets:
-            item.close()
-        raise
-    return Sockets(*sockets)
+    with contextlib.ExitStack() as stack:
+        sockets = Sockets(
+            stack.enter_context(_copies(settings, index)),
+            stack.enter_context(_control(settings, index)),
+            stack.enter_context(open_door(path)),
+        )
+        stack.pop_all()
+    return sockets
 
 
 def _member(group: str, address: str, index: int) -> bytes:

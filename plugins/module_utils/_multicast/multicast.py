@@ -5,7 +5,6 @@
 
 import errno
 import ipaddress
-import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
@@ -31,6 +30,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.mu
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import (
     Visit,
     end_others,
+    find_wrong_value,
     leave,
     path_of,
 )
@@ -45,36 +45,22 @@ Params = typing.Dict[str, typing.Any]
 Result = typing.Dict[str, typing.Any]
 
 
-def ipv4(address: str) -> typing.Optional[ipaddress.IPv4Address]:
-    """Read an IPv4 address; None for any other text."""
-    try:
-        return ipaddress.IPv4Address(address)
-    except ValueError:
-        return None
-
-
 def wrong(params: Params) -> typing.Optional[str]:
     """Say in one sentence which option cannot be used; None where all can."""
-    if not re.match(r"[A-Za-z0-9._-]{1,64}\Z", params["run"]):
-        return f"run is {params['run']!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores."
+    bounds = (("port", 1, 65535), ("rounds", 1, 1000), ("interval", 0.02, 10), ("lifetime", 1, 3600))
+    wrong_value = find_wrong_value(params, bounds)
+    if wrong_value:
+        return wrong_value
     for option in ("group", "icmp_group"):
-        group = ipv4(params[option])
-        if group is None or not group.is_multicast:
-            return f"{option} is {params[option]!r}, expected an IPv4 multicast group (224.0.0.0 to 239.255.255.255)."
-    for option, least, most in (
-        ("port", 1, 65535),
-        ("rounds", 1, 1000),
-        ("interval", 0.02, 10),
-        ("lifetime", 1, 3600),
-    ):
-        if not least <= params[option] <= most:
-            return f"{option} is {params[option]}, expected {least} to {most}."
+        group = params[option]
+        if not (network.is_address(group) and ipaddress.IPv4Address(group).is_multicast):
+            return f"{option} is {group!r}, expected an IPv4 multicast group (224.0.0.0 to 239.255.255.255)."
     if params["rounds"] * params["interval"] > LONGEST_MEASUREMENT:
         return (
             f"rounds ({params['rounds']}) times interval ({params['interval']} s) is more than "
             f"{LONGEST_MEASUREMENT} s; lower one of them."
         )
-    if params["interface_address"] is not None and ipv4(params["interface_address"]) is None:
+    if params["interface_address"] is not None and not network.is_address(params["interface_address"]):
         return f"interface_address is {params['interface_address']!r}, expected an IPv4 address."
     return wrong_computers(params)
 
@@ -85,7 +71,7 @@ def wrong_computers(params: Params) -> typing.Optional[str]:
     addresses: typing.Dict[str, str] = {}
     for computer in params["computers"] or []:
         name, address = computer["name"], computer["address"]
-        if ipv4(address) is None:
+        if not network.is_address(address):
             return f"computers: the address of {name} is {address!r}, expected an IPv4 address."
         if name in names:
             return f"computers: the name {name} is given twice; every computer needs a name of its own."

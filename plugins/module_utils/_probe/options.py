@@ -3,12 +3,12 @@
 
 """The options of multimaster_verify, checked before anything is sent."""
 
-import re
 import typing
 
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import is_address
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import find_wrong_value
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import is_network
 
 Params = typing.Dict[str, typing.Any]
@@ -16,11 +16,10 @@ Params = typing.Dict[str, typing.Any]
 
 def find_wrong_option(params: Params) -> typing.Optional[str]:
     """Say in one sentence which option cannot be used; None where all can."""
-    if not re.match(r"[A-Za-z0-9._-]{1,64}\Z", params["run"]):
-        return f"run is {params['run']!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores."
-    for option, least, most in (("patience", 0, 600), ("lifetime", 10, 7200), ("seconds", 0.1, 2)):
-        if not least <= params[option] <= most:
-            return f"{option} is {params[option]}, expected {least} to {most} seconds."
+    bounds = (("patience", 0, 600), ("lifetime", 10, 7200), ("seconds", 0.1, 2))
+    wrong_value = find_wrong_value(params, bounds, " seconds")
+    if wrong_value:
+        return wrong_value
     members = [member["name"] for member in params["members"] or []]
     if members and params["name"] not in members and not params["is_router"]:
         return (

@@ -9,7 +9,6 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros i
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import actions, ends
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.lanes import look
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.options import (
     Params,
     find_wrong_option,
@@ -20,6 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.parts 
     group,
     list_members,
     list_talkers,
+    look,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ghosts, network, talker
 

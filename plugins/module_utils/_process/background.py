@@ -9,6 +9,7 @@ import glob
 import hashlib
 import json
 import os
+import re
 import signal
 import socket
 import syslog
@@ -20,6 +21,18 @@ FOLDER = "/run/rosfleet-multimaster"
 LONGEST_LINE = 1 << 24  # bytes of a request or reply; the files of the nodes are half a megabyte
 
 Line = typing.Dict[str, typing.Any]
+
+
+def find_wrong_value(
+    params: typing.Dict[str, typing.Any], bounds: typing.Iterable[typing.Tuple[str, float, float]], unit: str = ""
+) -> typing.Optional[str]:
+    """Say in one sentence that the label of the run cannot be used, or a number; None where all can."""
+    if not re.match(r"[A-Za-z0-9._-]{1,64}\Z", params["run"]):
+        return f"run is {params['run']!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores."
+    for option, least, most in bounds:
+        if not least <= params[option] <= most:
+            return f"{option} is {params[option]}, expected {least} to {most}{unit}."
+    return None
 
 
 # The process
@@ -145,18 +158,15 @@ class Visit:
             self.connection.close()
 
 
-def end_others(kind: str) -> int:
-    """End each older process of a kind through its door, and remove doors without a process; return how many ended."""
-    ended = 0
+def end_others(kind: str) -> None:
+    """End each older process of a kind through its door, and remove doors without a process."""
     for path in glob.glob(os.path.join(FOLDER, f"{kind}-*.sock")):
         try:
             Visit(path, {"do": "end"}).reply(5)
-            ended += 1
         except ConnectionRefusedError:
             remove_door(path)
         except FileNotFoundError:
             pass  # it has just ended by itself
-    return ended
 
 
 def _line(connection: socket.socket) -> str:

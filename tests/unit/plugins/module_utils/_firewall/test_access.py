@@ -16,7 +16,7 @@ WANTED = packet_filter.PacketFilter(("192.168.1.0/24", "fd00::/8"), (), (packet_
 
 
 def way(port, peer, program):
-    return access.Session(access.Connection(port, peer, "1"), program)
+    return access.Session(port, peer, program)
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_a_process_with_a_connection_is_found_among_ancestors():
     """This process serves a real connection, and starts one that looks."""
     program = f"import sys; sys.path[:0] = {sys.path!r}\n" + (
         "from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import access\n"
-        "print([(way.connection.port, way.connection.peer) for way in access.read_access().sessions])"
+        "print([(way.port, way.peer) for way in access.read_access().sessions])"
     )
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
