@@ -1538,7 +1538,7 @@ ros_missing:
   sample: ""
 multicast:
   description:
-    - What M(rosfleet.multimaster.multicast_verify) with the same state returns; where that fails, V(failed) and the sentence
+    - What M(rosfleet.multimaster.multicast_verify) with the same action returns; where that fails, V(failed) and the sentence
       in C(msg).
   returned: when O(multicast), with O(action=start) or O(action=collect)
   type: dict

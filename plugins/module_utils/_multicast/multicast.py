@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The work of multicast_verify: its options, and what each of its states does. multimaster_verify measures with it, too."""
+"""The work of multicast_verify: its options, and what each of its actions does. multimaster_verify measures with it, too."""
 
 import errno
 import ipaddress
