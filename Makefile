@@ -39,7 +39,7 @@ lab-down: setup-lab ## remove everything that the lab made: containers, networks
 test: lab-tests ## every test
 	@$(PYTHON) tools/test.py
 
-check: setup lab ## what one runs before every commit: lint, types, unit tests, one pair of robots end to end
+check: setup lab ## what one runs before every commit: lint, types, the unit tests that are not slow, one pair of robots end to end
 	@$(PYTHON) tools/test.py check
 
 lint: setup ## linters, types, and checks of files

@@ -190,6 +190,8 @@ LAB_CORES = 0.66
 #: pytest's options for the tests that 'make test' leaves to 'make test-long', or the other way round.
 QUICK, THE_COSTLY = ("-m", "not costly"), ("-m", "costly")
 
+UNIT = ("--numprocesses=auto", "tests/unit")
+
 #: Tests that assert times of tenths of a second: nothing runs beside them.
 TIMED = {"links", "data_flow", "alone"}
 
@@ -260,7 +262,8 @@ SUITES = [
     lint("antsibull-changelog", "antsibull-changelog", "lint"),
     lint("antsibull-docs", "antsibull-docs", "lint-collection-docs", "--plugin-docs", ".", seconds=7),
     lint("readme", sys.executable, "tools/readme.py", "--check"),
-    cases("unit", "pytest", "--numprocesses=auto", "tests/unit", cores=CORES, seconds=90),
+    cases("unit", "quick", *UNIT, "-m", "not slow", cores=CORES, seconds=120),
+    cases("unit", "slow", *UNIT, "-m", "slow", cores=CORES, seconds=120),
     cases("browser", "page", "tests/browser", seconds=20),
     Suite("sanity", "ansible-test", (sys.executable, "tools/sanity.py"), judge_sanity, seconds=140),
     *scenarios(),
@@ -301,8 +304,8 @@ SUITES = [
 #: Groups that run only when they are named: they take hours, or need what the project does not have.
 ON_REQUEST = {"faults", "interop", "long"}
 
-#: What one runs before every commit: files, types, unit tests, and one pair of robots from nothing to messages.
-CHECK = ("lint", "unit", "demo:single_computer")
+#: What one runs before every commit: files, types, most unit tests, and one pair of robots from nothing to messages.
+CHECK = ("lint", "unit:quick", "demo:single_computer")
 
 
 def choose_suites(words: Sequence[str]) -> list[Suite]:

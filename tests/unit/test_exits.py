@@ -96,6 +96,7 @@ def owner(path, tree):
     return path.relative_to(ROOT / tree).as_posix()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tree", "way"), [(tree, way) for tree, ways in DOORS.items() for way in ways])
 def test_a_way_out_is_used_by_its_door_alone(tree, way):
     used = {owner(path, tree) for path in (ROOT / tree).rglob("*.py") if way in ways_out(path)}

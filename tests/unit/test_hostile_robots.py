@@ -154,6 +154,7 @@ def test_a_verification_and_its_report(seed, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["junit.xml", "report.html", "report.page.html"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_watch(seed):
     drawn = random.Random(f"watch {seed}")

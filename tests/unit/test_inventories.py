@@ -55,6 +55,7 @@ def changed(tmp_path):
     return write
 
 
+@pytest.mark.slow
 def test_the_plan_covers_the_whole_inventory_whatever_the_limit():
     status, output = plan("inventory/single_computer")
     assert status == 0, output
@@ -62,6 +63,7 @@ def test_the_plan_covers_the_whole_inventory_whatever_the_limit():
     assert sorted(found["computers"]) == ["kobuki1computer", "kobuki2computer"]
 
 
+@pytest.mark.slow
 def test_a_wrong_inventory_ends_before_any_host_is_reached(changed):
     wrong = changed({"kobuki2computer": {"multimaster_address": "192.168.1.229"}})
     status, output = site("inventory/single_computer", wrong)
@@ -73,6 +75,7 @@ def test_a_wrong_inventory_ends_before_any_host_is_reached(changed):
     assert "UNREACHABLE" not in output
 
 
+@pytest.mark.slow
 def test_a_wrong_host_outside_the_limit_is_named_too(changed):
     wrong = changed({"kobuki2computer": {"multimaster_master": "kobuki3computer"}})
     status, output = site("inventory/single_computer", wrong, limit="kobuki1")
@@ -82,6 +85,7 @@ def test_a_wrong_host_outside_the_limit_is_named_too(changed):
     )
 
 
+@pytest.mark.slow
 def test_declared_data_flow_is_in_the_plan(changed):
     status, output = plan(
         "inventory/multi_computer",
@@ -102,6 +106,7 @@ def test_declared_data_flow_is_in_the_plan(changed):
     }
 
 
+@pytest.mark.slow
 def test_contradicting_exports_are_named_before_any_change(changed):
     given = {
         "tibi": [{"services": ["/reset"]}, {"topics": ["/pose"], "to": ["dabbo"]}],
@@ -115,6 +120,7 @@ def test_contradicting_exports_are_named_before_any_change(changed):
     assert "UNREACHABLE" not in output
 
 
+@pytest.mark.slow
 def test_an_undefined_variable_in_a_template_is_named(changed):
     wrong = changed({"kobuki2computer": {"multimaster_address": "{{ nowhere }}"}})
     status, output = site("inventory/single_computer", wrong)
@@ -123,6 +129,7 @@ def test_an_undefined_variable_in_a_template_is_named(changed):
     assert "nowhere" in output
 
 
+@pytest.mark.slow
 def test_robots_that_are_no_groups_are_named(tmp_path):
     flat = tmp_path / "flat.yml"
     flat.write_text("robots: {hosts: {kobuki1computer: {multimaster_address: 192.168.1.229}}}\n")
@@ -131,6 +138,7 @@ def test_robots_that_are_no_groups_are_named(tmp_path):
     assert "kobuki1computer: is in the group 'robots' but in none of its robots" in output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["site", "single_computer", "verify", "teardown"])
 def test_an_inventory_without_robots_is_an_error(tmp_path, name):
     mistyped = tmp_path / "mistyped.yml"
@@ -142,6 +150,7 @@ def test_an_inventory_without_robots_is_an_error(tmp_path, name):
     assert "The inventory has no robots" in done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_every_playbook_is_callable_by_its_full_name():
     names = [f"rosfleet.multimaster.{path.stem}" for path in sorted((ROOT / "playbooks").glob("*.yml"))]
     done = ansible("ansible-playbook", "-i", "inventory/single_computer", *names, "--syntax-check")

@@ -232,6 +232,7 @@ OUTSIDE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", OUTSIDE)
 def test_what_touches_the_outside_is_in_few_files(module):
     users = {

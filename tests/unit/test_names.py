@@ -113,6 +113,7 @@ def test_nothing_is_asked_by_state(path):
     assert "state" not in yaml.safe_load(text).get("options", {})
 
 
+@pytest.mark.slow
 def test_names_of_tests_are_short_and_there_once():
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
         names = [

@@ -84,6 +84,7 @@ def installed(archive, tmp_path_factory):
     return folder / "ansible_collections" / "rosfleet" / "multimaster", run
 
 
+@pytest.mark.slow
 def test_the_files_are_those_of_the_reviewed_list(archive):
     own = [name for name in package.content(archive) if name not in ("MANIFEST.json", "FILES.json")]
     listed = package.LIST.read_text().splitlines()
@@ -143,6 +144,7 @@ def test_copies_are_what_their_originals_are():
     assert not links, "a link is not shipped: make it a copy, in tools/copies.py"
 
 
+@pytest.mark.slow
 def test_the_installed_playbooks_and_the_plan_work(installed):
     folder, run = installed
     inventory = folder / "inventory" / "single_computer"

@@ -118,6 +118,7 @@ def namespace():
             holder.kill()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(SEEDS))
 @pytest.mark.parametrize("name", NAMES)
 def test_a_wrong_option_is_one_sentence(name, seed, namespace, tmp_path):

@@ -28,6 +28,7 @@ def rehearsal():
     return rehearse.Rehearsal("unit", rehearse.Preparation(Rehearsable({}, (), {}, {}), [], []), Path("/nowhere"))
 
 
+@pytest.mark.slow
 def test_a_mistake_ends_it_before_anything_starts(tmp_path):
     mistake = next(found for found in seeded.load() if found.name == "same_address")
     inventory = tmp_path / "hosts.json"

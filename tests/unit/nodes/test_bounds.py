@@ -406,6 +406,7 @@ def filters(text):
 COSTLY = [r"\A.*.*.*x\Z", "|".join([r"\A.*.*x\Z"] * 150), "|".join([r"\A/a.*b\Z"] * 500)]
 
 
+@pytest.mark.slow
 def test_costly_filters_in_parallel_do_not_stop_the_loop(server):
     """The loop, which sends the heartbeats, shares the interpreter's lock with whoever matches patterns."""
     server.running.ticks.clear()

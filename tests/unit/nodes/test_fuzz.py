@@ -235,6 +235,7 @@ patterns = st.recursive(
 texts = patterns | st.text("ab/*.+?{}()[]|\\AZ^$0123,:=!<>P'", max_size=60) | st.text(max_size=40)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=300, suppress_health_check=[HealthCheck.too_slow])
 @given(texts)
 @example(r"\A" + ".*" * 6 + r"x\Z")
@@ -351,6 +352,7 @@ def test_any_document_is_a_state_or_malformed(value):
         assert isinstance(state, State) and math.isfinite(state.stamp) and math.isfinite(state.local_stamp)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", [4, 5, 6, 7, 8, 9])
 def test_a_gigantic_document_costs_little_or_is_refused(where):
     rows = {7: ["/t", "a/B"], 8: ["/n", "http://a:1/", "x", 1, "local"], 9: ["/s", "rosrpc://a:1", "x", "", "local"]}
@@ -393,6 +395,7 @@ ros_names = st.from_regex(r"\A/[a-z][a-z0-9_]{0,6}(/[a-z][a-z0-9_]{0,6})?\Z")
 tables = st.dictionaries(ros_names, st.lists(ros_names, min_size=1, max_size=3, unique=True).map(tuple), max_size=4)
 
 
+@pytest.mark.slow
 @given(tables, tables, tables, st.floats(1e9, 2e9), st.booleans())
 def test_a_true_state_comes_back_over_the_wire(publishers, subscribers, services, wall, typed):
     kinds = dict.fromkeys([*publishers, *subscribers], "std_msgs/String") if typed else {}

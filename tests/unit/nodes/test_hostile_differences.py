@@ -160,6 +160,7 @@ def test_a_malformed_difference_ends_the_following(following, answer):
     assert states.empty() and len(str(problem)) < 500
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["empty", "news", "replays", "wholes"])
 def test_however_fast_it_answers_it_is_asked_at_the_pace(following, unhurried, kind):
     def answer(asked):

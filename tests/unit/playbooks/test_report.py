@@ -60,6 +60,7 @@ def jinja(seen):
     seen["tibi-nav"] = fleets.Observation(unreachable=True, problem=text)
 
 
+@pytest.mark.slow
 def test_all_is_well(tmp_path):
     status, output = played(tmp_path, lambda seen: None)
     assert status == 0 and "PASSED: none of " in output, output
@@ -79,6 +80,7 @@ def cases(tmp_path):
     return [case for case in ElementTree.parse(file).iter("testcase") if "fleet_report" not in str(case.get("name"))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("option", "told"), [("auto", True), ("never", False)])
 def test_what_records_the_run_has_a_result_for_each_finding(tmp_path, option, told):
     def change(seen):

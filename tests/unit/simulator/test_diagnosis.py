@@ -3,6 +3,8 @@
 
 """The diagnosis on simulated fleets, in small numbers: `python -m tests.simulator` has the large ones."""
 
+import pytest
+
 from tests.simulator import faults, harness
 
 HEALTHY, ROUNDS, PAIRS = 40, 1, 20
@@ -19,12 +21,14 @@ def test_a_healthy_fleet_has_no_finding():
     assert not list(harness.false_alarms(range(HEALTHY)))
 
 
+@pytest.mark.slow
 def test_one_fault_is_named_first():
     table = harness.scores(harness.single_faults(range(ROUNDS * len(faults.FAULTS))))
     assert share(table, harness.FIRST) >= FIRST, harness.render_misses(table)
     assert share(table, harness.FIRST, harness.EQUAL) >= NAMED, harness.render_misses(table)
 
 
+@pytest.mark.slow
 def test_two_faults_are_among_the_first_three():
     table = harness.scores(harness.pairs_of_faults(range(PAIRS)))
     assert share(table, harness.FIRST, harness.EQUAL) >= FIRST_OF_PAIRS, harness.render_misses(table)

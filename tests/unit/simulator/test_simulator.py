@@ -103,6 +103,7 @@ def test_nothing_but_lost_packets_depends_on_the_seed():
         ]
 
 
+@pytest.mark.slow
 def test_what_is_only_counted_is_what_good_rows_say():
     """A judge returns early where nobody reads its sentences; all else is the same row for row."""
     for number in range(0, len(faults.FAULTS), 2):

@@ -119,6 +119,7 @@ def test_the_figures_of_a_checkout(tmp_path):
     assert found["docstrings that begin with What, Whether, Whose"] == 1
 
 
+@pytest.mark.slow
 def test_no_function_is_too_long_or_too_complex():
     assert not {name for _path, name, _lines, _ways in house.offenders(house.ROOT)}
 

@@ -50,7 +50,7 @@ def test_all_tests_on_real_systems_are_in_a_suite_with_their_lab():
 def test_suites_are_found_by_group_and_by_name():
     assert {found.group for found in runner.choose_suites(["systems"])} == {"systems"}
     assert [found.label for found in runner.choose_suites(["molecule:routes"])] == ["molecule:routes"]
-    assert {"lint:mypy", "unit:pytest"} < {found.label for found in runner.choose_suites(["check"])}
+    assert {"lint:mypy", "unit:quick"} < {found.label for found in runner.choose_suites(["check"])}
     assert not {found.group for found in runner.choose_suites([])} & runner.ON_REQUEST
     with pytest.raises(SystemExit, match="no suite sistems"):
         runner.choose_suites(["sistems"])
@@ -106,6 +106,7 @@ def test_suites_run_side_by_side_as_far_as_the_processors_allow(reports, monkeyp
     assert [outcome.passed for outcome in found.outcomes.values()] == [1, 1, 1]
 
 
+@pytest.mark.slow
 def test_a_suite_that_hangs_is_ended_with_all_that_it_started(reports):
     hangs = suite("bash", "-c", "sleep 1000 & echo $!; wait", limit=4.0)  # a busy machine takes a while to start bash
     found = runner.Runner([hangs])

@@ -60,6 +60,7 @@ def test_a_report_is_compared_with_the_fault():
     assert judge_report(fault, {}) == (False, "nothing was named: ")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["single_computer", "multi_computer"])
 def test_each_fault_is_made_or_refused_in_one_sentence(layout):
     made = set()

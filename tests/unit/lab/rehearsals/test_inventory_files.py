@@ -52,6 +52,7 @@ def fleet(tmp_path):
     return folder
 
 
+@pytest.mark.slow
 def test_a_folder_with_secrets_is_read_without_a_password(fleet, tmp_path, monkeypatch):
     before = content(fleet)
     monkeypatch.setenv("ANSIBLE_VAULT_PASSWORD_FILE", "/nowhere")
@@ -68,6 +69,7 @@ def test_a_folder_with_secrets_is_read_without_a_password(fleet, tmp_path, monke
     assert content(fleet) == before and not list((tmp_path / "work").iterdir())
 
 
+@pytest.mark.slow
 def test_a_value_that_needs_the_password_is_named(fleet, tmp_path):
     secret = SECRET.replace("ansible_become_password", "multimaster_common_network")
     (fleet / "group_vars" / "robots.yml").write_text(secret)
@@ -75,6 +77,7 @@ def test_a_value_that_needs_the_password_is_named(fleet, tmp_path):
     assert problem.startswith("one: multimaster_common_network cannot be computed (")
 
 
+@pytest.mark.slow
 def test_a_script_beside_group_vars(tmp_path):
     folder = tmp_path / "fleet"
     (folder / "group_vars").mkdir(parents=True)
@@ -88,6 +91,7 @@ def test_a_script_beside_group_vars(tmp_path):
     assert found["variables"]["ana-pc"]["multimaster_common_network"] == "192.168.1.0/24"
 
 
+@pytest.mark.slow
 def test_an_inventory_that_site_would_refuse(tmp_path):
     listed = tmp_path / "hosts.json"
     listed.write_text(json.dumps({"robots": {"children": {"ana": {"hosts": {"one": None}}}}}))

@@ -79,6 +79,7 @@ def viewer(policy, rules):
     return view
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(st.lists(roscores, min_size=2, max_size=6), policies, wanted, st.lists(st.booleans(), min_size=6, max_size=6))
 def test_what_differences_tell_is_what_the_whole_tells(roscores, policy, rules, asks):

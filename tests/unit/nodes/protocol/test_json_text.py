@@ -19,6 +19,7 @@ VALUES = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(VALUES)
 def test_what_is_written_is_read(value):
     try:
@@ -68,6 +69,7 @@ def test_nonsense_is_refused_at_once(text, words):
     assert time.process_time() - began < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "part",
     [

@@ -26,6 +26,7 @@ def document(value):
     return f"<methodResponse><params><param>{value}</param></params></methodResponse>".encode()
 
 
+@pytest.mark.slow
 @given(st.lists(VALUES, max_size=5), st.booleans())
 def test_what_the_standard_library_writes_is_read(values, packed):
     body = xmlrpc.client.dumps(tuple(values), "method", allow_none=True).encode()
@@ -64,6 +65,7 @@ HOSTILE = {
 DEAR = ("short elements", "empty mappings")  # seconds of tracemalloc; packed, they are parsed as the others are
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "packed"),
     [(kind, packed) for packed in (False, True) for kind in HOSTILE if not (packed and kind in DEAR)],

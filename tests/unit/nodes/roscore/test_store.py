@@ -95,6 +95,7 @@ def kill_at(step, half):
         setattr(store.os, name, guarded(name))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("half", [False, True])
 def test_killed_at_any_call_nothing_that_was_answered_is_lost(tmp_path, quick, half):
     kills = step = 0
@@ -150,6 +151,7 @@ def test_two_kills_in_a_row(tmp_path, quick):
         assert vars(store.read(str(folder)).registry) == state(4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("half", [False, True])
 def test_killed_at_any_call_after_a_kill_nothing_is_lost_either(tmp_path, quick, half):
     """The second life goes on in the file of the first one, and writes it anew while things change."""

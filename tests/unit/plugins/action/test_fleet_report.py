@@ -129,6 +129,7 @@ def test_a_damaged_run_before_costs_the_difference_alone(home, clock):
         assert json.loads(page.with_suffix(".json").read_text())["differences"] == []
 
 
+@pytest.mark.slow
 def test_the_last_twenty_runs_are_kept_and_what_is_of_others(home, clock):
     first = pathlib.Path(judge(path="auto")["report"])
     (first.parent / "notes.txt").write_text("mine")

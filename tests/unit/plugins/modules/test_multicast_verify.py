@@ -92,6 +92,7 @@ def received(process):
     return [line.split() for line in process.communicate(timeout=5)[0].splitlines()]
 
 
+@pytest.mark.slow
 def test_everyone_hears_everyone_one_after_the_other(network):
     net = network(3)
     for host in net.hosts:
@@ -135,6 +136,7 @@ def test_everyone_hears_everyone_one_after_the_other(network):
     assert "lifetime" in net.module(first, fails=True, action="collect")["msg"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("iptables"), reason="needs iptables, to drop the group")
 def test_a_dropped_group_is_missing_in_its_direction(network):
     net = network(3)
@@ -151,6 +153,7 @@ def test_a_dropped_group_is_missing_in_its_direction(network):
     assert [entry["heard_by"] for entry in results[2]["udp"]] == [True, True]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("iptables"), reason="needs iptables, to drop the group")
 def test_without_the_group_unicast_still_tells(network):
     net = network(2)
@@ -166,6 +169,7 @@ def test_without_the_group_unicast_still_tells(network):
         assert result["missing"] == [other.name] and f"Not heard on the group: {other.name}." in result["msg"]
 
 
+@pytest.mark.slow
 def test_a_discovery_node_of_another_user_keeps_its_port(network):
     net = network(3)
     first, second, third = net.hosts
@@ -188,6 +192,7 @@ def test_a_discovery_node_of_another_user_keeps_its_port(network):
     assert second.name in results[0]["heard"]
 
 
+@pytest.mark.slow
 def test_clocks_an_hour_apart(network, tmp_path):
     net = network(2)
     hour = tmp_path / "hour"
@@ -207,6 +212,7 @@ def test_a_computer_that_is_down_is_missing(network):
     assert f"No answer came from {down.name}" in result["msg"]
 
 
+@pytest.mark.slow
 def test_a_new_helper_ends_the_older_one_and_lifetime_ends_it(network):
     net = network(2)
     host = net.hosts[0]

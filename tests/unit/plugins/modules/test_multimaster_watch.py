@@ -43,6 +43,7 @@ def lost(result):
     return {(entry["kind"], entry["name"]) for entry in result["lost"]}
 
 
+@pytest.mark.slow
 def test_a_silent_master_and_a_lost_route_are_told_with_the_time(two):
     one, other = two.hosts
     hearts = [a.popen(sys.executable, "-c", HEART, a.address, b.address) for a, b in ((one, other), (other, one))]

@@ -52,6 +52,7 @@ class Lab(subject.Lab):
         return f"{state}\n{self.path.read_text()}"
 
 
+@pytest.mark.slow
 def test_a_giver_that_is_ready_is_connected_to(giver, tmp_path):
     for number in range(20):
         with socket.create_server(("127.0.0.1", 0)) as free:

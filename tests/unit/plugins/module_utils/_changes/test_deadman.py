@@ -115,6 +115,7 @@ def test_what_is_released_stays(switch, tmp_path):
     assert place.read_text() == "x"
 
 
+@pytest.mark.slow
 def test_the_confirmation_or_the_timer_never_both(switch, tmp_path):
     """Both at the same moment, many times."""
     place, released = tmp_path / "place", 0
@@ -189,6 +190,7 @@ def die_at_call(step, *names):
         setattr(os, name, dying(getattr(os, name)))
 
 
+@pytest.mark.slow
 def test_killed_while_arming_at_any_moment(tmp_path, timer):
     """SIGKILL before every system call that changes something: the next run always gets on, and nothing is half there."""
     place = tmp_path / "place"

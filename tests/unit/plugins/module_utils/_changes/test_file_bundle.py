@@ -188,6 +188,7 @@ def test_a_failure_is_told_with_what_is_left_of_it(machine, monkeypatch):
 FIRST = {"lib/a": "A", "lib/deep/b": "B", "c": "C"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wanted", [FIRST, {"lib/a": "A2", "new/d": "D"}, {"c/now/a/folder": "X"}, {}])
 @pytest.mark.parametrize("first", [{}, FIRST])
 def test_kill_at_any_call_leaves_what_the_next_run_repairs(tmp_path, killed_at, first, wanted):

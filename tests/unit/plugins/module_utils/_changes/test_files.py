@@ -318,6 +318,7 @@ def test_a_path_that_was_only_intended_is_not_ours(place):
     assert sorted(place.tree()) == ["b"]
 
 
+@pytest.mark.slow
 def test_killed_runs_are_mended_by_the_next(place):
     plans = [
         {f"d{number % 7}/{number}.py": (f"{version}" * 2000, "0644") for number in range(version * 5, 25 + version * 5)}
@@ -347,6 +348,7 @@ def test_killed_runs_are_mended_by_the_next(place):
     assert place.tree() == {} and not place.records.exists()
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.dictionaries(st.sampled_from(["a", "b", "d/a", "d/e/a", "d/e/b"]), st.sampled_from("xyz")), max_size=5)
 )

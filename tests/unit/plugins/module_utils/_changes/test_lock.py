@@ -155,6 +155,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_check_mode_reads_no_state_between_two(records, tmp_path, seed):
     files = [tmp_path / "first", tmp_path / "second"]

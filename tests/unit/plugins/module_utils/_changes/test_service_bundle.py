@@ -259,6 +259,7 @@ def test_a_machine_without_systemd_or_folder_is_a_sentence(computer, monkeypatch
 FIRST = {CORE: text(1), SYNC: text(1)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wanted", [FIRST, {CORE: text(2), "new.service": text(2)}, {}])
 @pytest.mark.parametrize("first", [{}, FIRST])
 def test_kill_at_any_call_leaves_what_the_next_run_repairs(tmp_path, killed_at, first, wanted):

@@ -175,6 +175,7 @@ def test_a_robot_that_is_new_is_the_only_item_that_changes(computer):
     assert [item["changed"] for item in found[1]["members"]] == [False, False, True]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "then"), [({}, GATEWAY), (FLEET, GATEWAY), (GATEWAY, {})])
 def test_kill_at_any_moment_leaves_what_the_next_run_mends(computer, first, then):
     untouched = computer.state()

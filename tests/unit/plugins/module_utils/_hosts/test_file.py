@@ -209,6 +209,7 @@ def replace_in_place_until(hosts, records, content, bytes_left):
     return os.WIFSIGNALED(os.waitpid(child, 0)[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("before", "after"), [(OLD, NEW), (NEW, OLD)])
 def test_a_write_in_place_killed_at_any_byte_is_repaired(tmp_path, before, after):
     hosts, records = tmp_path / "hosts", tmp_path / "records"
@@ -344,6 +345,7 @@ def test_a_full_file_system_leaves_a_mounted_file_as_it_was(machine, tmp_path):
     assert machine.left() == (["hosts"], None)
 
 
+@pytest.mark.slow
 @needs_mounts
 def test_a_mounted_file_is_repaired_after_kills_in_the_middle(machine):
     """Big enough to be hit while it is written: the record stands exactly as long as the writing takes."""

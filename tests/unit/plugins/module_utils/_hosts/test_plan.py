@@ -284,6 +284,7 @@ def test_any_file_with_marks_settles_and_names_get_their_address(content, entrie
             assert {str(answer) for answer in answers} - conflicts == {str(binding.address)}
 
 
+@pytest.mark.slow
 def test_the_time_grows_with_lines_plus_entries():
     """Their product took 24 s at this size; the limit is that of a slow machine."""
     lines = b"".join(b"10.200.%d.%d host%d alias%d\n" % (n // 250 % 250, n % 250, n, n) for n in range(50_000))

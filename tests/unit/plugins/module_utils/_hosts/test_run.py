@@ -50,6 +50,7 @@ class Machine:
         return content, sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rename", [True, False], ids=["rename", "in place"])
 @pytest.mark.parametrize("wanted", [FIRST, SECOND, []])
 @pytest.mark.parametrize("first", [FIRST, []])
@@ -194,6 +195,7 @@ def test_a_file_that_is_not_the_systems_skips_cloud_init(guarded, tmp_path, monk
     assert (tmp_path / "computer" / CONFIGURATION).exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wanted", [SECOND, []])
 @pytest.mark.parametrize("first", [FIRST, []])
 def test_kill_at_any_call_with_cloud_init(guarded, killed_at, first, wanted):

@@ -671,6 +671,7 @@ def test_a_value_that_the_kernel_does_not_know_is_no_missing_key(namespace):
     assert [item["state"] for item in failed["settings"]] == ["invalid"]
 
 
+@pytest.mark.slow
 @as_root
 @pytest.mark.parametrize("seed", range(3))
 def test_what_check_mode_says_of_drawn_values_comes_true(namespace, seed):
@@ -810,6 +811,7 @@ def in_namespace(namespace, program, *arguments):
     return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, env=environment).stdout)
 
 
+@pytest.mark.slow
 @as_root
 def test_kernel_does_beside_every_key_what_the_table_says(namespace):
     subprocess.run([*namespace.prefix, "ip", "link", "add", "eth1", "type", "bridge"], check=True)

@@ -44,6 +44,7 @@ def mac(host):
     return json.loads(host.run("ip", "-json", "link", "show", "eth0"))[0]["address"]
 
 
+@pytest.mark.slow
 def test_two_computers_with_one_address_are_both_heard(computers):
     one, twin, third = computers
     assert asked(third, one.address) == {third.address: [], one.address: [mac(one)]}

@@ -80,6 +80,7 @@ print(json.dumps([network.members(others, "me"), network.forwarding("/proc/sys/n
 """
 
 
+@pytest.mark.slow
 @root
 @pytest.mark.parametrize(("theirs", "arrives"), [("1500", True), ("1000", False)])
 def test_large_packets_and_the_neighbour_between_two_hosts(hosts, theirs, arrives):
@@ -123,6 +124,7 @@ def test_a_neighbour_that_was_set_by_hand_is_told(tmp_path):
     }
 
 
+@pytest.mark.slow
 @root
 @pytest.mark.skipif(not shutil.which("nft"), reason="needs nft")
 def test_a_host_that_drops_pings_is_silent_without_a_cause(hosts):

@@ -74,6 +74,7 @@ def test_a_documented_answer_is_taken_whole(kinds, module):
     assert (taken.result, taken.left_out, taken.trace) == (said, [], "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", ON_ROBOTS)
 def test_a_drawn_answer_is_documented_plain_data_or_refused(kinds, module):
     drawn = random.Random(module)

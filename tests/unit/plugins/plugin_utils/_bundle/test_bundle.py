@@ -41,6 +41,7 @@ def test_what_is_read_again_is_what_was_written(changes):
     assert judge_run(found, False, False).diagnosis == judge_run(bundle, False, False).diagnosis
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes", [(fleets.wall,), (fleets.second_default_route,), (fleets.wall, fleets.second_default_route)]
 )
@@ -53,6 +54,7 @@ def test_findings_are_the_same_without_names_and_secrets(changes):
     assert other.logs["robot1-computer1"].startswith("robot1-computer1: at 10.")
 
 
+@pytest.mark.slow
 def test_logs_have_the_last_lines_and_a_file_each():
     bundle = bundled(fleets.plan(2), logs={"kobuki1computer": "line\n" * 40_000 + "the last\n", "kobuki2computer": ""})
     files = bundles.write_files(bundles.remove_secrets(bundle, Secrets()), "", {})
@@ -61,6 +63,7 @@ def test_logs_have_the_last_lines_and_a_file_each():
     assert "logs/kobuki2computer.txt" not in files and "0.1.0" in files["README.txt"]
 
 
+@pytest.mark.slow
 def test_a_service_that_writes_much_takes_no_room_from_others():
     quiet, loud = "== roscore\nstarted\n", "== sync\n" + "synchronised\n" * 40_000 + "the last\n"
     bundle = bundled(fleets.plan(2), logs={"kobuki1computer": quiet + loud + "== discovery\nready\n"})

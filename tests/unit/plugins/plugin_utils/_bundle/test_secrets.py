@@ -167,6 +167,7 @@ def test_a_plan_and_what_was_seen_have_no_secrets(fleet):
     assert Secrets().data(seen) == seen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "piece",
     [

@@ -6,6 +6,7 @@
 from collections import Counter
 
 import fleets
+import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import pairs
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis import diagnosis
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge
@@ -78,6 +79,7 @@ def test_a_fault_in_a_sampled_fleet_is_named():
     assert ("filter", victim) in {(entry.part.kind, entry.part.place) for entry in found.findings}, found
 
 
+@pytest.mark.slow
 def test_pairs_that_were_not_tried_are_no_findings():
     fleet = fleets.plan(robots=12, computers=3)
     chosen = pairs.choose_pairs({member.name: str(member.network) for member in fleet.members}, fleet.computers)

@@ -195,6 +195,7 @@ def work(function):
     return result, calls, Counted.comparisons
 
 
+@pytest.mark.slow
 def test_the_work_for_a_pair_does_not_grow_with_the_fleet():
     """Twice and three times the robots: four and nine times the pairs, and for each pair the same work."""
     per_finding = []

@@ -115,6 +115,7 @@ def test_of_very_many_results_some_are_explained(monkeypatch):
     assert found.looked_at <= 60 < found.total
 
 
+@pytest.mark.slow
 def test_one_fault_in_a_large_fleet_is_one_finding_in_seconds():
     fleet = plan(robots=40)
     seen = observed(fleet)

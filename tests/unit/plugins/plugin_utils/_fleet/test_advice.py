@@ -66,6 +66,7 @@ def test_each_form_has_its_good_values():
     assert advice.command("s/{}/x/", ("name", "a.b")) == r"s/a\.b/x/"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", GOOD)
 @given(st.data())
 def test_a_command_has_the_words_that_it_was_given_or_is_none(form, data):

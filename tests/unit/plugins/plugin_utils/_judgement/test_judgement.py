@@ -6,6 +6,7 @@
 import json
 
 import fleets
+import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, Row, Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
@@ -21,6 +22,7 @@ def judge_fleet(fleet, pages, everything, change=None):
     return judge(Verification(CHECKS, fleet, seen), pages, everything)
 
 
+@pytest.mark.slow
 def test_the_findings_are_the_same_whatever_is_kept():
     small = [judge_fleet(fleets.fig12(), pages, False, fleets.wall) for pages in (False, True)]
     large = [

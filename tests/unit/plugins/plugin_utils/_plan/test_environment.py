@@ -137,6 +137,7 @@ def test_profile_quotes_everything(text, entry):
     assert seen["PYTHONPATH"] == f"{PYTHON}:{entry}"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists(GENERATOR), reason="systemd's environment generator is not installed")
 @given(text=VALUES, entry=VALUES.filter(lambda value: ":" not in value))
 @settings(max_examples=60, deadline=None)

@@ -338,6 +338,7 @@ def test_a_router_needs_no_ros():
 # A machine that runs no module
 
 
+@pytest.mark.slow
 def test_a_python_that_is_too_old_is_one_sentence(tmp_path):
     root = pathlib.Path(__file__).resolve().parents[5]
     old = tmp_path / "python2.7"

@@ -61,6 +61,7 @@ def test_nothing_is_different_where_nothing_is():
     assert history.compare(document, copy.deepcopy(document)) == []
 
 
+@pytest.mark.slow
 def test_what_is_new_and_what_is_gone():
     now = make_report(fleets.fig12(), fleets.wall).document
     before = make_report(fleets.fig12()).document

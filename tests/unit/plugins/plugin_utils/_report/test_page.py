@@ -100,6 +100,7 @@ def test_the_declared_flow_beside_what_flows():
     assert pairs["kobuki2", "kobuki1"]["everything"] and pairs["kobuki2", "kobuki1"]["held"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("verdict", "computers"), [(OK, 400), (FAILED, 400), (FAILED, 40)])
 def test_the_page_is_smaller_than_five_megabytes(verdict, computers):
     """A hundred robots, or the most computers that have cells of their own, and everything fails with long texts."""
@@ -138,6 +139,7 @@ def test_the_page_is_smaller_than_five_megabytes(verdict, computers):
     assert sum(html.count(f"<td class={sign}") for sign in "of") >= len(rows)
 
 
+@pytest.mark.slow
 def test_a_large_fleet_says_what_was_not_tried():
     html = make_report(fleets.plan(21, 2), pairs="auto").html
     assert "pairs were tried" in html and "A cell is two robots" in html

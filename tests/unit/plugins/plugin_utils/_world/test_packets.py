@@ -381,6 +381,7 @@ def namespaces():
         yield made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["planned", *TRIED])
 def test_a_kernel_agrees(name, namespaces):
     """Pings of the verification's probe, the kernel's routes, and the prediction of what multimaster_info reads there."""
