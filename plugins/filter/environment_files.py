@@ -105,7 +105,7 @@ def environment_files(
         )
     environment = environment_module.merge_for_users(ros or {}, for_root or {}, person, ours)
     return {
-        "files": environment_module.render_files(environment, environment_module.read_machine(machine)),
+        "files": environment_module.render_files(environment, machine),
         "notes": environment_module.find_gaps(machine, environment),
         "digest": environment_module.compute_digest(environment),
     }

@@ -20,7 +20,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values
 
 Info = Mapping[str, Any]
 
-PARTS = ("system", "owned", "interfaces", "routing", "forwarding", "ports", "masters", "exports", "environment")
 NEEDED = ("interfaces", "routing", "forwarding", "masters")
 IMPLEMENTATIONS = ("bundled", "upstream")  # as the module tells them
 MOST = 64  # of interfaces, roscores, discovery nodes, assignments
@@ -67,7 +66,6 @@ class Uri:
 class Discovery:
     """A discovery node; the group and the ports are None or 0 where its parameters do not say them."""
 
-    node: str
     implementation: str  # bundled, upstream or empty
     uri: Uri | None
     group: IPv4Address | None
@@ -171,7 +169,6 @@ def _roscore(entry: Info) -> Roscore:
 
 def _discovery(entry: Info) -> Discovery:
     return Discovery(
-        node=quote(entry["node"], 100),
         implementation=_implementation(entry.get("implementation", "")),
         uri=uri(entry.get("uri", "")),
         group=_group(entry.get("group", "")),
@@ -212,25 +209,15 @@ def uri(text: Any, place: str = "") -> Uri | None:
     """Return host and port of a URI such as http://tibi-nav:11311; None where it is none."""
     try:
         parts = urlsplit(str(text))
-        if parts.scheme != "http" or not parts.hostname or not is_host(parts.hostname):
+        if (
+            parts.scheme != "http"
+            or not parts.hostname
+            or not (kinds.is_host_name(parts.hostname) or is_address(parts.hostname))
+        ):
             return None
         return Uri(parts.hostname, parts.port or 11311, place)
     except ValueError:
         return None
-
-
-def is_host(text: str) -> bool:
-    """Say if a text is a host name (RFC 1123) or an address."""
-    return is_name(text) or is_address(text)
-
-
-def is_name(text: str) -> bool:
-    """Say if a text is a host name (RFC 1123), and no address."""
-    try:
-        kinds.name(text)
-    except UnexpectedValue:
-        return False
-    return True
 
 
 def is_address(text: str) -> bool:

@@ -17,7 +17,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.facts 
     Machine,
     Roscore,
     is_address,
-    is_name,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.groups import (
     FleetGroups,
@@ -34,6 +33,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.propos
     Robot,
     Value,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import kinds
 
 T = TypeVar("T", bound=Value)
 
@@ -362,7 +362,7 @@ def _is_alias(scene: _Scene, hostname: str, name: str) -> bool:
     known = [entry.lower() for entry, _why in scene.names.values()]
     hostnames = [machine.hostname.lower() for machine in scene.machines.by_name.values()]
     host = hostname.lower()
-    return is_name(host) and host != "localhost" and host not in known and hostnames.count(host) == 1
+    return kinds.is_host_name(host) and host != "localhost" and host not in known and hostnames.count(host) == 1
 
 
 def _router(scene: _Scene, rest: Mapping[str, str]) -> tuple[Computer | None, Choice | None, dict[str, str]]:

@@ -10,7 +10,8 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.facts import Machine, is_name
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.facts import Machine
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import kinds
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
 
 # What people add to the name of a robot for the name of its computer.
@@ -40,7 +41,7 @@ def name_computers(machines: Mapping[str, Machine]) -> dict[str, tuple[str, str]
 
 
 def _fits(name: str) -> bool:
-    return is_name(name) and name.lower() not in RESERVED
+    return kinds.is_host_name(name) and name.lower() not in RESERVED
 
 
 def name_robots(of: Sequence[Sequence[str]], hosts: Sequence[str]) -> list[str]:

@@ -35,9 +35,14 @@ def _parse(kind: Callable[[str], T], value: Any, expected: str) -> T:
         raise UnexpectedValue(expected) from None
 
 
+def is_host_name(value: Any) -> bool:
+    """Return True for a host name (RFC 1123) that is no address."""
+    return isinstance(value, str) and bool(_NAME.fullmatch(value)) and not value.replace(".", "").isdigit()
+
+
 def name(value: Any) -> str:
     """Read a host name (RFC 1123)."""
-    if not isinstance(value, str) or not _NAME.fullmatch(value) or value.replace(".", "").isdigit():
+    if not is_host_name(value):
         raise UnexpectedValue("a host name: letters, digits and hyphens (RFC 1123), and no address")
     return str(value)
 

@@ -148,7 +148,7 @@ def _read_host(host: str, raw: Mapping[str, Any], problems: list[str]) -> Values
             problems.append(
                 f"{host}: {variable.name} is {_quote_value(value)}; expected {expected}: correct it in the inventory."
             )
-    if not _is_name(host):
+    if not kinds.is_host_name(host) or host.lower() == "localhost":
         problems.append(
             f"{host}: its name in the inventory is '{host}'; expected a host name of letters, digits and hyphens "
             "(RFC 1123), since it is the name by which the other computers know it: rename it."
@@ -163,14 +163,6 @@ def _find_unknown(host: str, raw: Mapping[str, Any]) -> list[str]:
         for name in raw
         if name not in variables.BY_NAME and name not in variables.RESERVED
     ]
-
-
-def _is_name(host: str) -> bool:
-    try:
-        kinds.name(host)
-    except UnexpectedValue:
-        return False
-    return host.lower() != "localhost"
 
 
 def _quote_value(value: Any) -> str:

@@ -3,7 +3,7 @@
 
 """The environment of ROS for each kind of program: variables in, the contents of files out.
 
-To reach one more kind of program, add a row to CONSUMERS.
+To reach one more kind of program, add it to `render_files`.
 """
 
 from __future__ import annotations
@@ -57,16 +57,6 @@ class Environment:
     person: str = ""  # the user with the whole, "*" for every user but root, empty for no user
 
 
-@dataclass(frozen=True)
-class Machine:
-    """The facts that the files depend on."""
-
-    ssh: bool = True  # sshd takes our file
-    ssh_path: str = SSH_PATH  # the PATH that sshd gives
-    ssh_match: bool = True  # no other SetEnv is below a Match; sshd would take ours alone
-    hooks: str = ""  # the folder of ROS's own hooks; empty without one
-
-
 def merge(ros: Mapping[str, str], ours: Mapping[str, str]) -> Environment:
     """Merge the variables of the ROS installation with ours. Ours win. A list has our folders first, and each folder once."""
     texts: dict[str, str] = {}
@@ -92,32 +82,29 @@ def merge_for_users(
     return whole if whole == others else replace(whole, others=others, person=person)
 
 
-def read_machine(info: Mapping[str, Any]) -> Machine:
-    """Read the facts that the files depend on out of the return of multimaster_info."""
-    sshd = info["sshd"]
-    return Machine(
-        ssh=sshd["installed"] and sshd["includes_drop_ins"] and not _list_setenv(sshd, match=False),
-        ssh_path=sshd["path"] or SSH_PATH,
-        ssh_match=sshd.get("match_setenv", True) and not _list_setenv(sshd, match=True),
-        hooks=((info["ros"].get("chosen") or {}).get("hooks") or ""),
-    )
-
-
-def render_files(environment: Environment, machine: Machine) -> list[dict[str, Any]]:
-    """Return the files of an environment that this machine can use, as managed_files takes them."""
-    files = []
-    for path, render in CONSUMERS:
-        content = render(environment, machine)
-        if content:
-            mode = "0755" if path == GENERATOR else "0644"
-            file = {"path": path.format(hooks=machine.hooks), "content": content, "mode": mode}
-            files.append({**file, "validate": SSHD_TEST} if path == SSHD else file)
-    return files
+def render_files(environment: Environment, info: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the files of an environment that a machine can use, as managed_files takes them. `info` is the return of multimaster_info."""
+    hooks = (info["ros"].get("chosen") or {}).get("hooks") or ""
+    contents = {
+        f"{CONFIGURATION}/environment": render_units(environment),
+        PROFILE: _render_profile(environment),
+        DESKTOP: _render_desktop(environment),
+        GENERATOR: _render_generator(environment),
+        SSHD: _render_ssh(environment, info["sshd"]),
+        # Hooks run in the order of names: after 1.ros_package_path.sh of ros_environment, before 10.roslaunch.sh (localhost).
+        f"{hooks}/1.rosfleet-multimaster.sh": _render_hook(environment) if hooks else "",
+    }
+    files: list[dict[str, Any]] = [
+        {"path": path, "content": content, "mode": "0755" if path == GENERATOR else "0644"}
+        for path, content in contents.items()
+        if content
+    ]
+    return [{**file, "validate": SSHD_TEST} if file["path"] == SSHD else file for file in files]
 
 
 def compute_digest(environment: Environment) -> str:
     """Return the SHA-256 of the file that units read. Changes of the other files do not restart a roscore."""
-    return hashlib.sha256(_render_units(environment, Machine()).encode()).hexdigest()
+    return hashlib.sha256(render_units(environment).encode()).hexdigest()
 
 
 def find_gaps(info: Mapping[str, Any], environment: Environment) -> list[str]:
@@ -192,7 +179,7 @@ def _list_setenv(sshd: Mapping[str, Any], match: bool) -> list[Mapping[str, Any]
     return [other for other in sshd["other_setenv"] if bool(other["match"]) == match]
 
 
-def _render_units(environment: Environment, machine: Machine) -> str:
+def render_units(environment: Environment) -> str:
     """Render the file for systemd (systemd.exec(5), EnvironmentFile=): whole values, without expansion."""
     return _HEADER + "".join(f"{name}={_quote(value)}\n" for name, value in values(environment).items())
 
@@ -202,7 +189,7 @@ def values(environment: Environment) -> dict[str, str]:
     return dict(sorted({**environment.texts, **_whole(environment, UNIT_PATH)}.items()))
 
 
-def _render_profile(environment: Environment, machine: Machine) -> str:
+def _render_profile(environment: Environment) -> str:
     """Render POSIX sh for /etc/profile and display managers. It works under any options (set -eu) and prints nothing."""
     return _HEADER + "\n".join(_render_by_user(environment, _render_exports)) + "\n"
 
@@ -227,13 +214,11 @@ def _render_by_user(environment: Environment, render: Callable[[Environment], li
     return [start, *render(first), ";; *)", *render(second), ";; esac"]
 
 
-def _render_hook(environment: Environment, machine: Machine) -> str:
+def _render_hook(environment: Environment) -> str:
     """Render a hook of catkin. A set-up file makes ROS_PACKAGE_PATH anew, then it sources the hooks.
 
     A value of the person stays. Shells that read no profile (zsh, cron) get the fleet's master instead of localhost.
     """
-    if not machine.hooks:
-        return ""
     names = "".join(f"${{{name}-}}" for name in NAMES)
     tests = [
         (name, names if name in NAMES else f"${{{name}-}}") for name in environment.texts if name in (MASTER, *NAMES)
@@ -254,7 +239,7 @@ def _prepend_folders(lists: Mapping[str, Sequence[str]]) -> list[str]:
     return lines
 
 
-def _render_desktop(environment: Environment, machine: Machine) -> str:
+def _render_desktop(environment: Environment) -> str:
     """Render a file for desktops (environment.d(5)). `$` is doubled, since systemd expands values without their quotes."""
     if environment.others and environment.person:
         return ""  # every user's systemd reads this file, root's too
@@ -266,7 +251,7 @@ def _render_desktop(environment: Environment, machine: Machine) -> str:
     return _HEADER + "".join(lines)
 
 
-def _render_generator(environment: Environment, machine: Machine) -> str:
+def _render_generator(environment: Environment) -> str:
     """Render a generator for desktops (systemd.environment-generator(7)). It can ask which user's systemd runs it."""
     if not (environment.others and environment.person):
         return ""
@@ -288,23 +273,24 @@ _GENERATOR_START = f"""\
 """
 
 
-def _render_ssh(environment: Environment, machine: Machine) -> str:
+def _render_ssh(environment: Environment, sshd: Mapping[str, Any]) -> str:
     """Render SetEnv (sshd_config(5)). sshd uses only the first such line, so all variables are in one.
 
     A line below a Match that is true counts before a line outside. A Match ends with this file.
     """
-    if not machine.ssh:
+    if not (sshd["installed"] and sshd["includes_drop_ins"]) or _list_setenv(sshd, match=False):
         return ""
-    others = environment.others
-    if not others:
-        return f"{_HEADER}{_render_setenv(environment, machine)}"
+    path = sshd["path"] or SSH_PATH
+    if not environment.others:
+        return _HEADER + _render_setenv(environment, path)
+    takes_match = sshd.get("match_setenv", True) and not _list_setenv(sshd, match=True)
     users = {"": "", "*": "!root,*"}.get(environment.person, environment.person)
-    more = f"Match User {users}\n{_render_setenv(environment, machine)}" if users and machine.ssh_match else ""
-    return f"{_HEADER}{_render_setenv(others, machine)}{more}"
+    more = f"Match User {users}\n{_render_setenv(environment, path)}" if users and takes_match else ""
+    return f"{_HEADER}{_render_setenv(environment.others, path)}{more}"
 
 
-def _render_setenv(environment: Environment, machine: Machine) -> str:
-    values = {**environment.texts, **_whole(environment, machine.ssh_path)}
+def _render_setenv(environment: Environment, path: str) -> str:
+    values = {**environment.texts, **_whole(environment, path)}
     # The quotes are around the whole word. OpenSSH before 8.7 knows them only at its start.
     pairs = map("=".join, sorted(values.items()))
     words = [pair if _PLAIN.fullmatch(pair) else f'"{_escape(pair)}"' for pair in pairs]
@@ -335,16 +321,6 @@ SSHD_TEST = ["/bin/sh", "-c", "! /usr/sbin/sshd -t -f /dev/stdin 2>&1 | grep /de
 PROFILE = "/etc/profile.d/rosfleet-multimaster.sh"
 DESKTOP = "/etc/environment.d/90-rosfleet-multimaster.conf"
 GENERATOR = "/etc/systemd/user-environment-generators/90-rosfleet-multimaster"
-
-CONSUMERS: tuple[tuple[str, Callable[[Environment, Machine], str]], ...] = (
-    (f"{CONFIGURATION}/environment", _render_units),
-    (PROFILE, _render_profile),
-    (DESKTOP, _render_desktop),
-    (GENERATOR, _render_generator),
-    (SSHD, _render_ssh),
-    # Hooks run in the order of names: after 1.ros_package_path.sh of ros_environment, before 10.roslaunch.sh (localhost).
-    ("{hooks}/1.rosfleet-multimaster.sh", _render_hook),
-)
 # The environments that multimaster_info reads back, and the files that each may come from.
 SEEN = {"login": (PROFILE,), "ssh": (SSHD,), "desktop": (DESKTOP, GENERATOR)}
 TITLES = {"login": "a new login shell", "ssh": "a command by ssh", "desktop": "a terminal of the desktop"}

@@ -141,8 +141,7 @@ values = st.text(st.characters(min_codepoint=32, max_codepoint=0x2FF, exclude_ch
 @given(st.dictionaries(st.from_regex(r"[A-Z_][A-Z0-9_]{0,8}", fullmatch=True), values, max_size=5))
 def test_environment_is_read_as_it_is_written(variables):
     environment = environment_module.Environment(variables)
-    render = dict(environment_module.CONSUMERS)["/etc/rosfleet-multimaster/environment"]
-    assert probe_ros.environment(render(environment, environment_module.Machine())) == variables
+    assert probe_ros.environment(environment_module.render_units(environment)) == variables
 
 
 def test_list_masters_is_asked_without_a_command(roscore, monkeypatch):

@@ -39,8 +39,8 @@ VALUES = st.text(
 )
 
 
-def rendered(environment, machine=None):
-    made = environment_module.render_files(environment, machine or environment_module.Machine())
+def rendered(environment, info=INFO):
+    made = environment_module.render_files(environment, info)
     return {file["path"]: file["content"] for file in made}
 
 
@@ -161,8 +161,8 @@ def test_ssh_is_one_line_with_the_system_path():
 
 
 def test_ssh_keeps_the_path_of_the_machine():
-    machine = environment_module.read_machine({**INFO, "sshd": {**INFO["sshd"], "path": "/usr/bin:/snap/bin"}})
-    content = rendered(environment_module.merge(NOETIC, OURS), machine)[environment_module.SSHD]
+    info = {**INFO, "sshd": {**INFO["sshd"], "path": "/usr/bin:/snap/bin"}}
+    content = rendered(environment_module.merge(NOETIC, OURS), info)[environment_module.SSHD]
     assert "PATH=/opt/ros/noetic/bin:/usr/bin:/snap/bin " in content
 
 
@@ -194,7 +194,7 @@ def test_ssh_ignores_the_setenv_below_a_match():
 
 def test_hook_brings_back_what_a_set_up_file_drops(tmp_path):
     hooks = tmp_path / "etc/catkin/profile.d"
-    content = rendered(environment_module.merge(NOETIC, OURS), environment_module.Machine(hooks=str(hooks)))[
+    content = rendered(environment_module.merge(NOETIC, OURS), {**INFO, "ros": {"chosen": {"hooks": str(hooks)}}})[
         f"{hooks}/1.rosfleet-multimaster.sh"
     ]
     seen = sourced(
@@ -208,7 +208,8 @@ def test_hook_brings_back_what_a_set_up_file_drops(tmp_path):
 
 
 def test_hook_runs_between_those_of_ros():
-    name = {render.__name__: path for path, render in environment_module.CONSUMERS}["_render_hook"].rpartition("/")[2]
+    paths = rendered(environment_module.merge(NOETIC, OURS), {**INFO, "ros": {"chosen": {"hooks": "/hooks"}}})
+    (name,) = (path.rpartition("/")[2] for path in paths if path.startswith("/hooks/"))
     assert sorted(["10.roslaunch.sh", name, "1.ros_package_path.sh", "1.ros_version.sh"])[2:] == [
         name,
         "10.roslaunch.sh",
