@@ -80,7 +80,7 @@ class _Cover:
                     self.covers[part].append(number)
         self.counted: dict[Part, int] = {}
         # (smaller is better, the part); a score is never better than when it was put here
-        self.heap = [(-self._score_alone(part), part) for part in self.covers]
+        self.heap = [(self._cost(part) - GAIN * self._weight(part), part) for part in self.covers]
         heapq.heapify(self.heap)
 
     def best(self) -> Part | None:
@@ -102,32 +102,20 @@ class _Cover:
         return taken
 
     def score(self, part: Part, numbers: Set[int] | None = None) -> float:
-        """Weigh a part by what it explains of what is open, or of some numbers."""
-        return (
-            self._score_alone(part, numbers)
-            if not self.count_successes(part)
-            else self._score_with_successes(part, numbers)
-        )
+        """Weigh a part by what it explains of what is open, or of some numbers.
 
-    def count_successes(self, part: Part) -> int:
-        """Count the successes that need a part."""
+        Successes that need it clear a part that lets nothing pass. A different part is worth its share of failures.
+        """
         if part not in self.counted:
             self.counted[part] = self.passed(part)
-        return self.counted[part]
-
-    def _score_alone(self, part: Part, numbers: Set[int] | None = None) -> float:
-        return GAIN * self._weight(part, numbers) - self._cost(part)
-
-    def _score_with_successes(self, part: Part, numbers: Set[int] | None = None) -> float:
-        """Weigh a part that successes need: what lets nothing pass is cleared, another one is worth its share of failures."""
-        if part.fault.hard:
+        successes, hits = self.counted[part], len(self.covers[part])
+        if successes and part.fault.hard:
             return -self._cost(part)
-        hits = len(self.covers[part])
-        return GAIN * self._weight(part, numbers) * hits / (hits + self.count_successes(part)) - self._cost(part)
+        return GAIN * self._weight(part, numbers) * hits / (hits + successes) - self._cost(part)
 
-    def _weight(self, part: Part, numbers: Set[int] | None) -> float:
+    def _weight(self, part: Part, numbers: Set[int] | None = None) -> float:
         wanted = self.open if numbers is None else numbers
-        return sum(self.failures[number].weight for number in self.covers.get(part, ()) if number in wanted)
+        return sum(self.failures[number].weight for number in self.covers[part] if number in wanted)
 
     def _cost(self, part: Part) -> float:
         if part in self.known:

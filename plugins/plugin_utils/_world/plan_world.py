@@ -11,11 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
-    ComputerPlan,
-    FleetPlan,
-    RobotNetwork,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
     ACCEPT,
     DROP,
@@ -53,29 +49,38 @@ def make_world(fleet: FleetPlan) -> World:
 def make_machine(fleet: FleetPlan, plan: ComputerPlan) -> Machine:
     """Make the machine of a computer's plan."""
     passes = plan.is_gateway or plan.is_router
-    interfaces = tuple(
-        Interface(
-            name=f"eth{number}",
-            addresses=(IPv4Interface((entry.address, entry.network.prefixlen)),),
-            link=name_link(fleet, entry.network),
-            forwarding=passes,
-            rp_filter=LOOSE if passes else 0,
-        )
-        for number, entry in enumerate(plan.networks)
-    )
+    places = [(entry.address, entry.network) for entry in plan.networks]
+    interfaces = _make_interfaces(fleet, "eth", places, passes, LOOSE if passes else 0)
     return Machine(
         name=plan.computer,
         interfaces=interfaces,
-        routes=(
-            *(route for interface in interfaces for route in kernel_routes(interface)),
-            *list_routes(plan, interfaces),
-        ),
+        routes=(*_list_kernel_routes(interfaces), *list_routes(plan, interfaces)),
         rules=make_rules(fleet, plan),
         groups=list_groups(plan),
         names=map_names(fleet) if plan.robot else {},
         services=frozenset(plan.services),
         environment=plan.environment,
     )
+
+
+def _make_interfaces(
+    fleet: FleetPlan, name: str, places: Iterable[tuple[IPv4Address, IPv4Network]], forwarding: bool, rp_filter: int = 0
+) -> tuple[Interface, ...]:
+    """Make an interface for each address and its network."""
+    return tuple(
+        Interface(
+            f"{name}{number}",
+            (IPv4Interface((address, network.prefixlen)),),
+            name_link(fleet, network),
+            forwarding=forwarding,
+            rp_filter=rp_filter,
+        )
+        for number, (address, network) in enumerate(places)
+    )
+
+
+def _list_kernel_routes(interfaces: Iterable[Interface]) -> list[Route]:
+    return [route for interface in interfaces for route in kernel_routes(interface)]
 
 
 def list_groups(plan: ComputerPlan) -> frozenset[IPv4Address]:
@@ -127,32 +132,17 @@ def make_rules(fleet: FleetPlan, plan: ComputerPlan) -> tuple[Rule, ...]:
 
 def list_devices(fleet: FleetPlan) -> list[Machine]:
     """List the gateways and the router that are not computers of the inventory, set up as docs/start/router.md says."""
-    devices = [_gateway(fleet, entry) for entry in fleet.networks if entry.device]
-    router = fleet.router
-    if router is not None and not router.name:
-        devices.append(_make_device(fleet, str(router.address), [(router.address, fleet.common_network)], ""))
-    return devices
+    common, router = fleet.common_network, fleet.router
+    devices = [
+        _make_device(fleet, [(entry.gateway, entry.network), (entry.common_address, common)], entry.robot)
+        for entry in fleet.networks
+        if entry.device
+    ]
+    return devices if router is None or router.name else [*devices, _make_device(fleet, [(router.address, common)], "")]
 
 
-def _gateway(fleet: FleetPlan, entry: RobotNetwork) -> Machine:
-    addresses = [(entry.gateway, entry.network), (entry.common_address, fleet.common_network)]
-    return _make_device(fleet, str(entry.gateway), addresses, entry.robot)
-
-
-def _make_device(fleet: FleetPlan, name: str, addresses: list[tuple[IPv4Address, IPv4Network]], robot: str) -> Machine:
-    interfaces = tuple(
-        Interface(
-            name=f"port{number}",
-            addresses=(IPv4Interface((address, network.prefixlen)),),
-            link=name_link(fleet, network),
-            forwarding=True,
-        )
-        for number, (address, network) in enumerate(addresses)
-    )
+def _make_device(fleet: FleetPlan, places: list[tuple[IPv4Address, IPv4Network]], robot: str) -> Machine:
+    interfaces = _make_interfaces(fleet, "port", places, forwarding=True)
     common = interfaces[-1].name
     others = [Route(entry.network, entry.common_address, common) for entry in fleet.networks if entry.robot != robot]
-    return Machine(
-        name=name,
-        interfaces=interfaces,
-        routes=(*(route for interface in interfaces for route in kernel_routes(interface)), *others),
-    )
+    return Machine(str(places[0][0]), interfaces, routes=(*_list_kernel_routes(interfaces), *others))
