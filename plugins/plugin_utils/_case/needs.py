@@ -17,7 +17,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways im
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
 
 Parts = frozenset[Part]
-NONE: Parts = frozenset()
 
 NAMES = ("unknown", "loopback", "old", "several")  # a name with a wrong meaning
 DISCOVERY = ("dead", "hung", "group")
@@ -25,7 +24,7 @@ DISCOVERY = ("dead", "hung", "group")
 
 def make_parts(kind: str, place: str, *modes: str, what: str = "") -> Parts:
     """Make parts of one kind at one place; an empty place has no parts."""
-    return frozenset(Part(kind, place, mode, what) for mode in modes) if place else NONE
+    return frozenset(Part(kind, place, mode, what) for mode in modes) if place else frozenset()
 
 
 # The network
@@ -34,7 +33,7 @@ def make_parts(kind: str, place: str, *modes: str, what: str = "") -> Parts:
 def way(case: Case, one: str, other: str) -> Parts:
     """List the parts that a packet and its answer need between two computers."""
     if not one or not other or one == other:
-        return NONE
+        return frozenset()
     known = case.ways.parts
     if (one, other) not in known:
         known[one, other] = _way(case, one, other)
@@ -82,12 +81,12 @@ def duplicates(case: Case, one: str, other: str) -> Parts:
 def _routes(case: Case, one: str, other: str) -> Parts:
     """List the routes of a packet and its answer: those of the two ends, and of the gateways between them."""
     if _robot(case, one) == _robot(case, other):
-        return NONE
+        return frozenset()
     member = case.ways.members.get(other)
     there = case.ways.network(member.robot) if member else COMMON  # the other may be a gateway
     back = _network(case, one) if _gateway(case, one) else COMMON
     if is_in(case, one, there) and is_in(case, other, back):
-        return NONE
+        return frozenset()
     between = gateways(case, one, other)
     parts = set(make_parts("route", one, "defaults") | make_parts("route", other, "defaults"))
     for destination, computers in ((there, [one, *between]), (back, [*between, other])):
@@ -155,7 +154,7 @@ def _gateway(case: Case, computer: str) -> Gateway | None:
 def large(case: Case, one: str, other: str) -> Parts:
     """List the parts that lose only large packets on the way."""
     if one == other:
-        return NONE
+        return frozenset()
     parts: set[Part] = set()
     for place, network in links(case, one, other):
         parts |= make_parts("interface", place, "mtu", what=network) | make_parts("network", network, "large")
@@ -229,7 +228,7 @@ def _outer_addresses(case: Case, part: Part) -> frozenset[str]:
 def passes(one: str, other: str, *whats: str) -> Parts:
     """List the packet filters at the ends that may drop packets from one computer to the other, or their answers."""
     if one == other or not one or not other:
-        return NONE
+        return frozenset()
     coming = [mode for what in (*whats, "all") for mode in (f"{what} in", what)]
     going = [mode for what in (*whats, "all") for mode in (f"{what} out", what)]
     changed = make_parts("filter", one, "changed") | make_parts("filter", other, "changed")
@@ -263,14 +262,14 @@ def _group_forwarders(case: Case, one: str, other: str) -> list[str]:
 def names(observer: str, target: str) -> Parts:
     """List how the name of the target may be wrong on the observer."""
     if not observer or not target:
-        return NONE
+        return frozenset()
     return make_parts("names", observer, *NAMES, what=target) | make_parts("names", observer, "rights", "order")
 
 
 def talks(case: Case, one: str, other: str, *whats: str) -> Parts:
     """List what a connection by name needs: the way, the packet filters, and the name."""
     if not one or not other:
-        return NONE
+        return frozenset()
     return way(case, one, other) | passes(one, other, *whats) | names(one, other)
 
 
@@ -288,7 +287,7 @@ def discovery(computer: str) -> Parts:
 def master_query_parts(case: Case, own: str, its: str) -> Parts:
     """List what a query to the discovery node of another master needs."""
     if own == its:
-        return NONE
+        return frozenset()
     node = make_parts("discovery", its, *DISCOVERY, "configuration", "port")
     served = make_parts("roscore", its, "dead", "hung", "name") | make_parts("environment", its, "service", "shell")
     return node | served | talks(case, own, its, "rpc")
@@ -301,7 +300,7 @@ def heartbeats(case: Case, own: str, its: str) -> Parts:
     the source address, so that the heartbeats belong to no member.
     """
     if own == its:
-        return NONE
+        return frozenset()
     changed = active_translations(case, its, own)
     if _arrive(case, its, own):
         return changed | make_parts("interface", own, "multicast") | make_parts("interface", its, "multicast")

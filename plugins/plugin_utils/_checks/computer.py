@@ -5,19 +5,14 @@
 
 from __future__ import annotations
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import (
     Case,
     interfaces_by_network,
     mtus_by_network,
     wrong_prefixes,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
-    NONE,
-    Parts,
-    join_parts,
-    make_parts,
-    roscore,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ROSCORE
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
@@ -160,7 +155,8 @@ def _describe_state(entry: Service) -> str:
 
 
 def _services_evidence(case: Case) -> Parts:
-    parts, name = NONE, case.observer.name
+    parts: Parts = frozenset()
+    name = case.observer.name
     states = {entry.name: entry for entry in (case.probe.services if case.probe else ())}
     for service in case.observer.services:
         entry, unit = states.get(service), f"multimaster-{service}.service"
@@ -298,8 +294,8 @@ def _find_down_links(case: Case) -> list[str]:
 
 def _addresses_evidence(case: Case) -> Parts:
     name = case.observer.name
-    parts = make_parts("interface", name, "address") if _find_missing_addresses(case) else NONE
-    parts |= make_parts("interface", name, "prefix") if wrong_prefixes(case.observer) else NONE
+    parts = make_parts("interface", name, "address") if _find_missing_addresses(case) else frozenset()
+    parts |= make_parts("interface", name, "prefix") if wrong_prefixes(case.observer) else frozenset()
     return parts | join_parts(_link_evidence(case, network) for network in _find_down_links(case))
 
 
@@ -307,7 +303,7 @@ def _link_evidence(case: Case, network: str) -> Parts:
     """Blame the network where no computer on it has a link. A single observed computer is not enough."""
     states = _states(case, network)
     if len(states) < 2:
-        return NONE
+        return frozenset()
     if all(state in DOWN for state in states):
         return make_parts("network", network, "dead")
     return make_parts("link", case.observer.name, "flapping" if _is_flapping(case, network) else "down", what=network)
@@ -473,14 +469,14 @@ def _roscore_suspects(case: Case) -> Parts:
     name, master = case.observer.name, case.masters[0]
     if case.probe is not None and case.probe.roscore.outcome == Outcome.REFUSED:
         return make_parts("roscore", master, "dead")
-    return roscore(case, name, master) - make_parts("roscore", master, "dead")
+    return needs.roscore(case, name, master) - make_parts("roscore", master, "dead")
 
 
 def _master_uri_evidence(case: Case) -> Parts:
     seen = case.probe.roscore if case.probe else Roscore()
     if seen.uri and not is_same_uri(seen.uri, case.ways.masters[case.observer.plan.robot].uri):
         return make_parts("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {seen.uri}")
-    return NONE if seen.error else make_parts("roscore", case.masters[0], "name", what=seen.answer)
+    return frozenset() if seen.error else make_parts("roscore", case.masters[0], "name", what=seen.answer)
 
 
 MASTER_URI = Check(
@@ -492,7 +488,7 @@ MASTER_URI = Check(
     about="computer",
     expected="`ROS_MASTER_URI` and the roscore's own `getUri` are the planned URI",
     report="3.2",
-    needs=lambda case: roscore(case, case.observer.name, case.masters[0]),
+    needs=lambda case: needs.roscore(case, case.observer.name, case.masters[0]),
     suspects=_roscore_suspects,
     evidence=_master_uri_evidence,
 )

@@ -7,28 +7,9 @@ from __future__ import annotations
 
 from ipaddress import IPv4Address
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case, interfaces_by_network
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
-    NONE,
-    Parts,
-    active_translations,
-    discovery,
-    duplicates,
-    gateways,
-    heartbeats,
-    join_parts,
-    large,
-    loss_parts,
-    make_parts,
-    master_query_parts,
-    multicast,
-    neighbours,
-    passes,
-    roscore,
-    talks,
-    translation_parts,
-    way,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import GROUP
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
@@ -139,8 +120,8 @@ def _transport_verdict(case: Case, other: bool | None) -> str:
 def _group_needs(case: Case) -> Parts:
     one, other = case.observer.name, case.target
     return (
-        multicast(case, one, other)
-        | loss_parts(case, one, other)
+        needs.multicast(case, one, other)
+        | needs.loss_parts(case, one, other)
         | make_parts("computer", other, "unmeasured", "login")
     )
 
@@ -148,11 +129,11 @@ def _group_needs(case: Case) -> Parts:
 def _group_suspects(case: Case) -> Parts:
     one, other = case.observer.name, case.target
     if case.hears_target():
-        return loss_parts(case, one, other)
+        return needs.loss_parts(case, one, other)
     sender = case.peer.seen.multicast if case.peer else None
     if sender is not None and sender.send_errors.count:  # its own kernel refuses to send
         return make_parts("filter", other, "group out", "group", "udp out", "udp", "all out", "all")
-    return _group_needs(case) - loss_parts(case, one, other)
+    return _group_needs(case) - needs.loss_parts(case, one, other)
 
 
 def _group_evidence(case: Case) -> Parts:
@@ -161,13 +142,13 @@ def _group_evidence(case: Case) -> Parts:
         return _translator(case, case.target)
     if udp and udp.other_interfaces:
         return make_parts("interface", case.observer.name, "multicast")
-    return NONE
+    return frozenset()
 
 
 def _translator(case: Case, computer: str) -> Parts:
     """Find what translates the addresses of a computer: its gateway, or the computer itself (a container, a virtual machine)."""
-    between = translation_parts(case, computer, case.observer.name if computer == case.target else case.target)
-    first = gateways(case, computer, case.observer.name if computer == case.target else case.target)
+    between = needs.translation_parts(case, computer, case.observer.name if computer == case.target else case.target)
+    first = needs.gateways(case, computer, case.observer.name if computer == case.target else case.target)
     return (
         frozenset(part for part in between if part.place == first[0])
         if between
@@ -216,9 +197,9 @@ def _judge_udp_unicast(case: Case) -> Judgement | None:
 
 def _unicast_needs(case: Case) -> Parts:
     one, other = case.observer.name, case.target
-    there = passes(one, other, "udp") | make_parts("computer", other, "unmeasured", "login")
-    nobody_asks = neighbours(case, other, one) - neighbours(case, one, other)  # a datagram gets no answer
-    return way(case, one, other) - nobody_asks | there | _outside(case)
+    there = needs.passes(one, other, "udp") | make_parts("computer", other, "unmeasured", "login")
+    nobody_asks = needs.neighbours(case, other, one) - needs.neighbours(case, one, other)  # a datagram gets no answer
+    return needs.way(case, one, other) - nobody_asks | there | _outside(case)
 
 
 UDP_UNICAST = Check(
@@ -232,11 +213,11 @@ UDP_UNICAST = Check(
     needs=_unicast_needs,
     suspects=lambda case: (
         _unicast_needs(case)
-        | active_translations(case, case.observer.name, case.target)
-        | active_translations(case, case.target, case.observer.name)
-        | passes(case.target, case.observer.name, "udp")  # the counts come back by the same port
+        | needs.active_translations(case, case.observer.name, case.target)
+        | needs.active_translations(case, case.target, case.observer.name)
+        | needs.passes(case.target, case.observer.name, "udp")  # the counts come back by the same port
     ),
-    evidence=lambda case: _translator(case, case.observer.name) if _is_translated(case) else NONE,
+    evidence=lambda case: _translator(case, case.observer.name) if _is_translated(case) else frozenset(),
 )
 
 
@@ -266,12 +247,12 @@ SOURCE = Check(
     about="pair between networks",
     expected="datagrams arrive from the planned address: no gateway translates it (warning)",
     report="4.2",
-    needs=lambda case: _unicast_needs(case) | translation_parts(case, case.observer.name, case.target),
+    needs=lambda case: _unicast_needs(case) | needs.translation_parts(case, case.observer.name, case.target),
     # Whatever drops the questions of ARP may drop the answers, too.
     suspects=lambda case: (
         _unicast_needs(case)
-        | neighbours(case, case.target, case.observer.name)
-        | active_translations(case, case.observer.name, case.target)
+        | needs.neighbours(case, case.target, case.observer.name)
+        | needs.active_translations(case, case.observer.name, case.target)
     ),
 )
 
@@ -304,15 +285,15 @@ ICMP_ROUNDS = Check(
     report="3.2",
     needs=lambda case: make_parts("setting", case.target, "icmp_group"),
     suspects=lambda case: (
-        loss_parts(case, case.observer.name, case.target)
+        needs.loss_parts(case, case.observer.name, case.target)
         if any(
             case.target in answered for _number, answered in case.observer.rounds
         )  # a packet was lost: nobody drops them
         else make_parts("setting", case.target, "icmp_group")
-        | multicast(case, case.target, case.observer.name)
-        | way(case, case.observer.name, case.target)
-        | passes(case.observer.name, case.target, "icmp")
-        | loss_parts(case, case.observer.name, case.target)
+        | needs.multicast(case, case.target, case.observer.name)
+        | needs.way(case, case.observer.name, case.target)
+        | needs.passes(case.observer.name, case.target, "icmp")
+        | needs.loss_parts(case, case.observer.name, case.target)
     ),
 )
 
@@ -342,7 +323,7 @@ def _outside(case: Case) -> Parts:
     own, planned = case.own, case.planned
     inner = own is not None and planned is not None and own.robot == planned.robot and own.name != planned.name
     if own is None or planned is None or not inner or planned.discovery_address in own.network:
-        return NONE
+        return frozenset()
     return make_parts("route", own.name, "missing", "other", what=COMMON) | make_parts(
         "route", own.name, "missing", "other"
     )
@@ -351,14 +332,14 @@ def _outside(case: Case) -> Parts:
 def _port_needs(case: Case) -> Parts:
     one, other = case.observer.name, case.target
     node = make_parts("discovery", other, "dead", "port")
-    return way(case, one, other) | passes(one, other, "rpc") | node | _outside(case)
+    return needs.way(case, one, other) | needs.passes(one, other, "rpc") | node | _outside(case)
 
 
 def _port_suspects(case: Case) -> Parts:
     """A computer that refuses is there; one that says nothing would refuse if nobody listened on the port."""
     if _connect_outcome(case) == Outcome.REFUSED:  # or a different computer has its address
         node = make_parts("discovery", case.target, "dead", "port") | make_parts("roscore", case.target, "dead")
-        return node | duplicates(case, case.observer.name, case.target)
+        return node | needs.duplicates(case, case.observer.name, case.target)
     filtered = make_parts(
         "filter", case.target, "rpc in", "rpc", "all in", "all"
     )  # one for all interfaces also drops what a computer sends itself
@@ -374,7 +355,7 @@ def _port_evidence(case: Case) -> Parts:
     ):  # its node has ended, or listens elsewhere
         runs = case.probe is not None and bool(case.probe.list_masters.masters)
         return make_parts("discovery", case.target, "port" if runs else "dead")
-    return NONE
+    return frozenset()
 
 
 RPC_PORT = Check(
@@ -417,7 +398,7 @@ def _judge_route(case: Case, route: Route | None, address: IPv4Address) -> Judge
 
 def _route_evidence(case: Case, route: Route | None, address: IPv4Address) -> Parts:
     if route is None or _hops(case, address) == {""}:
-        return NONE  # on one network: the checks of addresses and routes tell it
+        return frozenset()  # on one network: the checks of addresses and routes tell it
     return make_parts("route", case.observer.name, "missing" if route.error else "other", what=_beyond(case, address))
 
 
@@ -536,7 +517,7 @@ def _clock_suspects(case: Case) -> Parts:
         free = [name for name in (case.observer.name, case.target) if not _has_time_source(case, name)]
         return join_parts(make_parts("clock", name, "off") for name in free or (case.observer.name, case.target))
     if entry is not None and entry.open:
-        return make_parts("discovery", case.target, "hung") | large(case, case.observer.name, case.target)
+        return make_parts("discovery", case.target, "hung") | needs.large(case, case.observer.name, case.target)
     return _port_suspects(case)
 
 
@@ -585,7 +566,11 @@ def _service_call_needs(case: Case) -> Parts:
     """List what calling the service of the own discovery node needs."""
     one, master = case.observer.name, case.masters[0]
     node = make_parts("discovery", master, "dead", "hung")
-    return roscore(case, one, master) | node | (talks(case, one, master, "nodes") if one != master else NONE)
+    return (
+        needs.roscore(case, one, master)
+        | node
+        | (needs.talks(case, one, master, "nodes") if one != master else frozenset())
+    )
 
 
 def _list_needs(case: Case) -> Parts:
@@ -595,20 +580,27 @@ def _list_needs(case: Case) -> Parts:
         return _service_call_needs(case) | make_parts("roscore", its, "name")
     group = make_parts("discovery", own, "group") | make_parts("discovery", its, "group")
     # the address of its heartbeats is in the list
-    return _service_call_needs(case) | group | make_parts("roscore", its, "name") | translation_parts(case, its, own)
+    return (
+        _service_call_needs(case) | group | make_parts("roscore", its, "name") | needs.translation_parts(case, its, own)
+    )
 
 
 def _list_suspects(case: Case) -> Parts:
     if not case.observer.listed:
         return _service_call_needs(case)
     own, its = case.masters[0], case.target
-    return _service_call_needs(case) | discovery(own) | master_query_parts(case, own, its) | heartbeats(case, own, its)
+    return (
+        _service_call_needs(case)
+        | needs.discovery(own)
+        | needs.master_query_parts(case, own, its)
+        | needs.heartbeats(case, own, its)
+    )
 
 
 def _list_evidence(case: Case) -> Parts:
     entry = case.observer.listed.get(case.master.name)
     if entry is None or not entry.online:
-        return NONE
+        return frozenset()
     if not is_same_uri(entry.uri, case.master.uri):
         return make_parts("roscore", case.target, "name", what=entry.uri)
     if case.robots[0] == case.robots[1]:  # the node tells the address from which it sends

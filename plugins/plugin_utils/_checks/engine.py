@@ -20,7 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case im
     Participant,
     usual_mtus,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, choose_pairs, number
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Exchanges
@@ -65,7 +65,7 @@ Passed = Counter[tuple[str, str, tuple[str, ...]]]
 
 
 def _find_no_parts(_case: Case) -> Parts:
-    return NONE
+    return frozenset()
 
 
 @dataclass(frozen=True)
@@ -209,8 +209,3 @@ def _count_passes(checks: Sequence[Check], case: Case, passed: Passed) -> Sequen
     own, its = case.robots
     passed[own or case.observer.name, its or case.target, tuple(good)] += 1
     return rows
-
-
-def evaluate(checks: Sequence[Check], fleet: FleetPlan, observations: Mapping[str, Observation]) -> Iterator[Row]:
-    """Judge everything, row by row."""
-    return Verification(checks, fleet, observations).rows()

@@ -5,18 +5,9 @@
 
 from __future__ import annotations
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
-    NONE,
-    Parts,
-    discovery,
-    heartbeats,
-    join_parts,
-    large,
-    make_parts,
-    master_query_parts,
-    node_connection_parts,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Conflict
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
@@ -52,7 +43,7 @@ def _silent_suspects(case: Case) -> Parts:
     one = case.observer.name
     computers = (member.name for member in case.fleet.members if member.robot == case.observer.plan.robot)
     return make_parts("registration", one, "ghost") | join_parts(
-        node_connection_parts(case, one, other) for other in computers if other != one
+        needs.node_connection_parts(case, one, other) for other in computers if other != one
     )
 
 
@@ -63,7 +54,9 @@ def _silent_evidence(case: Case) -> Parts:
     nodes = join_parts(make_parts(kind, case.observer.name, "hung") for node, kind in hung.items() if node in silent)
     refused = [entry.node for entry in (case.exchange.silences if case.exchange else ()) if _has_ended(case, entry)]
     return nodes | (
-        make_parts("registration", case.observer.name, "ghost", what=shorten_list(refused, NAMED)) if refused else NONE
+        make_parts("registration", case.observer.name, "ghost", what=shorten_list(refused, NAMED))
+        if refused
+        else frozenset()
     )
 
 
@@ -191,8 +184,8 @@ def _judge_flow(case: Case) -> Judgement | None:
 def _flow_suspects(case: Case) -> Parts:
     own, its = case.masters
     sync = make_parts("sync", own, "dead", "hung", "configuration", "stale")
-    fetched = discovery(own) | master_query_parts(case, own, its) | large(case, own, its)
-    return sync | fetched | heartbeats(case, own, its)
+    fetched = needs.discovery(own) | needs.master_query_parts(case, own, its) | needs.large(case, own, its)
+    return sync | fetched | needs.heartbeats(case, own, its)
 
 
 def _flow_evidence(case: Case) -> Parts:
@@ -205,7 +198,7 @@ def _flow_evidence(case: Case) -> Parts:
         return make_parts("sync", observer, "configuration", what=shorten_list(map(str, superfluous), NAMED))
     if len(case.state.exchanges.find_imports(its, own)) >= MOST_REGISTRATIONS:
         return make_parts("sync", observer, "limit", what=case.target)
-    return NONE
+    return frozenset()
 
 
 FLOW = Check(

@@ -7,25 +7,13 @@ from __future__ import annotations
 
 import ipaddress
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import (
     Case,
     interfaces_by_network,
     wrong_prefixes,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
-    NONE,
-    Parts,
-    arp_parts,
-    is_in,
-    join_parts,
-    large,
-    links,
-    loss_parts,
-    make_parts,
-    names,
-    passes,
-    way,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     COMPUTER,
@@ -148,7 +136,7 @@ NAME = Check(
     about="pair, itself too",
     expected="the name resolves to the planned address and no other",
     report="3.1, Fig. 6",
-    needs=lambda case: names(case.observer.name, case.target),
+    needs=lambda case: needs.names(case.observer.name, case.target),
     evidence=_name_evidence,
 )
 
@@ -198,7 +186,7 @@ def _judge_route(case: Case) -> Judgement | None:
 
 def _route_needs(case: Case) -> Parts:
     if not case.way.crosses or case.planned is None:
-        return NONE
+        return frozenset()
     found = make_parts("route", case.observer.name, "missing", "other", what=case.ways.network(case.planned.robot))
     return found | make_parts("route", case.observer.name, "missing")
 
@@ -206,7 +194,7 @@ def _route_needs(case: Case) -> Parts:
 def _route_evidence(case: Case) -> Parts:
     route, name = case.member.route if case.member else None, case.observer.name
     if route is None or case.planned is None:
-        return NONE
+        return frozenset()
     mode, what = taker(case.probe.policy if case.probe else Policy(), case.address)
     if mode and (route.error or (route.gateway or "") not in case.way.hops):
         return make_parts("route", name, mode, what=what)
@@ -269,7 +257,7 @@ ROUTE = Check(
 
 def _ping_needs(case: Case) -> Parts:
     one, other = case.observer.name, case.target
-    return way(case, one, other) | passes(one, other, "icmp") | make_parts("setting", other, "icmp_all")
+    return needs.way(case, one, other) | needs.passes(one, other, "icmp") | make_parts("setting", other, "icmp_all")
 
 
 def _answers_sometimes(case: Case) -> bool:
@@ -282,7 +270,7 @@ def _ping_evidence(case: Case) -> Parts:
     mode = {Outcome.NETWORK_UNREACHABLE: "missing", Outcome.TIME_EXCEEDED: "circle"}
     ping = case.member.ping_address if case.member else None
     if ping is None or not ping.reporter or ping.outcome not in mode:
-        return NONE
+        return frozenset()
     return make_parts(
         "route", case.ways.name_at(ping.reporter), mode[ping.outcome], what=case.ways.network(case.robots[1])
     )
@@ -291,22 +279,22 @@ def _ping_evidence(case: Case) -> Parts:
 def _ping_suspects(case: Case) -> Parts:
     """An ICMP error has its reporter and its reason; see _multicast/packets.py of the modules."""
     if _answers_sometimes(case):
-        return loss_parts(case, case.observer.name, case.target)
+        return needs.loss_parts(case, case.observer.name, case.target)
     ping = (case.member.ping_address if case.member else None) or Ping()
     reporter = case.ways.name_at(ping.reporter)
     if ping.outcome == Outcome.PROHIBITED:
-        return make_parts("filter", reporter or case.target, "forward") | passes(
+        return make_parts("filter", reporter or case.target, "forward") | needs.passes(
             case.observer.name, case.target, "icmp"
         )
     if ping.outcome == Outcome.HOST_UNREACHABLE and reporter:
         return _unreachable(case, reporter)
     silent = case.member is not None and case.member.silent
-    return _ping_needs(case) - arp_parts(case, case.observer.name, case.target) if silent else _ping_needs(case)
+    return _ping_needs(case) - needs.arp_parts(case, case.observer.name, case.target) if silent else _ping_needs(case)
 
 
 def _unreachable(case: Case, reporter: str) -> Parts:
     """The reporter got no ARP answer from the next hop: the target, or a gateway."""
-    crossed = links(case, reporter, case.target)
+    crossed = needs.links(case, reporter, case.target)
     network = crossed[0][1]
     following = next((place for place, _network in crossed if place != reporter), case.target)
     found = make_parts("network", network, "dead") | make_parts("computer", following, "off")
@@ -314,7 +302,7 @@ def _unreachable(case: Case, reporter: str) -> Parts:
         found |= make_parts("link", place, "down", what=network) | make_parts("interface", place, "address", "prefix")
         found |= make_parts("neighbour", place, "mute")
     beyond = case.ways.network(case.robots[1])
-    if not is_in(case, reporter, beyond):  # or it has looked for the target in a network of its own
+    if not needs.is_in(case, reporter, beyond):  # or it has looked for the target in a network of its own
         found |= make_parts("route", reporter, "missing", "other", what=beyond) | make_parts(
             "route", reporter, "missing"
         )
@@ -369,7 +357,7 @@ TCP_ANSWER = Check(
     judge=_judge_answers_tcp,
     about="pair without an answered ping",
     expected="a TCP port that nobody uses refuses; tells a lost ping from a computer that is off",
-    needs=lambda case: way(case, case.observer.name, case.target),
+    needs=lambda case: needs.way(case, case.observer.name, case.target),
 )
 
 
@@ -390,11 +378,11 @@ PING_NAME = Check(
     about="pair",
     expected="one of three ICMP echo requests to what its name means is answered",
     report="3.2, 4.2",
-    needs=lambda case: _ping_needs(case) | names(case.observer.name, case.target),
+    needs=lambda case: _ping_needs(case) | needs.names(case.observer.name, case.target),
     suspects=lambda case: (
-        loss_parts(case, case.observer.name, case.target)
+        needs.loss_parts(case, case.observer.name, case.target)
         if _answers_sometimes(case) and case.address in _addresses(case)[:1]
-        else _ping_needs(case) | names(case.observer.name, case.target)
+        else _ping_needs(case) | needs.names(case.observer.name, case.target)
     ),
 )
 
@@ -417,7 +405,7 @@ PING_LARGE = Check(
     judge=_judge_ping_large,
     about="pair",
     expected="an ICMP echo request as large as the interface allows is answered, or a router tells that it is too large (warning)",
-    needs=lambda case: large(case, case.observer.name, case.target),
+    needs=lambda case: needs.large(case, case.observer.name, case.target),
 )
 
 
@@ -440,7 +428,7 @@ PING_LOSS = Check(
     judge=_judge_ping_loss,
     about="pair",
     expected="of further ICMP echo requests at most every fifth has no answer (warning)",
-    needs=lambda case: loss_parts(case, case.observer.name, case.target),
+    needs=lambda case: needs.loss_parts(case, case.observer.name, case.target),
 )
 
 

@@ -6,12 +6,7 @@
 from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
-    NONE,
-    Parts,
-    join_parts,
-    make_parts,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     COMPUTER,
     FAILED,
@@ -66,8 +61,10 @@ def _parameter_part(case: Case, entry: ParameterDifference) -> Parts:
 def _parameters_needs(case: Case) -> Parts:
     """A node that was compared has the parameters of the plan."""
     name, nodes = case.observer.name, case.probe.parameters.nodes if case.probe else ()
-    parts = make_parts("discovery", name, "group", "port", "configuration") if "master_discovery" in nodes else NONE
-    return parts | (make_parts("sync", name, "configuration") if "master_sync" in nodes else NONE)
+    parts = (
+        make_parts("discovery", name, "group", "port", "configuration") if "master_discovery" in nodes else frozenset()
+    )
+    return parts | (make_parts("sync", name, "configuration") if "master_sync" in nodes else frozenset())
 
 
 PARAMETERS = Check(

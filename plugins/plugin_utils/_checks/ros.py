@@ -5,20 +5,9 @@
 
 from __future__ import annotations
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import (
-    NONE,
-    Parts,
-    discovery,
-    heartbeats,
-    large,
-    make_parts,
-    node_connection_parts,
-    passes,
-    registration_parts,
-    roscore,
-    slow,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Item
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     FAILED,
@@ -78,10 +67,10 @@ def _topic_needs(case: Case) -> Parts:
     """
     one, other = case.observer.name, case.target
     if case.topic is not None and not any(publisher.uri for publisher in case.topic.publishers):
-        return node_connection_parts(case, one, other)
-    return (registration_parts(case, one, other) - passes(*case.masters, "rpc")) | node_connection_parts(
-        case, one, other
-    )
+        return needs.node_connection_parts(case, one, other)
+    return (
+        needs.registration_parts(case, one, other) - needs.passes(*case.masters, "rpc")
+    ) | needs.node_connection_parts(case, one, other)
 
 
 def _topic_suspects(case: Case) -> Parts:
@@ -91,39 +80,39 @@ def _topic_suspects(case: Case) -> Parts:
         missing = make_parts("registration", other, "talker") | make_parts(
             "computer", other, "off", "unmeasured", "login"
         )
-        return missing | make_parts("registration", one, "listener") | roscore(case, other, case.masters[1])
+        return missing | make_parts("registration", one, "listener") | needs.roscore(case, other, case.masters[1])
     if not topic.listened:
         failed = make_parts("registration", one, "listener") | make_parts("computer", one, "overloaded")
-        return failed | roscore(case, one, case.masters[0])
+        return failed | needs.roscore(case, one, case.masters[0])
     if topic.reached_outcome == Outcome.OPEN:  # its message is late, or too large
         late = (
             make_parts("computer", one, "overloaded")
             | make_parts("computer", other, "overloaded")
-            | large(case, one, other)
+            | needs.large(case, one, other)
         )
-        return late | passes(case.masters[0], one, "nodes") | make_parts("registration", one, "listener")
+        return late | needs.passes(case.masters[0], one, "nodes") | make_parts("registration", one, "listener")
     if topic.publishers:
-        told = passes(case.masters[0], one, "nodes")  # its roscore tells it of a new publisher
+        told = needs.passes(case.masters[0], one, "nodes")  # its roscore tells it of a new publisher
         listens = make_parts("registration", one, "listener")
-        odd = make_parts("computer", one, "overloaded") | large(case, one, other)
-        return node_connection_parts(case, one, other) - listens | told | odd
+        odd = make_parts("computer", one, "overloaded") | needs.large(case, one, other)
+        return needs.node_connection_parts(case, one, other) - listens | told | odd
     own, its = case.masters
-    beyond = make_parts("sync", own, "configuration", "stale") | discovery(own) | heartbeats(case, own, its)
-    sizes = large(case, own, its) | large(case, one, own) | large(case, other, its)
-    return registration_parts(case, one, other) | sizes | (beyond if own != its else NONE)
+    beyond = make_parts("sync", own, "configuration", "stale") | needs.discovery(own) | needs.heartbeats(case, own, its)
+    sizes = needs.large(case, own, its) | needs.large(case, one, own) | needs.large(case, other, its)
+    return needs.registration_parts(case, one, other) | sizes | (beyond if own != its else frozenset())
 
 
 def _topic_evidence(case: Case) -> Parts:
     topic, there = case.topic, case.peer.seen.probe if case.peer else None
     if topic is None or not topic.listened:
-        return NONE
+        return frozenset()
     if _is_filtered(case, topic.topic):
         return make_parts("declaration", case.robots[0], "narrow", what="the test topic /multimaster_verify/*")
     if there is None or there.roscore.error or topic.publishers:  # without its roscore no talker runs
-        return NONE
+        return frozenset()
     if there.talker is not None and not there.talker.running:
         return make_parts("registration", case.target, "talker", what=there.talker.error)
-    return NONE
+    return frozenset()
 
 
 TOPIC_HEARD = Check(
@@ -161,7 +150,7 @@ def _connection_evidence(case: Case) -> Parts:
     return (
         make_parts("environment", case.target, "shell", what=f"they call themselves {', '.join(hosts)}")
         if hosts
-        else NONE
+        else frozenset()
     )
 
 
@@ -173,7 +162,7 @@ DIRECT_CONNECTION = Check(
     about="pair",
     expected="the publisher in `rostopic info` is a node on that computer",
     report="3.3",
-    suspects=lambda case: registration_parts(case, case.observer.name, case.target),
+    suspects=lambda case: needs.registration_parts(case, case.observer.name, case.target),
     evidence=_connection_evidence,
 )
 
@@ -199,6 +188,6 @@ THROUGHPUT = Check(
     judge=_judge_throughput,
     about="pair, with `verify_throughput`",
     expected="a stream to its talker is as fast as `verify_throughput_least` says (warning); without that it only informs",
-    needs=lambda case: slow(case, case.observer.name, case.target) if case.state.least else NONE,
+    needs=lambda case: needs.slow(case, case.observer.name, case.target) if case.state.least else frozenset(),
     shown=True,
 )

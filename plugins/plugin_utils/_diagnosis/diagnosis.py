@@ -14,8 +14,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Participant
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import NONE, Parts, loss_parts
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import GROUP, ROSCORE
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FOLLOWS, RULED, Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
@@ -62,11 +63,6 @@ class Finding:
     passed: tuple[str, ...] = ()  # the checks that succeed in the same pairs, once for each
     since: str = ""  # empty where nobody knows
     command: str = ""  # that mends it, where what was read gives one
-
-    @property
-    def follows(self) -> int:
-        """Count the observations that failed because of it."""
-        return len(self.rows)
 
     @property
     def candidates(self) -> tuple[Part, ...]:
@@ -153,18 +149,18 @@ class _Diagnosis:
     def _find_drop(self, check: Check, row: Row) -> Parts:
         """Find the packet filter with a rule that drops what a check has sent in vain."""
         if not check.carries or row.verdict not in (FAILED, WARNING):
-            return NONE
+            return frozenset()
         ends = (row.target, row.observer) if check.carries == GROUP else (row.observer, row.target)
         if check.carries == ROSCORE:
             ends = row.observer, self.verification.ways.master(self.verification.run[row.observer].plan.robot)
         part = self.verification.state.filters.find_drop(*ends, check.carries)
-        return NONE if part is None else frozenset({part})
+        return frozenset() if part is None else frozenset({part})
 
     def result(self) -> Diagnosis:
         """Explain what no value explains."""
         self._drop_consequences()
         lost = self._explain_loss()
-        by_chance = [lost & self._loss_suspects(row) if lost else NONE for row, _suspects in self.open]
+        by_chance = [lost & self._loss_suspects(row) if lost else frozenset() for row, _suspects in self.open]
         failures = [
             Failure(suspects, WEIGHTS[row.verdict] * (CHANCE if maybe - suspects else 1.0))
             for (row, suspects), maybe in zip(self.open, by_chance, strict=True)
@@ -200,7 +196,7 @@ class _Diagnosis:
         """
         measured = [entry for entry in self.open if entry[1] and all(part.mode == "loss" for part in entry[1])]
         if not measured:
-            return NONE
+            return frozenset()
         chosen, _rest = explain([Failure(suspects) for _row, suspects in measured], set(self.broken), self.successes)
         for entry in chosen:
             self.broken[entry.part].rivals = entry.rivals
@@ -208,7 +204,11 @@ class _Diagnosis:
 
     def _loss_suspects(self, row: Row) -> Parts:
         case = self.verification.case(self.checks[row.check], row.observer, row.target)
-        return loss_parts(case, row.observer, row.target) | loss_parts(case, *case.masters) if case else NONE
+        return (
+            needs.loss_parts(case, row.observer, row.target) | needs.loss_parts(case, *case.masters)
+            if case
+            else frozenset()
+        )
 
     def _doubt(self, part: Part) -> float | None:
         """Say what it costs more to conclude a part that reading did not show; None where it would have shown it."""
@@ -261,8 +261,8 @@ class _Diagnosis:
         """Count for each part the successes of a pair that need it."""
         if (observer, target) not in self.cleared:
             found = self.cleared[observer, target] = Counter()
-            for needs in self._find_successes(observer, target).values():
-                found.update(needs)
+            for parts in self._find_successes(observer, target).values():
+                found.update(parts)
         return self.cleared[observer, target]
 
     def _find_successes(self, observer: str, target: str) -> dict[str, Parts]:

@@ -15,7 +15,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     FAILED,
     OK,
     Verification,
-    evaluate,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain, to_plain
@@ -36,7 +35,7 @@ HARMLESS = {
 
 
 def verdicts(trial):
-    findings = evaluate(CHECKS, trial.state.fleet, trial.observations)
+    findings = Verification(CHECKS, trial.state.fleet, trial.observations).rows()
     return {
         finding.verdict
         for finding in findings

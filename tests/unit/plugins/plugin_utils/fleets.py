@@ -396,7 +396,7 @@ def observed(fleet):
 
 def judged(fleet, seen):
     """The findings on these observations."""
-    return list(engine.evaluate(CHECKS, fleet, seen))
+    return list(engine.Verification(CHECKS, fleet, seen).rows())
 
 
 def evaluate(change=None, fleet=None):
