@@ -20,6 +20,8 @@ Parts = frozenset[Part]
 
 NAMES = ("unknown", "loopback", "old", "several")  # a name with a wrong meaning
 DISCOVERY = ("dead", "hung", "group")
+# what a computer that forwards packets needs: kind and mode of parts
+FORWARDER = (("computer", "off"), ("forwarding", "off"), ("filter", "forward"), ("reverse_path", "strict"))
 
 
 def make_parts(kind: str, place: str, *modes: str, what: str = "") -> Parts:
@@ -45,34 +47,35 @@ def _way(case: Case, one: str, other: str) -> Parts:
     for computer in (one, other):
         parts |= make_parts("computer", computer, "off") | make_parts("interface", computer, "address", "prefix")
     parts |= duplicates(case, one, other) | neighbours(case, one, other) | neighbours(case, other, one)
-    for asks, answers in pairwise(dict.fromkeys(place for place, _network in links(case, one, other))):
-        parts |= make_parts("neighbour", asks, "fixed", what=answers) | make_parts(
-            "neighbour", answers, "fixed", what=asks
-        )
-    for place, network in links(case, one, other):
-        parts |= make_parts("link", place, "down", what=network) | make_parts("network", network, "dead")
-    for gateway in gateways(case, one, other):
-        parts |= (
-            make_parts("computer", gateway, "off")
-            | make_parts("forwarding", gateway, "off")
-            | make_parts("filter", gateway, "forward")
-        )
-        parts |= make_parts("reverse_path", gateway, "strict")
-    return frozenset(parts | _routes(case, one, other))
+    for asks, answers in _hops(case, one, other):
+        parts |= {Part("neighbour", asks, "fixed", answers), Part("neighbour", answers, "fixed", asks)}
+    parts |= {Part(kind, gateway, mode) for gateway in gateways(case, one, other) for kind, mode in FORWARDER}
+    return frozenset(parts | _link_parts(case, one, other, "down", "dead") | _routes(case, one, other))
+
+
+def _link_parts(case: Case, one: str, other: str, mode: str, *network_modes: str) -> Parts:
+    """List a fault of each link on the way, and faults of each network."""
+    return join_parts(
+        make_parts("link", place, mode, what=network) | make_parts("network", network, *network_modes)
+        for place, network in links(case, one, other)
+    )
 
 
 def neighbours(case: Case, sender: str, target: str) -> Parts:
     """List the ARP answers that a packet from one computer to the other needs. Its answer needs those of the way back."""
-    pairs = pairwise(dict.fromkeys(place for place, _network in links(case, sender, target)))
-    return join_parts(make_parts("neighbour", answers, "mute") for _asks, answers in pairs)
+    return frozenset(Part("neighbour", answers, "mute") for _asks, answers in _hops(case, sender, target))
+
+
+def _hops(case: Case, one: str, other: str) -> Iterable[tuple[str, str]]:
+    """List the neighbours on the way, two by two."""
+    return pairwise(dict.fromkeys(place for place, _network in links(case, one, other)))
 
 
 def duplicates(case: Case, one: str, other: str) -> Parts:
     """List the addresses on the way that a second computer may have. Chance decides which of the two a neighbour finds."""
-    pairs = pairwise(dict.fromkeys(place for place, _network in links(case, one, other)))
-    return join_parts(
-        make_parts("interface", place, "duplicate", what=what)
-        for asks, answers in pairs
+    return frozenset(
+        Part("interface", place, "duplicate", what)
+        for asks, answers in _hops(case, one, other)
         for place, other_one in ((answers, asks), (asks, answers))
         for what in (other_one, "")
     )
@@ -91,13 +94,15 @@ def _routes(case: Case, one: str, other: str) -> Parts:
     parts = set(make_parts("route", one, "defaults") | make_parts("route", other, "defaults"))
     for destination, computers in ((there, [one, *between]), (back, [*between, other])):
         for computer in computers:
-            parts |= make_parts("route", computer, "circle", what=destination) | make_parts(
-                "route", computer, "closed", "rule"
-            )
+            parts |= {Part("route", computer, "circle", destination), *make_parts("route", computer, "closed", "rule")}
             if not is_in(case, computer, destination):
-                parts |= make_parts("route", computer, "missing", "other", what=destination)
-                parts |= make_parts("route", computer, "missing", "other")
+                parts |= route_parts(computer, destination)
     return frozenset(parts)
+
+
+def route_parts(computer: str, network: str) -> Parts:
+    """List how the route of a computer to a network may be wrong, or its routes to all others."""
+    return join_parts(make_parts("route", computer, "missing", "other", what=what) for what in (network, ""))
 
 
 def is_in(case: Case, computer: str, network: str) -> bool:
@@ -171,23 +176,20 @@ def arp_parts(case: Case, one: str, other: str) -> Parts:
     parts: set[Part] = set()
     for (place, network), (following, beyond) in pairwise(links(case, one, other)):
         if network == beyond and place in case.fleet.computers:
-            parts |= (
-                make_parts("computer", following, "off")
-                | make_parts("network", network, "dead")
-                | make_parts("interface", following, "address")
-            )
-            parts |= make_parts("link", place, "down", what=network) | make_parts(
-                "link", following, "down", what=network
-            )
+            parts |= silent_parts(place, following, network)
     return frozenset(parts)
+
+
+def silent_parts(one: str, other: str, network: str) -> Parts:
+    """List what may keep a computer from answering its neighbour on a network."""
+    links_down = make_parts("link", one, "down", what=network) | make_parts("link", other, "down", what=network)
+    there = make_parts("computer", other, "off") | make_parts("interface", other, "address")
+    return links_down | there | make_parts("network", network, "dead")
 
 
 def loss_parts(case: Case, one: str, other: str) -> Parts:
     """List the parts that lose some packets on the way."""
-    parts: set[Part] = set()
-    for place, network in links(case, one, other):
-        parts |= make_parts("link", place, "loss", what=network) | make_parts("network", network, "loss")
-    return frozenset(parts)
+    return _link_parts(case, one, other, "loss", "loss")
 
 
 def slow(case: Case, one: str, other: str) -> Parts:
@@ -239,8 +241,7 @@ def multicast(case: Case, hearer: str, speaker: str) -> Parts:
     """List the parts that datagrams on the group need from the speaker to the hearer."""
     parts = set(passes(speaker, hearer, "udp", "group"))
     parts |= make_parts("interface", hearer, "multicast") | make_parts("interface", speaker, "multicast")
-    for place, network in links(case, speaker, hearer):
-        parts |= make_parts("link", place, "down", what=network) | make_parts("network", network, "dead", "multicast")
+    parts |= _link_parts(case, speaker, hearer, "down", "dead", "multicast")
     for gateway in _group_forwarders(case, hearer, speaker):
         parts |= make_parts("computer", gateway, "off") | make_parts("filter", gateway, "forward")
         parts |= make_parts("service", gateway, "down", what="multimaster-multicast-routing.service")
@@ -322,12 +323,8 @@ def _arrive(case: Case, sender: str, hearer: str) -> bool:
 def registration_parts(case: Case, observer: str, target: str) -> Parts:
     """List what the target's registrations need to reach the observer's roscore, and what a query there needs."""
     own, its = case.ways.master(_robot(case, observer)), case.ways.master(_robot(case, target))
-    at_home = (
-        roscore(case, target, its)
-        | make_parts("registration", target, "talker")
-        | make_parts("environment", target, "shell")
-    )
-    asked = roscore(case, observer, own)
+    own_parts = make_parts("registration", target, "talker") | make_parts("environment", target, "shell")
+    at_home, asked = roscore(case, target, its) | own_parts, roscore(case, observer, own)
     if own == its:
         return at_home | asked
     return at_home | asked | master_query_parts(case, own, its) | make_parts("sync", own, "dead", "hung")

@@ -410,7 +410,6 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "the clock of {place} is {what}",
         "run chrony on all computers with one of them, or a server, as the source",
         "on {place}: chronyc tracking; date --utc +%T.%N",
-        cost=3.0,
         what="wrong",
     ),
     ("environment", "service"): Fault(
@@ -510,7 +509,6 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("registration", "ghost"): Fault(
         "the roscore of {place} holds nodes that do not answer: {what}; they ended without saying so, as by kill -9",
         "end a node that hangs first; on {place}: yes | rosnode cleanup",
-        cost=3.0,
         what="see rosnode ping --all",
     ),
     ("registration", "twin"): Fault(
@@ -538,7 +536,6 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("declaration", "narrow"): Fault(
         "{place} leaves out what the others need: {what}",
         "correct multimaster_exports or multimaster_filters of the robot, and run site.yml",
-        cost=3.0,
         what="see multimaster_exports",
         read=True,
     ),

@@ -324,9 +324,7 @@ def _outside(case: Case) -> Parts:
     inner = own is not None and planned is not None and own.robot == planned.robot and own.name != planned.name
     if own is None or planned is None or not inner or planned.discovery_address in own.network:
         return frozenset()
-    return make_parts("route", own.name, "missing", "other", what=COMMON) | make_parts(
-        "route", own.name, "missing", "other"
-    )
+    return needs.route_parts(own.name, COMMON)
 
 
 def _port_needs(case: Case) -> Parts:

@@ -303,9 +303,8 @@ def _unreachable(case: Case, reporter: str) -> Parts:
         found |= make_parts("neighbour", place, "mute")
     beyond = case.ways.network(case.robots[1])
     if not needs.is_in(case, reporter, beyond):  # or it has looked for the target in a network of its own
-        found |= make_parts("route", reporter, "missing", "other", what=beyond) | make_parts(
-            "route", reporter, "missing"
-        )
+        found |= make_parts("route", reporter, "missing", "other", what=beyond)
+        found |= make_parts("route", reporter, "missing")
     return found
 
 
@@ -489,13 +488,7 @@ def _judge_answers_arp(case: Case) -> Judgement | None:
 
 def _arp_needs(case: Case) -> Parts:
     one, other, network = case.observer.name, case.target, _arp_question(case)[1]
-    parts = (
-        make_parts("computer", other, "off")
-        | make_parts("interface", other, "address")
-        | make_parts("neighbour", other, "mute")
-    )
-    parts |= make_parts("link", one, "down", what=network) | make_parts("link", other, "down", what=network)
-    return parts | make_parts("network", network, "dead")
+    return needs.silent_parts(one, other, network) | make_parts("neighbour", other, "mute")
 
 
 ANSWERS_ARP = Check(
