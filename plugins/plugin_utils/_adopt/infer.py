@@ -11,20 +11,7 @@ from dataclasses import dataclass, replace
 from ipaddress import IPv4Address, IPv4Network
 from typing import TypeVar
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import names
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.facts import (
-    Discovery,
-    Machine,
-    Roscore,
-    is_address,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.groups import (
-    FleetGroups,
-    Group,
-    Machines,
-    count_hops,
-    find_groups,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import facts, groups, names
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.proposal import (
     Choice,
     Choices,
@@ -45,11 +32,11 @@ GROUP, PORT, ROSCORE_PORT = IPv4Address("226.0.0.0"), 11511, 11311
 class _Scene:
     """The scene that all functions here look at."""
 
-    machines: Machines
-    found: FleetGroups
+    machines: groups.Machines
+    found: groups.FleetGroups
     names: Mapping[str, tuple[str, str]]
 
-    def machine(self, name: str) -> Machine:
+    def machine(self, name: str) -> facts.Machine:
         return self.machines.by_name[name]
 
     def name(self, machine: str) -> str:
@@ -62,7 +49,7 @@ class _Scene:
         return self.address(machine, self.found.common)
 
     @property
-    def roscores(self) -> list[tuple[str, Roscore]]:
+    def roscores(self) -> list[tuple[str, facts.Roscore]]:
         """The roscore of each robot that was seen."""
         return [
             (group.master, _roscore(self, group)[0])
@@ -71,12 +58,12 @@ class _Scene:
         ]
 
 
-def propose(machines: Iterable[Machine], left_out: Mapping[str, str]) -> Proposal:
+def propose(machines: Iterable[facts.Machine], left_out: Mapping[str, str]) -> Proposal:
     """Return the inventory of these machines. `left_out` are those that were not read, and why."""
     kept, twice = _drop_duplicates(machines)
     missing = {**left_out, **twice}
-    everything = Machines(kept)
-    found = find_groups(everything)
+    everything = groups.Machines(kept)
+    found = groups.find_groups(everything)
     if found is None or not found.groups:
         why = "no roscore runs on any machine, and no ROS_MASTER_URI names one"
         return Proposal(left_out={**missing, **dict.fromkeys(kept, why)})
@@ -99,9 +86,9 @@ def propose(machines: Iterable[Machine], left_out: Mapping[str, str]) -> Proposa
     )
 
 
-def _drop_duplicates(machines: Iterable[Machine]) -> tuple[dict[str, Machine], dict[str, str]]:
+def _drop_duplicates(machines: Iterable[facts.Machine]) -> tuple[dict[str, facts.Machine], dict[str, str]]:
     """Return the machines without those that the list has twice."""
-    kept: dict[str, Machine] = {}
+    kept: dict[str, facts.Machine] = {}
     twice: dict[str, str] = {}
     seen: dict[tuple[str, frozenset[IPv4Address]], str] = {}
     for machine in machines:
@@ -117,7 +104,7 @@ def _drop_duplicates(machines: Iterable[Machine]) -> tuple[dict[str, Machine], d
 # A robot
 
 
-def _robot(scene: _Scene, group: Group) -> tuple[Robot, dict[str, str]]:
+def _robot(scene: _Scene, group: groups.Group) -> tuple[Robot, dict[str, str]]:
     """Return a robot without its name, and its machines that cannot be in it."""
     network = _network(scene, group)
     inside = network or scene.found.common
@@ -149,7 +136,7 @@ def _robot(scene: _Scene, group: Group) -> tuple[Robot, dict[str, str]]:
     return robot, outside
 
 
-def _network(scene: _Scene, group: Group) -> IPv4Network | None:
+def _network(scene: _Scene, group: groups.Group) -> IPv4Network | None:
     """Return the robot's own network: that of most of its machines which are not in the common network."""
     inner = [name for name in group.members if scene.common(name) is None]
     aside = scene.found.shared | scene.machines.duplicate_networks
@@ -160,7 +147,7 @@ def _network(scene: _Scene, group: Group) -> IPv4Network | None:
     return max(+counted, key=lambda network: (counted[network], -int(network.network_address)))
 
 
-def _network_notes(scene: _Scene, group: Group, network: IPv4Network | None) -> list[str]:
+def _network_notes(scene: _Scene, group: groups.Group, network: IPv4Network | None) -> list[str]:
     """Return the networks of a robot that the inventory has no place for."""
     others = [
         other
@@ -185,7 +172,7 @@ def _find_gaps(choices: Choices) -> list[str]:
     ]
 
 
-def _master(scene: _Scene, group: Group, members: Sequence[str]) -> Choice:
+def _master(scene: _Scene, group: groups.Group, members: Sequence[str]) -> Choice:
     why = "" if scene.machine(group.master).roscores else "guessed from ROS_MASTER_URI, since no roscore ran"
     if group.master in members:
         return Choice(scene.name(group.master), why)
@@ -198,8 +185,8 @@ def _gateway(scene: _Scene, members: Sequence[str], network: IPv4Network) -> dic
     """Return the gateway of a network, its address in the common network, and which routes lead to it."""
     inner = [name for name in members if scene.common(name) is None]
     both = [name for name in members if scene.common(name) is not None]
-    default = count_hops(scene.machines, inner, network)
-    hop = _first(default) or _first(count_hops(scene.machines, inner, network, scene.found.common))
+    default = groups.count_hops(scene.machines, inner, network)
+    hop = _first(default) or _first(groups.count_hops(scene.machines, inner, network, scene.found.common))
     at = scene.machines.machine_at(hop) if hop else None
     if hop and at is None and not any(scene.machine(name).forwards for name in both):
         return _device(scene, network, hop)
@@ -222,7 +209,7 @@ def _device(scene: _Scene, network: IPv4Network, hop: IPv4Address) -> dict[str, 
     choices = {
         "gateway": Choice(hop, "guessed: the next hop of its computers, and none of the machines that were read")
     }
-    outside = count_hops(scene.machines, scene.machines.by_name, scene.found.common, network)
+    outside = groups.count_hops(scene.machines, scene.machines.by_name, scene.found.common, network)
     if outside:
         choices["common_address"] = Choice(
             _require_address(_first(outside)), f"guessed: the next hop of other machines on their way to {network}"
@@ -254,13 +241,13 @@ def _require_address(address: IPv4Address | None) -> IPv4Address:
 # Its roscore and nodes
 
 
-def _roscore(scene: _Scene, group: Group) -> tuple[Roscore, str]:
+def _roscore(scene: _Scene, group: groups.Group) -> tuple[facts.Roscore, str]:
     """Return the roscore of a robot, and why where its computer has several."""
     roscores = scene.machine(group.master).roscores
     named = Counter(uri.port for name in group.members for uri in scene.machine(name).masters[:1])
     if not roscores:
         port = max(named, key=lambda one: named[one], default=ROSCORE_PORT)
-        return Roscore(
+        return facts.Roscore(
             port, None, ""
         ), "guessed from ROS_MASTER_URI, since no roscore ran" if port != ROSCORE_PORT else ""
     best = min(roscores, key=lambda one: (-named[one.port], not one.discovery, one.port))
@@ -268,7 +255,7 @@ def _roscore(scene: _Scene, group: Group) -> tuple[Roscore, str]:
     return best, f"guessed, since {scene.name(group.master)} has another roscore on port {others}" if others else ""
 
 
-def _ports(roscore: Roscore, doubt: str) -> dict[str, Choice]:
+def _ports(roscore: facts.Roscore, doubt: str) -> dict[str, Choice]:
     choices = {}
     if roscore.port != ROSCORE_PORT or doubt:
         choices["roscore_port"] = Choice(roscore.port, doubt)
@@ -278,7 +265,7 @@ def _ports(roscore: Roscore, doubt: str) -> dict[str, Choice]:
     return choices
 
 
-def _describe_services(scene: _Scene, group: Group, roscore: Roscore) -> list[str]:
+def _describe_services(scene: _Scene, group: groups.Group, roscore: facts.Roscore) -> list[str]:
     """Return what runs there that site.yml would replace."""
     machine = scene.machine(group.master)
     if machine.ours or not machine.roscores:
@@ -306,25 +293,23 @@ def _fleet(scene: _Scene, router: Choice | None) -> Choices:
     if router:
         choices["router"] = router
     nodes = [(scene.name(master), node) for master, roscore in scene.roscores for node in roscore.discovery]
-    choices["multicast_group"] = _choose_majority(
-        nodes, lambda node: node.group or GROUP, "no discovery node ran", GROUP
-    )
-    port = _choose_majority(nodes, lambda node: node.group_port or PORT, "no discovery node ran", PORT)
+    choices["multicast_group"] = _choose_majority(nodes, lambda node: node.group or GROUP, GROUP)
+    port = _choose_majority(nodes, lambda node: node.group_port or PORT, PORT)
     if port.value != PORT or port.why and nodes:
         choices["multicast_port"] = port
     uris = [(scene.name(master), roscore.uri) for master, roscore in scene.roscores if roscore.uri]
-    if uris and all(uri and is_address(uri.host) for _name, uri in uris):
+    if uris and all(uri and facts.is_address(uri.host) for _name, uri in uris):
         choices["advertise"] = Choice("address")
     return choices
 
 
 def _choose_majority(
-    nodes: Sequence[tuple[str, Discovery]], read: Callable[[Discovery], T], nobody: str, default: T
+    nodes: Sequence[tuple[str, facts.Discovery]], read: Callable[[facts.Discovery], T], default: T
 ) -> Choice:
-    """Return what most nodes have, and who has another thing."""
+    """Return what most nodes have. The reason names the others."""
     counted = Counter(read(node) for _name, node in nodes)
     if not counted:
-        return Choice(default, f"the default of the nodes, since {nobody}")
+        return Choice(default, "the default of the nodes, since no discovery node ran")
     best = max(counted, key=lambda value: (counted[value], str(value)))
     others = [f"{name} has {read(node)}" for name, node in nodes if read(node) != best]
     return Choice(
@@ -371,7 +356,7 @@ def _router(scene: _Scene, rest: Mapping[str, str]) -> tuple[Computer | None, Ch
     gateways = [name for name in members if scene.common(name) is not None]
     if len(gateways) == len(members):
         return None, None, dict(rest)  # nobody is behind a gateway: there is nothing to route
-    hop = _first(count_hops(scene.machines, gateways, scene.found.common))
+    hop = _first(groups.count_hops(scene.machines, gateways, scene.found.common))
     at = scene.machines.machine_at(hop) if hop else None
     able = [name for name in rest if _passes(scene, name)]
     if not able:

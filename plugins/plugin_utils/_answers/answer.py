@@ -169,7 +169,7 @@ class _Reader:
         if kind.type == "raw":
             return self._read_any(data, place, depth)
         if not _fits(kind.type, data):
-            raise StrangeAnswer(f"{_word(data)} at {place}, where the module answers {_WORDS[kind.type]}")
+            raise StrangeAnswer(f"{_word(data)} at {place}, where the module answers {_KINDS[kind.type][0]}")
         if isinstance(data, str):
             return self._text(data)
         if isinstance(data, list):
@@ -203,28 +203,20 @@ class _Reader:
         return self._text(data) if isinstance(data, str) else data
 
 
-_TYPES: Mapping[str, tuple[type, ...]] = {
-    "str": (str,),
-    "int": (int,),
-    "float": (int, float),
-    "bool": (bool,),
-    "list": (list,),
-    "dict": (dict,),
-}
-_WORDS = {
-    "str": "a text",
-    "int": "a whole number",
-    "float": "a number",
-    "bool": "true or false",
-    "list": "a list",
-    "dict": "a mapping",
+#: kind -> its name in a sentence, and its types; a whole number is a number, so the kind of a value is the first that fits
+_KINDS: Mapping[str, tuple[str, tuple[type, ...]]] = {
+    "str": ("a text", (str,)),
+    "float": ("a number", (int, float)),
+    "int": ("a whole number", (int,)),
+    "bool": ("true or false", (bool,)),
+    "list": ("a list", (list,)),
+    "dict": ("a mapping", (dict,)),
 }
 
 
 def _fits(kind: str, data: Any) -> bool:
-    return isinstance(data, _TYPES[kind]) and (kind == "bool" or not isinstance(data, bool))
+    return isinstance(data, _KINDS[kind][1]) and (kind == "bool" or not isinstance(data, bool))
 
 
 def _word(data: Any) -> str:
-    kinds = (("true or false", bool), ("a text", str), ("a number", (int, float)), ("a list", list))
-    return next((word for word, types in kinds if isinstance(data, types)), "a mapping")
+    return next(word for kind, (word, _types) in _KINDS.items() if _fits(kind, data))

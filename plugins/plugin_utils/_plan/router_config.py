@@ -33,29 +33,20 @@ class RouterConfigProblem(ValueError):
     """The request cannot be rendered. The text is one sentence."""
 
 
-@dataclass(frozen=True)
-class Network:
-    """A network of the fleet. One with a gateway is the destination of a route."""
+# A network of the fleet, by the names that templates use. One with a gateway is the destination of a route.
+Network = Mapping[str, str]
 
-    robot: str  # empty for the common network
-    network: IPv4Network
-    gateway: IPv4Address | None = None
 
-    @property
-    def name(self) -> str:
-        """The robot's name in the letters that every dialect takes."""
-        return re.sub(r"[^A-Za-z0-9_.-]", "_", self.robot) or "common network"
-
-    def fields(self) -> dict[str, str]:
-        """Return the values that templates may name."""
-        return {
-            "robot": self.name,
-            "network": str(self.network),
-            "gateway": str(self.gateway or ""),
-            "address": str(self.network.network_address),
-            "mask": str(self.network.netmask),
-            "section": f"rosfleet_{re.sub('[./]', '_', str(self.network))}",
-        }
+def describe_network(robot: str, network: IPv4Network, gateway: IPv4Address | None = None) -> Network:
+    """Return a network of the fleet. The robot's name has the letters that every dialect takes."""
+    return {
+        "robot": re.sub(r"[^A-Za-z0-9_.-]", "_", robot) or "common network",
+        "network": str(network),
+        "gateway": str(gateway or ""),
+        "address": str(network.network_address),
+        "mask": str(network.netmask),
+        "section": f"rosfleet_{re.sub('[./]', '_', str(network))}",
+    }
 
 
 @dataclass(frozen=True)
@@ -65,15 +56,15 @@ class Device:
     folder: str  # of its files
     kind: str  # ROUTER or GATEWAY
     title: str
-    own: IPv4Network  # the network behind it; the common network for the router
+    own: str  # the network behind it; the common network for the router
     routes: tuple[Network, ...]
     peers: tuple[Network, ...]  # networks that it must not translate addresses towards
 
 
 def list_devices(plan: FleetPlan) -> list[Device]:
     """Return the router and every gateway outside the inventory. Nothing if no robot has a network of its own."""
-    common = Network("", plan.common_network)
-    networks = tuple(Network(entry.robot, entry.network, entry.common_address) for entry in plan.networks)
+    common = describe_network("", plan.common_network)
+    networks = tuple(describe_network(entry.robot, entry.network, entry.common_address) for entry in plan.networks)
     if not networks:
         return []
     address = f" ({plan.router.address})" if plan.router else ""
@@ -81,8 +72,8 @@ def list_devices(plan: FleetPlan) -> list[Device]:
         Device(
             folder=ROUTER,
             kind=ROUTER,
-            title=f"the router of the common network {common.network}{address}",
-            own=common.network,
+            title=f"the router of the common network {plan.common_network}{address}",
+            own=common["network"],
             routes=networks,
             peers=networks,
         )
@@ -92,10 +83,10 @@ def list_devices(plan: FleetPlan) -> list[Device]:
             others = tuple(other for other in networks if other != network)
             devices.append(
                 Device(
-                    folder=f"{GATEWAY}-{network.name}",
+                    folder=f"{GATEWAY}-{network['robot']}",
                     kind=GATEWAY,
-                    title=f"the gateway of {network.name} ({entry.gateway}, {entry.common_address})",
-                    own=network.network,
+                    title=f"the gateway of {network['robot']} ({entry.gateway}, {entry.common_address})",
+                    own=network["network"],
                     routes=others,
                     peers=(common, *others),
                 )
@@ -156,7 +147,7 @@ def _render_files(device: Device, name: str, interface: str) -> dict[str, str]:
         f"{dialect.title}. {dialect.use}",
         f"To take it back: {remove}. {dialect.again}",
         "",
-        *(f"  {route.name}: {route.network} by {route.gateway}" for route in device.routes),
+        *(f"  {route['robot']}: {route['network']} by {route['gateway']}" for route in device.routes),
         "",
     ]
     if interface:
@@ -179,11 +170,11 @@ def _render_text(dialect: Dialect, about: Sequence[str], lines: Sequence[str]) -
 
 
 def _render_lines(blocks: Sequence[Block], device: Device, interface: str) -> list[str]:
-    shared = {"own": str(device.own), "interface": interface}
-    repeated = {ROUTES: [route.fields() for route in device.routes], PEERS: [peer.fields() for peer in device.peers]}
+    shared = {"own": device.own, "interface": interface}
+    repeated = {ROUTES: device.routes, PEERS: device.peers, "": ({},)}
     return [
         block.text.format(**shared, **fields)
         for block in blocks
         if device.kind in block.kinds
-        for fields in (repeated[block.each] if block.each else [{}])
+        for fields in repeated[block.each]
     ]

@@ -378,7 +378,7 @@ def test_something_else_than_a_plan():
 def test_a_name_is_never_a_command(name):
     plan = copy.deepcopy(PLAN)
     plan["networks"][0]["robot"] = name
-    shown = router_config_module.Network(name, ipaddress.IPv4Network("192.168.11.0/24")).name
+    shown = router_config_module.describe_network(name, ipaddress.IPv4Network("192.168.11.0/24"))["robot"]
     assert re.fullmatch(r"[A-Za-z0-9_.-]+", shown)
     for file in router_config(plan):
         assert file["content"] == FILES[file["path"]].replace("tibi", shown)
