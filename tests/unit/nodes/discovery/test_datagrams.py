@@ -47,7 +47,8 @@ def test_a_network_that_has_gone_makes_new_sockets_and_is_told(monkeypatch):
     def gone(*arguments):
         raise OSError("Network is unreachable")
 
-    opened = []
+    opened, clock = [], [100.0]
+    monkeypatch.setattr(module, "monotonic", lambda: clock[0])
     monkeypatch.setattr(module, "Udp", lambda *arguments: udp(gone if not opened else lambda *sent: None))
     errors = {}
     node = made(errors, opened=opened.append)
@@ -55,6 +56,7 @@ def test_a_network_that_has_gone_makes_new_sockets_and_is_told(monkeypatch):
     opened.clear()
     node.send(Send(b"x", None))
     assert "unreachable" in errors["send None"] and node.tick(0.0) > 0.0
+    clock[0] = 1e12
     node.tick(1e12)
     assert opened == [1e12]
 
@@ -79,6 +81,49 @@ def test_a_name_server_that_hangs_does_not_stop_later_looks(monkeypatch):
         assert second.wait(10) and not release.is_set()
     finally:
         release.set()
+
+
+def run_until(node, is_done):
+    """Run the loop of a node until that is true."""
+
+    def tick(now):
+        if is_done():
+            node._loop.stop()
+        return now + 0.01
+
+    node._loop.run(tick)
+
+
+def test_a_name_server_that_hangs_does_not_stop_the_loop(monkeypatch):
+    answer = threading.Event()
+
+    def resolve(_name):
+        assert answer.wait(30)
+        return "192.168.1.1"
+
+    opened = []
+    monkeypatch.setattr(module, "Udp", lambda *arguments: udp() if arguments[2] == "192.168.1.1" else None)
+    monkeypatch.setattr(module, "resolve", resolve)
+    node = made(opened=opened.append, interface="robot")
+    threading.Timer(5.0, answer.set).start()  # what waits for it is not stopped for ever
+    node.start()
+    assert node.tick(1e12) is None and not answer.is_set() and not opened
+    assert "127.0.0.1" in node.own_addresses, "who is here is known at once"
+    answer.set()
+    run_until(node, lambda: opened)
+    assert node.tick(0.0) is None and node.problem == ""
+
+
+@pytest.mark.parametrize("problem", [OSError("Name or service not known"), UnicodeError("label empty or too long")])
+def test_an_interface_without_an_address_is_waited_for(monkeypatch, problem):
+    def resolve(_name):
+        raise problem
+
+    monkeypatch.setattr(module, "resolve", resolve)
+    node = made(interface="nobody")
+    node.tick(1.0)
+    run_until(node, lambda: node.problem)
+    assert f"on nobody: {problem}" in node.problem and node.tick(0.0) == 1.0 + module.REOPEN
 
 
 PLANNED = "192.168.1.1"

@@ -9,7 +9,7 @@ from typing import Any, Callable, Dict, Mapping, NamedTuple, Optional, Set, Tupl
 
 from ..edge.addresses import Changes, addresses_of_all, network, resolve, source_address
 from ..edge.clock import monotonic
-from ..edge.loop import Loop, RecurringJob, Workers
+from ..edge.loop import DirectRunner, Loop, RecurringJob, Workers
 from ..edge.process import program
 from .core.actions import Send
 from .udp import Datagram, Socket, Udp
@@ -60,7 +60,6 @@ class Datagrams:
         self._interface = interface_name(values)
         self._pinned = ""
         self._udp: Optional[Udp] = None
-        self._open_due = 0.0
         self._hosts: Dict[str, str] = {}  # ~robot_hosts -> address
         hosts = values["robot_hosts"]
         self._lookups = RecurringJob(  # a name server knows no time limit, and the next look may be answered
@@ -71,10 +70,18 @@ class Datagrams:
             lambda: bool(hosts),
             overlapping=True,
         )
+        self._opening = RecurringJob(  # and whoever waits for one in the loop is ended by the watchdog
+            resolvers if _is_name(self._interface) else DirectRunner(),
+            lambda: REOPEN,
+            lambda: resolve(self._interface) if self._interface else "",
+            self._open,
+            lambda: self._udp is None,
+        )
 
     def start(self) -> None:
         """Open the sockets, if there is a network already. Watch the network for changes."""
-        self._open(monotonic())
+        self.look_at_addresses()  # to open them may take a while
+        self._opening.tick(monotonic())
         try:
             changes = Changes()
         except OSError as problem:
@@ -87,9 +94,7 @@ class Datagrams:
 
     def tick(self, now: float) -> Optional[float]:
         """Do what is due; the time of the next call, None for any."""
-        if self._udp is None and now >= self._open_due:
-            self._open(now)
-        due = [self._lookups.tick(now), self._open_due if self._udp is None else None]
+        due = [self._lookups.tick(now), self._opening.tick(now)]
         return min((time for time in due if time is not None), default=None)
 
     def look_at_addresses(self) -> None:
@@ -134,18 +139,17 @@ class Datagrams:
         else:
             self._errors.pop(f"send {host}", None)
 
-    def _open(self, now: float) -> None:
+    def _open(self, pinned: Optional[str], failure: Optional[Exception]) -> None:
+        """Open the sockets, on the address of the interface where one is chosen."""
         multicast = self._values["send_mcast"] or self._values["listen_mcast"]
         before = self.own_addresses
         try:
-            self._pinned = ""
+            self._pinned = pinned or ""
             self.own_addresses, self.place = self._addresses()
-            if self._interface:
-                self._pinned = resolve(self._interface)
-                self.own_addresses, self.place = self._addresses()
+            if failure is not None:
+                raise failure
             self._udp = Udp(self._group, self._port, self._pinned, multicast and self._values["listen_mcast"])
-        except OSError as problem:
-            self._open_due = now + REOPEN
+        except (OSError, UnicodeError) as problem:
             text = f"discovery cannot use {self._group} port {self._port} on {self._interface or 'any interface'}: {problem}"
             if text != self.problem:  # a robot may be without a network for days
                 self.problem = text
@@ -161,7 +165,7 @@ class Datagrams:
             "opened",
             f"discovery by {self._group if multicast else 'unicast'} on {self.place.address}, port {self._port}",
         )
-        self._callbacks.on_open(now)
+        self._callbacks.on_open(monotonic())
 
     def _network_changed(self, changes: Changes) -> None:
         changes.clear()
@@ -169,7 +173,7 @@ class Datagrams:
 
     def _close(self, open_due: float) -> None:
         """Close the sockets, since the network has changed. They are opened again when that is due."""
-        self._open_due = open_due
+        self._opening.due = open_due
         if self._udp is not None:
             for opened in self._udp.sockets:
                 self._loop.forget(opened)
@@ -199,6 +203,15 @@ class Datagrams:
                     "warning", f"host {host}", f"~robot_hosts names {host}, which has no address on this computer"
                 )
                 self._lookups.due = min(self._lookups.due, monotonic() + RESOLVE_AGAIN)
+
+
+def _is_name(interface: str) -> bool:
+    """True where an interface is no address, so that the question for its address may take long."""
+    try:
+        ipaddress.IPv4Address(interface)
+    except ValueError:
+        return interface != ""
+    return False
 
 
 def interface_name(values: Mapping[str, Any]) -> str:
