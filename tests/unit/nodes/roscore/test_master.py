@@ -45,7 +45,7 @@ class Roscore:
     def __init__(self):
         self.registry, self.handed, self.left = Registry(), [], []
         heard = module.Callbacks(self.keep, lambda *of: self.left.append(of), ignore, ignore, ignore)
-        self.master = module.Master((imports.IMPORTS, "/watched"), imports.IMPORTS, imports.claims_of, heard)
+        self.master = module.Master((imports.IMPORTS, "/watched"), heard)
         self.told = self.master._notifier = Told()
         self.master.thread_pool._notifier = self.told
 

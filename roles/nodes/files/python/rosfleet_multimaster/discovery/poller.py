@@ -49,7 +49,7 @@ class Poller:
         self._node_uris: Dict[str, str] = {}
         self._service_uris: Dict[str, str] = {}
         self._origins: Dict[Tuple[str, str], str] = {}
-        self._record: Dict[str, Any] = {}
+        self._record = imports.Record()
         self._turn, self._rest_due, self._rest_pace = 0, 0.0, PollPace(REST)
         self._silent: Dict[Tuple[str, str], float] = {}  # providers of get_sync_info that do not answer, since when
         self.do_not_sync: Any = None
@@ -134,14 +134,12 @@ class Poller:
             if isinstance(uri, str):
                 (self._node_uris if method == _NODE else self._service_uris)[name] = uri
         self._record = imports.read(record)
-        for master, imported in self._record.get("imports", {}).items():
-            self._origins.update(dict.fromkeys(imported.items(), master))
+        self._origins.update(self._record.claims)
 
     def _ask_others(self, graph: Graph) -> bool:
         """Ask other implementations of master_sync for their registrations. True while the answer of one is awaited."""
-        ours = self._record.get("node")
-        if self._node_uris.get(ours or "", "") != self._record.get("uri"):
-            ours = None
+        record = self._record
+        ours = record.node if self._node_uris.get(record.node, "") == record.uri else None
         unsure = False
         for service, users in graph.services.items():
             provider = (users[0], self._node_uris.get(users[0], ""))

@@ -55,17 +55,15 @@ class Follower:
         if service[0]:
             self._identity.check_service(service, self._mirror.service_uris.get(service[0]))
         record = imports.read(self._mirror.parameters.get(imports.IMPORTS))
-        self._mirror.belong(
-            {key: master for master, nodes in record.get("imports", {}).items() for key in nodes.items()}
-        )
+        self._mirror.belong(record.claims)
         self._refuse_foreign(record)
         self.do_not_sync = self._mirror.parameters.get("/do_not_sync")
         self.refusal_counts = self._mirror.parameters.get(REFUSED)
         return self._stamps.stamp(self._mirror.state(), wall_clock())
 
-    def _refuse_foreign(self, record: Any) -> None:
+    def _refuse_foreign(self, record: imports.Record) -> None:
         """Leave other implementations of master_sync to the poller, which asks for their registrations."""
-        ours = record.get("node") if self._mirror.uri_of(record.get("node") or "") == record.get("uri") else None
+        ours = record.node if self._mirror.uri_of(record.node) == record.uri else None
         for service, users in self._mirror.state().services.items():
             if service.endswith(GET_SYNC_INFO) and users[0] != ours and self._mirror.is_local(users[0]):
                 raise PollInstead(f"{quote(users[0])} synchronises, too")

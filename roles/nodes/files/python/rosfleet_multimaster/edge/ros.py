@@ -15,24 +15,20 @@ if "RUNTIME_DIRECTORY" in os.environ:  # systemd's: the only folder that a servi
     os.environ.setdefault("ROS_HOME", os.environ["RUNTIME_DIRECTORY"])
     os.environ.setdefault("ROS_LOG_DIR", os.environ["RUNTIME_DIRECTORY"])
 
-import genpy  # noqa: E402
-import rosgraph  # noqa: E402
-import rosgraph.network  # noqa: E402
-import roslib.message  # noqa: E402
-import rospy  # noqa: E402
-import std_srvs.srv  # noqa: E402
-from fkie_multimaster_msgs import msg, srv  # noqa: E402
+import genpy
+import rosgraph
+import rosgraph.network
+import roslib.message
+import rospy
+import std_srvs.srv
+from fkie_multimaster_msgs import msg, srv
 
-from ..protocol.diagnosis import Diagnosis  # noqa: E402
-from ..protocol.messages import (  # noqa: E402
-    Link,  # noqa: E402
-    Master,  # noqa: E402
-    Registration,
-)
-from ..protocol.plain_text import LINE, plain  # noqa: E402
-from . import diagnostic_classes  # noqa: E402
-from .patience import run_with_limit  # noqa: E402
-from .rpc_client import cut  # noqa: E402
+from ..protocol.diagnosis import Diagnosis
+from ..protocol.messages import Link, Master, Registration
+from ..protocol.plain_text import LINE, plain
+from . import diagnostic_classes
+from .patience import run_with_limit
+from .rpc_client import cut
 
 _log = logging.getLogger("rosfleet.ros")
 

@@ -7,7 +7,7 @@ lives on the parameter server, so it lives as long as the registrations do.
 """
 
 import json
-from typing import Any, Dict
+from typing import Any, Dict, NamedTuple
 
 from . import json_text
 from .messages import NodeKey
@@ -25,24 +25,24 @@ def write(node: str, uri: str, claims: Claims) -> str:
     return json.dumps({"node": node, "uri": uri, "imports": imports})
 
 
-def read(text: Any) -> Dict[str, Any]:
-    """The record in a value of the parameter server; empty where it is none."""
+class Record(NamedTuple):
+    """The record: the name and the URI of master_sync, and the nodes that it registered."""
+
+    node: str = ""
+    uri: str = ""
+    claims: Claims = {}
+
+
+def read(text: Any) -> Record:
+    """The record in a value of the parameter server; an empty one where it is damaged."""
     try:
         found = json_text.from_json(text) if isinstance(text, str) else {}
-        return found if isinstance(found, dict) and isinstance(found.get("imports"), dict) else {}
-    except ValueError:
-        return {}
-
-
-def claims_of(text: Any) -> Claims:
-    """The claims in the record of an earlier life; none where it is damaged."""
-    imports = read(text).get("imports", {})
-    try:
-        return {
+        claims = {
             (node, uri): master
-            for master, nodes in imports.items()
+            for master, nodes in found["imports"].items()
             for node, uri in nodes.items()
             if isinstance(uri, str)
         }
-    except (AttributeError, TypeError):
-        return {}
+        return Record(str(found.get("node") or ""), str(found.get("uri") or ""), claims)
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return Record()

@@ -8,7 +8,7 @@ are not more values in it than signs that begin one.
 
 import json
 import re
-from typing import Any, List, Sequence
+from typing import Any, Callable, List, Sequence
 
 from .graph import InvalidDocument
 
@@ -32,7 +32,7 @@ def from_json(text: str) -> Any:
     if len(text) * _CHARACTER + values * _VALUE + mappings * _MAPPING > _MEMORY:
         raise ValueError(f"its values may take more than {_MEMORY >> 20} MiB of memory")
     try:
-        value = json.loads(text, parse_int=_integer, parse_float=_float, parse_constant=_refuse)
+        value = json.loads(text, parse_int=_limit_digits(int), parse_float=_limit_digits(float), parse_constant=_refuse)
         if _SURROGATE.search(text):  # half a character, which nothing could be made of: XML has none
             json.dumps(value, ensure_ascii=False).encode()
     except RecursionError:
@@ -42,18 +42,13 @@ def from_json(text: str) -> Any:
     return value
 
 
-def _integer(digits: str) -> int:
-    return int(_short(digits))
+def _limit_digits(kind: Callable[[str], Any]) -> Callable[[str], Any]:
+    def read(digits: str) -> Any:
+        if len(digits) > _DIGITS:
+            raise ValueError(f"a number of more than {_DIGITS} digits")
+        return kind(digits)
 
-
-def _float(digits: str) -> float:
-    return float(_short(digits))
-
-
-def _short(digits: str) -> str:
-    if len(digits) > _DIGITS:
-        raise ValueError(f"a number of more than {_DIGITS} digits")
-    return digits
+    return read
 
 
 def _refuse(constant: str) -> Any:

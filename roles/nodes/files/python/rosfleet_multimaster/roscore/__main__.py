@@ -48,7 +48,7 @@ class Roscore:
             self._on_spared_node,
             self._wait,
         )
-        self._master = master.Master(WATCHED, imports.IMPORTS, imports.claims_of, callbacks)
+        self._master = master.Master(WATCHED, callbacks)
         self._changes = Changes(
             uuid.uuid4().hex,
             self._master.ps_lock,
@@ -152,7 +152,7 @@ class Roscore:
 
         There may be no network yet: a node that answers later is registered again then.
         """
-        claims = imports.claims_of(registry.parameter(imports.IMPORTS))
+        claims = imports.read(registry.parameter(imports.IMPORTS)).claims
         here = addresses.local_uris(registry.nodes.values(), BOOT_PATIENCE)
         others = registry.exclude(lambda node, uri: (node, uri) in claims or uri in here)
         alive = find_alive(others, BOOT_PATIENCE)

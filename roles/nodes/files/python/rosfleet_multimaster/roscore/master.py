@@ -24,7 +24,7 @@ from rosmaster import master_api, paramserver, registrations
 from ..edge import addresses
 from ..edge.clock import monotonic
 from ..edge.roscore import TOGETHER
-from ..protocol import json_text
+from ..protocol import imports, json_text
 from ..protocol.plain_text import plain, quote
 from . import programs
 from .core.bounds import BOUNDS, Refusal, Usage, check_names, is_writable, refuse, weigh, weigh_parameter
@@ -55,6 +55,7 @@ _REGISTERS = {
     "registerService": "services",
     "subscribeParam": "param_subscribers",
 }
+_RESERVED = "/" + imports.IMPORTS.split("/")[1]  # what is below it is set by the collection alone
 PART = 200  # records that are read at once
 TYPES_AGAIN = 5.0  # seconds until types are looked through again
 MOST_ENDERS = 1000  # nodes to be ended
@@ -222,23 +223,20 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def __init__(
         self,
         watched: Tuple[str, ...],
-        imports: str,
-        read_imports: Callable[[Any], Any],
         callbacks: Callbacks,
     ) -> None:
-        """`watched`: parameters whose changes are told. `read_imports(value)`: the nodes in the parameter `imports`."""
+        """`watched`: parameters whose changes are told; IMPORTS is one of them."""
         super().__init__(0)
         self.guard = NameGuard()
         self._spare = False
         self._records: List[Record] = []
         self._last: Dict[str, Any] = dict.fromkeys(watched)
-        self._imports, self._read_imports = imports, read_imports
         self.calls = threading.local()
         self._restored: Dict[Tuple[Any, ...], None] = {}  # registrations that their nodes have not confirmed yet
         self._notifier = Notifier(self._may_tell)
         # (URI, name) of a node to be ended -> addresses of callers, and whether they are own ones
         self._enders: Dict[Tuple[str, str], Set[Tuple[str, bool]]] = {}
-        self._own, self._types_due = "/" + imports.strip("/").partition("/")[0], 0.0
+        self._types_due = 0.0
         self.callbacks = callbacks
         self.more: Dict[str, Callable[..., Any]] = {
             "system.listMethods": self._methods,
@@ -405,17 +403,17 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def _protect(self, name: str, arguments: Tuple[Any, ...]) -> Tuple[Any, ...]:
         """The arguments, with what is below the collection's own name as it is: others may not set it. Raises Refusal."""
         key = _find_parameter(name, arguments)
-        if not key or not touches(key, self._own) or self._is_own_program():
+        if not key or not touches(key, _RESERVED) or self._is_own_program():
             return arguments
-        own = self._value(self._own)
+        own = self._value(_RESERVED)
         if split_name(key):
             if name == "setParam" and arguments[2] == self._value(key):
                 return arguments
             raise Refusal(f"{key} is set by master_sync of this computer alone", "own")
         if name != "setParam" or not isinstance(arguments[2], dict):
             return arguments
-        tree = {part: value for part, value in arguments[2].items() if part.strip("/") != self._own.strip("/")}
-        return (*arguments[:2], tree if own is None else {**tree, self._own.strip("/"): own})
+        tree = {part: value for part, value in arguments[2].items() if part.strip("/") != _RESERVED[1:]}
+        return (*arguments[:2], tree if own is None else {**tree, _RESERVED[1:]: own})
 
     def _is_own_program(self) -> bool:
         caller = self.caller()
@@ -474,8 +472,8 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 if value != last:
                     self._last[watched] = value
                     self._records.append(["parameter", watched, value])
-                    if watched == self._imports:
-                        self.guard.set_imports(self._read_imports(value))
+                    if watched == imports.IMPORTS:
+                        self.guard.set_imports(imports.read(value).claims)
 
     def _value(self, name: str) -> Any:
         try:
@@ -565,7 +563,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 self._restored["service", key, service.node, service.uri] = None
             for watched in self._last:
                 self._last[watched] = self._value(watched)
-            self.guard.set_imports(self._read_imports(self._last.get(self._imports)))
+            self.guard.set_imports(imports.read(self._last[imports.IMPORTS]).claims)
             for name, uri in registry.nodes.items():
                 self.guard.judge(name, "", uri, monotonic())
             self._records.clear()

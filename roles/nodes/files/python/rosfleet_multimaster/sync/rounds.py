@@ -100,7 +100,7 @@ class Rounds:
     def take_over(self) -> None:
         """Read the record of an earlier life, and write that this node keeps it from now on."""
         (text,) = self._roscore.ask(("getParam", imports.IMPORTS))
-        self.claims = imports.claims_of(text)
+        self.claims = imports.read(text).claims
         if self.claims:
             program.LOG.info("%d nodes of other masters are registered here since before this start", len(self.claims))
         # Also an empty record names this node: discovery and the verification then ask no other one.
