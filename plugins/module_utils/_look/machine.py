@@ -18,7 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import deadlines
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, Kernel
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, read_routes
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import read_tables
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import forwarding
 
@@ -48,7 +48,7 @@ def routing() -> typing.Dict[str, typing.Any]:
 def table(number: int) -> typing.List[typing.Dict[str, typing.Any]]:
     """List the routes of a table as plain data."""
     names = ("destination", "gateway", "device", "metric", "source", "type")
-    held = [entry.route._asdict() for entry in Kernel().read_routes(4, number)]
+    held = [entry.route._asdict() for entry in read_routes(4, number)]
     return [{name: route[name] for name in names} for route in held]
 
 

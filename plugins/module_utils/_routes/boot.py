@@ -40,7 +40,7 @@ class Boot:
 
     def __init__(self, machine: Machine, root: str, record: BootRecord) -> None:
         """Read the places; changes nothing. Raises Problem where something in a place of ours is not ours."""
-        self.machine, self.root = machine, root
+        self.root = root
         self.recorded = record.places
         self.pending = record.pending
         self.folders = list(record.folders)

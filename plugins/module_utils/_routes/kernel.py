@@ -66,6 +66,16 @@ class Route(typing.NamedTuple):
         """The fields that the kernel fills in itself where they are empty."""
         return (self.scope, *(getattr(self, name) for name in PATH))
 
+    def describe(self) -> typing.Dict[str, typing.Any]:
+        """The fields by which all results of the module name a route."""
+        return {
+            "destination": format_destination(self.destination),
+            "gateway": self.gateway or None,
+            "device": self.device or None,
+            "metric": self.metric,
+            "table": self.table,
+        }
+
     def fits(self, other: "Route") -> bool:
         """True where the other route goes this way. Where this route has no refinements, the other one may have any."""
         return self.way == other.way or (not any(self.refinements) and self.way == _drop_refinements(other).way)
@@ -300,37 +310,31 @@ def _add_locks(raws: typing.List[Raw], answer: Answer) -> None:
 # The kernel
 
 
-class Kernel:
-    """The kernel's routes, read and changed by the command ip."""
-
-    def read_routes(self, version: int, table: int) -> typing.List[KernelRoute]:
-        """The routes of a table. Raises Problem where they cannot be read."""
-        show = ["-details", f"-{version}", "route", "show", "table", str(table)]
-        answer = run(["ip", "-json", *show], limit=_LIMIT)
-        if "table does not exist" in answer.error:
-            return []
-        try:
-            if answer.status != 0:
-                raise ValueError  # perhaps ip does not know the option -json; the command for text decides
-            raws = json.loads(answer.output.decode("utf-8") or "[]")
-            if any("metrics" in raw for raw in raws):
-                _add_locks(raws, run(["ip", "-oneline", *show], limit=_LIMIT))
-        except ValueError:
-            answer = run(["ip", "-oneline", *show], limit=_LIMIT)
-            raws = from_text(answer.output.decode("utf-8", "replace"))
+def read_routes(version: int, table: int) -> typing.List[KernelRoute]:
+    """The routes of a table. Raises Problem where they cannot be read."""
+    show = ["-details", f"-{version}", "route", "show", "table", str(table)]
+    answer = run(["ip", "-json", *show], limit=_LIMIT)
+    if "table does not exist" in answer.error:
+        return []
+    try:
         if answer.status != 0:
-            raise Problem(
-                f"routes: the kernel's routes cannot be read ({quote(answer.error)}), expected the command ip."
-            )
-        # Routes for one kind of service, or for some senders only, have other keys for the kernel. They are never ours.
-        return [parse_route(raw, version, table) for raw in raws if "dst" in raw and not {"tos", "from"} & set(raw)]
+            raise ValueError  # perhaps ip does not know the option -json; the command for text decides
+        raws = json.loads(answer.output.decode("utf-8") or "[]")
+        if any("metrics" in raw for raw in raws):
+            _add_locks(raws, run(["ip", "-oneline", *show], limit=_LIMIT))
+    except ValueError:
+        answer = run(["ip", "-oneline", *show], limit=_LIMIT)
+        raws = from_text(answer.output.decode("utf-8", "replace"))
+    if answer.status != 0:
+        raise Problem(f"routes: the kernel's routes cannot be read ({quote(answer.error)}), expected the command ip.")
+    # Routes for one kind of service, or for some senders only, have other keys for the kernel. They are never ours.
+    return [parse_route(raw, version, table) for raw in raws if "dst" in raw and not {"tos", "from"} & set(raw)]
 
-    def change(self, verb: str, version: int, words: typing.Iterable[str]) -> None:
-        """Make one change. Raises Problem with the kernel's own words."""
-        argv = build_command(verb, version, words)
-        answer = run(argv, limit=_LIMIT)
-        if answer.status != 0:
-            message = (
-                " ".join(answer.error.split()).replace("RTNETLINK answers: ", "").replace("Error: ", "").rstrip(".")
-            )
-            raise Problem(f"routes: the kernel refuses {quote(' '.join(argv))} ({quote(message) or 'without a word'}).")
+
+def change_route(verb: str, version: int, words: typing.Iterable[str]) -> None:
+    """Make one change. Raises Problem with the kernel's own words."""
+    argv = build_command(verb, version, words)
+    answer = run(argv, limit=_LIMIT)
+    if answer.status != 0:
+        message = " ".join(answer.error.split()).replace("RTNETLINK answers: ", "").replace("Error: ", "").rstrip(".")
+        raise Problem(f"routes: the kernel refuses {quote(' '.join(argv))} ({quote(message) or 'without a word'}).")

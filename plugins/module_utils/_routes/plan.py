@@ -20,7 +20,6 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kerne
     Key,
     Route,
     build_command,
-    format_destination,
     format_route,
     to_words,
 )
@@ -50,34 +49,10 @@ class Change(typing.NamedTuple):
 class RouteResult(typing.NamedTuple):
     """The result for one listed route."""
 
-    route: Route
     before: typing.Optional[str]  # as `ip route` writes it
     after: str
     state: str  # ok, changed, conflict or refused
     problem: typing.Optional[str]
-
-
-class Removal(typing.NamedTuple):
-    """The result for one route that is no longer listed."""
-
-    route: Route
-    before: typing.Optional[str]
-    after: typing.Optional[str]
-    state: str  # restored, removed, left or gone
-
-    def to_json(self) -> typing.Dict[str, typing.Any]:
-        """The result as the module returns it."""
-        return {
-            "destination": format_destination(self.route.destination),
-            "gateway": self.route.gateway or None,
-            "device": self.route.device or None,
-            "metric": self.route.metric,
-            "table": self.route.table,
-            "type": self.route.type,
-            "before": self.before,
-            "after": self.after,
-            "state": self.state,
-        }
 
 
 class KeyPlan(typing.NamedTuple):
@@ -86,7 +61,7 @@ class KeyPlan(typing.NamedTuple):
     adds: typing.List[Change]
     removals: typing.List[Change]
     after: typing.List[str]  # the routes of the key afterwards
-    result: typing.Any  # RouteResult or Removal
+    result: typing.Any  # a RouteResult, or what the module returns for a route that is no longer listed
     interim: typing.Optional[Entry] = None  # the record on the way and afterwards; None: no new entry
     final: typing.Optional[Entry] = None
 
@@ -100,7 +75,7 @@ class Plan(typing.NamedTuple):
     final: Entries
     after: typing.Dict[Key, typing.List[str]]  # the texts of the keys that the run touches
     results: typing.List[RouteResult]  # in the order of the listed routes
-    taken_back: typing.List[Removal]
+    taken_back: typing.List[typing.Dict[str, typing.Any]]  # as the module returns them
 
 
 def plan_routes(
@@ -162,7 +137,7 @@ def _plan_listed(route: Route, kernel_routes: typing.List[KernelRoute], entry: E
         adds=[] if same else [_make(route)],
         removals=[remove(kernel_route) for kernel_route in superfluous],
         after=[after],
-        result=RouteResult(route, before, after, state, problem),
+        result=RouteResult(before, after, state, problem),
     )
     adopted = same and not others and route.way not in _ways(entry)
     return part if adopted else _add_record(part, route, entry, kernel_routes)
@@ -247,8 +222,10 @@ def _plan_removal(
     others = [kernel_route for kernel_route in kernel_routes if kernel_route not in ours]
     back = _select_usable(entry.replaced, interfaces) if ours and not others else []
     after = [" ".join(words) for words in back] + [kernel_route.text for kernel_route in others]
-    result = Removal(
-        route=ours[0].route if ours else entry.made[-1],
+    route = ours[0].route if ours else entry.made[-1]
+    result = dict(
+        route.describe(),
+        type=route.type,
         before=kernel_routes[0].text if kernel_routes else None,
         after=after[0] if after else None,
         state=_state(ours, others, back),

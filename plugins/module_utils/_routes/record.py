@@ -74,16 +74,15 @@ def read_record(data: Data) -> RoutesRecord:
         )
         for item in data.get("routes", [])
     ]
-    return RoutesRecord({entry.made[0].key: entry for entry in entries}, read_boot_record(data.get("boot", {})))
-
-
-def read_boot_record(data: Data) -> BootRecord:
-    """The boot part of the record in its data. Raises as `read_record`."""
+    boot = data.get("boot", {})
     places = {
         name: Place(place["backend"], list(place["texts"]), [Route(**fields) for fields in place["routes"]])
-        for name, place in data.get("places", {}).items()
+        for name, place in boot.get("places", {}).items()
     }
-    return BootRecord(places, dict(data.get("pending", {})), list(data.get("folders", [])))
+    return RoutesRecord(
+        {entry.made[0].key: entry for entry in entries},
+        BootRecord(places, dict(boot.get("pending", {})), list(boot.get("folders", []))),
+    )
 
 
 def _route_to_json(route: Route) -> Data:

@@ -26,12 +26,12 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kerne
     MAIN,
     NO_WAY,
     PATH,
-    Kernel,
     KernelRoute,
     Route,
     build_command,
-    format_destination,
+    change_route,
     format_route,
+    read_routes,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import CHOICES, NONE
@@ -97,7 +97,6 @@ class Run(ModuleRun):
         self.options = options
         self.machine = contract.read_machine(options["root"])
         self.overrides = _check_overrides(options["backends"] or {}, self.machine.interfaces)
-        self.kernel = Kernel()
         self._main: typing.Dict[int, typing.List[KernelRoute]] = {}
         requests = route_options.parse_routes(
             options["routes"], self.machine.interfaces, read_tables(options["root"]), self._read_main_table
@@ -111,7 +110,7 @@ class Run(ModuleRun):
         route_options.check_usable(requests, self.machine.interfaces, self._list_near_routes())
         replace = options["on_conflict"] == "replace"
         self.plan = plan.plan_routes(self.routes, self.current, self.recorded.entries, replace, self.machine.interfaces)
-        self.taken_back = [item.to_json() for item in self.plan.taken_back]
+        self.taken_back = self.plan.taken_back
         self.boot = Boot(self.machine, options["root"], self.recorded.boot)
         self.items = self._plan_boot([self._choose_boot_device(item, requests) for item in requests])
         self.changed = bool(self.plan.changes or self.boot.changes)
@@ -119,7 +118,7 @@ class Run(ModuleRun):
     def _read_main_table(self, version: int) -> typing.List[Route]:
         """The routes of the table main, as this run first saw them."""
         if version not in self._main:
-            self._main[version] = self.kernel.read_routes(version, MAIN)
+            self._main[version] = read_routes(version, MAIN)
         return [kernel_route.route for kernel_route in self._main[version]]
 
     def _list_near_routes(self) -> typing.List[Route]:
@@ -133,7 +132,7 @@ class Run(ModuleRun):
         """The kernel's routes in the tables of our keys."""
         current: plan.Current = {}
         for version, table in sorted({(key[0], key[2]) for key in self.keys}):
-            for kernel_route in self.kernel.read_routes(version, table):
+            for kernel_route in read_routes(version, table):
                 current.setdefault(kernel_route.route.key, []).append(kernel_route)
         return current
 
@@ -174,11 +173,7 @@ class Run(ModuleRun):
         elif state == "ok" and self.boot.is_new(backend, place, item.route):
             state = "changed"
         return {
-            "destination": format_destination(item.route.destination),
-            "gateway": item.route.gateway or None,
-            "device": item.route.device or None,
-            "metric": item.route.metric,
-            "table": item.route.table,
+            **item.route.describe(),
             "source": item.route.source or None,
             "on_link": item.route.on_link,
             "type": item.route.type,
@@ -287,15 +282,7 @@ class Run(ModuleRun):
             {key: kernel_routes for key, kernel_routes in self.current.items() if key not in self.plan.after}
         )
         return [
-            {
-                "destination": format_destination(kernel_route.route.destination),
-                "gateway": kernel_route.route.gateway or None,
-                "device": kernel_route.route.device or None,
-                "metric": kernel_route.route.metric,
-                "table": kernel_route.route.table,
-                "protocol": kernel_route.protocol,
-                "text": kernel_route.text,
-            }
+            dict(kernel_route.route.describe(), protocol=kernel_route.protocol, text=kernel_route.text)
             for kernel_route in plan.find_other_defaults(self.routes, staying)
         ]
 
@@ -378,7 +365,7 @@ class Run(ModuleRun):
 
     def _change_route(self, change: plan.Change) -> None:
         try:
-            self.kernel.change(change.verb, change.version, change.words)
+            change_route(change.verb, change.version, change.words)
         except Problem:
             if not change.may_fail:
                 raise
@@ -411,11 +398,8 @@ class Run(ModuleRun):
                 item.update(state="lost")
 
     def _change_boot(self, before: plan.Current) -> None:
+        """Change the boot part, and restore the routes that a manager has dropped when it read the changed places."""
         self.boot.apply()
-        self._restore_dropped(before)
-
-    def _restore_dropped(self, before: plan.Current) -> None:
-        """Restore the routes that a manager has dropped when it read the changed places."""
         after = self._read_kernel()
         for key, kernel_routes in before.items():
             for kernel_route in kernel_routes:

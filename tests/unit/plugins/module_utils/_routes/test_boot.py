@@ -13,7 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kerne
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import BACKENDS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.options import RouteRequest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import read_boot_record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import read_record
 
 DROP_IN = "/etc/systemd/network/{}.d/90-rosfleet-multimaster.conf"
 
@@ -36,7 +36,7 @@ def machine(*names):
 
 
 def boot(tree, record=None, choice=None):
-    plan = Boot(machine("eth0", "eth1.5"), str(tree), read_boot_record(record or {}))
+    plan = Boot(machine("eth0", "eth1.5"), str(tree), read_record({"boot": record or {}}).boot)
     plan.plan(choice or {})
     return plan
 

@@ -26,8 +26,7 @@ HOOK = "etc/network/if-up.d/rosfleet-multimaster"
 RUNS = """
 import json, os, signal, sys
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import kernel
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.run import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import run as routes_run
 left = 0
 def until(step):
     def counted(*arguments, **options):
@@ -37,12 +36,12 @@ def until(step):
             os.kill(os.getpid(), signal.SIGKILL)
         return step(*arguments, **options)
     return counted
-kernel.Kernel.change = until(kernel.Kernel.change)
+routes_run.change_route = until(routes_run.change_route)
 for name in ("write_by_rename", "remove", "make_folders", "remove_folder_if_empty"):
     setattr(atomic, name, until(getattr(atomic, name)))
 for options, left in json.load(sys.stdin):
     if os.fork() == 0:
-        run = Run(options)
+        run = routes_run.Run(options)
         run.apply()
         print(json.dumps([run.changed, run.refusals]), flush=True)
         os._exit(0)
@@ -462,11 +461,12 @@ def test_the_switch_brings_the_kernel_back_from_half_way(computer):
     before = computer.routes()
     program = """
 import json, subprocess, sys
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import change_route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.run import Run
 run = Run(json.load(sys.stdin))
 for half in range(len(run.plan.changes) + 1):
     for change in run.plan.changes[:half]:
-        run.kernel.change(change.verb, change.version, change.words)
+        change_route(change.verb, change.version, change.words)
     for argv in run.undo_commands():
         subprocess.run(argv, check=True)
 """
