@@ -73,12 +73,12 @@ class Ros:
         variables = dict(self.variables, PATH=self.variables.get("PATH", BASE_PATH), LC_ALL="C.UTF-8")
         variables.update(PYTHONUNBUFFERED="1", PYTHONDONTWRITEBYTECODE="1")
         answer = foreign(argv, variables, limit + 2 * FAREWELL, given, homes=("HOME", "ROS_HOME", "ROS_LOG_DIR"))
-        output = answer.output.decode("utf-8", "replace")
+        output = answer.text
         if answer.status == 0:
             return output, ""
         if answer.status == 124:  # timeout(1)
             return output, f"{name} printed nothing within {limit:.0f} s"
-        return output, plain((answer.error.splitlines() or [f"{name} ended with status {answer.status}"])[-1])
+        return output, plain(answer.last_error or f"{name} ended with status {answer.status}")
 
     def ask(self, method: str, *arguments: typing.Any, caller: str = CALLER) -> typing.Any:
         """Call a method of the master API. Raises OSError with a sentence where the roscore gives no value."""

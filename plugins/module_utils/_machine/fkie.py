@@ -76,7 +76,7 @@ def nodes(
     answer = foreign([python, "-c", _LOOK, json.dumps(wanted)], environment, _LOOKING)
     answers = last_line(answer.output)
     if not isinstance(answers, list) or len(answers) != len(wanted):
-        why = plain((answer.error.splitlines() or ["no answer"])[-1])
+        why = plain(answer.last_error or "no answer")
         return [_node(node, "", why) for node in wanted]
     return [_check_answer(node, entry) for node, entry in zip(wanted, answers)]
 
@@ -105,9 +105,7 @@ def packages(wanted: typing.List[str], record: str = INSTALLED) -> typing.List[t
     versions: typing.Dict[str, typing.Dict[str, str]] = {}
     if names:
         # As nobody, so that not even apt's cache is written.
-        versions = policy(
-            run(["apt-cache", "policy"] + names, limit=_APT, unprivileged=True).output.decode("utf-8", "replace")
-        )
+        versions = policy(run(["apt-cache", "policy"] + names, limit=_APT, unprivileged=True).text)
     nothing = {"installed": "", "candidate": ""}
     return [dict(versions.get(name, nothing), name=name, ours=name in ours) for name in names]
 

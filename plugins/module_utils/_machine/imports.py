@@ -40,5 +40,5 @@ def attempt(python: str, modules: typing.Sequence[str], environment: typing.Dict
     result = result if isinstance(result, dict) else {}
     version, missing = result.get("version"), result.get("missing")
     if not isinstance(version, str) or not _VERSION.fullmatch(version) or not isinstance(missing, list):
-        return Trial("", [], plain((answer.error.splitlines() or ["no answer"])[-1]))
+        return Trial("", [], plain(answer.last_error or "no answer"))
     return Trial(version, [name for name in modules if name in missing])

@@ -130,7 +130,7 @@ def routes_from_batch(answer: Answer, addresses: typing.Sequence[str]) -> typing
         for why, number in re.findall(r"([^\n]*)\n?Command failed -:(\d+)", answer.error)
         if 0 < int(number) <= len(addresses)
     }
-    lines = answer.output.decode("utf-8", "replace").splitlines()
+    lines = answer.text.splitlines()
     reached = [address for address in addresses if address not in failed]
     if len(lines) != len(reached):
         return {address: RouteTo(address, error=answer.error or "ip gave no answer") for address in addresses}
@@ -149,13 +149,13 @@ def is_address(text: str) -> bool:
 
 def default_routes() -> typing.List[RouteTo]:
     """Read the default routes of IPv4 in the table main."""
-    output = run(["ip", "-4", "route", "show", "default"]).output.decode("utf-8", "replace")
+    output = run(["ip", "-4", "route", "show", "default"]).text
     return [route_from_text(line, "default") for line in output.splitlines() if line.startswith("default")]
 
 
 def policy_rules() -> typing.List[str]:
     """Read the rules of IPv4 beside the kernel's own three (ip-rule(8))."""
-    output = run(["ip", "-4", "rule", "show"]).output.decode("utf-8", "replace")
+    output = run(["ip", "-4", "rule", "show"]).text
     lines = (" ".join(line.split()) for line in output.splitlines())
     return [line for line in lines if not re.fullmatch(r"\d+: from all lookup (local|main|default)", line)]
 

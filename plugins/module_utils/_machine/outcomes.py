@@ -54,6 +54,11 @@ class Connection(typing.NamedTuple):
     milliseconds: typing.Optional[float]  # None unless it opened
     error: str  # the kernel's words; empty where it opened, or where no answer came
 
+    @property
+    def words(self) -> str:
+        """Say in a few words what came of it."""
+        return "open" if self.outcome == Outcome.OPEN else self.error or "no answer"
+
 
 def connect(address: str, port: int, patience: float) -> Connection:
     """Open a TCP connection, and close it."""

@@ -200,7 +200,7 @@ def source(setup: str) -> typing.Tuple[typing.Dict[str, str], str]:
     variables = read_variables(answer.output)
     if answer.status == 0 and variables:
         return variables, ""
-    error = quote((answer.error.splitlines() or [""])[-1].rstrip(".")) or "it says nothing"
+    error = quote(answer.last_error.rstrip(".")) or "it says nothing"
     return {}, explain_closed(
         [setup]
     ) or f"The set-up file {quote(setup)}, sourced by {shell}, sets no variables: {error}."
@@ -277,7 +277,7 @@ def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
 def explain_closed(paths: typing.Iterable[str]) -> str:
     """Explain in a sentence which folder or file on the way to these paths is closed to the user nobody; "" if all are open."""
     answer = run([PYTHON, "-I", "-c", _CLOSED] + [path for path in paths if os.path.exists(path)], unprivileged=True)
-    part = answer.output.decode("utf-8", "replace").strip()
+    part = answer.text.strip()
     if not part:
         return ""
     kind, right = ("folder", "x") if os.path.isdir(part) else ("file", "r")

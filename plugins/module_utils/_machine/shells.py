@@ -255,7 +255,7 @@ def _login() -> typing.Optional[typing.Dict[str, str]]:
     answer = run(["bash", "-lc", "printf '\\0\\0'; exec /usr/bin/env -0"], clean, unprivileged=True)
     if answer.status == -1:
         return None
-    entries = answer.output.decode("utf-8", "replace").partition("\0\0")[2].split("\0")
+    entries = answer.text.partition("\0\0")[2].split("\0")
     pairs = [entry.partition("=") for entry in entries]
     return {name: value for name, equals, value in pairs if equals and name not in _OF_THE_SHELL}
 
@@ -267,11 +267,7 @@ def _ssh() -> typing.Optional[typing.Dict[str, str]]:
     answer = run([daemon, "-T", "-C", "user=nobody,host=localhost,addr=127.0.0.1"])
     if answer.status != 0:
         return None
-    lines = [
-        line[len("setenv ") :]
-        for line in answer.output.decode("utf-8", "replace").splitlines()
-        if line.startswith("setenv ")
-    ]
+    lines = [line[len("setenv ") :] for line in answer.text.splitlines() if line.startswith("setenv ")]
     return dict(line.partition("=")[::2] for line in lines)
 
 
@@ -285,7 +281,7 @@ def _desktop() -> typing.Optional[typing.Dict[str, str]]:
                 answer = run([program], dict(variables, **environment), unprivileged=True)
                 if answer.status != 0:
                     return None
-                environment.update(read_generated(answer.output.decode("utf-8", "replace")))
+                environment.update(read_generated(answer.text))
             return environment
     return None
 

@@ -18,7 +18,7 @@ def system(root: str = "/") -> typing.Dict[str, typing.Any]:
     for word in _words(text(os.path.join(root, "etc/os-release"))):
         name, _equals, value = word.partition("=")
         release[name] = value
-    version = re.match(r"systemd (\d+)", run(["systemctl", "--version"]).output.decode("utf-8", "replace"))
+    version = re.match(r"systemd (\d+)", run(["systemctl", "--version"]).text)
     return {
         "hostname": os.uname().nodename,
         "python": platform.python_version(),
@@ -65,7 +65,7 @@ def folders(wanted: typing.Iterable[str]) -> typing.List[str]:
 def multicast_routing() -> typing.Dict[str, typing.Any]:
     """Find smcrouted, and the active units of other programs that pass multicast on."""
     places = (os.path.join(folder, "smcrouted") for folder in ("/usr/sbin", "/usr/local/sbin", "/sbin"))
-    states = run(["systemctl", "is-active"] + list(_MULTICAST_ROUTERS)).output.decode("utf-8", "replace").split()
+    states = run(["systemctl", "is-active"] + list(_MULTICAST_ROUTERS)).text.split()
     return {
         "smcrouted": next((path for path in places if os.access(path, os.X_OK)), ""),
         "others": [unit for unit, state in zip(_MULTICAST_ROUTERS, states) if state == "active"],

@@ -27,7 +27,7 @@ def show(units: typing.Sequence[str], properties: typing.Sequence[str], limit: f
     """
     answer = commands.run(["systemctl", "show", "--property=" + ",".join(properties), "--"] + list(units), limit=limit)
     error = "" if answer.status == 0 else answer.error or str(answer.status)
-    return UnitProperties(parse(answer.output.decode("utf-8", "replace")), error)
+    return UnitProperties(parse(answer.text), error)
 
 
 def parse(output: str) -> typing.List[Properties]:

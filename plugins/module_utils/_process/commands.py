@@ -29,6 +29,16 @@ class Answer(typing.NamedTuple):
     output: bytes
     error: str
 
+    @property
+    def text(self) -> str:
+        """The output as text."""
+        return self.output.decode("utf-8", "replace")
+
+    @property
+    def last_error(self) -> str:
+        """The last line of the errors, empty where there is none."""
+        return (self.error.splitlines() or [""])[-1]
+
 
 def run(
     argv: typing.Sequence[str],

@@ -294,7 +294,7 @@ def _read_pairs(words: typing.List[str], raw: Raw) -> None:
 
 def _add_locks(raws: typing.List[Raw], answer: Answer) -> None:
     """Add what only the text says: metrics that are locked."""
-    lines = from_text(answer.output.decode("utf-8", "replace"))
+    lines = from_text(answer.text)
     same = len(lines) == len(raws) and all(
         line["dst"] == raw.get("dst") and line.get("metric", 0) == raw.get("metric", 0)
         for line, raw in zip(lines, raws)
@@ -324,7 +324,7 @@ def read_routes(version: int, table: int) -> typing.List[KernelRoute]:
             _add_locks(raws, run(["ip", "-oneline", *show], limit=_LIMIT))
     except ValueError:
         answer = run(["ip", "-oneline", *show], limit=_LIMIT)
-        raws = from_text(answer.output.decode("utf-8", "replace"))
+        raws = from_text(answer.text)
     if answer.status != 0:
         raise Problem(f"routes: the kernel's routes cannot be read ({quote(answer.error)}), expected the command ip.")
     # Routes for one kind of service, or for some senders only, have other keys for the kernel. They are never ours.

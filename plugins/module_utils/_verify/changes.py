@@ -102,5 +102,5 @@ def carrier(interface: str) -> str:
     """Return the last line of the journal of this start about the link of an interface; empty where there is none."""
     pattern = rf"\b{re.escape(interface)}\b.*(link|carrier|disconnect|deauth)"
     argv = ["journalctl", "-b", "-q", "--no-pager", "-o", "short-iso", "-n", "1", "--grep", pattern]
-    lines = commands.run(argv, limit=LOG).output.decode("utf-8", "replace").splitlines()
+    lines = commands.run(argv, limit=LOG).text.splitlines()
     return lines[-1].strip()[:200] if lines else ""

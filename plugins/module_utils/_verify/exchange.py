@@ -12,6 +12,7 @@ import xmlrpc.client
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import message_types, tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import NODE, STATE
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.facts import IMPORTS, SYNC_INFO
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import CALLER, NO_SCRIPT, Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, classify_error
@@ -20,8 +21,6 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.dead
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import last_line
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import resolve
 
-IMPORTS = "/rosfleet_multimaster/imports"  # the bundled master_sync writes there what it registers, and for whom
-SYNC_INFO = "/get_sync_info"  # the end of the name of upstream's service for it
 TYPES = 20.0  # seconds for the classes of all types
 NODES = 20.0  # seconds for the connections of all nodes
 

@@ -7,12 +7,12 @@ They would be found as nodes that do not answer, on every robot.
 """
 
 import re
-import socket
 import typing
 from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.listener import listener_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, connect
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talker import node_of
 
 CONNECT = 2.0  # seconds
@@ -40,11 +40,5 @@ def end_ghosts(ros: Ros, computer: str) -> typing.List[str]:
 
 def _has_ended(uri: str) -> bool:
     """Return True if nobody listens there. Who does not answer may be busy."""
-    try:
-        parsed = urlsplit(uri)
-        socket.create_connection((parsed.hostname or "", parsed.port or 0), timeout=CONNECT).close()
-    except ConnectionRefusedError:
-        return True
-    except OSError:
-        pass
-    return False
+    parsed = urlsplit(uri)
+    return connect(parsed.hostname or "", parsed.port or 0, CONNECT).outcome == Outcome.REFUSED

@@ -18,4 +18,4 @@ def last_lines(service: str, lines: int) -> typing.Tuple[typing.List[str], str]:
     answer = run([*command, f"--lines={lines}", f"--unit=multimaster-{service}.service"], limit=_LIMIT)
     if answer.status != 0:
         return [], plain(answer.error or f"journalctl ended with {answer.status}")
-    return [plain(line, LINE) for line in answer.output.decode("utf-8", "replace").splitlines()[-2 * lines :]], ""
+    return [plain(line, LINE) for line in answer.text.splitlines()[-2 * lines :]], ""

@@ -211,12 +211,9 @@ def _count(link: socket.socket, identifier: int, got: typing.Dict[str, typing.Se
 def try_unused_port(address: str) -> typing.Tuple[Outcome, str]:
     """Try a TCP port that no program uses. It is refused where the computer is there; else the text says why nothing came."""
     answer = connect(address, UNUSED, ANSWER)
-    if answer.outcome in (
-        Outcome.REFUSED,
-        Outcome.OPEN,
-    ):  # if a program listens all the same, the computer is there as well
+    if answer.outcome == Outcome.OPEN:  # a program listens all the same, so the computer is there as well
         return Outcome.REFUSED, "refused"
-    return answer.outcome, answer.error or "no answer"
+    return answer.outcome, "refused" if answer.outcome == Outcome.REFUSED else answer.words
 
 
 # What a user without rights finds: a file of name services may be closed to all but root.
@@ -342,7 +339,7 @@ def default_routes() -> typing.List[typing.Dict[str, typing.Optional[str]]]:
 
 def policy() -> typing.Dict[str, typing.List[str]]:
     """Read the rules that lead to other tables, and the routes of all tables that lead nowhere (ip-route(8))."""
-    shown = run(["ip", "-4", "route", "show", "table", "all"]).output.decode("utf-8", "replace")
+    shown = run(["ip", "-4", "route", "show", "table", "all"]).text
     lines = (" ".join(line.split()) for line in shown.splitlines())
     closed = [line for line in lines if line.startswith(CLOSED)]
     return {"rules": machine.policy_rules()[:MOST_LINES], "closed": closed[:MOST_LINES]}

@@ -96,5 +96,5 @@ def state() -> typing.Dict[str, typing.Any]:
     if state == "active":
         return {"running": True, "error": ""}
     answer = run(["journalctl", "--quiet", "--no-pager", "--output=cat", "--lines=5", "--unit=" + TALKER])
-    lines = answer.output.decode("utf-8", "replace").strip().splitlines()
+    lines = answer.text.strip().splitlines()
     return {"running": False, "error": plain(lines[-1]) if lines else "it did not run"}

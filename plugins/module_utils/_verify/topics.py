@@ -69,7 +69,7 @@ def _reach(entry: typing.Dict[str, typing.Any]) -> typing.Tuple[Outcome, str]:
     except ValueError:
         return Outcome.FAILED, "its URI is none"
     answer = connect(*address, CONNECT)
-    return answer.outcome, "open" if answer.outcome == Outcome.OPEN else answer.error or "no answer"
+    return answer.outcome, answer.words
 
 
 def _topic(talker: str, name: str, message: typing.Dict[str, typing.Any], wanted: str) -> typing.Dict[str, typing.Any]:

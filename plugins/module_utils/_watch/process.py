@@ -101,12 +101,9 @@ class Looks:
 
     def results(self) -> typing.Iterator[typing.Dict[typing.Tuple[str, str], str]]:
         """Yield what was seen since."""
-        try:
-            while True:
-                yield self._done.get_nowait()
-                self._busy = False
-        except queue.Empty:
-            return
+        while not self._done.empty():
+            yield self._done.get()
+            self._busy = False
 
 
 def serve(raw: socket.socket, door: socket.socket, path: str, targets: Targets, port: int, lifetime: float) -> None:

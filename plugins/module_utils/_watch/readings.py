@@ -7,11 +7,11 @@ kernel, or a connection that is closed at once. A value that cannot be read is a
 """
 
 import hashlib
-import socket
 import time
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network, systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, connect
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.ports import address_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.memberships import igmp_memberships
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
@@ -104,13 +104,10 @@ def ports(masters: typing.Sequence[typing.Tuple[str, str, int]]) -> Values:
 
 
 def _opens(address: str, port: int) -> str:
-    for _attempt in range(2):  # one lost packet is no loss
-        try:
-            socket.create_connection((address, port), timeout=CONNECT).close()
-            return "open"
-        except OSError as problem:
-            why = problem.strerror or "no answer"
-    return why
+    answer = connect(address, port, CONNECT)
+    if answer.outcome != Outcome.OPEN:  # one lost packet is no loss
+        answer = connect(address, port, CONNECT)
+    return answer.words
 
 
 class LastLook:

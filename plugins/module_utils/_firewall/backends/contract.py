@@ -110,7 +110,7 @@ def run_command(argv: typing.Sequence[str]) -> commands.Answer:
 def run_or_fail(argv: typing.Sequence[str]) -> str:
     """Run a command; returns its output. Raises Problem with its message."""
     answer = run_command(argv)
-    output = answer.output.decode("utf-8", "replace")
+    output = answer.text
     if answer.status != 0:
         message = quote((answer.error + " " + output).strip(), LINE) or f"status {answer.status}"
         raise Problem(

@@ -96,7 +96,7 @@ class BackEnd(contract.BackEnd):
         for policy in _EGRESS:
             answer = contract.run_command(["firewall-cmd", f"--policy={policy}", "--list-rich-rules"])
             if answer.status == 0:
-                rules += [f"{policy}: {line}" for line in answer.output.decode("utf-8", "replace").splitlines() if line]
+                rules += [f"{policy}: {line}" for line in answer.text.splitlines() if line]
         return sorted(rules)
 
     def plan_rules(self, packet_filter: PacketFilter) -> contract.Rules:

@@ -71,7 +71,7 @@ class BackEnd(contract.BackEnd):
         if not contract.find_program("nft"):
             return []
         answer = contract.run_command(["nft", "-s", "list", "table", "inet", TABLE])
-        return answer.output.decode("utf-8", "replace").splitlines() if answer.status == 0 else []
+        return answer.text.splitlines() if answer.status == 0 else []
 
     def plan_rules(self, packet_filter: PacketFilter) -> contract.Rules:
         if not contract.find_program("nft"):
@@ -82,7 +82,7 @@ class BackEnd(contract.BackEnd):
         answer = contract.run_command(["unshare", "--net", "sh", "-c", _SCRATCH, "sh", render_table(packet_filter)])
         if answer.status != 0:
             raise Problem(_explain_failure(" ".join(answer.error.split())[:200]))
-        return answer.output.decode("utf-8", "replace").splitlines()
+        return answer.text.splitlines()
 
     def plan_files(self, packet_filter: PacketFilter) -> typing.List[contract.File]:
         nft = contract.find_program("nft") or "/usr/sbin/nft"

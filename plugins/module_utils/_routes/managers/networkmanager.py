@@ -66,7 +66,7 @@ def active_profiles() -> typing.Dict[str, Active]:
 
 
 def _split_fields(answer: commands.Answer, number: int) -> typing.List[typing.List[str]]:
-    lines = answer.output.decode("utf-8", "replace").splitlines() if answer.status == 0 else []
+    lines = answer.text.splitlines() if answer.status == 0 else []
     return [line.split(":", number - 1) for line in lines if line.count(":") >= number - 1]
 
 
