@@ -7,6 +7,7 @@ Ports of ssh are not touched: those on which an ssh server of root listens, and 
 where the connection comes by a program other than ssh, on a port that the filter closes.
 """
 
+import contextlib
 import ipaddress
 import os
 import re
@@ -19,7 +20,6 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.comm
 
 _SERVERS = ("sshd", "sshd-session", "dropbear")  # processes that serve ssh
 _SOCKETS = ("ssh.socket", "sshd.socket")  # units of systemd that listen for one
-_SOCKET = re.compile(r"socket:\[([0-9]+)\]")
 _NUMBER = re.compile(r"[0-9]{1,5}\Z")
 _MOST_ANCESTORS = 64
 
@@ -75,12 +75,11 @@ def read_access(proc: str = "/proc") -> Access:
 def _find_sessions(connections: typing.Iterable[ports.Socket], proc: str) -> typing.List[Session]:
     """The connections that this process's ancestors serve."""
     by_inode = {connection.inode: connection for connection in connections}
-    sessions = []
+    sessions: typing.List[Session] = []
     for pid, name in _list_ancestors(proc):
-        for inode in _list_inodes(f"{proc}/{pid}/fd"):
-            if inode in by_inode:
-                connection = by_inode.pop(inode)
-                sessions.append(Session(connection.port, connection.peer, name))
+        with contextlib.suppress(OSError):  # the process has ended, or root in a container may not look
+            served = [by_inode.pop(inode) for inode in ports.list_inodes(pid, proc) if inode in by_inode]
+            sessions += [Session(connection.port, connection.peer, name) for connection in served]
     return sessions
 
 
@@ -94,18 +93,6 @@ def _list_ancestors(proc: str) -> typing.Iterator[typing.Tuple[int, str]]:
             return
         yield pid, fields.group(1)
         pid = int(fields.group(2))
-
-
-def _list_inodes(folder: str) -> typing.List[str]:
-    """The inodes of a process's open sockets."""
-    inodes = []
-    try:
-        for name in os.listdir(folder):
-            socket = _SOCKET.match(os.readlink(os.path.join(folder, name)))
-            inodes += [socket.group(1)] if socket else []
-    except OSError:  # the process has ended, or root in a container may not look
-        return inodes
-    return inodes
 
 
 def _find_ssh_servers(candidates: typing.Set[int], proc: str) -> typing.Set[int]:

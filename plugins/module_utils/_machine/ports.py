@@ -83,20 +83,23 @@ def _owners(
     unreadable: typing.Dict[int, typing.List[int]] = {}
     if not inodes:
         return owners, unreadable
-    wanted = {f"socket:[{inode}]": inode for inode in inodes}
     for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
-        folder = os.path.join(proc, str(pid), "fd")
         try:
-            links = [_link(os.path.join(folder, descriptor)) for descriptor in os.listdir(folder)]
+            own = list_inodes(pid, proc)
         except PermissionError:
             unreadable.setdefault(_user_of(pid, proc), []).append(pid)
             continue
         except OSError:
             continue  # it ended
-        for link in links:
-            if link in wanted:
-                owners[wanted[link]] = pid
+        owners.update((inode, pid) for inode in own if inode in inodes)
     return owners, unreadable
+
+
+def list_inodes(pid: int, proc: str) -> typing.List[str]:
+    """The inodes of a process's open sockets. Raises OSError where it has ended, or may not be looked at."""
+    folder = os.path.join(proc, str(pid), "fd")
+    links = [_link(os.path.join(folder, descriptor)) for descriptor in os.listdir(folder)]
+    return [link[len("socket:[") : -1] for link in links if link.startswith("socket:[")]
 
 
 def _link(path: str) -> str:

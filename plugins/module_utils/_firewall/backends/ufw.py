@@ -171,47 +171,35 @@ class BackEnd(contract.BackEnd):
 
 def list_rules(packet_filter: PacketFilter, versions: typing.Iterable[int]) -> typing.List[UfwRule]:
     """The wanted rules in their order: those that allow come first."""
-    allows, denies = [], []
+    rules: typing.List[UfwRule] = []
     for version in versions:
         anybody = ANYBODY[version]
         for protocol in ("tcp", "udp"):
-            allows += [
+            rules += [
                 UfwRule("allow", protocol, _RANGE, anybody, member) for member in packet_filter.list_members(version)
             ]
-            allows += [
-                UfwRule("allow", protocol, port, anybody, anybody) for port in _list_open_ports(packet_filter, protocol)
-            ]
-            denies += [
-                UfwRule("deny", protocol, ports, anybody, anybody)
-                for ports in _list_closed_ranges(packet_filter, protocol)
-            ]
+            rules += _list_port_rules(packet_filter, protocol, "", anybody, anybody)
     # A switch sends its IGMP queries from any address; ufw's default refuses them.
-    allows.append(UfwRule("allow", "igmp", "any", ANYBODY[4], ANYBODY[4]))
+    rules.append(UfwRule("allow", "igmp", "any", ANYBODY[4], ANYBODY[4]))
     for network in packet_filter.networks:
         for member in packet_filter.list_members(4):
             if member != network:
-                allows.append(UfwRule("route:allow", destination=network, source=member))
-                allows.append(UfwRule("route:allow", destination=member, source=network))
+                rules.append(UfwRule("route:allow", destination=network, source=member))
+                rules.append(UfwRule("route:allow", destination=member, source=network))
         for protocol in ("tcp", "udp"):
-            allows += [
-                UfwRule("route:allow", protocol, port, network, ANYBODY[4])
-                for port in _list_open_ports(packet_filter, protocol)
-            ]
-            denies += [
-                UfwRule("route:deny", protocol, ports, network, ANYBODY[4])
-                for ports in _list_closed_ranges(packet_filter, protocol)
-            ]
-    return [*dict.fromkeys(allows), *dict.fromkeys(denies)]
+            rules += _list_port_rules(packet_filter, protocol, "route:", network, ANYBODY[4])
+    return sorted(dict.fromkeys(rules), key=lambda rule: not rule.is_allow)
 
 
-def _list_open_ports(packet_filter: PacketFilter, protocol: str) -> typing.List[str]:
-    """The ports that a rule opens. Those of ssh have no rule: the rules of others decide about them."""
-    return [str(port.number) for port in packet_filter.open_ports if port.protocol == protocol]
-
-
-def _list_closed_ranges(packet_filter: PacketFilter, protocol: str) -> typing.List[str]:
+def _list_port_rules(
+    packet_filter: PacketFilter, protocol: str, kind: str, destination: str, source: str
+) -> typing.List[UfwRule]:
+    """The rules for all senders: ports that stay open, and ports that are closed. The rules of others decide about those of ssh."""
+    opens = [(port.number, port.number) for port in packet_filter.open_ports if port.protocol == protocol]
     return [
-        str(first) if first == last else f"{first}:{last}" for first, last in packet_filter.list_closed_ranges(protocol)
+        UfwRule(kind + action, protocol, str(first) if first == last else f"{first}:{last}", destination, source)
+        for action, ranges in (("allow", opens), ("deny", packet_filter.list_closed_ranges(protocol)))
+        for first, last in ranges
     ]
 
 
