@@ -61,6 +61,10 @@ class ModuleRun:
         """The sentences of `msg`."""
         raise NotImplementedError
 
+    def undo_files(self) -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]:
+        """The files that a dead-man's switch restores, each with its content; `apply_runtime` may write some."""
+        return []
+
     def undo_last(self) -> typing.List[typing.List[str]]:
         """The commands with which a dead-man's switch ends its way back, after the files."""
         return []

@@ -302,10 +302,6 @@ class Run(ModuleRun):
         """The commands that restore the kernel's routes as this run found them, also from half way."""
         return [plan.build_undo_command(change) for change in self.plan.undo]
 
-    def undo_files(self) -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]:
-        """The files to restore together with the routes: none, since `apply_runtime` writes none."""
-        return []
-
     def apply_runtime(self) -> None:
         """Change the kernel's routes alone. Raises Problem, with everything as it was before."""
         carry_out([self._kernel_step()])

@@ -236,16 +236,16 @@ def boots_with_systemd(tree: Tree) -> bool:
 
 def sysctl_d(tree: Tree) -> typing.List[Assignment]:
     """systemd-sysctl.service(8), or `sysctl --system` of procps. Only procps reads /etc/sysctl.conf itself."""
-    files = configuration_files(tree, SYSCTL_FOLDERS)
-    if not boots_with_systemd(tree):
-        files.append("/etc/sysctl.conf")
-        assignments = [assignment for path in files for assignment in parse(tree.read(path), path)]
-        # procps knows excluded keys for patterns alone; a line that sets the key itself counts.
-        keys = {assignment.key for assignment in assignments if assignment.value is not None}
-        return [assignment for assignment in assignments if assignment.value is not None or assignment.key not in keys]
-    elif tree.is_masked("systemd-sysctl.service"):
-        files = []
-    return [assignment for path in files for assignment in parse(tree.read(path), path)]
+    systemd = boots_with_systemd(tree)
+    if systemd and tree.is_masked("systemd-sysctl.service"):
+        return []
+    files = configuration_files(tree, SYSCTL_FOLDERS) + ([] if systemd else ["/etc/sysctl.conf"])
+    assignments = [assignment for path in files for assignment in parse(tree.read(path), path)]
+    if systemd:
+        return assignments
+    # procps knows excluded keys for patterns alone; a line that sets the key itself counts.
+    keys = {assignment.key for assignment in assignments if assignment.value is not None}
+    return [assignment for assignment in assignments if assignment.value is not None or assignment.key not in keys]
 
 
 def ufw(tree: Tree) -> typing.List[Assignment]:

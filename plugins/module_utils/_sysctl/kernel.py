@@ -9,10 +9,7 @@ import re
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.rights import (
-    has_all_rights,
-    may_change_network,
-)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import rights
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import matches, name_of, normal
 
 Values = typing.Dict[str, typing.Optional[str]]  # key -> value in normal form, None where there is no such key
@@ -35,10 +32,6 @@ class KeyState(typing.NamedTuple):
 # The keys that the kernel changes beside a key
 
 
-def _copy(value: str) -> str:
-    return value
-
-
 def _opposite(value: str) -> str:
     return "1" if value == "0" else "0"
 
@@ -52,10 +45,14 @@ class Rule(typing.NamedTuple):
 
     key: str  # a pattern of keys
     others: str  # a pattern of those that change; `{}` is the last level of the key
-    value: typing.Callable[[str], str] = _copy  # their value, from that of the key
+    value: typing.Callable[[str], str] = str  # their value, from that of the key
     spares: bool = False  # keys with another value than this key keep it
     but: typing.Tuple[str, ...] = ()  # interfaces that do not change
     unless: typing.Tuple[str, ...] = ()  # last levels of keys that change nothing
+
+    def changes(self, other: str) -> bool:
+        """True where the kernel changes this key, in a rule for one key."""
+        return matches(self.others, other) and not any(level in self.but for level in other.split("/"))
 
 
 # Entries whose default is not copied (DEVINET_SYSCTL_FLUSHING_ENTRY and forwarding in net/ipv4/devinet.c).
@@ -88,38 +85,29 @@ RULES: typing.Tuple[Rule, ...] = (
 )
 
 
-class Others(typing.NamedTuple):
-    """A rule for one key."""
-
-    pattern: str
-    rule: Rule
-
-    def has(self, other: str) -> bool:
-        """True where the kernel changes this key."""
-        return matches(self.pattern, other) and not any(level in self.rule.but for level in other.split("/"))
-
-
-def others_of(key: str) -> typing.List[Others]:
-    """The other keys that the kernel changes with this key."""
+def rules_of(key: str) -> typing.List[Rule]:
+    """The rules for this key alone."""
     last = key.rpartition("/")[2]
     return [
-        Others(rule.others.format(last), rule) for rule in RULES if matches(rule.key, key) and last not in rule.unless
+        rule._replace(key=key, others=rule.others.format(last))
+        for rule in RULES
+        if matches(rule.key, key) and last not in rule.unless
     ]
 
 
 def followers(key: str, value: str, keys: typing.Iterable[str]) -> typing.Dict[str, str]:
     """The keys, among `keys`, that the kernel can set beside this key, with what they hold where they follow this value."""
-    others, values = others_of(key), {}
-    for other in keys if others else ():
-        for entry in others:
-            if other != key and entry.has(other):
-                values[other] = entry.rule.value(value)
+    rules, values = rules_of(key), {}
+    for other in keys if rules else ():
+        for rule in rules:
+            if other != key and rule.changes(other):
+                values[other] = rule.value(value)
     return values
 
 
 def keeps_deviations(key: str) -> bool:
     """True if other keys that have a value of their own keep it when this key changes."""
-    return any(entry.rule.spares for entry in others_of(key))
+    return any(rule.spares for rule in rules_of(key))
 
 
 def find_side_effects(key: str, value: str, values: typing.Mapping[str, str]) -> typing.Dict[str, str]:
@@ -136,7 +124,7 @@ def find_side_effects(key: str, value: str, values: typing.Mapping[str, str]) ->
 
 def changes_others(key: str) -> bool:
     """True where the kernel changes other keys beside this one."""
-    return bool(others_of(key))
+    return bool(rules_of(key))
 
 
 def changes_others_first(keys: typing.Iterable[str]) -> typing.List[str]:
@@ -181,18 +169,22 @@ _SENTENCES = {
     "take it off the settings, or give the container the capability for it.",
     "invalid": "{name}: the kernel refuses the value {wanted} ({reason}) and keeps {found}: "
     "give a value that it accepts.",
+    "changed": "{name}: the kernel was given {wanted} and holds {found}, expected the same: write the value as the kernel says it.",
 }
 
 
 def refusal(path: str, setting: Setting, value: typing.Optional[str], number: int) -> typing.Tuple[str, str]:
-    """The state and the sentence for a setting that the kernel refuses with this errno. `value`: the present one, None for no key."""
+    """The state and the sentence for a setting that the kernel refuses with this errno, or (0) turns into another value.
+
+    `value`: the present one, None for no key.
+    """
     state = _STATES.get(number, "invalid")
     if state == "missing" and value is not None:
         state = "invalid"  # the key is there, and the kernel knows nothing of the name that the value is
     capability = "the capability NET_ADMIN" if setting.key.startswith("net/") else "some capabilities of root"
-    kind = state
+    kind = state if number else "changed"
     if state == "denied" and os.geteuid() == 0:
-        all_there = may_change_network() if setting.key.startswith("net/") else has_all_rights()
+        all_there = rights.may_change_network() if setting.key.startswith("net/") else rights.has_all_rights()
         kind = "denied to root" if all_there else "denied without a capability"
     return state, _SENTENCES[kind].format(
         name=name_of(setting.key),
@@ -245,7 +237,7 @@ class Kernel:
         except OSError as problem:
             return KeyState(value, problem.errno or errno.EIO)
         guarded = self.proc == PROC and any(matches(one, key) for one in _FOR_NET_ADMIN)
-        return KeyState(value, errno.EPERM if guarded and not may_change_network() else 0)
+        return KeyState(value, errno.EPERM if guarded and not rights.may_change_network() else 0)
 
     def keys(self, pattern: str) -> typing.List[str]:
         """The keys of this kernel that a pattern matches; `*` stands for one whole level."""
@@ -259,8 +251,8 @@ class Kernel:
 
     def read_with_others(self, keys: typing.Iterable[str]) -> typing.Dict[str, KeyState]:
         """The values of these keys, and of the keys that the kernel changes beside them."""
-        entries = [entry for key in keys for entry in others_of(key)]
-        others = [other for entry in entries for other in self.keys(entry.pattern) if entry.has(other)]
+        rules = [rule for key in keys for rule in rules_of(key)]
+        others = [other for rule in rules for other in self.keys(rule.others) if rule.changes(other)]
         states = {key: self.look(key) for key in keys}
         states.update((key, self.look(key)) for key in others if key not in states)
         return states

@@ -29,27 +29,9 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kerne
     followers,
     keeps_deviations,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.record import Entry, SettingsRecord
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.record import Data, Entry, SettingsRecord
 
 HEADER = "# Managed by Ansible: rosfleet.multimaster.sysctl writes this whole file, so changes here do not last.\n"
-
-
-class Removal(typing.NamedTuple):
-    """The result for a setting that is no longer listed; the fields are those of the module's return value."""
-
-    name: str
-    runtime_before: typing.Optional[str]
-    runtime_after: typing.Optional[str]
-    expected: str  # the value that we had set
-    state: str  # restored, left or missing
-
-
-class SideEffect(typing.NamedTuple):
-    """A key that the kernel changes beside a listed one; the fields are those of the module's return value."""
-
-    name: str
-    before: str
-    after: str
 
 
 class Plan(typing.NamedTuple):
@@ -61,8 +43,8 @@ class Plan(typing.NamedTuple):
     interim: SettingsRecord
     final: SettingsRecord
     after: Values
-    removals: typing.List[Removal]
-    side_effects: typing.List[SideEffect]
+    removals: typing.List[Data]  # of settings that are no longer listed, as the module returns them
+    side_effects: typing.List[Data]  # keys that the kernel changes beside listed ones, as the module returns them
 
 
 # The option
@@ -219,7 +201,7 @@ def _find_removals(record: SettingsRecord, kept: typing.Set[str]) -> typing.List
     return sorted(entries, key=lambda entry: not changes_others(entry.key))
 
 
-def _take_back(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> Removal:
+def _take_back(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> Data:
     """The result for a setting that is no longer listed; its writes go to the simulated kernel."""
     value = kernel.values.get(entry.key)
     if value is None:
@@ -229,7 +211,9 @@ def _take_back(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> Remo
     else:
         state = "restored"
         _restore(entry, kept, kernel)
-    return Removal(name_of(entry.key), value, kernel.values.get(entry.key), entry.set[-1], state)
+    after = kernel.values.get(entry.key)
+    expected = entry.set[-1]  # the value that we had set
+    return dict(name=name_of(entry.key), runtime_before=value, runtime_after=after, expected=expected, state=state)
 
 
 def _restore(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> None:
@@ -288,11 +272,11 @@ def _original_value(
 
 def _find_side_effects(
     settings: typing.List[Setting], kernel: _Simulation, base: typing.Mapping[str, str]
-) -> typing.List[SideEffect]:
+) -> typing.List[Data]:
     """The keys with a value of their own that change with a listed key. `base`: the values before the settings."""
     keys = {setting.key for setting in settings}
     return [
-        SideEffect(name_of(other), base[other], kernel.values[other])
+        dict(name=name_of(other), before=base[other], after=kernel.values[other])
         for setting in settings
         if setting in kernel.writes
         for other in followers(setting.key, setting.value, kernel.values)

@@ -13,14 +13,9 @@ import re
 import stat
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, writable
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, transaction, writable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Forecast, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
-    Step,
-    StepFailure,
-    carry_out,
-)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference, mode_difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence
@@ -52,6 +47,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.plan 
     plan,
     settings_of,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.record import Data
 
 _REMOVALS = {
     "restored": "{name} is {runtime_after} again.",
@@ -79,7 +75,6 @@ OPTIONS = {
 }
 
 Options = typing.Mapping[str, typing.Any]
-Data = typing.Dict[str, typing.Any]  # JSON
 
 
 class Run(ModuleRun):
@@ -115,7 +110,6 @@ class Run(ModuleRun):
         self.plan = plan(
             self.settings, self.current, self.recorded, self.drop_in, self._find_missing_folders(), self.optional
         )
-        self.taken_back = [dict(item._asdict()) for item in self.plan.removals]
         self.items = self._items()
         self.wrong_mode = self._wrong_mode()
         # Anything to do: in the kernel, in the drop-ins, or in the record.
@@ -273,23 +267,18 @@ class Run(ModuleRun):
 
         outcomes = trial.try_values(self.kernel, writes)
         refusals = [
-            self._forecast_sentence(Setting(key, writes[key]), *outcomes[key])
-            for key in outcomes
-            if outcomes[key] != (0, writes[key])
+            refusal(self.kernel.path(key), Setting(key, writes[key]), self.current[key] if number else value, number)[1]
+            for key, (number, value) in outcomes.items()
+            if (number, value) != (0, writes[key])
         ]
         open_ = [key for key in writes if key not in outcomes and not _alike(writes[key], self.current[key])]
         names = ", ".join(f"{name_of(key)} = {writes[key]}" for key in open_)
         return Forecast(refusals, [f"Check mode cannot know whether the kernel takes {names}."] if names else [])
 
-    def _forecast_sentence(self, setting: Setting, number: int, value: str) -> str:
-        if number:
-            return refusal(self.kernel.path(setting.key), setting, self.current[setting.key], number)[1]
-        return _deviation(setting, value)
-
     @property
     def warnings(self) -> typing.List[str]:
         """The sentences about conflicts, and about settings that were changed after our run."""
-        return self.conflicts + [_sentence(item) for item in self.taken_back if item["state"] == "left"]
+        return self.conflicts + [_sentence(item) for item in self.plan.removals if item["state"] == "left"]
 
     @property
     def difference(self) -> typing.List[typing.Dict[str, str]]:
@@ -313,8 +302,8 @@ class Run(ModuleRun):
         return {
             "settings": self.items,
             "conflicts": self.conflicts,
-            "taken_back": self.taken_back,
-            "also_changed": [dict(item._asdict()) for item in self.plan.side_effects],
+            "taken_back": self.plan.removals,
+            "also_changed": self.plan.side_effects,
             "drop_in": self.drop_in,
         }
 
@@ -328,9 +317,9 @@ class Run(ModuleRun):
         """The sentences of `msg`."""
         changed = sum(item["changed"] for item in self.items)
         sentences = [f"{changed} of {len(self.items)} kernel settings changed."] if self.items else []
-        sentences += [_sentence(item) for item in self.taken_back]
+        sentences += [_sentence(item) for item in self.plan.removals]
         sentences += [
-            f"The kernel changed {item.name} from {quote(item.before)} to {quote(item.after)} with it."
+            f"The kernel changed {item['name']} from {quote(item['before'])} to {quote(item['after'])} with it."
             for item in self.plan.side_effects
         ]
         return " ".join(sentences) or "No kernel settings are ours."
@@ -360,10 +349,6 @@ class Run(ModuleRun):
             if value is not None
         ]
 
-    def undo_files(self) -> typing.Sequence[typing.Tuple[str, typing.Optional[bytes]]]:
-        """The files to restore with the values. The list is empty: `apply_runtime` writes no file."""
-        return ()
-
     def apply_runtime(self) -> None:
         """Write the kernel's values alone. Raises Problem as `apply`."""
         self._carry_out([self._kernel_step()])
@@ -372,19 +357,13 @@ class Run(ModuleRun):
 
     def apply(self) -> None:
         """Make everything as planned. Raises Problem; then all is as it was, or the sentence says what is not."""
-        steps = [Step("leftovers of a killed run", do=self._remove_leftovers)]
+        steps = [transaction.Step("leftovers of a killed run", do=self._remove_leftovers)]
         if self.changed:
-            interim, final = self.plan.interim.plain(), self.plan.final.plain()
             steps += [
-                Step(
-                    self.record.path,
-                    do=lambda: self.record.save(interim),
-                    undo=lambda: self.record.save(self.stored),
-                    only_if_all_undone=True,  # else the next run needs the record of the change to repair it
-                ),
+                transaction.intent(self.record, self.plan.interim.plain(), self.stored),
                 self._kernel_step(),
-                Step(self.drop_in, do=self._write_files, undo=self._restore_files),
-                Step(self.record.path, do=lambda: self.record.save(final)),
+                transaction.Step(self.drop_in, do=self._write_files, undo=self._restore_files),
+                transaction.outcome(self.record, self.plan.final.plain()),
             ]
         self._carry_out(steps)
 
@@ -395,9 +374,9 @@ class Run(ModuleRun):
         if not self.stored:
             self.record.save({})
 
-    def _kernel_step(self) -> Step:
+    def _kernel_step(self) -> transaction.Step:
         what = f"the values in {self.kernel.proc}"
-        return Step(what, do=self._write_values, undo=self._restore_values, failure="{reason}")
+        return transaction.Step(what, do=self._write_values, undo=self._restore_values, failure="{reason}")
 
     def _write_values(self) -> None:
         for write in self.plan.writes:
@@ -405,7 +384,7 @@ class Run(ModuleRun):
                 self.kernel.write(write.key, write.value)
             except OSError as problem:
                 if write in self.settings:
-                    raise self._refuse(write, problem.errno or errno.EIO) from problem
+                    raise self._refusal_of(write, problem.errno or errno.EIO) from problem
                 # Taken back: the kernel may take the value when another key has its value from before.
         wrong = self.kernel.settle(self.plan.goals)
         for key, number in wrong.items():
@@ -413,22 +392,13 @@ class Run(ModuleRun):
             if setting not in self.settings:
                 _state, text = refusal(self.kernel.path(key), setting, self.current[key], number or errno.EINVAL)
                 raise Problem("Taking back " + text)
-            raise self._refuse_deviation(setting)
+            raise self._refusal_of(setting, 0)
 
-    def _item_of(self, setting: Setting) -> Data:
-        return self.items[self.settings.index(setting)]
-
-    def _refuse(self, setting: Setting, number: int) -> Problem:
-        """Note in the item that the kernel refuses a listed value; returns the problem that ends the run."""
+    def _refusal_of(self, setting: Setting, number: int) -> Problem:
+        """Note in the item that the kernel refuses a listed value, or (0) holds another; returns the problem that ends the run."""
         # Read again: an interface may have gone with its keys.
         state, text = refusal(self.kernel.path(setting.key), setting, self.kernel.look(setting.key).value, number)
-        self._item_of(setting).update(state=state, problem=text, changed=False)
-        return Problem(text)
-
-    def _refuse_deviation(self, setting: Setting) -> Problem:
-        """Note in the item that the kernel holds another value; returns the problem that ends the run."""
-        text = _deviation(setting, self.kernel.look(setting.key).value)
-        self._item_of(setting).update(state="invalid", problem=text, changed=False)
+        self.items[self.settings.index(setting)].update(state=state, problem=text, changed=False)
         return Problem(text)
 
     def _restore_values(self) -> typing.List[str]:
@@ -437,15 +407,15 @@ class Run(ModuleRun):
         self.lost = [name_of(key) for key in enabled if self.kernel.look(key).value == "1"]
         return self.kernel.restore(self.current)
 
-    def _carry_out(self, steps: typing.Iterable[Step]) -> None:
+    def _carry_out(self, steps: typing.Iterable[transaction.Step]) -> None:
         try:
-            carry_out(steps)
-        except StepFailure as problem:
+            transaction.carry_out(steps)
+        except transaction.StepFailure as problem:
             if not self.lost or problem.left:
                 raise
             end = "not the addresses and routes of IPv6 that the kernel removed with"
             text = f"{sentence(problem.cause)} The values are as they were before, but {end} {', '.join(self.lost)}."
-            raise StepFailure(problem.cause, problem.left, text) from problem
+            raise transaction.StepFailure(problem.cause, problem.left, text) from problem
 
     def _write_files(self) -> None:
         text = self.plan.text
@@ -474,14 +444,6 @@ class Run(ModuleRun):
         """Remove the folders that we made for the drop-in and that are empty."""
         for folder in reversed(self.plan.interim.folders):
             atomic.remove_folder_if_empty(folder)
-
-
-def _deviation(setting: Setting, value: typing.Optional[str]) -> str:
-    """The sentence for a value that the kernel turns into another one."""
-    return (
-        f"{name_of(setting.key)}: the kernel was given {setting.value} and holds {quote(value)}, expected the same: write the value as the "
-        "kernel says it."
-    )
 
 
 def _alike(value: str, current: typing.Optional[str]) -> bool:

@@ -51,7 +51,7 @@ def test_taking_back_restores_a_value_of_ours():
     back = plan([], {FORWARD: "1"}, record)
     assert back.writes == [(FORWARD, "0")]
     assert (back.text, back.final) == (None, SettingsRecord())
-    assert [(item.state, item.runtime_after) for item in back.removals] == [("restored", "0")]
+    assert [(item["state"], item["runtime_after"]) for item in back.removals] == [("restored", "0")]
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_taking_back_leaves_a_value_of_somebody_else(found, state, after):
     record = plan(settings_of(ip_forward="1"), {FORWARD: "0"}).final
     back = plan([], {FORWARD: found}, record)
     assert back.writes == []
-    assert [(item.state, item.runtime_after) for item in back.removals] == [(state, after)]
+    assert [(item["state"], item["runtime_after"]) for item in back.removals] == [(state, after)]
 
 
 def test_the_other_name_of_a_key_is_the_same_setting():
@@ -90,13 +90,13 @@ def test_keys_set_apart_are_named_and_come_back():
     back = plan([], done.after, done.final)
     assert back.after == before
     off = plan(settings_of(ip_forward="0"), {FORWARD: "1", ETH0: "0", LO: "1", REDIRECTS: "1"})
-    assert [(item.name, item.before, item.after) for item in off.side_effects] == []
+    assert [(item["name"], item["before"], item["after"]) for item in off.side_effects] == []
     off = plan(settings_of(ip_forward="0"), {FORWARD: "1", ETH0: "1", LO: "1", REDIRECTS: "0"})
     assert off.side_effects == []
     on = plan(settings_of(ip_forward="1"), {FORWARD: "0", ETH0: "0", LO: "0", REDIRECTS: "1"})
     assert on.side_effects == []  # the rest follows by itself, which is no news
     two = plan(settings_of(ip_forward="2"), {FORWARD: "0", ETH0: "1", LO: "0"})
-    assert [(item.name, item.before, item.after) for item in two.side_effects] == [
+    assert [(item["name"], item["before"], item["after"]) for item in two.side_effects] == [
         ("net.ipv4.conf.eth0.forwarding", "1", "2")
     ]
 
@@ -125,7 +125,9 @@ def test_two_ways_to_say_one_limit():
     settings = settings_plan.settings_of([{"name": "vm.dirty_bytes", "value": 100000000}])
     done = plan(settings, start)
     assert done.after == {"vm/dirty_bytes": "100000000", "vm/dirty_ratio": "0"}
-    assert [(item.name, item.before, item.after) for item in done.side_effects] == [("vm.dirty_ratio", "20", "0")]
+    assert [(item["name"], item["before"], item["after"]) for item in done.side_effects] == [
+        ("vm.dirty_ratio", "20", "0")
+    ]
     back = plan([], done.after, done.final)
     assert (back.after, dict(back.goals)) == (start, {"vm/dirty_ratio": "20"})
 

@@ -568,7 +568,7 @@ def test_a_value_that_cannot_be_put_back_stays_in_the_record(machine, monkeypatc
     with pytest.raises(Problem, match=r"Not put back: .*/ip_forward \(Input/output error\)\.$"):
         run.apply()
     assert machine.value("ip_forward") == "1"
-    assert sysctl.Run(machine.options([])).taken_back[1]["state"] == "restored"
+    assert sysctl.Run(machine.options([])).plan.removals[1]["state"] == "restored"
     sysctl.Run(machine.options([])).apply()
     assert (machine.value("ip_forward"), machine.records.exists()) == ("0", False)
 
