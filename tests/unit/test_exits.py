@@ -136,6 +136,8 @@ def calls_a_module(path):
 class Module:
     """An AnsibleModule that keeps what it is given."""
 
+    params: dict = {}
+
     def __init__(self):
         self.said = []
 

@@ -51,6 +51,10 @@ class RolledBack(Problem):
     """The confirmation did not come in time, so the former state is back."""
 
 
+class FormerConnection(Problem):
+    """The confirming run came over the connection from before the change, so the change still waits."""
+
+
 def connection(proc: str = "/proc") -> str:
     """Return the connection that asked for this run as PID-START: the nearest ancestor that serves ssh.
 
@@ -282,7 +286,7 @@ class Guard:
     def begin(self) -> typing.Any:
         """Finish or roll back an earlier run; returns the memory of the run that is to be confirmed, or None.
 
-        Ends the module where the connection is still the one from before the change. Raises Problem.
+        Raises Problem; FormerConnection where the connection is still the one from before the change.
         """
         if self.seconds < 0 or (self.seconds and not self.token):
             raise Problem(
@@ -298,13 +302,7 @@ class Guard:
             self.state = "none"
             return None
         if self.state == "armed" and state["connection"] and state["connection"] == connection():
-            ends.leave(
-                self.module,
-                changed=False,
-                unconfirmed=True,
-                same_connection=True,
-                msg=f"The {self.what} are not confirmed: this is the connection from before the change.",
-            )
+            raise FormerConnection(f"The {self.what} are not confirmed: this is the connection from before the change.")
         self.changed = self.state in ("armed", "confirmed")
         return state.get("memory") if self.changed else None
 
@@ -390,9 +388,11 @@ class Guard:
             f"back{' first' if waits else ''}.",
         )
 
-    def fail(self, problem: Problem, **result: typing.Any) -> None:
-        """End the module with a sentence; a change that was to be confirmed is rolled back."""
+    def failure(self, problem: Problem, **result: typing.Any) -> typing.Dict[str, typing.Any]:
+        """Return the result of a module that ends with a sentence; a change that was to be confirmed is rolled back."""
         sentence = str(problem)
+        if isinstance(problem, FormerConnection):
+            return {"changed": False, "unconfirmed": True, "same_connection": True, "msg": sentence}
         if not self.module.check_mode and self.state == "armed" and not self.rolled_back:
             failures = self._roll_back()
             self.rolled_back = not failures
@@ -401,7 +401,7 @@ class Guard:
                 if failures
                 else f" So the {self.what} were taken back, and the machine is as it was before."
             )
-        ends.fail(self.module, sentence, unconfirmed=False, rolled_back=self.rolled_back, **result)
+        return dict(result, failed=True, msg=sentence, unconfirmed=False, rolled_back=self.rolled_back)
 
     def give_up(self) -> str:
         """Take back what waits for a confirmation with this token, or was taken back; returns a sentence where there is any."""
@@ -413,6 +413,6 @@ class Guard:
             return f"Taking the {self.what} back failed, too: {', '.join(failures)}"
         return f"So the {self.what} were taken back, too."
 
-    def exit(self, changed: bool, **result: typing.Any) -> None:
-        """End the module with its result."""
-        ends.leave(self.module, changed=changed or self.changed, unconfirmed=self.unconfirmed, **result)
+    def success(self, changed: bool, **result: typing.Any) -> typing.Dict[str, typing.Any]:
+        """Return the result of a module."""
+        return dict(result, changed=changed or self.changed, unconfirmed=self.unconfirmed)

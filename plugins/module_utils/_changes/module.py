@@ -75,10 +75,7 @@ class ModuleRun:
 
 
 class PlainGuard:
-    """The ends of a module without a dead-man's switch, with the methods of deadman.Guard."""
-
-    def __init__(self, module: typing.Any) -> None:
-        self.module = module
+    """The frame of a run without a dead-man's switch, with the methods of deadman.Guard."""
 
     def begin(self) -> typing.Any:
         """Return the memory of an earlier run: there is none."""
@@ -88,13 +85,13 @@ class PlainGuard:
         """Carry out the plan. Raises Problem."""
         run.apply()
 
-    def fail(self, problem: Problem, **result: typing.Any) -> None:
-        """End the module with a sentence."""
-        ends.fail(self.module, str(problem), **result)
+    def failure(self, problem: Problem, **result: typing.Any) -> Fields:
+        """Return the result of a module that ends with a sentence."""
+        return dict(result, failed=True, msg=str(problem))
 
-    def exit(self, changed: bool, **result: typing.Any) -> None:
-        """End the module with its result."""
-        ends.leave(self.module, changed=changed, **result)
+    def success(self, **result: typing.Any) -> Fields:
+        """Return the result of a module."""
+        return result
 
 
 def run_module(module: typing.Any, make: typing.Callable[[typing.Any], ModuleRun], guard: typing.Any = None) -> None:
@@ -102,39 +99,40 @@ def run_module(module: typing.Any, make: typing.Callable[[typing.Any], ModuleRun
 
     `make` makes the ModuleRun out of the memory of an earlier run, which only a guard (deadman.Guard) has.
     """
+    guard = guard or PlainGuard()
     folders = [] if module.check_mode else [module.params["records"]]
     try:
         with lock.hold(folders, module._name) as unlocked:
-            run_locked(module, make, guard, unlocked)
+            result = run_locked(module, make, guard, unlocked)
     except Problem as problem:  # of the lock
-        (guard or PlainGuard(module)).fail(problem)
+        result = guard.failure(problem)
+    return (ends.fail if result.pop("failed", False) else ends.leave)(module, **result)
 
 
 def run_locked(
     module: typing.Any,
     make: typing.Callable[[typing.Any], ModuleRun],
-    guard: typing.Any = None,
-    unlocked: typing.Iterable[str] = (),
-) -> None:
-    """Run a module and end it, as `run_module`, where the lock is held already. `unlocked`: why it is not, see lock.hold."""
-    guard = guard or PlainGuard(module)
+    guard: typing.Any,
+    unlocked: typing.Iterable[str],
+) -> Fields:
+    """Run a module where the lock is held already; returns its result. `unlocked`: why it is not held, see lock.hold."""
 
     def make_run() -> ModuleRun:
         _check_texts(module.params, "")
         return make(guard.begin())
 
+    run = None
     try:
         run = lock.read_undisturbed(module.params["records"], make_run) if module.check_mode else make_run()
-    except Problem as problem:
-        return guard.fail(problem)
-    try:
         _carry_out(module, run, guard, unlocked)
     except Problem as problem:
-        return guard.fail(problem, **run.failure(problem))
+        result: Fields = guard.failure(problem, **(run.failure(problem) if run else {}))
+        return result
     result = run.result()
     if module._diff and run.difference is not None:
         result["diff"] = run.difference
-    return guard.exit(changed=run.changed, msg=run.summary(module.check_mode), **result)
+    result = guard.success(changed=run.changed, msg=run.summary(module.check_mode), **result)
+    return result
 
 
 def _check_texts(value: typing.Any, place: str) -> None:

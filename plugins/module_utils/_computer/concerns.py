@@ -15,17 +15,11 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.probl
 Options = typing.Mapping[str, typing.Any]
 
 
-class Tools(typing.NamedTuple):
-    """The methods of AnsibleModule that a run needs."""
-
-    back_up: typing.Callable[[str], str]
-
-
 class Code(typing.NamedTuple):
     """The code of a concern."""
 
     options: Options  # the argument_spec of its module, without that of a confirmation
-    make: typing.Callable[[Options, typing.Any, Tools], typing.Any]  # options, memory (see deadman.Guard) -> ModuleRun
+    make: typing.Callable[[typing.Any, typing.Any], typing.Any]  # module, memory (see deadman.Guard) -> ModuleRun
 
 
 class Concern(typing.NamedTuple):
@@ -40,43 +34,43 @@ class Concern(typing.NamedTuple):
 def _sysctl() -> Code:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run
 
-    return Code(run.OPTIONS, lambda options, memory, tools: run.Run(options, memory))
+    return Code(run.OPTIONS, lambda module, memory: run.Run(module.params, memory))
 
 
 def _routes() -> Code:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import run
 
-    return Code(run.OPTIONS, lambda options, memory, tools: run.Run(options, memory))
+    return Code(run.OPTIONS, lambda module, memory: run.Run(module.params, memory))
 
 
 def _hosts() -> Code:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import run
 
-    return Code(run.OPTIONS, lambda options, memory, tools: run.Run(options, tools.back_up))
+    return Code(run.OPTIONS, lambda module, memory: run.Run(module.params, module.backup_local))
 
 
 def _files() -> Code:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import file_bundle as run
 
-    return Code(run.OPTIONS, lambda options, memory, tools: run.ManagedFiles(options))
+    return Code(run.OPTIONS, lambda module, memory: run.ManagedFiles(module.params))
 
 
 def _services() -> Code:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import service_bundle as run
 
-    return Code(run.OPTIONS, lambda options, memory, tools: run.ManagedServices(options))
+    return Code(run.OPTIONS, lambda module, memory: run.ManagedServices(module.params))
 
 
 def _firewall() -> Code:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import run
 
-    return Code(run.OPTIONS, lambda options, memory, tools: run.Run(options, memory))
+    return Code(run.OPTIONS, lambda module, memory: run.Run(module.params, memory))
 
 
 def _packages() -> Code:
     from ansible_collections.rosfleet.multimaster.plugins.module_utils._packages import run
 
-    return Code(run.OPTIONS, lambda options, memory, tools: run.Packages(options))
+    return Code(run.OPTIONS, lambda module, memory: run.Packages(module.params))
 
 
 CONCERNS = (

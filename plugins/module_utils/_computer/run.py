@@ -10,7 +10,7 @@ which confirms, does the others. A concern that fails ends the run: earlier ones
 import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman, lock
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, run_locked
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, PlainGuard, run_locked
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer import concerns
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import Concern, Options
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
@@ -27,16 +27,8 @@ SHELLS = dict(
 )
 
 
-class ConcernEnd(Exception):
-    """The end of a concern, with its result."""
-
-    def __init__(self, result: Fields) -> None:
-        super().__init__()
-        self.result = result
-
-
 class ConcernModule:
-    """Stands for the AnsibleModule of one concern: where the concern ends, the run goes on."""
+    """Stands for the AnsibleModule of one concern."""
 
     def __init__(self, module: typing.Any, concern: Concern, options: Options, switches: str) -> None:
         """Read the options. Raises Problem where they are wrong."""
@@ -45,25 +37,13 @@ class ConcernModule:
         specification = dict(deadman.OPTIONS, **self.code.options) if concern.guarded else self.code.options
         self.params = concerns.validate(concern, specification, options)
         self.check_mode, self._diff, self.warn = module.check_mode, module._diff, module.warn
-        self.tools = concerns.Tools(module.backup_local)
+        self.backup_local = module.backup_local
         switch = deadman.Switch(concern.name, switches)
         self.guard = deadman.Guard(self, concern.name, concern.guarded, switch) if concern.guarded else None
 
-    def exit_json(self, **result: typing.Any) -> None:
-        """End the concern."""
-        raise ConcernEnd(result)
-
-    def fail_json(self, **result: typing.Any) -> None:
-        """End the concern with a failure."""
-        raise ConcernEnd(dict(result, failed=True))
-
     def carry_out(self, unlocked: typing.Iterable[str]) -> Fields:
         """Carry the concern out; returns its result. `unlocked`: see lock.hold."""
-        try:
-            run_locked(self, lambda memory: self.code.make(self.params, memory, self.tools), self.guard, unlocked)
-        except ConcernEnd as end:
-            return end.result
-        raise AssertionError(f"{self.concern.name} has no end")
+        return run_locked(self, lambda memory: self.code.make(self, memory), self.guard or PlainGuard(), unlocked)
 
 
 def carry_out(

@@ -35,36 +35,24 @@ def warn(module: typing.Any, sentence: str) -> None:
 
 def _long_options(module: typing.Any) -> typing.Dict[str, typing.Any]:
     """Return the options, shortened, where one is long: Ansible returns them, and the controller keeps them for each host."""
-    if not hasattr(module, "argument_spec"):  # a part of a module, whose result has no such entry
-        return {}
-    short = _shorten(module.params)
+    short = _change_texts(module.params, lambda text: text if len(text) <= _LONG else f"({len(text)} characters)")
     return {} if short == module.params else {"invocation": {"module_args": short}}
-
-
-def _shorten(value: typing.Any) -> typing.Any:
-    """Return a copy with the length in place of each long text."""
-    if isinstance(value, str) and len(value) > _LONG:
-        return f"({len(value)} characters)"
-    if isinstance(value, dict):
-        return {name: _shorten(part) for name, part in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_shorten(part) for part in value]
-    return value
 
 
 def _plain(result: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
     """Make all texts of a result plain. Those of `diff` are files and keep their lines."""
     made = plain_data({name: value for name, value in result.items() if name != "diff"})
     if "diff" in result:
-        made["diff"] = _lines(result["diff"])
+        made["diff"] = _change_texts(result["diff"], lambda text: plain_lines(text, VALUE))
     return made
 
 
-def _lines(value: typing.Any) -> typing.Any:
+def _change_texts(value: typing.Any, change: typing.Callable[[str], str]) -> typing.Any:
+    """Return a copy of plain data with each text changed."""
     if isinstance(value, str):
-        return plain_lines(value, VALUE)
+        return change(value)
     if isinstance(value, dict):
-        return {plain(name, VALUE): _lines(part) for name, part in value.items()}
+        return {_change_texts(name, change): _change_texts(part, change) for name, part in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_lines(part) for part in value]
+        return [_change_texts(part, change) for part in value]
     return value

@@ -275,10 +275,6 @@ def test_names_with_blanks_and_brackets(tmp_path):
 # The module's side
 
 
-class Ended(Exception):
-    """The module has ended, with this result."""
-
-
 class Module:
     """What a Guard needs of a module."""
 
@@ -288,12 +284,6 @@ class Module:
 
     def warn(self, sentence):
         self.warnings.append(sentence)
-
-    def exit_json(self, **result):
-        raise Ended(result)
-
-    def fail_json(self, **result):
-        raise Ended(dict(result, failed=True))
 
 
 class FilesRun:
@@ -351,18 +341,17 @@ def play(tmp_path, switch, monkeypatch):
         monkeypatch.setattr(deadman, "connection", lambda: name)
         module = Module(check_mode=check, **options)
         guard = deadman.Guard(module, "test", "test values", switch)
-        with pytest.raises(Ended) as ended:
-            try:
-                run = FilesRun(tmp_path, wanted, guard.begin(), breaks)
-                changed = run.changed
-                if refused:
-                    raise Problem(refused)
-                if not check:
-                    guard.apply(run)
-            except Problem as problem:
-                guard.fail(problem)
-            guard.exit(changed=changed)
-        return types.SimpleNamespace(**{"failed": False, **ended.value.args[0]}, warnings=module.warnings)
+        try:
+            run = FilesRun(tmp_path, wanted, guard.begin(), breaks)
+            changed = run.changed
+            if refused:
+                raise Problem(refused)
+            if not check:
+                guard.apply(run)
+            result = guard.success(changed=changed)
+        except Problem as problem:
+            result = guard.failure(problem)
+        return types.SimpleNamespace(**{"failed": False, **result}, warnings=module.warnings)
 
     play.state = lambda: ((tmp_path / "runtime").read_text(), (tmp_path / "boot").read_text())
     play.clean = lambda: not (tmp_path / "run").exists()

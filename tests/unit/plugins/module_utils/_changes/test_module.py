@@ -115,14 +115,14 @@ class Guard(shell.PlainGuard):
     def apply(self, run):
         run.applied = "guarded"
 
-    def fail(self, problem, **result):
-        self.module.fail_json(msg=f"{problem} Rolled back.", **result)
+    def failure(self, problem, **result):
+        return dict(result, failed=True, msg=f"{problem} Rolled back.")
 
 
 def test_a_guard_is_asked_at_every_end():
     module = Module()
     memories = []
-    assert end(module, lambda memory: memories.append(memory) or Run(), Guard(module))["applied"] == "guarded"
+    assert end(module, lambda memory: memories.append(memory) or Run(), Guard())["applied"] == "guarded"
     assert memories == ["memory"]
-    refused = end(module, lambda memory: Run(["No."]), Guard(module))
+    refused = end(module, lambda memory: Run(["No."]), Guard())
     assert refused["msg"] == "No. Rolled back."

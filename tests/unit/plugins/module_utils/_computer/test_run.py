@@ -74,7 +74,7 @@ class Change(ModuleRun):
 
 
 def concern(name, guarded=""):
-    return Concern(name, lambda: Code(OPTIONS, lambda options, memory, tools: Change(options, memory)), guarded)
+    return Concern(name, lambda: Code(OPTIONS, lambda module, memory: Change(module.params, memory)), guarded)
 
 
 SETTINGS, ROUTES, FILES = concern("sysctl", "kernel settings"), concern("routes", "routes"), concern("managed_files")
@@ -84,7 +84,7 @@ class Module:
     """An AnsibleModule that keeps its end."""
 
     _diff = True
-    backup_local = None
+    backup_local, params = None, {}
 
     def __init__(self, check_mode=False):
         self.check_mode, self.end, self.warned = check_mode, None, []
