@@ -194,9 +194,7 @@ class Switch:
 
     def release(self) -> bool:
         """Keep the change: there will be no rollback. False where the script was faster, or there is no switch."""
-        try:
-            os.rename(self._path("armed"), self._path("confirmed"))
-        except FileNotFoundError:
+        if not self._turn("armed", "confirmed"):
             return False
         self.timer.stop(self.unit)
         self._stopped = True
@@ -209,17 +207,11 @@ class Switch:
     def rearm(self) -> None:
         """Let the way back run once more, after the end of one that has begun. Raises Problem where that one hangs."""
         self.look("")
-        try:
-            os.rename(self._path("rolled_back"), self._path("armed"))
-        except FileNotFoundError:
-            pass
+        self._turn("rolled_back", "armed")
 
     def roll_back_now(self) -> None:
         """Roll back at once, also after a release. Raises Problem where the script did not run to its end."""
-        try:
-            os.rename(self._path("confirmed"), self._path("armed"))
-        except FileNotFoundError:
-            pass
+        self._turn("confirmed", "armed")
         commands.run(["/bin/sh", self._path("undo.sh")], limit=_LIMIT)
         self.look("")  # waits, where the timer was faster
         self.timer.stop(self.unit)
@@ -236,6 +228,14 @@ class Switch:
             atomic.remove(self._path(name))
         atomic.remove_folder_if_empty(self.folder)
         atomic.remove_folder_if_empty(self.base)
+
+    def _turn(self, mark: str, successor: str) -> bool:
+        """Change the state; False where it is another one."""
+        try:
+            os.rename(self._path(mark), self._path(successor))
+        except FileNotFoundError:
+            return False
+        return True
 
     def _mark(self) -> str:
         return next((mark for mark in _MARKS if os.path.exists(self._path(mark))), "none")

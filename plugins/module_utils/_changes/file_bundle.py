@@ -5,15 +5,9 @@
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files, writable
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files, transaction, writable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
-    StepFailure,
-    carry_out,
-    intent,
-    outcome,
-)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence, unreadable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
@@ -56,16 +50,13 @@ class ManagedFiles(ModuleRun):
         self.options = options
         self.bundle = options["bundle"]
         try:
-            self.record = files.record_of("files", self.bundle, options["records"])
-            self.wanted = files.parse_files(options["files"])
-            self.remembered = self.record.load()
-            self.machine = files.read(self.wanted, self.remembered, self.record)
-            self.plan = files.plan_files(self.wanted, self.remembered, self.machine)
+            self.files = files.FileBundle(self.bundle, options["records"], options["files"])
         except OSError as problem:
             raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
+        self.plan, self.machine = self.files.plan, self.files.machine
         self.reloaded = self._to_reload(options.get("reload") or {})
         self.unread = False  # its files are as planned, and it could not be reloaded
-        self.changed = files.changes(self.plan) or bool(self.reloaded)
+        self.changed = self.files.changed or bool(self.reloaded)
 
     def _to_reload(self, reload: typing.Mapping[str, typing.Any]) -> str:
         """The service that is to read its files again, empty for none."""
@@ -76,7 +67,7 @@ class ManagedFiles(ModuleRun):
     @property
     def refusals(self) -> typing.List[str]:
         """The sentences on what cannot be written here; else that on the first file that its own command refuses."""
-        obstacles = writable.obstacles(files.places(self.plan, self.record))
+        obstacles = writable.obstacles(self.files.places)
         others = sorted(file.path for file in self.plan.writes if file.owner not in (None, self.machine.owner))
         if others and self.machine.owner[0] != 0 and not obstacles:
             obstacles = [
@@ -105,17 +96,12 @@ class ManagedFiles(ModuleRun):
 
     def apply(self) -> None:
         """Write and remove the files, or put everything back and raise StepFailure."""
-        steps = []
-        if files.changes(self.plan):
-            steps = [intent(self.record, self.plan.intent, self.remembered, failure=files.RECORD_RESTORE_FAILURE)]
-            steps += files.steps(self.plan, self.machine)
-        after = self.plan.after if any(self.plan.after.values()) else {}
         try:
-            carry_out([*steps, outcome(self.record, after)])
-        except StepFailure as problem:
+            transaction.carry_out(self.files.steps_around())
+        except transaction.StepFailure as problem:
             sentences = [f"The files of the bundle {self.bundle} could not be written: {sentence(problem.cause)}"]
             sentences += problem.left or ["Everything that this run had changed was put back."]
-            raise StepFailure(problem.cause, problem.left, " ".join(sentences)) from problem
+            raise transaction.StepFailure(problem.cause, problem.left, " ".join(sentences)) from problem
         if self.reloaded:
             self._reload()
 
@@ -131,26 +117,26 @@ class ManagedFiles(ModuleRun):
 
     def failure(self, problem: Problem) -> Fields:
         """The fields of a failed change: `changed` says that something is left of it."""
-        if isinstance(problem, StepFailure):
+        if isinstance(problem, transaction.StepFailure):
             return {"changed": bool(problem.left)}
-        return {"changed": files.changes(self.plan)} if self.unread else {}
+        return {"changed": self.files.changed} if self.unread else {}
 
     def result(self) -> Fields:
         """The return values beside `changed`, `msg` and `diff`."""
         return {
             "files": [dict(path=item.path, state=item.state, mode=f"{item.mode:04o}") for item in self.plan.items],
             "removed": self.plan.removals,
-            "folders_made": self.plan.folders_made,
-            "folders_removed": self.plan.folders_removed,
+            "folders_made": self.plan.folders.made,
+            "folders_removed": self.plan.folders.removed,
             "notes": self.plan.notes,
             "reloaded": self.reloaded,
-            "digest": files.digest(self.wanted),
+            "digest": files.digest(self.files.wanted),
         }
 
     @property
     def difference(self) -> typing.List[typing.Dict[str, str]]:
         """The entries of `diff`."""
-        return files.differences(self.plan, self.machine, self.options["brief"])
+        return self.files.differences(self.options["brief"])
 
     def summary(self, check_mode: bool) -> str:
         """One sentence on all that was done, with the notes."""

@@ -20,7 +20,7 @@ import typing
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, ownership
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, intent, outcome
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import trust
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
@@ -96,9 +96,7 @@ class FilePlan(typing.NamedTuple):
     items: typing.List[Item]  # one per planned file, in its order
     writes: typing.List[PlannedFile]
     removals: typing.List[str]
-    rubbish: typing.List[str]  # of an interrupted run, and byte code in owned folders whose source is gone
-    folders_made: typing.List[str]  # outermost first
-    folders_removed: typing.List[str]  # innermost first
+    folders: "FolderPlan"
     notes: typing.List[str]
     intent: Data  # the record while the run is at work
     after: Data  # the record after it
@@ -172,8 +170,11 @@ def read(files: typing.List[PlannedFile], remembered: Data, record: Record) -> M
         states={path: look(path) for path in paths if path not in unsafe},
         folders={folder: _kind(folder) for file in files for folder in _parents(file.path)},
         entries=_entries([folder for folder in owned_folders if folder not in unsafe]),
-        leftovers=_leftovers(
-            path for path, entry in remembered.get("files", {}).items() if path not in unsafe and "writing" in entry
+        leftovers=sorted(
+            leftover
+            for path, entry in remembered.get("files", {}).items()
+            if path not in unsafe and "writing" in entry
+            for leftover in atomic.leftovers(path)
         ),
         folders_of_others=_folders_of_others(record),
         owner=(os.geteuid(), os.getegid()),
@@ -185,10 +186,6 @@ def _entries(folders: typing.Iterable[str]) -> Entries:
     """The names in these folders and in their byte-code caches."""
     both = [path for folder in folders for path in (folder, os.path.join(folder, _CACHE))]
     return {path: set(os.listdir(path)) for path in both if os.path.isdir(path) and not os.path.islink(path)}
-
-
-def _leftovers(paths: typing.Iterable[str]) -> typing.List[str]:
-    return sorted(leftover for path in paths for leftover in atomic.leftovers(path))
 
 
 def _unsafe(paths: typing.Iterable[str], folders: typing.Iterable[str]) -> typing.Dict[str, str]:
@@ -295,7 +292,10 @@ def plan_files(files: typing.List[PlannedFile], remembered: Data, machine: Machi
     """Plan the changes; pure. Raises Problem, with a sentence per path, where something not owned is in the way."""
     _refuse_unsafe(files, machine)
     owned = find_owned_files(remembered, machine)
-    items = [_plan_item(file, machine, owned.get(file.path)) for file in files]
+    items = [
+        Item(file.path, _state(file, machine.states[file.path], owned.get(file.path), machine.owner), file.mode)
+        for file in files
+    ]
     kept = {file.path: file for file, item in zip(files, items) if item.state != "foreign"}
     removals = [path for path in sorted(owned) if path not in kept and machine.states[path] is not None]
     _refuse(files, items, machine, removals)
@@ -307,18 +307,11 @@ def plan_files(files: typing.List[PlannedFile], remembered: Data, machine: Machi
         items=items,
         writes=writes,
         removals=removals,
-        rubbish=folders.rubbish,
-        folders_made=folders.made,
-        folders_removed=folders.removed,
+        folders=folders,
         notes=[*_notes(items, removals, folders, owned, machine), *_notes_on_unsafe(remembered, machine)],
         intent={"files": _files_of_intent(owned, writes), "folders": sorted(before | set(folders.owned))},
         after={"files": {path: {"written": _fingerprint(kept[path])} for path in kept}, "folders": folders.owned},
     )
-
-
-def _plan_item(file: PlannedFile, machine: Machine, owned: typing.Optional[str]) -> Item:
-    """One planned file; `owned` is the fingerprint of what was written last, None for a file that is not owned."""
-    return Item(file.path, _state(file, machine.states[file.path], owned, machine.owner), file.mode)
 
 
 def _files_of_intent(
@@ -334,7 +327,7 @@ def _files_of_intent(
 def _notes(
     items: typing.List[Item],
     removals: typing.List[str],
-    folders: "_Folders",
+    folders: "FolderPlan",
     owned: typing.Dict[str, str],
     machine: Machine,
 ) -> typing.List[str]:
@@ -358,7 +351,10 @@ def _notes_on_unsafe(remembered: Data, machine: Machine) -> typing.List[str]:
 def _state(
     file: PlannedFile, present: typing.Optional[FileState], owned: typing.Optional[str], owner: typing.Tuple[int, int]
 ) -> str:
-    """The state of a planned file as in Item, or "conflict": something that is not owned is in its way."""
+    """The state of a planned file as in Item, or "conflict": something that is not owned is in its way.
+
+    `owned` is the fingerprint of what was written last, None for a file that is not owned.
+    """
     if present is None:
         return "edited" if owned else "written"
     right = _matches(present, _fingerprint(file))
@@ -423,26 +419,26 @@ def _describe_conflict(file: PlannedFile, present: typing.Optional[FileState]) -
     )
 
 
-class _Folders(typing.NamedTuple):
+class FolderPlan(typing.NamedTuple):
     """The part of a plan that is about folders."""
 
-    made: typing.List[str]
-    removed: typing.List[str]
+    made: typing.List[str]  # outermost first
+    removed: typing.List[str]  # innermost first
     kept: typing.List[str]  # no longer needed, but not empty
-    rubbish: typing.List[str]
+    rubbish: typing.List[str]  # of an interrupted run, and byte code in owned folders whose source is gone
     owned: typing.List[str]  # after the change
 
 
 def _plan_folders(
     kept: typing.Iterable[str], removals: typing.List[str], before: typing.Set[str], machine: Machine
-) -> _Folders:
+) -> FolderPlan:
     """Plan the folders for the files that are owned from now on; `before` are the folders in the record."""
     needed = {folder for path in kept for folder in _parents(path)}
     made = sorted(folder for folder in needed if not machine.folders[folder])
     rubbish = machine.leftovers + _orphans(before, set(removals), set(kept), machine.entries)
     removed, staying = _find_empty_folders(before - needed, before, set(removals) | set(rubbish), machine.entries)
     owned = sorted((before | machine.folders_of_others | set(made)) & needed)
-    return _Folders(made, removed, staying, rubbish, owned)
+    return FolderPlan(made, removed, staying, rubbish, owned)
 
 
 def _orphans(
@@ -478,12 +474,13 @@ def _find_empty_folders(
 
 def changes(plan: FilePlan) -> bool:
     """True if a plan changes anything but the record."""
-    return bool(plan.writes or plan.removals or plan.rubbish or plan.folders_made or plan.folders_removed)
+    folders = plan.folders
+    return bool(plan.writes or plan.removals or folders.rubbish or folders.made or folders.removed)
 
 
 def places(plan: FilePlan, record: Record) -> typing.List[str]:
     """The paths that carrying out a plan writes or removes, with its record; none where nothing changes."""
-    paths = [file.path for file in plan.writes] + plan.removals + plan.rubbish
+    paths = [file.path for file in plan.writes] + plan.removals + plan.folders.rubbish
     return [*paths, record.path] if changes(plan) else []
 
 
@@ -538,9 +535,9 @@ def _folders_for(path: str) -> Step:
 
 
 def _tidy(plan: FilePlan) -> None:
-    for path in plan.rubbish:
+    for path in plan.folders.rubbish:
         atomic.remove(path)
-    for folder in plan.folders_removed:
+    for folder in plan.folders.removed:
         atomic.remove_folder_if_empty(folder)
 
 
@@ -556,6 +553,36 @@ def _restore(path: str, before: typing.Optional[FileState]) -> None:
     else:
         atomic.remove(path)
         os.symlink(before.content, os.fsencode(path))
+
+
+class FileBundle:
+    """The files of a bundle, read and planned. Making it raises OSError, Problem."""
+
+    def __init__(self, bundle: str, records: str, entries: typing.Iterable[Data]) -> None:
+        self.record = record_of("files", bundle, records)
+        self.wanted = parse_files(entries)
+        self.remembered = self.record.load()
+        self.machine = read(self.wanted, self.remembered, self.record)
+        self.plan = plan_files(self.wanted, self.remembered, self.machine)
+        self.changed = changes(self.plan)
+
+    def steps_around(self, others: typing.Iterable[Step] = ()) -> typing.List[Step]:
+        """The steps that carry out the plan, with its record, around other steps."""
+        begin = []
+        if self.changed:
+            begin = [intent(self.record, self.plan.intent, self.remembered, RECORD_RESTORE_FAILURE)]
+            begin += steps(self.plan, self.machine)
+        after = self.plan.after if any(self.plan.after.values()) else {}
+        return [*begin, *others, outcome(self.record, after)]
+
+    @property
+    def places(self) -> typing.List[str]:
+        """The paths that the steps write or remove."""
+        return places(self.plan, self.record)
+
+    def differences(self, brief: typing.Iterable[str] = ()) -> typing.List[typing.Dict[str, str]]:
+        """The `diff` of a module, see the function `differences`."""
+        return differences(self.plan, self.machine, brief)
 
 
 # The difference

@@ -97,20 +97,23 @@ class ManagedServices(ModuleRun):
         self.removed = [
             name for name in self.former if not self.states[name].fragment or self.states[name].fragment in owned
         ]
-        self.paths = {name: file.path for name, file in zip(self.names, self.wanted)}
+        paths = {name: file.path for name, file in zip(self.names, self.wanted)}
         written = {file.path for file in self.files.writes}
         self.texts = {
-            name: "changed" if self.machine.states[path] else "new"
-            for name, path in self.paths.items()
-            if path in written
+            name: "changed" if self.machine.states[path] else "new" for name, path in paths.items() if path in written
         }
-        self.pending = set(self.remembered.get("pending", []))
-        self.actions = units.plan_actions(
-            self.units, self.removed, self.states, self.texts, self.pending, self.newer_files
+        pending = set(self.remembered.get("pending", []))
+        self.plan = unit_steps.UnitPlan(
+            wanted=self.units,
+            actions=units.plan_actions(self.units, self.removed, self.states, self.texts, pending, self.newer_files),
+            before=self.states,
+            paths=paths,
+            fresh=[name for name in self.names if name in self.texts or name in pending],
+            reload=files.changes(self.files) or any(state.reload == "yes" for state in self.states.values()),
+            files=self.files,
         )
-        self.reload = files.changes(self.files) or any(state.reload == "yes" for state in self.states.values())
-        acts = any(action.run or action.switch for action in self.actions)
-        self.changed = bool(self.reload or self.former or acts)
+        acts = any(action.run or action.switch for action in self.plan.actions)
+        self.changed = bool(self.plan.reload or self.former or acts)
 
     @property
     def refusals(self) -> typing.List[str]:
@@ -130,24 +133,14 @@ class ManagedServices(ModuleRun):
             if not self.remembered:  # a run that was killed after the last file may have left the folder of records
                 self.record.tidy()
             return
-        fresh = [name for name in self.names if name in self.texts or name in self.pending]
+        switches = [action.name for action in self.plan.actions if action.switch]
         memory = dict(
             units=self.former + self.names,
-            pending=fresh + [action.name for action in self.actions if action.switch and action.name not in fresh],
+            pending=list(dict.fromkeys(self.plan.fresh + switches)),
             directories=dict(self.remembered.get("directories", {})),
             parents=list(self.remembered.get("parents", [])),
         )
-        plan = unit_steps.UnitPlan(
-            units=self.units,
-            actions=self.actions,
-            before=self.states,
-            paths=self.paths,
-            fresh=fresh,
-            reload=self.reload,
-            intent=self.files.intent,
-            after=self.files.after,
-        )
-        change = unit_steps.UnitSteps(self.systemd, plan, self.record, self.remembered, memory)
+        change = unit_steps.UnitSteps(self.systemd, self.plan, self.record, self.remembered, memory)
         try:
             carry_out(change.steps(files.steps(self.files, self.machine)))
         except StepFailure as problem:
@@ -166,7 +159,7 @@ class ManagedServices(ModuleRun):
         return {"units": self._items(), "removed": self.removed, "notes": self.files.notes}
 
     def _items(self) -> typing.List[Fields]:
-        actions = {action.name: action for action in self.actions}
+        actions = {action.name: action for action in self.plan.actions}
         return [
             _item(unit, actions[unit.name], self.texts.get(unit.name, ""), self.after[unit.name]) for unit in self.units
         ]
@@ -180,7 +173,7 @@ class ManagedServices(ModuleRun):
         """The entry of the difference that shows which units start, stop and are enabled."""
         wanted = {unit.name: unit for unit in self.units}
         before, after = "", ""
-        for action in sorted(self.actions):
+        for action in sorted(self.plan.actions):
             if action.run or action.switch:
                 state = self.states[action.name]
                 before += f"{action.name}: {state.active}, {state.file_state or 'absent'}\n"
@@ -197,7 +190,7 @@ class ManagedServices(ModuleRun):
             if item["state"] != "unchanged":
                 why = f" ({item['why']})" if item["why"] else ""
                 parts.append(f"{item['name']} {be} {item['state']}{why}")
-        if self.reload and not parts:
+        if self.plan.reload and not parts:
             parts.append(f"systemd {be} told to read its units again")
         right = sum(item["state"] == "unchanged" for item in items)
         if right or not parts:

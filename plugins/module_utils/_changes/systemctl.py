@@ -9,13 +9,7 @@ import stat
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.units import (
-    INPUTS,
-    PROPERTIES,
-    State,
-    files_read,
-)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, units
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
@@ -56,17 +50,19 @@ class Systemd:
             raise _failure(("show", f"--property={','.join(wanted)}", "--", *names), shown.error)
         return check_blocks(shown.units, names)
 
-    def show(self, names: typing.Sequence[str]) -> typing.Dict[str, State]:
+    def show(self, names: typing.Sequence[str]) -> typing.Dict[str, units.State]:
         """Ask for the state of units, with the inputs of their running processes; raises Problem or OSError."""
-        blocks = self.properties(names, PROPERTIES)
+        blocks = self.properties(names, units.PROPERTIES)
         return {
-            name: State(*[block.get(prop, "") for prop in PROPERTIES] + [_inputs_of(block.get("MainPID", "0"))])
+            name: units.State(
+                *[block.get(prop, "") for prop in units.PROPERTIES] + [_inputs_of(block.get("MainPID", "0"))]
+            )
             for name, block in zip(names, blocks)
         }
 
-    def find_newer_file(self, content: str, state: State) -> str:
+    def find_newer_file(self, content: str, state: units.State) -> str:
         """Name a file that a unit's text names, and that was written after its process had started; raises OSError."""
-        paths = files_read(content) if state.pid not in ("", "0") else []
+        paths = units.files_read(content) if state.pid not in ("", "0") else []
         start = processes.start_time(state.pid) if paths else None
         return next((path for path in paths if start is not None and _is_newer(path, start)), "")
 
@@ -142,7 +138,7 @@ def _inputs_of(pid: str) -> str:
     if pid in ("", "0"):
         return ""
     try:
-        inputs = processes.environment(pid).get(INPUTS, "")
+        inputs = processes.environment(pid).get(units.INPUTS, "")
     except (FileNotFoundError, NotADirectoryError, ProcessLookupError):  # it has ended since
         return ""
     return inputs.encode("utf-8", "surrogateescape").decode("utf-8", "replace")  # it goes into results

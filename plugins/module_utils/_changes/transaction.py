@@ -73,15 +73,14 @@ def undo(steps: typing.Sequence[Step]) -> typing.List[str]:
     return left
 
 
-def intent(record: Record, data: Data, before: Data, what: str = "", failure: str = "{what} ({reason})") -> Step:
+def intent(record: Record, data: Data, before: Data, failure: str = "{what} ({reason})") -> Step:
     """The step that saves what is about to happen, before the first change.
 
     Its undo saves what the record held `before`, unless something could not be undone: then the next run needs the
     intent to repair it.
     """
-    return Step(
-        what or record.path, lambda: record.save_if_changed(data), lambda: record.save_if_changed(before), True, failure
-    )
+    save, restore = lambda: record.save_if_changed(data), lambda: record.save_if_changed(before)
+    return Step(record.path, save, restore, True, failure)
 
 
 def outcome(record: Record, after: Data) -> Step:

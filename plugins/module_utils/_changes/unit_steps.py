@@ -11,19 +11,18 @@ import os
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import systemctl
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.files import RECORD_RESTORE_FAILURE
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import systemctl, units
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.files import (
+    RECORD_RESTORE_FAILURE,
+    FilePlan,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.systemctl import Systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Data, Step, do_nothing
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.units import (
-    ENABLED,
-    RUNNING,
-    UP,
-    Action,
-    State,
-    Unit,
-    says_when_up,
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
+    Data,
+    Step,
+    do_nothing,
+    intent,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence
@@ -35,28 +34,26 @@ SETTLE = 1.0  # seconds in which a service that dies at once does so, where it d
 class UnitPlan(typing.NamedTuple):
     """A plan of units, as far as its steps depend on it."""
 
-    units: typing.List[Unit]
-    actions: typing.List[Action]  # of the removed units, last first, then of the planned ones in their order
-    before: typing.Dict[str, State]  # of all these units
+    wanted: typing.List[units.Unit]
+    actions: typing.List[units.Action]  # of the removed units, last first, then of the planned ones in their order
+    before: typing.Dict[str, units.State]  # of all these units
     paths: typing.Dict[str, str]  # planned unit -> its file
     fresh: typing.List[str]  # planned units with a text that did not run yet
     reload: bool  # systemd has to read unit files
-    #: record while the run is at work, and after it; of both the part of the files
-    intent: Data
-    after: Data
+    files: FilePlan
 
     @property
     def names(self) -> typing.List[str]:
         """The planned units."""
-        return [unit.name for unit in self.units]
+        return [unit.name for unit in self.wanted]
 
     @property
-    def removals(self) -> typing.List[Action]:
+    def removals(self) -> typing.List[units.Action]:
         """The actions of the units that are no longer listed, last first."""
         return [action for action in self.actions if action.name not in self.paths]
 
     @property
-    def updates(self) -> typing.List[Action]:
+    def updates(self) -> typing.List[units.Action]:
         """The actions of the planned units in their order."""
         return [action for action in self.actions if action.name in self.paths]
 
@@ -73,7 +70,7 @@ class UnitSteps:
         self.record = record
         self.remembered = remembered
         self.memory = memory
-        self.after: typing.Dict[str, State] = {}  # the states that were read back
+        self.after: typing.Dict[str, units.State] = {}  # the states that were read back
         self._new_directories: typing.Dict[str, typing.List[str]] = {}
         self._new_parents: typing.List[str] = []
         self._restarted = False  # this run has restarted a unit that others may follow
@@ -81,16 +78,9 @@ class UnitSteps:
 
     def steps(self, files: typing.Iterable[Step]) -> typing.List[Step]:
         """All steps in their order, with the record and with these steps of the files."""
-        put_back = self.remembered
         return [
             Step("the units", do_nothing, self._bring_back),
-            Step(
-                self.record.path,
-                self._remember,
-                lambda: self.record.save_if_changed(put_back),
-                True,
-                RECORD_RESTORE_FAILURE,
-            ),
+            intent(self.record, self._data, self.remembered, RECORD_RESTORE_FAILURE),
             Step("the running units", self._stop),
             *files,
             Step("the new units", self._load, self._stop_new),
@@ -101,11 +91,13 @@ class UnitSteps:
 
     # The record
 
-    def _remember(self) -> None:
-        self.record.save_if_changed(dict(self.plan.intent, **self.memory))
+    @property
+    def _data(self) -> Data:
+        """The record while the run is at work."""
+        return dict(self.plan.files.intent, **self.memory)
 
     def _settle(self) -> None:
-        after = dict(self.plan.after, **dict(self.memory, units=self.plan.names, pending=[]))
+        after = dict(self.plan.files.after, **dict(self.memory, units=self.plan.names, pending=[]))
         self.record.save_if_changed(after if any(after.values()) else {})
 
     # Do
@@ -155,7 +147,7 @@ class UnitSteps:
             if new:
                 directories[name] = sorted(set(directories.get(name, [])) | set(new))
         self.memory["parents"] = sorted(set(self.memory["parents"]) | set(self._new_parents))
-        self._remember()
+        self.record.save_if_changed(self._data)
 
     def _start(self) -> None:
         """Start and restart the planned units in their order, and look whether they stay up."""
@@ -172,13 +164,13 @@ class UnitSteps:
                 self._restart(action.name, self.plan.before[action.name].invocation)
             else:
                 self.systemd.bring("start", action.name)
-        texts = {unit.name: unit.content for unit in self.plan.units}
-        if any(not says_when_up(texts[action.name]) for action in actions):
+        texts = {unit.name: unit.content for unit in self.plan.wanted}
+        if any(not units.says_when_up(texts[action.name]) for action in actions):
             time.sleep(SETTLE)
         self.after = self.systemd.show(self.plan.names)
         self._check_up([action.name for action in actions])
 
-    def _switch(self, actions: typing.Sequence[Action]) -> None:
+    def _switch(self, actions: typing.Sequence[units.Action]) -> None:
         """Enable and disable units. That systemd reads all its files after each call is left to the one reload of `_load`."""
         for verb in SWITCHES:
             names = [action.name for action in actions if action.switch == verb]
@@ -197,9 +189,9 @@ class UnitSteps:
 
     def _check_up(self, names: typing.Container[str]) -> None:
         """Raise Problem where a unit that is planned to run does not, or one of those started now has ended since."""
-        for unit in self.plan.units:
+        for unit in self.plan.wanted:
             state = self.after[unit.name]
-            if unit.started and state.active not in UP:
+            if unit.started and state.active not in units.UP:
                 raise Problem(f"The unit {unit.name} did not stay up{self.systemd.explain(unit.name)}")
             if unit.name in names and state.restarts not in ("", "0"):
                 raise Problem(
@@ -217,7 +209,7 @@ class UnitSteps:
             systemctl.remove_trees(path for path in directories.pop(name, ()) if path not in in_use)
         parents = self.memory["parents"]
         systemctl.remove_parents(parents)
-        self.memory["parents"] = [path for path in parents if self.plan.units and os.path.isdir(path)]
+        self.memory["parents"] = [path for path in parents if self.plan.wanted and os.path.isdir(path)]
 
     # Undo
 
@@ -229,9 +221,9 @@ class UnitSteps:
     def _stop_new(self) -> None:
         """Stop and disable the units that did not run before."""
         for name in reversed(self._unit_names):
-            if self.plan.before[name].active not in RUNNING:
+            if self.plan.before[name].active not in units.RUNNING:
                 self.systemd.try_call("stop", name)
-            if self.plan.before[name].file_state not in ENABLED:
+            if self.plan.before[name].file_state not in units.ENABLED:
                 self.systemd.try_call("disable", name)
 
     def _bring_back(self) -> typing.List[str]:
@@ -254,11 +246,11 @@ class UnitSteps:
         states = attempt(self.systemd.show, self._unit_names) or {}
         for name in [name for name in self._unit_names if name in states]:
             before, state = self.plan.before[name], states[name]
-            if before.file_state in ENABLED:
+            if before.file_state in units.ENABLED:
                 runtime = ("--runtime",) if before.file_state == "enabled-runtime" else ()
                 attempt(self.systemd.call, "reenable", *runtime, "--", name)
-            untouched = state.active in UP and state.invocation == before.invocation
-            if before.active in RUNNING and not untouched:
+            untouched = state.active in units.UP and state.invocation == before.invocation
+            if before.active in units.RUNNING and not untouched:
                 names.append(name)
                 attempt(self._restart, name, state.invocation)
         if names:

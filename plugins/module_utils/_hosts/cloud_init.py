@@ -1,14 +1,20 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Whether cloud-init, which may write /etc/hosts at every boot, concerns this machine. What is done about it: guard.py."""
+"""cloud-init, which writes /etc/hosts at every boot where its configuration says manage_etc_hosts, told to leave it alone.
+
+That may stand in user data, in vendor data or in a file below /etc/cloud, in any form of YAML, and may come with the
+next boot. So none of it is read: where cloud-init is installed, its services get one file of ours by the environment
+variable CLOUD_CFG, which counts more than all of them (cloud-init's helpers.ConfigMerger, the same since 2012). Nothing
+of cloud-init's own is edited, and systemd is not told: it reads the file at the next boot, before cloud-init runs again.
+"""
 
 import os
+import typing
 
 INSTALLED = "/etc/cloud"
-RECORD = "files-hosts_entries.json"  # there while cloud-init is kept away
+BUNDLE = "hosts_entries"  # of the files that keep it away
 
-# The files that keep it away.
 CONFIGURATION = "/etc/rosfleet-multimaster/cloud-init.cfg"
 # The service that runs the module update_etc_hosts, up to cloud-init 24.2 and since then. A drop-in for a unit that is
 # not there does nothing. Its name sorts before those of others, so a CLOUD_CFG of the user's stays.
@@ -21,6 +27,17 @@ FILES = dict.fromkeys(DROP_INS, f"{_WHY}[Service]\nEnvironment=CLOUD_CFG={CONFIG
 FILES[CONFIGURATION] = f"{_WHY}manage_etc_hosts: false\n"
 
 
-def is_concerned(records: str, root: str = "") -> bool:
-    """True where cloud-init is installed, or is kept away by an earlier run; `root` is a prefix of all paths, for tests."""
-    return os.path.isdir(root + INSTALLED) or os.path.lexists(os.path.join(records, RECORD))
+def plan_files(wanted: bool, records: str, root: str = "") -> typing.Any:
+    """Plan the files (files.FileBundle); None where cloud-init neither is installed nor was kept away. Raises OSError, Problem.
+
+    `wanted` says that there are bindings to keep; `root` is a prefix of all paths, for tests.
+    """
+    installed = os.path.isdir(root + INSTALLED)
+    if not installed and not os.path.lexists(os.path.join(records, f"files-{BUNDLE}.json")):
+        return None
+    # Imported where it is needed: it costs more than all the rest of a run without changes.
+    from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.files import FileBundle
+
+    contents = sorted(FILES.items()) if wanted and installed else []
+    entries = [{"path": root + path, "content": content, "mode": "0644"} for path, content in contents]
+    return FileBundle(BUNDLE, records, entries)

@@ -10,13 +10,8 @@ import stat
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, transaction
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
-    Step,
-    StepFailure,
-    carry_out,
-)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import Binding
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
@@ -103,18 +98,18 @@ class HostsFile:
                 return stuck
 
             try:
-                carry_out(
+                transaction.carry_out(
                     [
-                        Step(
+                        transaction.Step(
                             self.record.path,
                             lambda: self._remember(texts),
                             lambda: self._remember(None),
                             only_if_all_undone=True,
                         ),
-                        Step(self.path, lambda: _overwrite(stream, content), restore),
+                        transaction.Step(self.path, lambda: _overwrite(stream, content), restore),
                     ]
                 )
-            except StepFailure as problem:
+            except transaction.StepFailure as problem:
                 if not stuck:
                     raise problem.cause from problem
                 raise Problem(

@@ -7,16 +7,11 @@ import os
 import socket
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import writable
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import transaction, writable
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
-    Step,
-    StepFailure,
-    carry_out,
-)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import cloud_init
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import bindings_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import is_concerned
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.file import HostsFile, resolve
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.plan import plan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
@@ -63,7 +58,7 @@ class Run(ModuleRun):
             self.file = HostsFile(options["path"], options["records"])
             self.before = self.file.raw_content
             self.is_system = self.file.path == os.path.realpath(SYSTEM)
-            self.guard = _guard(bool(self.bindings), options["records"]) if self.is_system else None
+            self.guard = cloud_init.plan_files(bool(self.bindings), options["records"]) if self.is_system else None
         except OSError as problem:
             raise Problem(unreadable(problem)) from problem
         self.plan = plan(self.file.content, self.bindings)
@@ -101,12 +96,12 @@ class Run(ModuleRun):
 
     def apply(self) -> None:
         """Write the file, and ask libc for its names if it is the one that libc reads. Raises Problem."""
-        replacing = Step(self.file.path, self._replace, lambda: self.file.restore(self.plan.content))
-        steps = [replacing, Step(self.file.path, self.file.clean)]
+        replacing = transaction.Step(self.file.path, self._replace, lambda: self.file.restore(self.plan.content))
+        steps = [replacing, transaction.Step(self.file.path, self.file.clean)]
         try:
-            carry_out(self.guard.around(steps) if self.guard else steps)
-        except StepFailure as problem:
-            raise StepFailure(problem.cause, problem.left, self._failure_sentence(problem)) from problem
+            transaction.carry_out(self.guard.steps_around(steps) if self.guard else steps)
+        except transaction.StepFailure as problem:
+            raise transaction.StepFailure(problem.cause, problem.left, self._failure_sentence(problem)) from problem
         if self.is_system:
             self.answers = list(resolve(self.bindings))
             self._check()
@@ -130,7 +125,7 @@ class Run(ModuleRun):
                 self.backup_file = self.back_up(self.file.path)
             self.written = self.file.replace(self.plan.content)
 
-    def _failure_sentence(self, problem: StepFailure) -> str:
+    def _failure_sentence(self, problem: transaction.StepFailure) -> str:
         """The sentence on a change that was not done."""
         if not isinstance(problem.cause, OSError):
             return str(problem)
@@ -173,14 +168,21 @@ class Run(ModuleRun):
             "repaired": self.file.was_torn,
             "path": self.file.path,
             "backup_file": self.backup_file,
-            "cloud_init": self.guard.items if self.guard else [],
+            "cloud_init": self._guard_items(),
             "diff": self._differences(),
         }
+
+    def _guard_items(self) -> typing.List[Fields]:
+        """The files that keep cloud-init away, each with what becomes of it."""
+        if not self.guard:
+            return []
+        items = [{"path": item.path, "state": item.state} for item in self.guard.plan.items]
+        return items + [{"path": path, "state": "removed"} for path in self.guard.plan.removals]
 
     def _differences(self) -> typing.Any:
         """The value of `diff`: one entry, or several where the files of the guard change, too."""
         own = difference(self.file.path, self.before, self.plan.content)
-        return [own, *self.guard.differences] if self.guard and self.guard.changed else own
+        return [own, *self.guard.differences()] if self.guard and self.guard.changed else own
 
     def summary(self, check_mode: bool) -> str:
         """A report in sentences, the counts first."""
@@ -219,13 +221,3 @@ class Run(ModuleRun):
         own = self.own_name.lower() in before.lower().split()
         name = "this computer's own name" if own else "a name of the fleet"
         return f"Line {item['line']} ({quote(before)}) no longer binds {name} to loopback; of it remains: {quote(after) or 'nothing'}."
-
-
-def _guard(wanted: bool, records: str) -> typing.Any:
-    """The guard of guard.py, None where cloud-init does not concern this machine. Raises OSError, Problem."""
-    if not is_concerned(records):
-        return None
-    # Imported where it is needed: it costs more than all the rest of a run without changes.
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.guard import Guard
-
-    return Guard(wanted, records)

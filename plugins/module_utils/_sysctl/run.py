@@ -19,34 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.reco
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference, mode_difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import (
-    Assignment,
-    Tree,
-    find_boot_assignments,
-    find_hiding_file,
-    name_of,
-    normal,
-    parse,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kernel import (
-    PROC,
-    Kernel,
-    KeyState,
-    Setting,
-    changes_others_first,
-    followers,
-    is_unfit,
-    refusal,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.plan import (
-    HEADER,
-    check_drop_in,
-    enough_of,
-    optional_of,
-    plan,
-    settings_of,
-)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import boot, kernel, plan, record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.record import Data
 
 _REMOVALS = {
@@ -88,16 +61,18 @@ class Run(ModuleRun):
         for option in ("root", "proc", "records"):
             if not os.path.isabs(options[option]):
                 raise Problem(f"{option} is {options[option]!r}, expected an absolute path.")
-        self.optional = optional_of(options["settings"])
+        self.optional = plan.optional_of(options["settings"])
         self.drop_in = options["drop_in"]
-        check_drop_in(self.drop_in)
+        plan.check_drop_in(self.drop_in)
         self.fails_on_conflict = options["on_conflict"] == "fail"
-        self.kernel = Kernel(options["proc"])
+        self.kernel = kernel.Kernel(options["proc"])
         self.record = Record("sysctl", options["records"], record.SHAPE)
         self.stored = self.record.load()
         self.recorded = self.record.parse(record.read, self.stored if memory is None else memory)
-        self.tree = Tree(options["root"])
-        self.settings = self._prefer_boot_values(settings_of(options["settings"]), enough_of(options["settings"]))
+        self.tree = boot.Tree(options["root"])
+        self.settings = self._prefer_boot_values(
+            plan.settings_of(options["settings"]), plan.enough_of(options["settings"])
+        )
         self.file = self._place(self.drop_in)
         self.before = self._read_own_text()
         self.stale = self._stale()
@@ -107,7 +82,7 @@ class Run(ModuleRun):
         owned = [entry.key for entry in self.recorded.settings.values()]
         self.states = self.kernel.read_with_others(keys + owned)
         self.current = {key: state.value for key, state in self.states.items()}
-        self.plan = plan(
+        self.plan = plan.plan(
             self.settings, self.current, self.recorded, self.drop_in, self._find_missing_folders(), self.optional
         )
         self.items = self._items()
@@ -119,14 +94,14 @@ class Run(ModuleRun):
         )
 
     def _prefer_boot_values(
-        self, settings: typing.List[Setting], enough: typing.Mapping[str, typing.Container[str]]
-    ) -> typing.List[Setting]:
+        self, settings: typing.List[kernel.Setting], enough: typing.Mapping[str, typing.Container[str]]
+    ) -> typing.List[kernel.Setting]:
         """The settings. Where the value of another file is enough, it is taken, so the file stays."""
         if not enough:
             return settings
         ours = [self.drop_in, *self.stored.get("drop_ins", [])]
-        decides = find_boot_assignments(Tree(self.tree.root, dict.fromkeys(ours)), enough)
-        values = {key: normal(one.value) for key, one in decides.items() if one and one.value is not None}
+        decides = boot.find_boot_assignments(boot.Tree(self.tree.root, dict.fromkeys(ours)), enough)
+        values = {key: boot.normal(one.value) for key, one in decides.items() if one and one.value is not None}
         return [
             setting._replace(value=values[setting.key])
             if setting.key in values and values[setting.key] in enough.get(setting.key, ())
@@ -146,7 +121,7 @@ class Run(ModuleRun):
             return None
         regular = os.path.isfile(self.file) and not os.path.islink(self.file)
         text = self.tree.read(self.drop_in) if regular else ""
-        if regular and (text.startswith(HEADER) or self.drop_in in self.stored.get("drop_ins", [])):
+        if regular and (text.startswith(plan.HEADER) or self.drop_in in self.stored.get("drop_ins", [])):
             return text
         why = "neither our first line nor our record" if regular else "no regular file, as this module writes one"
         raise Problem(
@@ -165,7 +140,7 @@ class Run(ModuleRun):
         """Our drop-ins under earlier names, with their texts. A file that is no longer ours stays."""
         others = [path for path in self.stored.get("drop_ins", []) if path != self.drop_in]
         texts = {path: self.tree.read(path) for path in others if not os.path.islink(self._place(path))}
-        return {path: text for path, text in texts.items() if text.startswith(HEADER)}
+        return {path: text for path, text in texts.items() if text.startswith(plan.HEADER)}
 
     def _find_missing_folders(self) -> typing.List[str]:
         """The folders to be made for the drop-in, outermost first."""
@@ -180,25 +155,29 @@ class Run(ModuleRun):
     def _items(self) -> typing.List[Data]:
         planned: typing.Dict[str, typing.Optional[str]] = dict.fromkeys(self.stale, None)
         planned[self.drop_in] = self.plan.text
-        after = Tree(self.tree.root, planned)
-        boot = find_boot_assignments(after, [setting.key for setting in self.settings])
-        hidden = find_hiding_file(after, self.drop_in)
-        lines = {line.key: line.value for line in parse(self.before or "", self.drop_in)}
+        after = boot.Tree(self.tree.root, planned)
+        deciding = boot.find_boot_assignments(after, [setting.key for setting in self.settings])
+        hidden = boot.find_hiding_file(after, self.drop_in)
+        lines = {line.key: line.value for line in boot.parse(self.before or "", self.drop_in)}
         return [
-            self._item(setting, boot[setting.key], hidden, lines.get(setting.key) == setting.value)
+            self._item(setting, deciding[setting.key], hidden, lines.get(setting.key) == setting.value)
             for setting in self.settings
         ]
 
     def _item(
-        self, setting: Setting, decides: typing.Optional[Assignment], hidden: typing.Optional[str], has_line: bool
+        self,
+        setting: kernel.Setting,
+        decides: typing.Optional[boot.Assignment],
+        hidden: typing.Optional[str],
+        has_line: bool,
     ) -> Data:
         """The result for one setting. `decides`: its assignment at boot. `has_line`: the drop-in has its line already."""
         present, writes = self.states[setting.key], setting in self.plan.writes
         state, problem = self._refusal(setting, present, writes)
         changes = problem is None and (writes or not has_line)
-        boot_value = None if decides is None or decides.value is None else normal(decides.value)
+        boot_value = None if decides is None or decides.value is None else boot.normal(decides.value)
         return {
-            "name": name_of(setting.key),
+            "name": boot.name_of(setting.key),
             "value": setting.value,
             "runtime_before": present.value,
             "runtime_after": self.plan.after[setting.key],
@@ -210,26 +189,28 @@ class Run(ModuleRun):
             "conflict": None if boot_value == setting.value else _conflict(boot_value, decides, hidden),
         }
 
-    def _refusal(self, setting: Setting, present: KeyState, writes: bool) -> typing.Tuple[str, typing.Optional[str]]:
+    def _refusal(
+        self, setting: kernel.Setting, present: kernel.KeyState, writes: bool
+    ) -> typing.Tuple[str, typing.Optional[str]]:
         """The state and the sentence for a setting that cannot be set, as far as that is known before; "" and None else."""
         if present.value is None or (writes and present.refusal):
-            state, problem = refusal(self.kernel.path(setting.key), setting, present.value, present.refusal)
+            state, problem = kernel.refusal(self.kernel.path(setting.key), setting, present.value, present.refusal)
             return state, None if state == "missing" and setting.key in self.optional else problem
-        if writes and is_unfit(setting):
+        if writes and kernel.is_unfit(setting):
             return "invalid", (
-                f"{name_of(setting.key)}: found the value {setting.value}, expected a whole number as the kernel says it, such as "
+                f"{boot.name_of(setting.key)}: found the value {setting.value}, expected a whole number as the kernel says it, such as "
                 f"{quote(present.value)}: correct the value."
             )
         if self.plan.after[setting.key] != setting.value:
             return "invalid", self._contradiction(setting)
         return "", None
 
-    def _contradiction(self, setting: Setting) -> str:
+    def _contradiction(self, setting: kernel.Setting) -> str:
         other = next(
-            other for other in self.settings if setting.key in followers(other.key, other.value, [setting.key])
+            other for other in self.settings if setting.key in kernel.followers(other.key, other.value, [setting.key])
         )
         return (
-            f"settings: {name_of(setting.key)} = {setting.value} and {name_of(other.key)} = {other.value} cannot both be, since "
+            f"settings: {boot.name_of(setting.key)} = {setting.value} and {boot.name_of(other.key)} = {other.value} cannot both be, since "
             f"the kernel sets the first to {self.plan.after[setting.key]} with the second; expected one of them: remove the other."
         )
 
@@ -243,7 +224,7 @@ class Run(ModuleRun):
         for write in self.plan.writes:
             if write.key not in keys and self.states[write.key].refusal:
                 path, present = self.kernel.path(write.key), self.states[write.key]
-                sentences.append("Taking back " + refusal(path, write, present.value, present.refusal)[1])
+                sentences.append("Taking back " + kernel.refusal(path, write, present.value, present.refusal)[1])
         return sentences
 
     @property
@@ -261,18 +242,20 @@ class Run(ModuleRun):
     def foresee(self) -> Forecast:
         """Try the values in a network namespace, so nothing changes here."""
         writes = {write.key: write.value for write in self.plan.writes if write in self.settings}
-        if self.kernel.proc != PROC or not writes:
+        if self.kernel.proc != kernel.PROC or not writes:
             return Forecast([], [])
         from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import trial
 
         outcomes = trial.try_values(self.kernel, writes)
         refusals = [
-            refusal(self.kernel.path(key), Setting(key, writes[key]), self.current[key] if number else value, number)[1]
+            kernel.refusal(
+                self.kernel.path(key), kernel.Setting(key, writes[key]), self.current[key] if number else value, number
+            )[1]
             for key, (number, value) in outcomes.items()
             if (number, value) != (0, writes[key])
         ]
         open_ = [key for key in writes if key not in outcomes and not _alike(writes[key], self.current[key])]
-        names = ", ".join(f"{name_of(key)} = {writes[key]}" for key in open_)
+        names = ", ".join(f"{boot.name_of(key)} = {writes[key]}" for key in open_)
         return Forecast(refusals, [f"Check mode cannot know whether the kernel takes {names}."] if names else [])
 
     @property
@@ -291,7 +274,7 @@ class Run(ModuleRun):
         keys = sorted({write.key for write in self.plan.writes})
         if keys:
             before, after = (
-                _encode("".join(f"{name_of(key)} = {values[key]}\n" for key in keys))
+                _encode("".join(f"{boot.name_of(key)} = {values[key]}\n" for key in keys))
                 for values in (self.current, self.plan.after)
             )
             entries.append(difference(f"{self.kernel.proc} (values at run time)", before, after))
@@ -339,7 +322,9 @@ class Run(ModuleRun):
     def undo_commands(self) -> typing.List[typing.List[str]]:
         """The commands that restore the present values."""
         values = [
-            (key, self.current[key]) for key in changes_others_first(self.current) if not self.states[key].refusal
+            (key, self.current[key])
+            for key in kernel.changes_others_first(self.current)
+            if not self.states[key].refusal
         ]
         # What the kernel refuses while another key has its present value, it takes the second time.
         return [
@@ -388,23 +373,25 @@ class Run(ModuleRun):
                 # Taken back: the kernel may take the value when another key has its value from before.
         wrong = self.kernel.settle(self.plan.goals)
         for key, number in wrong.items():
-            setting = Setting(key, self.plan.goals[key])
+            setting = kernel.Setting(key, self.plan.goals[key])
             if setting not in self.settings:
-                _state, text = refusal(self.kernel.path(key), setting, self.current[key], number or errno.EINVAL)
+                _state, text = kernel.refusal(self.kernel.path(key), setting, self.current[key], number or errno.EINVAL)
                 raise Problem("Taking back " + text)
             raise self._refusal_of(setting, 0)
 
-    def _refusal_of(self, setting: Setting, number: int) -> Problem:
+    def _refusal_of(self, setting: kernel.Setting, number: int) -> Problem:
         """Note in the item that the kernel refuses a listed value, or (0) holds another; returns the problem that ends the run."""
         # Read again: an interface may have gone with its keys.
-        state, text = refusal(self.kernel.path(setting.key), setting, self.kernel.look(setting.key).value, number)
+        state, text = kernel.refusal(
+            self.kernel.path(setting.key), setting, self.kernel.look(setting.key).value, number
+        )
         self.items[self.settings.index(setting)].update(state=state, problem=text, changed=False)
         return Problem(text)
 
     def _restore_values(self) -> typing.List[str]:
         """Bring every value back that the run may have changed; returns what does not come back."""
         enabled = [key for key, value in self.current.items() if key.endswith("/disable_ipv6") and value == "0"]
-        self.lost = [name_of(key) for key in enabled if self.kernel.look(key).value == "1"]
+        self.lost = [boot.name_of(key) for key in enabled if self.kernel.look(key).value == "1"]
         return self.kernel.restore(self.current)
 
     def _carry_out(self, steps: typing.Iterable[transaction.Step]) -> None:
@@ -462,7 +449,7 @@ def _sentence(item: Data) -> str:
 
 
 def _conflict(
-    boot_value: typing.Optional[str], decides: typing.Optional[Assignment], hidden: typing.Optional[str]
+    boot_value: typing.Optional[str], decides: typing.Optional[boot.Assignment], hidden: typing.Optional[str]
 ) -> Data:
     """The file that gives a setting another value at boot. `hidden`: the file that keeps our drop-in from being read."""
     return {

@@ -78,13 +78,13 @@ def states(planned):
 def test_files_come_and_go_with_their_folders(place):
     first = place.run(etc__x__a="A", etc__x__y__b="B")
     assert states(first) == ["written", "written"]
-    assert [os.path.relpath(path, place.root) for path in first.folders_made] == ["etc", "etc/x", "etc/x/y"]
+    assert [os.path.relpath(path, place.root) for path in first.folders.made] == ["etc", "etc/x", "etc/x/y"]
     assert place.tree()["etc/x/y/b"] == (0o644, "B")
     second = place.run(etc__x__a="A", etc__x__y__b="B")
     assert states(second) == ["unchanged", "unchanged"] and not files_module.changes(second)
     third = place.run(etc__x__a="A2")
     assert states(third) == ["written"]
-    assert third.removals == [place.path("etc/x/y/b")] and third.folders_removed == [place.path("etc/x/y")]
+    assert third.removals == [place.path("etc/x/y/b")] and third.folders.removed == [place.path("etc/x/y")]
     assert sorted(place.tree()) == ["etc", "etc/x", "etc/x/a"]
     place.run()
     assert place.tree() == {} and not place.records.exists()
@@ -173,7 +173,7 @@ def test_byte_code_goes_with_its_source(place):
     assert sorted(os.listdir(cache)) == ["b.cpython-311.pyc"]
     planned = place.run()
     assert place.tree() == {}
-    assert [os.path.relpath(path, place.root) for path in planned.folders_removed] == [
+    assert [os.path.relpath(path, place.root) for path in planned.folders.removed] == [
         "lib/p/__pycache__",
         "lib/p",
         "lib",

@@ -75,7 +75,7 @@ def test_a_file_that_was_written_after_the_start_of_the_process(tmp_path, monkey
     if age is not None:
         path.write_text("{}")
         os.utime(path, (began - age, began - age))
-    monkeypatch.setattr(systemctl, "files_read", lambda content: [str(tmp_path), str(path)])
+    monkeypatch.setattr(systemctl.units, "files_read", lambda content: [str(tmp_path), str(path)])
     monkeypatch.setattr(systemctl.processes, "start_time", lambda pid: began)
     state = units.State(**dict.fromkeys(units.State._fields, ""))._replace(pid="7")
     assert systemctl.Systemd(1).find_newer_file("", state) == (str(path) if overtakes else "")

@@ -126,4 +126,4 @@ def test_a_record_that_cannot_be_put_back_is_told(tmp_path, monkeypatch):
         return failure(transaction.intent(record, {"a": 1}, {}, *words), breaks, Step("", lambda: int("x"))).left
 
     assert failing() == [f"{record.path} (Read-only file system)"]
-    assert failing("the record") == ["the record (Read-only file system)"]
+    assert failing("The {what}: {reason}.") == [f"The {record.path}: Read-only file system."]

@@ -4,6 +4,7 @@
 """Runs of hosts_entries on a file of the test, killed at every call. (test_file.py runs the module as a program.)"""
 
 import errno
+import functools
 import os
 import shutil
 import subprocess
@@ -15,9 +16,8 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import StepFailure
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import cloud_init
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import run as run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.cloud_init import is_concerned
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.guard import Guard
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.run import Run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
@@ -121,6 +121,8 @@ def test_a_user_is_told_to_become_root_before_anything_changes():
 
 # cloud-init
 
+PLAN_FILES = cloud_init.plan_files
+
 
 @pytest.fixture
 def guarded(tmp_path, monkeypatch):
@@ -133,10 +135,7 @@ def guarded(tmp_path, monkeypatch):
             (folder / "etc" / "cloud").mkdir()
         monkeypatch.setattr(run_module, "SYSTEM", str(machine.hosts))
 
-        def guard(wanted, records):
-            return Guard(wanted, records, root=str(folder)) if is_concerned(records, root=str(folder)) else None
-
-        monkeypatch.setattr(run_module, "_guard", guard)
+        monkeypatch.setattr(run_module.cloud_init, "plan_files", functools.partial(PLAN_FILES, root=str(folder)))
         monkeypatch.setattr(run_module, "resolve", lambda bindings: [{} for binding in bindings])
         return machine
 
@@ -261,7 +260,7 @@ def test_without_cloud_init_its_code_is_not_even_loaded():
 def test_a_name_that_libc_answers_in_another_way_is_a_sentence(tmp_path, monkeypatch, said, found):
     machine = Machine(tmp_path, OLD)
     monkeypatch.setattr(run_module, "SYSTEM", str(machine.hosts))
-    monkeypatch.setattr(run_module, "_guard", lambda wanted, records: None)
+    monkeypatch.setattr(cloud_init, "plan_files", lambda wanted, records: None)
     monkeypatch.setattr(run_module, "resolve", lambda bindings: iter([{"kobuki1computer": said}]))
     run = machine.run(FIRST)
     with pytest.raises(Problem) as problem:
