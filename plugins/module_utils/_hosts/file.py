@@ -50,7 +50,7 @@ class HostsFile:
         """Remove what a killed run left beside the file and in the record. Raises OSError, Problem."""
         atomic.remove_leftovers(self.path)
         atomic.remove_leftovers(self.record.path)
-        self._remember(None)
+        self.record.save_if_changed(self._record_with(None))
 
     def restore(self, content: typing.Optional[bytes]) -> None:
         """Take back the replacing by this content, where a later step has failed. Raises OSError, Problem."""
@@ -100,12 +100,7 @@ class HostsFile:
             try:
                 transaction.carry_out(
                     [
-                        transaction.Step(
-                            self.record.path,
-                            lambda: self._remember(texts),
-                            lambda: self._remember(None),
-                            only_if_all_undone=True,
-                        ),
+                        transaction.intent(self.record, self._record_with(texts), self._record_with(None)),
                         transaction.Step(self.path, lambda: _overwrite(stream, content), restore),
                     ]
                 )
@@ -122,14 +117,12 @@ class HostsFile:
                 f"{self.path} does not read back as it was written in place; expected the new content: look for what "
                 f"else writes it, and run again. The old content is kept in {self.record.path}."
             )
-        self._remember(None)
+        self.record.save_if_changed(self._record_with(None))
 
-    def _remember(self, under_way: typing.Optional[typing.Dict[str, str]]) -> None:
-        """Save the texts of the writing in place that is under way, None for none."""
+    def _record_with(self, under_way: typing.Optional[typing.Dict[str, str]]) -> typing.Dict[str, typing.Any]:
+        """The record with the texts of the writing in place that is under way, None for none."""
         data = {path: texts for path, texts in self.record.load().items() if path != self.path}
-        if under_way:
-            data[self.path] = under_way
-        self.record.save_if_changed(data)
+        return dict(data, **{self.path: under_way}) if under_way else data
 
 
 def _texts(under_way: typing.Dict[str, str]) -> typing.Tuple[bytes, bytes]:

@@ -31,25 +31,20 @@ class Doubt(typing.NamedTuple):
     words: str
 
 
-def doubts(path: str, root: int = 0) -> typing.List[Doubt]:
-    """Find the parts of an absolute path, up to `/`, that others than root can change; links are followed.
-
-    The folder above decides about a part that does not exist yet.
-    """
-    return Look(root).doubts(path)
-
-
 class Look:
     """A look at many paths. Each part is looked at once. There are limits, because others choose the paths."""
 
-    def __init__(self, root: int = 0, most: int = MOST, limit: float = LIMIT) -> None:
+    def __init__(self, most: int = MOST, limit: float = LIMIT) -> None:
         """Look at `most` parts in `limit` seconds."""
-        self._root, self._most, self._limit = root, most, limit
+        self._most, self._limit = most, limit
         self._end = time.monotonic() + limit
         self._seen: typing.Dict[typing.Tuple[str, bool], typing.Tuple[bool, typing.Optional[Doubt]]] = {}
 
     def doubts(self, path: str) -> typing.List[Doubt]:
-        """Find the doubts about one path, as the function `doubts` does. A limit that is reached is a doubt, too."""
+        """Find the parts of an absolute path, up to `/`, that others than root can change; links are followed.
+
+        The folder above decides about a part that does not exist yet. A limit that is reached is a doubt, too.
+        """
         doubts: typing.Dict[Doubt, None] = {}
         try:
             self._follow(path, doubts)
@@ -88,7 +83,7 @@ class Look:
         if (path, last) not in self._seen:
             if len(self._seen) >= self._most:
                 raise _LimitError(f"its paths have more than {self._most} parts{_UNKNOWN}")
-            self._seen[path, last] = _look(path, last, self._root)
+            self._seen[path, last] = _look(path, last)
         there, doubt = self._seen[path, last]
         if doubt:
             doubts[doubt] = None
@@ -99,7 +94,7 @@ class _LimitError(Exception):
     """A limit of a look is reached; its text says which."""
 
 
-def _look(path: str, last: bool, root: int) -> typing.Tuple[bool, typing.Optional[Doubt]]:
+def _look(path: str, last: bool) -> typing.Tuple[bool, typing.Optional[Doubt]]:
     """Return whether this one part of a path is there, and who can change it."""
     try:
         status = os.lstat(path)
@@ -108,7 +103,7 @@ def _look(path: str, last: bool, root: int) -> typing.Tuple[bool, typing.Optiona
     except OSError as problem:
         return False, Doubt(EVERYBODY, f"{quote(path)} cannot be looked at: {problem.strerror}")
     doubt = None
-    if status.st_uid not in (0, root):
+    if status.st_uid != 0:
         doubt = Doubt(status.st_uid, f"{quote(path)} belongs to {account(status.st_uid) or status.st_uid}")
     if stat.S_ISLNK(status.st_mode):
         return True, doubt  # its folder decides who may replace it
@@ -116,12 +111,12 @@ def _look(path: str, last: bool, root: int) -> typing.Tuple[bool, typing.Optiona
     sticky = stat.S_ISDIR(status.st_mode) and status.st_mode & stat.S_ISVTX and not last
     if status.st_mode & stat.S_IWOTH and not sticky:
         return True, Doubt(EVERYBODY, f"{quote(path)} can be written by everybody")
-    if doubt is None and status.st_mode & stat.S_IWGRP and not sticky and _is_shared(path, status, root):
+    if doubt is None and status.st_mode & stat.S_IWGRP and not sticky and _is_shared(path, status):
         return True, Doubt(A_GROUP, f"{quote(path)} can be written by a group")
     return True, doubt
 
 
-def _is_shared(path: str, status: os.stat_result, root: int) -> bool:
+def _is_shared(path: str, status: os.stat_result) -> bool:
     """Return True if a group, or an access control list, gives others than the owner and root the right to write."""
     try:
         if os.getxattr(path, _ACL, follow_symlinks=False):
@@ -133,7 +128,7 @@ def _is_shared(path: str, status: os.stat_result, root: int) -> bool:
     except KeyError:
         members = set()
     members |= {entry.pw_name for entry in pwd.getpwall() if entry.pw_gid == status.st_gid}
-    return bool(members - {account(0), account(root), account(status.st_uid)})
+    return bool(members - {account(0), account(status.st_uid)})
 
 
 def account(uid: int) -> str:

@@ -29,7 +29,7 @@ def fixture_tree():
 
 
 def words(path):
-    return [doubt.words for doubt in trust.doubts(str(path))]
+    return [doubt.words for doubt in trust.Look().doubts(str(path))]
 
 
 @as_root
