@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 import types
+from functools import partial
 
 import rosfleet_multimaster
 from rosfleet_multimaster.discovery.rpc_server import RefusedCall, RpcServer
@@ -32,7 +33,8 @@ class Roscore:
         self.service_uris, self.shut_down, self.calls = {}, [], []
         self.fail = 0  # so many requests with registrations are refused
         self.before = lambda method, arguments: None
-        self.server, self.uri = serve({"system.multicall": self.multicall, "getUri": lambda caller: [1, "", self.uri]})
+        methods = {"system.multicall": self.multicall, "getUri": lambda caller: [1, "", self.uri]}
+        self.server, self.uri = serve({**methods, "getSystemState": partial(self.call, "getSystemState")})
 
     def multicall(self, calls):
         if self.fail and any("register" in call["methodName"].lower() for call in calls):
@@ -56,7 +58,8 @@ class Roscore:
             "deleteParam": lambda name: self.parameters.pop(name, 0) and 0,
         }
         try:
-            return [1, "", answers[method](*arguments) or 0]
+            value = answers[method](*arguments)
+            return [1, "", 0 if value is None else value]
         except KeyError:
             return [-1, "unknown", 0]
 
