@@ -102,7 +102,7 @@ class Document:
         self._most, self._fed = most, 0
         self._reader = _Reader(min(2 * most, dear) + _SPARE, longest, plain_types)
         self._reader.xml("", None)  # its texts are decoded already
-        # In UTF-8 whatever it says: in another encoding nobody would see a document type coming.
+        # In UTF-8 whatever it says: in another encoding a document type would not be seen.
         self._parser = parser = xml.parsers.expat.ParserCreate("utf-8")
         parser.buffer_text = True  # else each line break of a long text is one object
         parser.StartDoctypeDeclHandler = _refuse_document_type

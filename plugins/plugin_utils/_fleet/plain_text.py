@@ -22,7 +22,7 @@ _INVISIBLE = re.compile(
 
 
 # What stands in a sentence without quotes: a name, an address, a URI or a time. Each has a character that no word of a sentence
-# has, so `none`, `PASSED` and `ok=1` are none of these, whoever has such a name.
+# has. So `none`, `PASSED` and `ok=1` are none of these, also where something has such a name.
 _NAME = re.compile(
     r"""
     (?= .* [0-9_/.@~] )

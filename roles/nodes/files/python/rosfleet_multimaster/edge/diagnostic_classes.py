@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The classes of diagnostic_msgs: those of the robot, or else made here of the same definitions.
 
-A robot without the package has nobody who looks at them, but another computer of it may. Nothing is installed, so
+On a robot without the package no program looks at them, but one on its other computers may. Nothing is installed, so
 nothing stands in the place of the package when it comes.
 """
 

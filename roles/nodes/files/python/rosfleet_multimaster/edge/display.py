@@ -37,7 +37,7 @@ class Display:
         self._robot = "" if own is None else own.robot
         self._node, self._loop, self._limited = node, loop, limited
         self._entries, self._samples = entries, samples
-        self._stale = True  # something is another than it was published
+        self._stale = True  # something has changed since it was published
         self._publish_due = self._write_due = 0.0
 
     @property

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the program writes: lines for the journal, or for a terminal, that nobody else's text can break or colour.
+"""The lines that a program writes for the journal, or for a terminal. No text of others can break or colour them.
 
 There are three ways out, and all are here: the log (ours and that of rospy, by logging.conf), the sentences of our small
 programs, and the standard streams, to which rospy prints what others say, such as the reason of a `shutdown`. Each line begins

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A connection to another program on which nothing is said. The kernel ends it when that program ends, so nobody has to ask."""
+"""A connection to another program on which nothing is said. The kernel ends it when that program ends. So no questions are needed."""
 
 import socket
 import urllib.parse

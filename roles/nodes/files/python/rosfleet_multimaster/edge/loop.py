@@ -85,7 +85,7 @@ class Loop:
             with contextlib.suppress(OSError):
                 while self._wakee.recv(4096):
                     pass
-            self._woken = False  # before the calls are counted: whoever found it set has put his in
+            self._woken = False  # before the calls are counted: a thread that found it set has put its call in
             for _count in range(self._posted.qsize()):
                 self._posted.get()()
 
@@ -184,19 +184,7 @@ def run_later(seconds: float, job: Callable[[], Any]) -> None:
     timer.start()
 
 
-class EndFlag:
-    """A flag that is set once, from any thread."""
+class EndFlag(threading.Event):
+    """A flag that is set once, from any thread. It is true when it is set."""
 
-    def __init__(self) -> None:
-        self._event = threading.Event()
-
-    def __bool__(self) -> bool:
-        return self._event.is_set()
-
-    def set(self) -> None:
-        """Set the flag."""
-        self._event.set()
-
-    def wait(self, seconds: float) -> None:
-        """Sleep, but not longer than until the flag is set."""
-        self._event.wait(seconds)
+    __bool__ = threading.Event.is_set

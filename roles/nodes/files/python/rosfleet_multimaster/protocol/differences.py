@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Differences between two states of a master, as far as somebody may see them.
 
-The serving side remembers what each change replaced (`History`). So it can tell the former and the present state of the
-names that changed (`excerpt`), make the document of both by the rules of the caller as it makes every document, and tell
-what is another (`difference`). What the rules hide is in neither, so it is in no difference.
+The serving side remembers what each change replaced (`History`). So it knows the former and the present state of the
+names that changed (`excerpt`). It makes the document of both by the rules of the caller, as it makes every document, and
+tells how they differ (`difference`). What the rules hide is in neither, so it is in no difference.
 
 The asking side replaces the rows that it is told (`applied`). Types, nodes and providers go with who used them.
 Free of sockets, threads and clocks.
@@ -34,9 +34,6 @@ class Names(NamedTuple):
 
     topics: Set[str]
     services: Set[str]
-
-    def __bool__(self) -> bool:
-        return bool(self.topics or self.services)
 
 
 class Difference(NamedTuple):
@@ -108,7 +105,7 @@ class Stamps:
         self.last: Optional[State] = None
 
     def stamp(self, state: State, wall: float) -> State:
-        """The state with its stamps (see graph.stamped); the one before where nothing is another."""
+        """The state with its stamps (see graph.add_stamps); the one before where nothing has changed."""
         last = self.last
         if last is None:
             self.last = add_stamps(state, None, wall)
@@ -187,7 +184,7 @@ def empty_difference(state: State, stamps: Sequence[Any]) -> Difference:
 
 
 def digest(state: State) -> str:
-    """A text that is another one for another state, of what travels of it; the stamps do not matter."""
+    """A text that differs where the states differ in what travels of them; the stamps do not matter."""
     found = hashlib.sha256()
     for part in PARTS:
         table = getattr(state, part)
@@ -200,7 +197,7 @@ def digest(state: State) -> str:
 
 
 def apply_difference(state: State, document: Any, gone: Any) -> State:
-    """The state after a difference. Raises Malformed."""
+    """The state after a difference. Raises InvalidDocument."""
     new = parse(document)
     if new.uri != state.uri:
         raise InvalidDocument(f"it is about {new.uri}, and not about {state.uri}")
@@ -216,7 +213,7 @@ def apply_difference(state: State, document: Any, gone: Any) -> State:
 
 
 def _tidy(tables: Dict[str, Any]) -> None:
-    """Leave out the types, nodes and providers that nobody uses any more."""
+    """Leave out the types, nodes and providers that are not used any more."""
     endpoints = [tables[part] for part in PARTS[:_USED]]
     topics = endpoints[0].keys() | endpoints[1].keys()
     for part, used in (("types", topics), ("nodes", _users(*endpoints)), ("providers", endpoints[2].keys())):
@@ -225,7 +222,7 @@ def _tidy(tables: Dict[str, Any]) -> None:
 
 
 def _merge_rows(before: Mapping[str, Any], new: Mapping[str, Any], away: Set[str]) -> Mapping[str, Any]:
-    """Rows with others in their place; the same object where none is another."""
+    """The rows with the new ones in their place; the same object where no row changes."""
     away = {name for name in away if name in before and name not in new}
     others = {name: row for name, row in new.items() if before.get(name) != row}
     if not others and not away:

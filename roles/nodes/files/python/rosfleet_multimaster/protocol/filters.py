@@ -17,7 +17,7 @@ import reprlib
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from math import comb
-from typing import Any, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 try:
     from re import _compiler, _parser  # type: ignore[attr-defined]  # Python 3.11 and later, undocumented
@@ -338,14 +338,11 @@ class Filters:
 
     def check(self) -> None:
         """Raise InvalidPattern with a sentence that names the parameter, where a filter is not usable."""
-        for name in (*NAMES, *HOSTS):
-            for _host, items in _parts(name, self.values.get(name)):
-                Pattern.from_items(items, name)
-        for host, section in self._sections():
-            for name, value in section.items():
-                for _host, items in _parts(name, value):
-                    Pattern.from_items(items, f"{host}/{name}")
-        for host in self._hosts():
+        hosts = {""}
+        for what, _name, host, items in self._lists():
+            Pattern.from_items(items, what)
+            hosts.add(host or "")
+        for host in hosts:
             self.wants_host(host)
             self.rules(host)
 
@@ -367,48 +364,39 @@ class Filters:
     def patterns(self, name: str, host: str, also: Sequence[str] = ()) -> List[str]:
         """The patterns of one filter for one host: the built-in ones, then `also`, then the own ones."""
         items = [*BUILT_IN.get(name, ()), *also]
-        for of, values in _parts(name, self.values.get(name)):
-            if of is None or of.lower() == host.lower():
+        for _what, of, where, values in self._lists():
+            if of == name and (where is None or where.lower() == host.lower()):
                 items += values
-        for of, section in self._sections():
-            if of.lower() == host.lower():
-                for _of, values in _parts(name, section.get(name)):
-                    items += values
         return items
 
     def _pattern(self, name: str, host: str, also: Sequence[str] = ()) -> Pattern:
         items = self.patterns(name, host, also)
         return usable(items) if self.lenient else Pattern.from_items(items, name)
 
-    def _hosts(self) -> Set[str]:
-        """The hosts with filters of their own, and "" for all others."""
-        values = [part for name in (*NAMES, *HOSTS) for part in _parts(name, self.values.get(name))]
-        return {"", *(host for host, _items in values if host), *(host for host, _section in self._sections())}
+    def _lists(self) -> Iterator[Tuple[str, str, Optional[str], List[str]]]:
+        """Every list of patterns: its name in the parameters, its filter, its host (None for all), the patterns.
 
-    def _sections(self) -> List[Tuple[str, Mapping[str, Any]]]:
-        """`<mastername>/<parameter>`: the parameters of one host."""
-        return [
-            (key, value)
-            for key, value in self.values.items()
-            if key not in NAMES + HOSTS and isinstance(value, Mapping)
-        ]
+        `<mastername>/<parameter>` is the parameter of one host.
+        """
+        for name in (*NAMES, *HOSTS):
+            for host, items in _parts(name, self.values.get(name)):
+                yield name, name, host, items
+        for key, section in self.values.items():
+            if key not in NAMES + HOSTS and isinstance(section, Mapping):
+                for name, value in section.items():
+                    for _host, items in _parts(name, value):
+                        yield f"{key}/{name}", name, key, items
 
 
 def _parts(name: str, value: Any) -> List[Tuple[Optional[str], List[str]]]:
     """(host or None for all, patterns) of a parameter: a text, a list, a mapping, or a list with mappings in it."""
     if value in (None, ""):
         return []
-    if isinstance(value, str):
-        return [(None, [value])]
     if isinstance(value, Mapping):
         return [(str(host), _list(items, name)) for host, items in value.items()]
-    if not isinstance(value, (list, tuple)):
-        raise InvalidPattern(f"{name}: {value!r} is no list of patterns")
-    parts: List[Tuple[Optional[str], List[str]]] = [(None, [item for item in value if not isinstance(item, Mapping)])]
-    for item in value:
-        if isinstance(item, Mapping):
-            parts += [(str(host), _list(items, name)) for host, items in item.items()]
-    return parts
+    values = _list(value, name)
+    parts: List[Tuple[Optional[str], List[str]]] = [(None, [item for item in values if not isinstance(item, Mapping)])]
+    return parts + [part for item in values if isinstance(item, Mapping) for part in _parts(name, item)]
 
 
 def _list(value: Any, name: str) -> List[str]:

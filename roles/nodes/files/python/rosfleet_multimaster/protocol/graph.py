@@ -287,7 +287,7 @@ def _pick(table: Mapping[str, Any], names: Iterable[str]) -> List[Tuple[str, Any
 
 
 def parse(value: Any) -> State:
-    """The state in a document from another computer. Raises Malformed."""
+    """The state in a document from another computer. Raises InvalidDocument."""
     if not isinstance(value, (list, tuple)) or len(value) != 10:
         raise InvalidDocument("not an array of ten elements")
     try:

@@ -71,7 +71,7 @@ def encode(heartbeat: Heartbeat) -> bytes:
 
 
 def decode(datagram: bytes) -> Heartbeat:
-    """The record of a datagram. Raises Malformed."""
+    """The record of a datagram. Raises InvalidHeartbeat."""
     if len(datagram) > 1 and datagram[1] not in (_VERSION, _VERSION_WITH_REQUESTS):
         raise InvalidHeartbeat(f"version {datagram[1]} instead of {_VERSION} or {_VERSION_WITH_REQUESTS}")
     if datagram[:1] != _MARK:

@@ -64,7 +64,7 @@ def pack_rows(rows: Sequence[Any]) -> List[str]:
 
 
 def unpack_rows(texts: Any) -> List[Any]:
-    """The rows. Raises Malformed."""
+    """The rows. Raises InvalidDocument."""
     try:
         return [row for text in texts for row in json.loads(text)]
     except (TypeError, ValueError, RecursionError) as problem:

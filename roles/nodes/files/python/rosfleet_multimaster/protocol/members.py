@@ -55,9 +55,6 @@ class Networks:
             return False
         return any(number & mask == start for start, mask in self._ranges)
 
-    def __bool__(self) -> bool:
-        return bool(self._ranges)
-
 
 class Members:
     """The robots of the fleet, and what becomes of everybody else."""

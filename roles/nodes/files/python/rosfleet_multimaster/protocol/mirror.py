@@ -11,12 +11,11 @@ from dataclasses import replace
 from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 from typing import Counter as Counts
 
-from .graph import LOCAL, REMOTE, InvalidDocument, Node, Provider, State
+from .graph import LOCAL, REMOTE, InvalidDocument, Node, Origins, Provider, State
 
 CHANGES = "rosfleetChanges"  # the method by which a roscore tells its changes,
 REFUSED = "/rosfleet_multimaster/refused"  # and how often it has refused something, as if it were a parameter
 
-Origins = Mapping[Tuple[str, str], str]  # (node, URI of the node) -> URI of the master that it is of
 _ENDPOINTS = {"publisher": "publishers", "subscriber": "subscribers", "service": "services"}
 #: kind -> the types of what follows it
 _TYPES = {

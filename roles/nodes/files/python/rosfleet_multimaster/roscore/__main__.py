@@ -83,7 +83,7 @@ class Roscore:
             self._survivors.wait_for(self._late)
         start_thread("versions", partial(core_services.set_versions, self._master.call))
         program.on_signals(self._loop, self._end)
-        program.on_request(self._loop, self._forget)
+        program.on_request(partial(self._loop.post, self._forget))
         self._loop.run(self._tick)
         self._rosout.end()
         if self._store is not None:
@@ -216,7 +216,7 @@ def main() -> int:
             raise program.Fatal(f"what is kept in {options.store} cannot be removed: {problem}") from None
         return 0
     # Also until the loop runs: a store may be the reason that it never does.
-    program.on_request_at_once(partial(_forget_at_once, options.store))
+    program.on_request(partial(_forget_at_once, options.store))
     memory.give_back()
     Roscore(options).run()
     return 0

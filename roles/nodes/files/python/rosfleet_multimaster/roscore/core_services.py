@@ -4,6 +4,7 @@
 
 import logging
 import os
+import re
 import uuid
 from typing import Any, Callable, Dict
 from urllib.parse import urlsplit
@@ -29,9 +30,7 @@ def set_run_id(call: Call) -> None:
 def set_uri(call: Call, uri: str) -> None:
     """Set the parameter that has the URI of this program, as roslaunch does."""
     parts = urlsplit(uri)
-    host = "".join(
-        letter if letter.isalnum() and letter.isascii() else "_" for letter in (parts.hostname or "").lower()
-    )
+    host = re.sub("[^a-z0-9]", "_", (parts.hostname or "").lower())
     call("setParam", CALLER, f"/roslaunch/uris/host_{host}__{parts.port}", uri)
 
 

@@ -75,15 +75,13 @@ def _count_start(folder: str) -> int:
     """The number of starts with this store that did not come to `clear_starts`. This start is added to them."""
     path = os.path.join(folder, store_format.FILE)
     os.stat(path)  # else there is nothing to set aside
-    try:
+    count = 0
+    with contextlib.suppress(FileNotFoundError):
         count = os.path.getsize(path + _STARTS)
-    except FileNotFoundError:
-        count = 0
-    try:
-        with open(path + _STARTS, "ab") as file:
-            file.write(b".")
-    except OSError:  # a full or read-only disk: then there is no count
-        pass
+    with contextlib.suppress(OSError), open(
+        path + _STARTS, "ab"
+    ) as file:  # a full or read-only disk: there is no count
+        file.write(b".")
     return count
 
 

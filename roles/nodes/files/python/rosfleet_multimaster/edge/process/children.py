@@ -81,17 +81,12 @@ def _lines(stream: IO[bytes]) -> Iterator[str]:
 def output(command: Sequence[str], seconds: float) -> str:
     """The output of a program, "" where it fails."""
     try:
-        done = subprocess.run(
-            list(command),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            timeout=seconds,
-            check=False,
+        text = subprocess.check_output(
+            list(command), stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=seconds
         )
     except (OSError, subprocess.SubprocessError):
         return ""
-    return done.stdout.decode("utf-8", "replace") if done.returncode == 0 else ""
+    return text.decode("utf-8", "replace")
 
 
 def node_path(package: str, program: str) -> List[str]:

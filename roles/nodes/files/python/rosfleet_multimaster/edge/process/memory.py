@@ -22,6 +22,6 @@ def give_back() -> None:
 
 
 def freeze() -> None:
-    """What there is now stays. Whoever is called while Python looks for cycles waits: 14 ms with 20,000 registrations."""
+    """Leave the present objects out of the search for cycles. A call that comes meanwhile waits: 14 ms with 20,000 registrations."""
     gc.collect()
     gc.freeze()

@@ -150,13 +150,8 @@ def on_signals(loop: Loop, end: Callable[[], None]) -> None:
         signal.signal(number, lambda _number, _frame: loop.post(end))
 
 
-def on_request(loop: Loop, job: Callable[[], None]) -> None:
-    """Have `job` called in the loop on SIGUSR1."""
-    signal.signal(signal.SIGUSR1, lambda _number, _frame: loop.post(job))
-
-
-def on_request_at_once(job: Callable[[], None]) -> None:
-    """Have `job` called on SIGUSR1 while there is no loop yet."""
+def on_request(job: Callable[[], None]) -> None:
+    """Have `job` called on SIGUSR1."""
     signal.signal(signal.SIGUSR1, lambda _number, _frame: job())
 
 
