@@ -287,12 +287,9 @@ class Helper:
             + [entry["name"] for entry in udp if not entry["multicast"] and not entry["unicast"]],
             "unanswered": [entry["name"] for entry in together if entry["heard_from"] and entry["heard_by"] is None],
             "unexpected": self._strangers(),
-            "callers": self._callers(),
+            # empty datagrams to this computer itself
+            "callers": [{"address": address, "datagrams": count} for address, count in sorted(self.callers.items())],
         }
-
-    def _callers(self) -> typing.List[typing.Dict[str, typing.Any]]:
-        """Count the empty datagrams to this computer itself, by address."""
-        return [{"address": address, "datagrams": count} for address, count in sorted(self.callers.items())]
 
     def _strangers(self) -> typing.List[typing.Dict[str, typing.Any]]:
         """Count the datagrams on the group from addresses outside the fleet."""

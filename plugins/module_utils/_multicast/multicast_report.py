@@ -65,17 +65,10 @@ def _cases(result: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.List
     apart = [entry for entry in udp if not entry["multicast"] and not entry["unicast"]]
     elsewhere = [entry for entry in silent if entry["other_interfaces"]]
     return {
-        "silent": _names(silent, lambda entry: True),
-        "deaf": _names(udp, lambda entry: entry["heard_by"] is False),
+        "silent": [entry["name"] for entry in silent],
+        "deaf": [entry["name"] for entry in udp if entry["heard_by"] is False],
         "elsewhere": [f"{entry['name']} ({', '.join(map(quote, entry['other_interfaces']))})" for entry in elsewhere],
-        "reachable": _names(udp, lambda entry: entry["name"] in missing and entry["unicast"]),
-        "unreachable": _names(silent + apart, lambda entry: entry["heard_by"] is None),
+        "reachable": [entry["name"] for entry in udp if entry["name"] in missing and entry["unicast"]],
+        "unreachable": [entry["name"] for entry in silent + apart if entry["heard_by"] is None],
         "unanswered": result["unanswered"],
     }
-
-
-def _names(
-    entries: typing.Iterable[typing.Dict[str, typing.Any]],
-    wanted: typing.Callable[[typing.Dict[str, typing.Any]], bool],
-) -> typing.List[str]:
-    return [entry["name"] for entry in entries if wanted(entry)]

@@ -78,11 +78,9 @@ class Route(typing.NamedTuple):
 
     def fits(self, other: "Route") -> bool:
         """True where the other route goes this way. Where this route has no refinements, the other one may have any."""
-        return self.way == other.way or (not any(self.refinements) and self.way == _drop_refinements(other).way)
-
-
-def _drop_refinements(route: Route) -> Route:
-    return route._replace(scope="", mtu=0, advmss=0, initcwnd=0)
+        return self.way == other.way or (
+            not any(self.refinements) and self.way == other._replace(scope="", mtu=0, advmss=0, initcwnd=0).way
+        )
 
 
 class KernelRoute(typing.NamedTuple):

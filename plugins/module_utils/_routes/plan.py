@@ -134,13 +134,16 @@ def _plan_listed(route: Route, kernel_routes: typing.List[KernelRoute], entry: E
     after = same[0].text if same else format_route(route)
     superfluous = others if same else others[1:]  # our route replaces the first of several
     part = KeyPlan(
-        adds=[] if same else [_make(route)],
+        adds=[] if same else [Change("replace", route.version, tuple(to_words(route)))],
         removals=[remove(kernel_route) for kernel_route in superfluous],
         after=[after],
         result=RouteResult(before, after, state, problem),
     )
-    adopted = same and not others and route.way not in _ways(entry)
-    return part if adopted else _add_record(part, route, entry, kernel_routes)
+    if same and not others and route.way not in _ways(entry):
+        return part  # an adopted route has no record: it is not ours to take back
+    replaced = _list_replaced(entry, kernel_routes)
+    earlier = tuple(other for other in entry.made if other != route)
+    return part._replace(interim=Entry(earlier + (route,), replaced), final=Entry((route,), replaced))
 
 
 def _sort_routes(
@@ -168,13 +171,6 @@ def _on_link(kernel_route: KernelRoute, route: Route, entry: Entry) -> bool:
 def _ways(entry: Entry) -> typing.Set[typing.Tuple[typing.Any, ...]]:
     """The ways of the routes that we made."""
     return {route.way for route in entry.made}
-
-
-def _add_record(part: KeyPlan, route: Route, entry: Entry, kernel_routes: typing.List[KernelRoute]) -> KeyPlan:
-    """The plan for a route together with its record. An adopted route has none: it is not ours to take back."""
-    replaced = _list_replaced(entry, kernel_routes)
-    earlier = tuple(other for other in entry.made if other != route)
-    return part._replace(interim=Entry(earlier + (route,), replaced), final=Entry((route,), replaced))
 
 
 def _list_replaced(entry: Entry, kernel_routes: typing.List[KernelRoute]) -> typing.Tuple[typing.Tuple[str, ...], ...]:
@@ -220,7 +216,8 @@ def _plan_removal(
     """The plan for a route of the record that is no longer listed."""
     ours = [kernel_route for kernel_route in kernel_routes if kernel_route.route.way in _ways(entry)]
     others = [kernel_route for kernel_route in kernel_routes if kernel_route not in ours]
-    back = _select_usable(entry.replaced, interfaces) if ours and not others else []
+    devices = [(words, _find_word_after("dev", words)) for words in entry.replaced if ours and not others]
+    back = [words for words, device in devices if device is None or device in interfaces]
     after = [" ".join(words) for words in back] + [kernel_route.text for kernel_route in others]
     route = ours[0].route if ours else entry.made[-1]
     result = dict(
@@ -245,19 +242,7 @@ def _state(
     return "left" if others else "gone"
 
 
-def _select_usable(
-    replaced: typing.Iterable[typing.Tuple[str, ...]], interfaces: typing.Container[str]
-) -> typing.List[typing.Tuple[str, ...]]:
-    """The recorded routes whose interface is still there."""
-    devices = [(words, _find_word_after("dev", words)) for words in replaced]
-    return [words for words, device in devices if device is None or device in interfaces]
-
-
 # Changes
-
-
-def _make(route: Route) -> Change:
-    return Change("replace", route.version, tuple(to_words(route)))
 
 
 def _make_again(key: Key, words: typing.Tuple[str, ...], first: bool) -> Change:

@@ -9,8 +9,8 @@ return. A heartbeat has two values: heard and silent.
 
 import typing
 
-# Seconds without a heartbeat after which its master counts as silent: as many heartbeats as the others' nodes wait for,
-# and long enough for a busy machine.
+# A master counts as silent after so many heartbeats, and after so many seconds at least: a machine may be busy. The nodes
+# wait for fewer, since they ask a silent master before they give it up.
 MISSED = 4
 QUIET = 5.0
 # The same where the sender promises no rate, as a master of upstream's nodes with their default of 0.02 Hz.

@@ -167,7 +167,7 @@ class BackEnd(contract.BackEnd):
                     f"routes: the profile {_uuid(place)} has connection.autoconnect no, so it brings no routes back at boot, "
                     f"expected yes: nmcli connection modify {_uuid(place)} connection.autoconnect yes."
                 )
-            for version in sorted({_version(line) for line in text.splitlines()}):
+            for version in sorted({int(line[len("ipv")]) for line in text.splitlines()}):
                 if profile.methods[version] in _WITHOUT:
                     raise Problem(
                         f"routes: the profile {_uuid(place)} has ipv{version}.method {profile.methods[version]}, with which it "
@@ -291,10 +291,6 @@ def format_line(route: Route, profile_table: int) -> str:
     ]
     words += [f"{name}={value}" for name, value in attributes if value]
     return f"ipv{route.version}.routes {' '.join(words)}"
-
-
-def _version(line: str) -> int:
-    return int(line[len("ipv")])
 
 
 def _join_lines(lines: typing.Iterable[str]) -> typing.Optional[str]:

@@ -3,11 +3,17 @@
 
 """What a watch reads: this machine's own values, and tables of the kernel."""
 
+import pathlib
+import random
 import socket
 import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch import process, readings
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[5] / "roles/nodes/files/python"))
+
+from rosfleet_multimaster.protocol import heartbeat  # noqa: E402
 
 TABLE = """Iface\tDestination\tGateway \tFlags\tRefCnt\tUse\tMetric\tMask\t\tMTU\tWindow\tIRTT
 eth0\t00000000\t0100A8C0\t0003\t0\t0\t0\t00000000\t0\t0\t0
@@ -65,6 +71,14 @@ def packet(body, port=11511, destination="226.0.0.0"):
         + bytes(2)
         + body
     )
+
+
+@pytest.mark.parametrize("kind", heartbeat.Kind)
+def test_a_watch_reads_what_the_nodes_write(kind):
+    drawn = random.Random(kind.value)
+    for _turn in range(100):
+        record = heartbeat.encode(heartbeat.Heartbeat(kind, drawn.randrange(1, 65536), drawn.uniform(0, 30)))
+        assert process.heartbeat(packet(record), 11511).rate == heartbeat.decode(record).rate
 
 
 def test_only_the_record_of_discovery_is_a_heartbeat():
