@@ -54,7 +54,7 @@ class ActionModule(ActionBase):
                 msg="The option path is empty; expected a file for the bundle, such as bundle.zip: set verify_bundle.",
             )
             return result
-        path = name_file(option)
+        path = fleet_report.name_file(option, time.strftime(NAME))
         try:
             bundle = fleet_report.read_run(self._task.args, task_vars)
             clean_run = self._remove_secrets(bundle, task_vars["hostvars"])
@@ -109,14 +109,6 @@ def words(bundle: Run) -> set[str]:
 
 
 READ_IT = "Passwords and keys were taken out where they could be recognised; read it before you give it away."
-
-
-def name_file(option: str) -> str:
-    """Return the file that an option names; for a folder, the path of a new file in it."""
-    path = os.path.abspath(os.path.expanduser(option))
-    if option.endswith("/") or os.path.isdir(path):
-        return os.path.join(path, time.strftime(NAME))
-    return path
 
 
 def make_bundle(bundle: Run, judgement: Any) -> bytes:

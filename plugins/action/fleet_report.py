@@ -215,8 +215,7 @@ class Files:
         name = time.strftime(history.NAME) + ".json"
         if path == AUTO:
             return cls(folder_of(inventory) / name, own=True)
-        place = Path(os.path.abspath(os.path.expanduser(path)))
-        return cls(place / name if path.endswith("/") or place.is_dir() else place, own=False)
+        return cls(Path(name_file(path, name)), own=False)
 
     def write(self, fleet: FleetPlan, document: dict[str, Any], matrices: Matrices) -> str:
         """Write both, compare with the run before, and return the path of the page. Raises OSError."""
@@ -250,6 +249,12 @@ class Files:
     def _list_folder(self) -> list[str]:
         """List the names in the folder."""
         return [path.name for path in self.data.parent.glob("*")]
+
+
+def name_file(option: str, name: str) -> str:
+    """Return the path of the file that an option names; for a folder, the path of a file of this name in it."""
+    path = os.path.abspath(os.path.expanduser(option))
+    return os.path.join(path, name) if option.endswith("/") or os.path.isdir(path) else path
 
 
 def folder_of(inventory: str) -> Path:

@@ -33,19 +33,6 @@ class StrangeMachine(ValueError):
 
 
 @dataclass(frozen=True)
-class Address:
-    """An address of a computer, and its interface."""
-
-    interface: IPv4Interface
-    device: str
-
-    @property
-    def ip(self) -> IPv4Address:
-        """The address."""
-        return self.interface.ip
-
-
-@dataclass(frozen=True)
 class Hop:
     """A route by a next hop."""
 
@@ -55,11 +42,10 @@ class Hop:
 
 @dataclass(frozen=True)
 class Uri:
-    """A host and a port, and where they were read."""
+    """A host and a port."""
 
     host: str
     port: int
-    place: str = ""
 
 
 @dataclass(frozen=True)
@@ -89,7 +75,7 @@ class Machine:
 
     name: str  # in the list
     hostname: str = ""
-    addresses: tuple[Address, ...] = ()
+    addresses: tuple[IPv4Interface, ...] = ()
     aside: tuple[str, ...] = ()  # addresses that no other computer reaches it by
     hops: tuple[Hop, ...] = ()
     forwards: bool = False
@@ -124,27 +110,27 @@ def _machine(name: str, info: Info) -> Machine:
     )
 
 
-def _addresses(interfaces: Sequence[Info]) -> tuple[list[Address], list[str]]:
+def _addresses(interfaces: Sequence[Info]) -> tuple[list[IPv4Interface], list[str]]:
     usable, aside = [], []
     for entry in interfaces[:MOST]:
         for address in entry["addresses"][:MOST]:
             if address["family"] != "inet" or entry["loopback"]:
                 continue
-            found = Address(IPv4Interface(f"{address['address']}/{address['prefix']}"), quote(entry["name"], 32))
-            why = _explain_aside(found, entry["up"])
+            found, device = IPv4Interface(f"{address['address']}/{address['prefix']}"), quote(entry["name"], 32)
+            why = _explain_aside(found, device, entry["up"])
             if why:
-                aside.append(f"{found.interface} of {found.device}, {why}")
+                aside.append(f"{found} of {device}, {why}")
             else:
                 usable.append(found)
     return usable, aside
 
 
-def _explain_aside(address: Address, up: Any) -> str:
-    if address.device.startswith(INSIDE):
+def _explain_aside(address: IPv4Interface, device: str, up: Any) -> str:
+    if device.startswith(INSIDE):
         return "a network inside the computer"
     if not up:
         return "which is switched off"
-    if address.ip.is_link_local or address.interface.network.prefixlen > 30:
+    if address.ip.is_link_local or address.network.prefixlen > 30:
         return "a network of one connection"
     return ""
 
@@ -194,18 +180,14 @@ def _port(number: Any) -> int:
 
 def _read_masters(info: Info) -> Iterable[Uri]:
     """Find the values of ROS_MASTER_URI: what arrives in shells first, then what files say."""
-    for kind, variables in sorted((info.get("environment") or {}).items(), key=lambda item: item[0] != "login"):
-        found = uri((variables or {}).get("ROS_MASTER_URI", ""), f"its shells ({quote(kind, 16)})")
-        if found:
-            yield found
-    for entry in (info.get("exports") or ())[:MOST]:
-        if entry["variable"] == "ROS_MASTER_URI":
-            found = uri(entry["value"], f"{quote(entry['file'], 100)} line {int(entry['line'])}")
-            if found:
-                yield found
+    shells = sorted((info.get("environment") or {}).items(), key=lambda item: item[0] != "login")
+    texts = [(variables or {}).get("ROS_MASTER_URI", "") for _kind, variables in shells]
+    exports = (info.get("exports") or ())[:MOST]
+    texts += [entry["value"] for entry in exports if entry["variable"] == "ROS_MASTER_URI"]
+    return filter(None, map(uri, texts))
 
 
-def uri(text: Any, place: str = "") -> Uri | None:
+def uri(text: Any) -> Uri | None:
     """Return host and port of a URI such as http://tibi-nav:11311; None where it is none."""
     try:
         parts = urlsplit(str(text))
@@ -215,7 +197,7 @@ def uri(text: Any, place: str = "") -> Uri | None:
             or not (kinds.is_host_name(parts.hostname) or is_address(parts.hostname))
         ):
             return None
-        return Uri(parts.hostname, parts.port or 11311, place)
+        return Uri(parts.hostname, parts.port or 11311)
     except ValueError:
         return None
 

@@ -29,7 +29,7 @@ class Machines:
     @cached_property
     def networks(self) -> Mapping[IPv4Network, Mapping[str, IPv4Address]]:
         """Network -> machine -> its address there, the lowest of several. One that lies in a wider one is the wider one."""
-        seen = sorted({entry.interface.network for machine in self.by_name.values() for entry in machine.addresses})
+        seen = sorted({entry.network for machine in self.by_name.values() for entry in machine.addresses})
         wide = [one for one in seen if not any(one != other and one.subnet_of(other) for other in seen)]
         found: dict[IPv4Network, dict[str, IPv4Address]] = {network: {} for network in wide}
         for name, machine in self.by_name.items():
