@@ -13,7 +13,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import HOSTS, NAMES
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import (
+    HOSTS,
+    NAMES,
+    Filters,
+    InvalidPattern,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue, nearest
 
 # The keys of an entry, and the word for one of its names.
@@ -85,6 +90,15 @@ def read_exports(value: Any) -> tuple[Export, ...]:
             raise UnexpectedValue(f"each entry once, but {entry} is there twice")
         contents.add(content)
     _check_size([item for entry in entries for item in entry.names()])
+    topics = [
+        name for entry in entries for name in (*entry.topics, *topics_of(entry.actions, FROM_CLIENT + FROM_SERVER))
+    ]
+    try:  # the other robots' master_sync has these white lists
+        Filters(
+            {"sync_topics": topics, "sync_services": [name for entry in entries for name in entry.services]}
+        ).check()
+    except InvalidPattern as problem:
+        raise UnexpectedValue(f"fewer or shorter names, since {problem}") from None
     return entries
 
 

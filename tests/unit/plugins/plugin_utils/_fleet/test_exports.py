@@ -137,6 +137,10 @@ def test_a_declaration_is_read():
         ([{"actions": [f"/*{n}*" for n in range(14)]}], "but there are 42"),
         ([{"topics": ["/" + "a" * 40000]}], "at most 32768 characters"),
         (
+            [{"topics": [f"/{n:03x}" for n in range(4096)] * 2}],
+            "fewer or shorter names, since sync_topics: all patterns",
+        ),
+        (
             [{"topics": ["/a", "/b"]}, {"topics": ["/b", "/a"]}],
             "each entry once, but {topics: [/b, /a]} is there twice",
         ),

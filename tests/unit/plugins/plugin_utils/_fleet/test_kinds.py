@@ -10,7 +10,7 @@ import sys
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import kinds
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import make_node_filters
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import make_node_filters, read_exports
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import Inventory, read_fleet
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
@@ -58,48 +58,68 @@ def draw_filters(seed):
     return {name: [pattern() for _number in range(chance.randint(1, 3))] for name in names}
 
 
-def is_accepted(value):
+def draw_exports(seed):
+    chance = random.Random(seed)
+    kind, count, longest = (
+        chance.choice(("topics", "services", "actions")),
+        chance.choice((1, 9, 900, 8000)),
+        chance.randint(3, 9),
+    )
+    names = {"/" + "".join(chance.choices("abcdef012", k=chance.randint(2, longest))) for _number in range(count)}
+    return [{kind: sorted(names)}, {"topics": ["/a*b", "*/c*"]}]
+
+
+def is_accepted(value, read=kinds.filters):
     try:
-        kinds.filters(value)
+        read(value)
     except UnexpectedValue:
         return False
     return True
 
 
-def starts_with(values):
+def starts_with(values, table=parameters.SYNC):
     try:
-        parameters.overlay(parameters.SYNC, values)
+        parameters.overlay(table, values)
     except parameters.ParameterError:
         return False
     return True
 
 
-def plan_of(filters):
-    """Return the parameters of master_sync of a robot with these filters, beside one that declares what it gives."""
+def plan_of(filters, exports=({"topics": ["/a*"], "to": ["eve"]},)):
+    """Return the plan of three robots: ana has these filters, bob declares what it gives."""
     shared = {"multimaster_common_network": "192.168.1.0/24"}
     variables = {
         "ana": {**shared, "multimaster_address": "192.168.1.10", "multimaster_filters": filters},
         "bob": {
             **shared,
             "multimaster_address": "192.168.1.11",
-            "multimaster_exports": [{"topics": ["/a*"], "to": ["eve"]}],
+            "multimaster_exports": [*exports],
         },
         "eve": {**shared, "multimaster_address": "192.168.1.12"},
     }
     fleet = read_fleet(Inventory(robots={name: [name] for name in variables}, variables=variables))
-    return to_plain(fleet_plan(fleet))["computers"]["ana"]["sync"]
+    return to_plain(fleet_plan(fleet))["computers"]
 
 
 def test_nodes_start_with_filters_that_preflight_accepts():
     values = [draw_filters(seed) for seed in SEEDS]
     accepted = [value for value in values if is_accepted(value)]
     assert 40 < len(accepted) < 360
-    assert [value for value in accepted if not starts_with(plan_of(value))] == []
+    assert [value for value in accepted if not starts_with(plan_of(value)["ana"]["sync"])] == []
 
 
 def test_preflight_refuses_only_filters_that_nodes_refuse():
     values = [value for value in map(draw_filters, SEEDS) if all(p.strip() for items in value.values() for p in items)]
     assert [value for value in values if not is_accepted(value) and starts_with(make_node_filters(value))] == []
+
+
+def test_nodes_start_with_exports_that_preflight_accepts():
+    values = [draw_exports(seed) for seed in range(24)]
+    accepted = [value for value in values if is_accepted(value, read_exports)]
+    assert 4 < len(accepted) < 24
+    for value in accepted:
+        plans = plan_of({}, value)
+        assert starts_with(plans["ana"]["sync"]) and starts_with(plans["bob"]["discovery"], parameters.DISCOVERY)
 
 
 @pytest.mark.parametrize(
