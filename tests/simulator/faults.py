@@ -31,7 +31,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON
 
-from tests.simulator.state import DEAD, HUNG
+from tests.simulator.state import DEAD, HUNG, replace_interface, replace_link
 
 NODE_PORTS = (32768, 60999)
 ANYWHERE = "*"  # a place that is not compared
@@ -118,7 +118,7 @@ def link(choose=links, **fields):
         if not names:
             return None
         name = random.choice(names)
-        return replace(state, world=state.world.replace_link(replace(state.world.links[name], **fields))), name
+        return replace(state, world=replace_link(state.world, replace(state.world.links[name], **fields))), name
 
     return inject
 
@@ -130,7 +130,7 @@ def losing(state, random):
         return None
     name = random.choice(names)
     before = state.world.links[name]
-    return replace(state, world=state.world.replace_link(replace(before, loss=1 - (1 - before.loss) * 0.7))), name
+    return replace(state, world=replace_link(state.world, replace(before, loss=1 - (1 - before.loss) * 0.7))), name
 
 
 # Interfaces
@@ -142,7 +142,7 @@ def _one_interface(random, one):
 
 def _readdressed(state, one, interface, address):
     """The machine with another address. Its routes by gateways that it does not reach any more are gone with it."""
-    changed = one.replace_interface(replace(interface, addresses=(address,)))
+    changed = replace_interface(one, replace(interface, addresses=(address,)))
     near = [
         route
         for route in changed.routes
@@ -169,20 +169,20 @@ def prefix(state, random, one):
 
 def mtu(state, random, one):
     return state.replace_machine(
-        one.replace_interface(replace(_one_interface(random, one), mtu=random.choice((600, 1400))))
+        replace_interface(one, replace(_one_interface(random, one), mtu=random.choice((600, 1400))))
     )
 
 
 def lossy(state, random, one):
-    return state.replace_machine(one.replace_interface(replace(_one_interface(random, one), loss=0.3)))
+    return state.replace_machine(replace_interface(one, replace(_one_interface(random, one), loss=0.3)))
 
 
 def down(state, random, one):
-    return state.replace_machine(one.replace_interface(replace(_one_interface(random, one), up=False)))
+    return state.replace_machine(replace_interface(one, replace(_one_interface(random, one), up=False)))
 
 
 def cable_out(state, random, one):
-    return state.replace_machine(one.replace_interface(replace(_one_interface(random, one), link="")))
+    return state.replace_machine(replace_interface(one, replace(_one_interface(random, one), link="")))
 
 
 def duplicate(state, random, one):

@@ -6,10 +6,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from ipaddress import IPv4Address
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Machine, World
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
+    Interface,
+    Link,
+    Machine,
+    World,
+    kernel_routes,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_world
 
 RUNS, DEAD, HUNG = "runs", "dead", "hung"  # hung: it has its port, and answers nothing
@@ -31,6 +38,28 @@ class RobotState:
     ghosts: tuple[str, ...] = ()  # registered nodes that were killed
     node: str = ""  # the name of a node of its own that another robot has too
     sums: Mapping[str, str] = field(default_factory=dict)  # type -> md5 sum, where it is another one
+
+
+@dataclass(frozen=True)
+class Computer(Machine):
+    """A machine with what does not concern packets."""
+
+    names: Mapping[str, tuple[IPv4Address, ...]] = field(default_factory=dict)  # what each name means here
+    environment: Mapping[str, str] = field(default_factory=dict)  # of its services
+    clock: float = 0.0  # seconds ahead of the true time
+
+
+def replace_interface(machine: Machine, changed: Interface) -> Machine:
+    """The machine with another state of one interface, and with the kernel's routes of its addresses."""
+    before = kernel_routes(machine.interface(changed.name))
+    others = [route for route in machine.routes if route not in before]
+    interfaces = tuple(changed if one.name == changed.name else one for one in machine.interfaces)
+    return replace(machine, interfaces=interfaces, routes=(*kernel_routes(changed), *others))
+
+
+def replace_link(world: World, changed: Link) -> World:
+    """The world with another state of one link."""
+    return replace(world, links={**world.links, changed.name: changed})
 
 
 @dataclass(frozen=True)
@@ -66,8 +95,13 @@ class State:
 def healthy(random, fleet: FleetPlan) -> State:
     """A fleet in which everything is as planned. Some second computers have no ROS, and some packets are lost."""
     world = make_world(fleet)
+    names = {name: (entry.address,) for entry in fleet.hosts_entries for name in entry.names}
+    for name, plan in fleet.computers.items():
+        machine = {one.name: getattr(world.machines[name], one.name) for one in fields(Machine)}
+        known = names if plan.robot else {}
+        world = world.replace_machine(Computer(**machine, names=known, environment=plan.environment))
     for link in world.links.values():
-        world = world.replace_link(replace(link, loss=random.choice((0.0, 0.0, 0.002))))
+        world = replace_link(world, replace(link, loss=random.choice((0.0, 0.0, 0.002))))
     robots = {
         master.robot: RobotState(
             calls_itself=master.uri.split("//")[1].partition(":")[0],

@@ -135,7 +135,7 @@ def _look_up(table: Table, destination: IPv4Address) -> Route | None:
 
 @dataclass(frozen=True)
 class Machine:
-    """A computer or another device, as far as packets and names depend on it."""
+    """A computer or another device, as far as packets depend on it."""
 
     name: str
     interfaces: tuple[Interface, ...] = ()
@@ -146,10 +146,6 @@ class Machine:
     unclear: frozenset[str] = frozenset()  # chains with rules that are not among `rules`, since they say more
     groups: frozenset[IPv4Address] = frozenset()  # that it passes on between its interfaces
     on: bool = True
-    names: Mapping[str, tuple[IPv4Address, ...]] = field(default_factory=dict)  # what each name means here
-    services: frozenset[str] = frozenset()  # that run
-    environment: Mapping[str, str] = field(default_factory=dict)  # of its services
-    clock: float = 0.0  # seconds ahead of the true time
 
     @cached_property
     def _ports(self) -> Mapping[str, Interface]:
@@ -229,16 +225,6 @@ class Machine:
                 return match
         return None
 
-    def replace_interface(self, changed: Interface) -> Machine:
-        """Return the machine with a new state of one interface, and with the kernel's routes of its addresses."""
-        before = self.interface(changed.name)
-        others = [route for route in self.routes if route not in kernel_routes(before)]
-        return replace(
-            self,
-            interfaces=tuple(changed if one.name == changed.name else one for one in self.interfaces),
-            routes=(*kernel_routes(changed), *others),
-        )
-
 
 def kernel_routes(interface: Interface) -> tuple[Route, ...]:
     """Return the routes that the kernel makes for the addresses of an interface."""
@@ -294,7 +280,3 @@ class World:
     def replace_machine(self, changed: Machine) -> World:
         """Return the world with a new state of one machine."""
         return replace(self, machines={**self.machines, changed.name: changed})
-
-    def replace_link(self, changed: Link) -> World:
-        """Return the world with a new state of one link."""
-        return replace(self, links={**self.links, changed.name: changed})

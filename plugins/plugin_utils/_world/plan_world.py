@@ -57,9 +57,6 @@ def make_machine(fleet: FleetPlan, plan: ComputerPlan) -> Machine:
         routes=(*_list_kernel_routes(interfaces), *list_routes(plan, interfaces)),
         rules=make_rules(fleet, plan),
         groups=list_groups(plan),
-        names=map_names(fleet) if plan.robot else {},
-        services=frozenset(plan.services),
-        environment=plan.environment,
     )
 
 
@@ -100,11 +97,6 @@ def _device(interfaces: Iterable[Interface], gateway: IPv4Address) -> str:
     """Return the interface in the network of a gateway; empty for none."""
     near = (one.name for one in interfaces if any(gateway in address.network for address in one.addresses))
     return next(near, "")
-
-
-def map_names(fleet: FleetPlan) -> dict[str, tuple[IPv4Address, ...]]:
-    """Return the addresses of each name of the fleet, the same on every computer."""
-    return {name: (entry.address,) for entry in fleet.hosts_entries for name in entry.names}
 
 
 def make_rules(fleet: FleetPlan, plan: ComputerPlan) -> tuple[Rule, ...]:

@@ -33,6 +33,7 @@ from worlds import address, change, change_interface, fig12, ping, route, tcp
 from tests.simulator import network as simulated
 from tests.simulator.multicast import send_to_group
 from tests.simulator.network import report_end
+from tests.simulator.state import replace_link
 
 PLAN = fig12()
 WORLD = make_world(PLAN)
@@ -48,7 +49,7 @@ def _routes(name, *routes):
 
 
 def _link(name, **fields):
-    return WORLD.replace_link(replace(WORLD.links[name], **fields))
+    return replace_link(WORLD, replace(WORLD.links[name], **fields))
 
 
 def _settings(name, **fields):

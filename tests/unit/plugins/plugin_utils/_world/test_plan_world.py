@@ -72,11 +72,3 @@ def test_the_planned_packet_filter_keeps_others_out():
     assert kobuki.verdict("in", tcp("192.168.1.229", 40000, source=stranger, answer=True)) == "accept"
     gateway = world.machines["tibi-visio"]
     assert gateway.verdict("forward", tcp("192.168.11.100", 11311, source=stranger)) == "drop"
-
-
-def test_every_computer_knows_every_name():
-    world = make_world(fig12())
-    for name in COMPUTERS:
-        assert set(world.machines[name].names) == set(COMPUTERS)
-        assert world.machines[name].environment["ROS_HOSTNAME"] == name
-    assert world.machines["router"].names == {}

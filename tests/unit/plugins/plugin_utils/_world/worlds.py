@@ -10,6 +10,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read i
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Packet, Route
 
+from tests.simulator.state import replace_interface
+
 ROBOTS = {
     "tibi": (11, 201, "tibi-visio", {"tibi-nav": 100, "tibi-visio": 101}),
     "dabo": (10, 202, "dabo-nav", {"dabo-nav": 100, "dabo-visio": 101}),
@@ -57,7 +59,7 @@ def change(world, name, **fields):
 def change_interface(world, name, interface, **fields):
     """The world with other fields of an interface, and the routes that follow from them."""
     machine = world.machines[name]
-    return world.replace_machine(machine.replace_interface(replace(machine.interface(interface), **fields)))
+    return world.replace_machine(replace_interface(machine, replace(machine.interface(interface), **fields)))
 
 
 def route(destination, gateway, device="eth0", **more):
