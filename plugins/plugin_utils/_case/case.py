@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Exchanges
@@ -109,17 +109,25 @@ def usual_mtus(computers: Iterable[Participant], ways: Ways) -> dict[str, int]:
     return {network: max(sizes, key=lambda mtu: (sizes[mtu], mtu)) for network, sizes in counts.items()}
 
 
-@dataclass(frozen=True)
 class FleetState:
-    """The fleet and its observations, which all cases share."""
+    """The fleet and its observations, which all cases share. `least` are the Mbit/s that are expected; 0 for any."""
 
-    fleet: FleetPlan
-    ways: Ways
-    run: Mapping[str, Participant]  # the computers of this run
-    exchanges: Exchanges
-    usual: Mapping[str, int]  # network -> the MTU of most computers there
-    least: float  # Mbit/s that are expected of a stream; 0 for any
-    filters: ReadFilters  # the packet filters, by the rules that were read
+    def __init__(self, fleet: FleetPlan, observations: Mapping[str, Observation], least: float) -> None:
+        self.fleet, self.ways, self.least = fleet, Ways(fleet), least
+        # the computers of this run
+        self.run = {
+            name: Participant(name, plan, observations[name])
+            for name, plan in fleet.computers.items()
+            if name in observations
+        }
+        probes = {one.plan.robot: one.seen.probe for one in self.run.values() if one.plan.is_master}
+        self.exchanges = Exchanges(
+            fleet,
+            {robot: probe.exchange for robot, probe in probes.items() if probe and not probe.exchange.error},
+        )
+        self.usual = usual_mtus(self.run.values(), self.ways)  # network -> the MTU of most computers there
+        # the packet filters, by the rules that were read
+        self.filters = ReadFilters(fleet, {name: computer.seen for name, computer in self.run.items()})
 
 
 class Case:  # no dataclass: a large fleet has hundreds of thousands, and many checks look at each

@@ -14,17 +14,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import (
-    Case,
-    FleetState,
-    Participant,
-    usual_mtus,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case, FleetState, Participant
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, choose_pairs, number
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Exchanges
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import Ways
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, Master
 
@@ -107,25 +99,11 @@ class Verification:
     ) -> None:
         self.checks = checks
         self.fleet = fleet
-        self.ways = ways = Ways(fleet)
-        self.run = {
-            name: Participant(name, plan, observations[name])
-            for name, plan in fleet.computers.items()
-            if name in observations
-        }
+        self.state = FleetState(fleet, observations, least)
+        self.ways, self.run = self.state.ways, self.state.run
         self.tried = choose_pairs(
             {member.name: str(member.network) for member in fleet.members}, fleet.computers, pairs
         )
-        exchanges = Exchanges(
-            fleet,
-            {
-                computer.plan.robot: computer.seen.probe.exchange
-                for computer in self.run.values()
-                if computer.plan.is_master and computer.seen.probe and not computer.seen.probe.exchange.error
-            },
-        )
-        filters = ReadFilters(fleet, {name: computer.seen for name, computer in self.run.items()})
-        self.state = FleetState(fleet, ways, self.run, exchanges, usual_mtus(self.run.values(), ways), least, filters)
 
     def rows(self, passed: Passed | None = None) -> Iterator[Row]:
         """Apply every check to every computer of the run, and to every pair that one of them was to try.
