@@ -46,19 +46,9 @@ def unpack(data: bytes, names: Iterable[str]) -> dict[str, str]:
                 text = _member(archive, name, left)
                 left -= len(text)
                 texts[name] = text.decode("utf-8", "replace")
-    except KeyError as problem:
-        raise Unreadable(f"has no {problem.args[0] if problem.args else 'content'}") from None
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        EOFError,
-        OSError,
-        RuntimeError,
-        ValueError,
-        NotImplementedError,
-    ) as problem:
-        if isinstance(problem, Unreadable):
-            raise
+    except Unreadable:
+        raise
+    except (zipfile.BadZipFile, zlib.error, EOFError, KeyError, OSError, RuntimeError, ValueError) as problem:
         raise Unreadable(f"is no ZIP archive, or a damaged one ({problem})") from None
     return texts
 
@@ -68,7 +58,7 @@ def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
     try:
         member = archive.getinfo(FOLDER + name)
     except KeyError:
-        raise KeyError(FOLDER + name) from None
+        raise Unreadable(f"has no {FOLDER + name}") from None
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise Unreadable(f"has {FOLDER + name} in a packing that is not used for bundles")
     with archive.open(member) as stream:

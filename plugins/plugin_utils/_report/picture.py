@@ -20,7 +20,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways im
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, UNKNOWN, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, RobotNetwork
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
+    ComputerPlan,
+    FleetPlan,
+    RobotNetwork,
+)
 
 _T = TypeVar("_T")
 
@@ -78,11 +82,10 @@ class _Robot:
     """The drawing of a robot: its computers in the common network, and those behind its gateway."""
 
     name: str
-    discovers: str
-    unseen: str
-    front: tuple[_Device, ...]
+    lines: tuple[str, ...]  # the robots that it discovers, and those that it does not
+    front: list[_Device]
     network: RobotNetwork | None
-    behind: tuple[_Device, ...] = ()
+    behind: list[_Device]
 
 
 def draw_fleet(fleet: FleetPlan, marks: Iterable[Mark] = (), unseen: Mapping[str, Sequence[str]] | None = None) -> str:
@@ -94,41 +97,22 @@ def draw_fleet(fleet: FleetPlan, marks: Iterable[Mark] = (), unseen: Mapping[str
 def _robot(fleet: FleetPlan, name: str, unseen: Sequence[str]) -> _Robot:
     others = [robot for robot in fleet.master_of if robot not in (name, *unseen)]
     network = next((entry for entry in fleet.networks if entry.robot == name), None)
-    front, behind = _split_computers(fleet, name, alone=network is None)
+    own = [plan for plan in fleet.computers.values() if plan.robot == name]
+    front = [_device(plan) for plan in own if network is None or plan.common_address]
+    behind = [_device(plan) for plan in own if not (network is None or plan.common_address)]
     if network is not None and network.device:
         lines = ("gateway, no computer", str(network.gateway), str(network.common_address))
         front.append(_Device(str(network.gateway), lines, "the gateway of the robot, a device", planned=False))
-    not_seen = f"{SIGNS[FAILED]} does not discover {shorten_list(map(shorten, unseen))}" if unseen else ""
-    return _Robot(
-        name,
-        "discovers " + (shorten_list(map(shorten, others)) or "nobody"),
-        not_seen,
-        tuple(front),
-        network,
-        tuple(behind),
-    )
+    discovers = f"discovers {shorten_list(map(shorten, others)) or 'nobody'}"
+    not_seen = [f"{SIGNS[FAILED]} does not discover {shorten_list(map(shorten, unseen))}"] if unseen else []
+    return _Robot(name, (discovers, *not_seen), front, network, behind)
 
 
-def _split_computers(fleet: FleetPlan, robot: str, alone: bool) -> tuple[list[_Device], list[_Device]]:
-    """Return the computers in the common network, and those behind the gateway. Without a gateway all are in front."""
-    front: list[_Device] = []
-    behind: list[_Device] = []
-    for plan in fleet.computers.values():
-        if plan.robot == robot:
-            (front if alone or plan.common_address else behind).append(_device(fleet, plan.computer))
-    return front, behind
-
-
-def _device(fleet: FleetPlan, name: str) -> _Device:
-    plan = fleet.computers[name]
-    does = [
-        word
-        for word, is_so in (("master", plan.is_master), ("gateway", plan.is_gateway), ("router", plan.is_router))
-        if is_so
-    ]
+def _device(plan: ComputerPlan) -> _Device:
+    duties = {"master": plan.is_master, "gateway": plan.is_gateway, "router": plan.is_router}
     addresses = dict.fromkeys(str(address) for address in (plan.address, plan.common_address) if address)
-    lines = (" ".join(does) or "computer", *addresses)
-    return _Device(name, lines, f"{name}: {', '.join(lines)}")
+    lines = (" ".join(duty for duty in duties if duties[duty]) or "computer", *addresses)
+    return _Device(plan.computer, lines, f"{plan.computer}: {', '.join(lines)}")
 
 
 def shorten(text: str, most: int = LONGEST) -> str:
@@ -193,7 +177,7 @@ class _Picture:
         if router is None:
             return y + 2 * GAP
         if router.name:
-            device = _device(self.fleet, router.name)
+            device = _device(self.fleet.computers[router.name])
         else:
             device = _Device(str(router.address), ("router, no computer",), "the router, a device", planned=False)
         self._wire(EDGE + GAP + self.box // 2, y + BOX, y + BOX + 3 * GAP)
@@ -204,9 +188,8 @@ class _Picture:
         """Draw a robot below the bar; return its height."""
         y = top + GAP
         self._text(x + GAP, y + 20, f"robot {shorten(robot.name)}", "title")
-        self._text(x + GAP, y + 37, robot.discovers, "small")
-        if robot.unseen:
-            self._text(x + GAP, y + 52, robot.unseen, "small")
+        for number, line in enumerate(robot.lines):
+            self._text(x + GAP, y + 37 + 15 * number, line, "small")
         self._marks(x + self.frame - GAP, y + 6, self.marks.get(robot.name, ()))
         y = self._hang(robot.front, x, y + HEAD, top)
         if robot.network is not None:
