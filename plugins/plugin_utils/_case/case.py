@@ -16,7 +16,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     Datagrams,
     Exchange,
-    ForwardingInterface,
     Multicast,
     Observation,
     Probe,
@@ -33,7 +32,7 @@ ANSWERS_BROADCASTS = ("net.ipv4.icmp_echo_ignore_broadcasts", "0")
 class Participant:
     """A computer of the run: its plan and its observation, with an index for each list of the observation."""
 
-    def __init__(self, name: str, plan: ComputerPlan, seen: Observation) -> None:
+    def __init__(self, name: str, plan: ComputerPlan, seen: Observation, ways: Ways) -> None:
         probe, multicast = seen.probe or Probe(), seen.multicast or Multicast()
         self.name, self.seen = name, seen
         # without the services that cannot run there, as preflight found
@@ -54,7 +53,14 @@ class Participant:
         self.claimed: dict[str, bool] = {}  # address on its networks -> an answer came for it
         for claim in probe.claims:
             self.claimed[claim.address] = self.claimed.get(claim.address, False) or bool(claim.macs)
-        self.macs = frozenset(entry.mac.lower() for entry in probe.forwarding.interfaces if entry.mac)
+        self.interfaces = probe.forwarding.interfaces
+        self.macs = frozenset(entry.mac.lower() for entry in self.interfaces if entry.mac)
+        planned = {str(plan.common_address): COMMON, str(plan.address): ways.network(plan.robot)}
+        # by network of the plan, as far as it was read
+        self.interface_on = {
+            planned[address]: entry for entry in self.interfaces for address in entry.addresses if address in planned
+        }
+        self.mtus = {network: entry.mtu for network, entry in self.interface_on.items() if entry.mtu is not None}
         # by plan
         self.answers_broadcasts = ANSWERS_BROADCASTS in {(entry.name, entry.value) for entry in plan.sysctl}
 
@@ -62,6 +68,16 @@ class Participant:
     def services(self) -> tuple[str, ...]:
         """The services that are to run, with the one of a gateway that passes the group on."""
         return (*self.plan.services, *(("multicast-routing",) if self.plan.multicast_routing else ()))
+
+    def find_wrong_prefixes(self) -> list[tuple[str, str, int, int]]:
+        """List the planned addresses in a network of another size: interface, address, its prefix length, the planned one."""
+        planned = {str(entry.address): entry.network.prefixlen for entry in self.plan.networks}
+        return [
+            (entry.interface, address, size, planned[address])
+            for entry in self.interfaces
+            for address, size in zip(entry.addresses, entry.prefixes, strict=False)
+            if planned.get(address, size) != size
+        ]
 
     @property
     def lacks_ros(self) -> bool:
@@ -74,37 +90,11 @@ def _is_set_up(computer: Participant) -> bool:
     return computer.seen.found is None or computer.seen.found.set_up
 
 
-def wrong_prefixes(computer: Participant) -> list[str]:
-    """List the planned addresses of a computer whose interface has a network of another size."""
-    sizes = {str(entry.address): entry.network.prefixlen for entry in computer.plan.networks}
-    seen = computer.seen.probe.forwarding.interfaces if computer.seen.probe else ()
-    pairs = (pair for entry in seen for pair in zip(entry.addresses, entry.prefixes, strict=False))
-    return [f"{address}/{size}" for address, size in pairs if sizes.get(address, size) != size]
-
-
-def interfaces_by_network(computer: Participant, ways: Ways) -> dict[str, ForwardingInterface]:
-    """Return the interface of a computer on each of its networks, as far as it was read."""
-    probe, plan = computer.seen.probe, computer.plan
-    planned = {str(plan.common_address): COMMON, str(plan.address): ways.network(plan.robot)}
-    return {
-        planned[address]: interface
-        for interface in (probe.forwarding.interfaces if probe else ())
-        for address in interface.addresses
-        if address in planned
-    }
-
-
-def mtus_by_network(computer: Participant, ways: Ways) -> dict[str, int]:
-    """Return the MTU of a computer on each of its networks, as far as it was read."""
-    networks = interfaces_by_network(computer, ways).items()
-    return {network: interface.mtu for network, interface in networks if interface.mtu is not None}
-
-
-def usual_mtus(computers: Iterable[Participant], ways: Ways) -> dict[str, int]:
+def _find_usual_mtus(computers: Iterable[Participant]) -> dict[str, int]:
     """Return the MTU that most computers have on each network."""
     counts: dict[str, Counter[int]] = defaultdict(Counter)
     for computer in computers:
-        for network, mtu in mtus_by_network(computer, ways).items():
+        for network, mtu in computer.mtus.items():
             counts[network][mtu] += 1
     return {network: max(sizes, key=lambda mtu: (sizes[mtu], mtu)) for network, sizes in counts.items()}
 
@@ -116,7 +106,7 @@ class FleetState:
         self.fleet, self.ways, self.least = fleet, Ways(fleet), least
         # the computers of this run
         self.run = {
-            name: Participant(name, plan, observations[name])
+            name: Participant(name, plan, observations[name], self.ways)
             for name, plan in fleet.computers.items()
             if name in observations
         }
@@ -125,7 +115,7 @@ class FleetState:
             fleet,
             {robot: probe.exchange for robot, probe in probes.items() if probe and not probe.exchange.error},
         )
-        self.usual = usual_mtus(self.run.values(), self.ways)  # network -> the MTU of most computers there
+        self.usual = _find_usual_mtus(self.run.values())  # network -> the MTU of most computers there
         # the packet filters, by the rules that were read
         self.filters = ReadFilters(fleet, {name: computer.seen for name, computer in self.run.items()})
 

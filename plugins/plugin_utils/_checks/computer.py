@@ -6,12 +6,7 @@
 from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import (
-    Case,
-    interfaces_by_network,
-    mtus_by_network,
-    wrong_prefixes,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ROSCORE
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
@@ -31,13 +26,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.manua
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     DefaultRoute,
     ForwardingInterface,
-    Probe,
     Roscore,
     Service,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import is_same_uri
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan
 
 # The kernel of gateways and of the router
 
@@ -46,10 +39,10 @@ def _passes_packets_on(case: Case) -> bool:
     return case.observer.plan.is_gateway or case.observer.plan.is_router
 
 
-def _interfaces(probe: Probe, plan: ComputerPlan) -> list[ForwardingInterface]:
+def _interfaces(case: Case) -> list[ForwardingInterface]:
     """List the observer's interfaces on the networks of the plan."""
-    planned = {str(entry.address) for entry in plan.networks}
-    return [entry for entry in probe.forwarding.interfaces if planned & set(entry.addresses)]
+    planned = {str(entry.address) for entry in case.observer.plan.networks}
+    return [entry for entry in case.observer.interfaces if planned & set(entry.addresses)]
 
 
 def _judge_forwarding(case: Case) -> Judgement | None:
@@ -59,7 +52,7 @@ def _judge_forwarding(case: Case) -> Judgement | None:
     expected = "net.ipv4.ip_forward is 1"
     if ip_forward is None:
         return Judgement(UNKNOWN, expected, "it cannot be read")
-    closed = [entry.interface for entry in _interfaces(case.probe, case.observer.plan) if entry.forwarding == 0]
+    closed = [entry.interface for entry in _interfaces(case) if entry.forwarding == 0]
     if ip_forward == 0 or not closed:
         return Judgement(OK if ip_forward else FAILED, expected, str(ip_forward))
     return Judgement(FAILED, expected, f"1, but net.ipv4.conf.{closed[0]}.forwarding is 0")
@@ -272,30 +265,30 @@ DOWN = ("down", "lowerlayerdown")  # operational states of an interface without 
 
 
 def _find_missing_addresses(case: Case) -> list[str]:
-    seen = case.probe.forwarding.interfaces if case.probe else ()
-    present = {address for entry in seen for address in entry.addresses}
+    present = {address for entry in case.observer.interfaces for address in entry.addresses}
     return [str(entry.address) for entry in case.observer.plan.networks if str(entry.address) not in present]
 
 
 def _judge_addresses(case: Case) -> Judgement | None:
-    if case.probe is None or not case.probe.forwarding.interfaces:
+    if not case.observer.interfaces:
         return None
     expected = ", ".join(f"{entry.address}/{entry.network.prefixlen}" for entry in case.observer.plan.networks)
     problems = [f"no interface has {address}" for address in _find_missing_addresses(case)]
-    problems += [f"the link to {network} is down" for network in _find_down_links(case)] + wrong_prefixes(case.observer)
+    problems += [f"the link to {network} is down" for network in _find_down_links(case)]
+    problems += [f"{address}/{size}" for _name, address, size, _planned in case.observer.find_wrong_prefixes()]
     # Where it does harm, other checks fail. A robot alone works without any network.
     return Judgement(WARNING if problems else OK, expected, ", ".join(problems) or "all of them")
 
 
 def _find_down_links(case: Case) -> list[str]:
-    networks = interfaces_by_network(case.observer, case.ways).items()
+    networks = case.observer.interface_on.items()
     return [network for network, interface in networks if interface.state in DOWN]
 
 
 def _addresses_evidence(case: Case) -> Parts:
     name = case.observer.name
     parts = make_parts("interface", name, "address") if _find_missing_addresses(case) else frozenset()
-    parts |= make_parts("interface", name, "prefix") if wrong_prefixes(case.observer) else frozenset()
+    parts |= make_parts("interface", name, "prefix") if case.observer.find_wrong_prefixes() else frozenset()
     return parts | join_parts(_link_evidence(case, network) for network in _find_down_links(case))
 
 
@@ -312,13 +305,13 @@ def _link_evidence(case: Case, network: str) -> Parts:
 def _is_flapping(case: Case, network: str) -> bool:
     """Say if a link that is down now has carried answers in the same run, to others on its network."""
     name = case.observer.name
-    near = (one for one in case.run.values() if one.name != name and network in interfaces_by_network(one, case.ways))
+    near = (one for one in case.run.values() if one.name != name and network in one.interface_on)
     return any(name in one.answered for one in near)
 
 
 def _states(case: Case, network: str) -> list[str]:
     """The states of all observed interfaces on a network."""
-    there = [interfaces_by_network(computer, case.ways).get(network) for computer in case.run.values()]
+    there = [computer.interface_on.get(network) for computer in case.run.values()]
     return [interface.state for interface in there if interface is not None]
 
 
@@ -330,7 +323,7 @@ def _addresses_suspects(case: Case) -> Parts:
 
 def _addresses_needs(case: Case) -> Parts:
     """A link is cleared only where its state was read as up."""
-    networks = interfaces_by_network(case.observer, case.ways).items()
+    networks = case.observer.interface_on.items()
     up = join_parts(
         make_parts("link", case.observer.name, "down", what=network) for network, seen in networks if seen.state == "up"
     )
@@ -353,7 +346,7 @@ ADDRESSES = Check(
 def _odd_sizes(case: Case) -> dict[str, str]:
     """Find the networks on which the computer's MTU differs from that of most: network -> its description."""
     sizes = {}
-    for network, mtu in mtus_by_network(case.observer, case.ways).items():
+    for network, mtu in case.observer.mtus.items():
         usual = case.state.usual.get(network, mtu)
         if mtu != usual:
             sizes[network] = f"{mtu} on {network}, where most have {usual}"
@@ -361,7 +354,7 @@ def _odd_sizes(case: Case) -> dict[str, str]:
 
 
 def _judge_mtu(case: Case) -> Judgement | None:
-    if not mtus_by_network(case.observer, case.ways):
+    if not case.observer.mtus:
         return None
     odd = _odd_sizes(case)
     return Judgement(WARNING if odd else OK, "the MTU of the others", "; ".join(odd.values()) or "the same")
@@ -375,8 +368,7 @@ MTU = Check(
     about="computer",
     expected="each interface has the MTU that most have on its network (warning)",
     needs=lambda case: join_parts(
-        make_parts("interface", case.observer.name, "mtu", what=network)
-        for network in mtus_by_network(case.observer, case.ways)
+        make_parts("interface", case.observer.name, "mtu", what=network) for network in case.observer.mtus
     ),
     evidence=lambda case: join_parts(
         make_parts("interface", case.observer.name, "mtu", what=network) for network in _odd_sizes(case)
@@ -391,7 +383,7 @@ def _judge_reverse_path(case: Case) -> Judgement | None:
     if case.probe is None or not _passes_packets_on(case):
         return None
     expected = "a loose reverse-path filter, or none"
-    strict = [entry.interface for entry in _interfaces(case.probe, case.observer.plan) if entry.rp_filter == 1]
+    strict = [entry.interface for entry in _interfaces(case) if entry.rp_filter == 1]
     found = f"a strict one on {', '.join(strict)}" if strict else "no strict one"
     return Judgement(WARNING if strict else OK, expected, found)
 
@@ -411,7 +403,7 @@ REVERSE_PATH = Check(
 def _judge_redirects(case: Case) -> Judgement | None:
     if case.probe is None or not case.observer.plan.is_router:
         return None
-    sending = [entry.interface for entry in _interfaces(case.probe, case.observer.plan) if entry.send_redirects]
+    sending = [entry.interface for entry in _interfaces(case) if entry.send_redirects]
     found = f"they are sent on {', '.join(sending)}" if sending else "none"
     return Judgement(WARNING if sending else OK, "no ICMP redirects", found)
 

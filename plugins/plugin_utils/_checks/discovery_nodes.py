@@ -8,7 +8,7 @@ from __future__ import annotations
 from ipaddress import IPv4Address
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case, interfaces_by_network
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import GROUP
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
@@ -56,7 +56,7 @@ def _membership_interfaces(case: Case) -> set[str] | None:
 
 def _judge_membership(case: Case) -> Judgement | None:
     interfaces = _membership_interfaces(case)
-    planned = interfaces_by_network(case.observer, case.ways).get(COMMON)
+    planned = case.observer.interface_on.get(COMMON)
     if interfaces is None or planned is None:
         return None
     expected = f"a program has joined {case.fleet.multicast_group} on {planned.interface}"

@@ -8,11 +8,7 @@ from __future__ import annotations
 import ipaddress
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import (
-    Case,
-    interfaces_by_network,
-    wrong_prefixes,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
@@ -204,7 +200,7 @@ def _route_evidence(case: Case) -> Parts:
 def _route_absence_parts(case: Case) -> Parts:
     name, network = case.observer.name, case.ways.network(case.robots[1])
     if not case.way.crosses:
-        small = bool(wrong_prefixes(case.observer))  # the target is beyond what it takes for its network
+        small = bool(case.observer.find_wrong_prefixes())  # the target is beyond what it takes for its network
         return make_parts("interface", name, "prefix") if small else make_parts("link", name, "down", what=network)
     return make_parts("route", name, "missing", what="" if _has_no_routes(case) else network)
 
@@ -222,7 +218,7 @@ def _wrong_route_parts(case: Case, route: Route) -> Parts:
 
 def _leaves_fleet(case: Case, device: str | None) -> bool:
     """Packets leave by an interface that is on no network of the plan, as that of a VPN or of Docker."""
-    own = interfaces_by_network(case.observer, case.ways)
+    own = case.observer.interface_on
     return len(own) == len(case.observer.plan.networks) and device not in {entry.interface for entry in own.values()}
 
 
