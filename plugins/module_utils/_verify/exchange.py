@@ -53,9 +53,10 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
     parts = _parts(publishers, subscribers, services, types, imported)
     found.update(parts.pop("", {"topics": [], "services": []}))
     found["imports"] = [dict(part, master=master) for master, part in sorted(parts.items())]
-    sums, found["types_error"] = _md5sums(ros, sorted({topic["type"] for topic in found["topics"]}))
+    types_in_use = sorted({topic["type"] for topic in found["topics"] if "/" in topic["type"]})
+    answers, found["types_error"] = _ask(ros, {"types": types_in_use, "service": ""})
     for topic in found["topics"]:
-        topic["md5sum"] = sums.get(topic["type"], "")
+        topic["md5sum"] = answers.get("types", {}).get(topic["type"], "")
     nodes = {node: uri for node, uri in uris.items() if node not in imported}
     named = {uri: node for node, uri in uris.items()}
     found["connections"], silent = _connections(ros, nodes, named, Places(members), own)
@@ -110,11 +111,6 @@ def _read_sync_info(hosts: typing.List[typing.Dict[str, typing.Any]]) -> typing.
         for entry in host["publisher"] + host["subscriber"] + host["services"]:
             nodes[entry["node"]] = entry["nodeuri"]
     return found
-
-
-def _md5sums(ros: Ros, types: typing.List[str]) -> typing.Tuple[typing.Dict[str, str], str]:
-    answers, error = _ask(ros, {"types": [name for name in types if "/" in name], "service": ""})
-    return answers.get("types", {}), error
 
 
 def _ask(ros: Ros, questions: typing.Dict[str, typing.Any]) -> typing.Tuple[typing.Dict[str, typing.Any], str]:

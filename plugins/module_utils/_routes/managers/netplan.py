@@ -213,30 +213,24 @@ def _quote_yaml(text: str) -> str:
     return f'"{text}"'
 
 
-# The names of the fields of a route in netplan(5). An empty text has no line.
+# The names of the fields of a route in netplan(5), and the value that needs no line. An empty text needs none either.
 _KEYS = (
-    ("to", "destination"),
-    ("via", "gateway"),
-    ("from", "source"),
-    ("metric", "metric"),
-    ("table", "table"),
-    ("on-link", "on_link"),
-    ("type", "type"),
-    ("scope", "scope"),
-    ("mtu", "mtu"),
-    ("congestion-window", "initcwnd"),
+    ("to", "destination", ""),
+    ("via", "gateway", ""),
+    ("from", "source", ""),
+    ("metric", "metric", ""),
+    ("table", "table", 254),
+    ("on-link", "on_link", False),
+    ("type", "type", "unicast"),
+    ("scope", "scope", ""),
+    ("mtu", "mtu", 0),
+    ("congestion-window", "initcwnd", 0),
 )
-# The values that need no line.
-_PLAIN = {"table": 254, "on_link": False, "type": "unicast", "mtu": 0, "initcwnd": 0}
 
 
 def _render_route(route: Route) -> typing.List[str]:
-    lines = []
-    for key, field in _KEYS:
-        value = getattr(route, field)
-        if value == "" or (field in _PLAIN and value == _PLAIN[field]):
-            continue
-        lines.append(f"{key}: {_render_scalar(value)}")
+    values = [(key, getattr(route, field), usual) for key, field, usual in _KEYS]
+    lines = [f"{key}: {_render_scalar(value)}" for key, value, usual in values if value not in ("", usual)]
     if route.type == "unicast" and not route.gateway and not route.scope:
         lines.append("scope: link")  # else netplan asks for a gateway
     return [f"        - {lines[0]}", *(f"          {line}" for line in lines[1:])]
