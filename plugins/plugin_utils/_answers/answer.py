@@ -166,9 +166,7 @@ class _Reader:
             raise StrangeAnswer(f"values more than {DEEPEST} deep in each other at {place}")
         if data is None:
             return None
-        if kind.type == "raw":
-            return self._read_any(data, place, depth)
-        if not _fits(kind.type, data):
+        if kind.type != "raw" and not _fits(kind.type, data):
             raise StrangeAnswer(f"{_word(data)} at {place}, where the module answers {_KINDS[kind.type][0]}")
         if isinstance(data, str):
             return self._text(data)
@@ -195,12 +193,6 @@ class _Reader:
             for name, part in parts
             if name in data
         }
-
-    def _read_any(self, data: Any, place: str, depth: int) -> Any:
-        kind = "list" if isinstance(data, list) else "dict" if isinstance(data, Mapping) else ""
-        if kind:
-            return self.read_value(Kind(kind), data, place, depth)
-        return self._text(data) if isinstance(data, str) else data
 
 
 #: kind -> its name in a sentence, and its types; a whole number is a number, so the kind of a value is the first that fits

@@ -28,21 +28,13 @@ class Mismatch(ValueError):
     """Plain data does not fit its type; the text says where, what was found and what was expected."""
 
 
-class Notation(NamedTuple):
-    """The exceptions to the rules above for one field; see `notation`."""
-
-    key: str = ""
-    words: tuple[tuple[Any, str], ...] = ()
-    left_out: bool = False
-
-
 def notation(key: str = "", words: tuple[tuple[Any, str], ...] = (), left_out: bool = False) -> dict[str, Any]:
     """Metadata for a field of a dataclass.
 
     `key` is its key in plain data where that is no Python name, such as `from`. `words` are values with a text of their
     own, such as (0.0.0.0/0, "default"). With `left_out` the key is missing while the field is None.
     """
-    return {_NOTATION: Notation(key, words, left_out)}
+    return {_NOTATION: (key, words, left_out)}
 
 
 def to_plain(value: Any) -> Any:
@@ -161,7 +153,7 @@ def _record(kind: Any) -> Converter:
 
 
 def _describe_field(field: dataclasses.Field[Any], converter: Converter) -> _Field:
-    key, words, left_out = field.metadata.get(_NOTATION, Notation())
+    key, words, left_out = field.metadata.get(_NOTATION, ("", (), False))
     required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
     return _Field(
         field.name, key or field.name, _add_words(converter, words) if words else converter, required, left_out

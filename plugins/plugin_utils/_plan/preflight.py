@@ -18,7 +18,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import (
     environment,
     providers,
-    quotes,
     set_up,
     units,
 )
@@ -326,10 +325,9 @@ def _check_ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
                 f"{host}: the ROS of {where} has no roscore; expected it, since multimaster_roscore is 'managed': install it, or set "
                 "multimaster_roscore to 'existing' where something else starts a roscore."
             ]
-        try:
-            quotes.check_program(roscore)
-        except quotes.Unquotable as problem:
-            return [f"{host}: {problem}"]
+        problems = providers.check_paths(plan, [roscore])
+        if problems:
+            return problems
     version = tuple(int(part) for part in chosen["python_version"].split(".")[:2])
     if version < NODES_PYTHON and plan.provider == "bundled":
         return [
