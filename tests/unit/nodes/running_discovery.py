@@ -229,6 +229,15 @@ def show(lab):
     until(lambda: lab.diagnosed[-1]["multimaster: roscore"].level == 2, "the end of the roscore")
 
 
+def miss_roscore(lab):
+    """A roscore that does not tell its state is told of, from the start."""
+    lab.roscore.tables = None
+    until(lambda: any("does not answer" in note for note in lab.notes), "the status")
+    assert "READY=1" not in lab.notes and lab.nodes == []
+    lab.roscore.tables = {"Publisher": {}, "Subscriber": {}, "Service": {}}
+    start(lab)
+
+
 STORIES = {
     "be_ready": (be_ready, {}),
     "wait_for_network": (wait_for_network, {}),
@@ -236,6 +245,7 @@ STORIES = {
     "send_before_closing": (send_before_closing, {}),
     "flap": (flap, {}),
     "show": (show, {}),
+    "miss_roscore": (miss_roscore, {}),
 }
 
 

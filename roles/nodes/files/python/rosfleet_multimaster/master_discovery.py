@@ -18,7 +18,7 @@ from .discovery.core.peer import Contact, Key
 from .discovery.core.peers import FAR
 from .discovery.datagrams import Callbacks, Datagrams
 from .discovery.poller import Poller
-from .discovery.rpc_methods import RpcMethods, ServedMaster, callers, serve
+from .discovery.rpc_methods import UNREAD, RpcMethods, ServedMaster, callers, serve
 from .discovery.source import Follower, Source, start_source_thread
 from .discovery.state_feed import StateFeed
 from .discovery.udp import Datagram
@@ -288,7 +288,7 @@ class MasterDiscovery:
     def _on_roscore_failure(self, problem: str, since: float) -> None:
         """Nothing of a dead roscore is announced or served; but one that fails once is not dead."""
         if self.core.note_silent_roscore(since, monotonic()):
-            if not self.own.away:
+            if self.own.away in ("", UNREAD):  # once for each time that it does not answer
                 program.LOG.error("the roscore at %s does not answer: %s", self.roscore.rpc.uri, problem)
                 notify(f"STATUS=the roscore at {self.roscore.rpc.uri} does not answer")
                 self.status = ""

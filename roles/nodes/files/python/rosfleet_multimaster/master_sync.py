@@ -21,7 +21,6 @@ from .protocol.members import Members
 from .protocol.messages import Master, Registration
 from .protocol.plain_text import quote
 from .sync.core import report
-from .sync.core.message_types import TypeGuard
 from .sync.core.sync import Refusal, Sync
 from .sync.disconnector import Disconnector
 from .sync.fetcher import Fetcher
@@ -56,7 +55,7 @@ class MasterSync:
         online, graph, limited = self._online, RoscoreGraph(start.roscore), self.limited
         ending, members = values["end_lost_connections"], self.core.members
         self.disconnector = Disconnector(loop, updaters, limited, ending, members, online)
-        questions = TypeQuestions(loop, TypeGuard(), self._monitor_of, ros.md5sum, self._request_round)
+        questions = TypeQuestions(loop, self._monitor_of, ros.md5sum, self._request_round)
         node, callbacks = (start.name, start.node_uri), Callbacks(self._has_list, self._report, self._round_over)
         self.rounds = Rounds(
             graph, node, self.core, questions, self.disconnector, roscore_calls, updaters, limited, callbacks

@@ -12,7 +12,7 @@ import os
 import sys
 import time
 import xmlrpc.client
-from typing import Any, Callable
+from typing import Any
 
 from .edge.journal import plain_streams, say
 from .protocol.plain_text import quote
@@ -45,11 +45,11 @@ def ask(uri: str, method: str, *arguments: Any) -> Any:
     return value
 
 
-def wait_for(end: float, look: Callable[..., Any], *arguments: Any) -> Any:
-    """Return what `look` returns, as soon as it does. Raises Unavailable when the time is over."""
+def ask_until(end: float, uri: str, method: str, *arguments: Any) -> Any:
+    """The answer, as soon as there is one. Raises Unavailable when the time is over."""
     while True:
         try:
-            return look(*arguments)
+            return ask(uri, method, *arguments)
         except Unavailable:
             if time.monotonic() > end:
                 raise
@@ -68,13 +68,13 @@ def main() -> int:
     options = parser.parse_args()
     uri, end = os.environ.get("ROS_MASTER_URI", "http://localhost:11311"), time.monotonic() + options.timeout
     try:
-        wait_for(end, ask, uri, "getUri")
+        ask_until(end, uri, "getUri")
         if options.set:
             namespace, path = options.set
             with open(path, encoding="utf-8") as stream:
-                wait_for(end, ask, uri, "setParam", namespace, json.load(stream))
+                ask_until(end, uri, "setParam", namespace, json.load(stream))
         if options.service:
-            wait_for(end, ask, uri, "lookupService", options.service)
+            ask_until(end, uri, "lookupService", options.service)
     except Unavailable as problem:
         say(f"{problem} (after {options.timeout:g} s)")
         return 1

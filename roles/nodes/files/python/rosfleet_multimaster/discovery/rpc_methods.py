@@ -25,6 +25,7 @@ from .rpc_server import Callers, LongPoll, Method, PerCaller, RefusedCall, RpcSe
 from .state_feed import LONGEST_WAIT, CallerView, StateFeed
 
 NO_STATE = State("", "")
+UNREAD = "its roscore has not been read yet"
 
 Viewer = Callable[[State], Tuple[State, List[Rules]]]
 
@@ -39,7 +40,7 @@ class ServedMaster:
     host: Callable[[], str]  # the name of this computer in URIs
     rpc_port: int
     state: Optional[State] = None
-    away: str = "its roscore has not been read yet"  # why there is no state; "" where there is one
+    away: str = UNREAD  # why there is no state; "" where there is one
 
     def current(self) -> State:
         """The state. Raises RefusedCall where there is none."""

@@ -26,14 +26,14 @@ class TypeQuestions:
     def __init__(
         self,
         loop: Loop,
-        guard: TypeGuard,
         monitor_of: Callable[[str], str],
         md5sum: Md5Sum,
         on_answer: Callable[[], None],
     ) -> None:
         """`monitor_of(master)`: the URI of its discovery, "" where it has left; `md5sum(type)`: None where unknown here."""
         self._workers = Workers(loop, 4)
-        self.guard, self._monitor_of, self._md5sum, self._on_answer = guard, monitor_of, md5sum, on_answer
+        self.guard = TypeGuard()
+        self._monitor_of, self._md5sum, self._on_answer = monitor_of, md5sum, on_answer
 
     def ask(self, question: Question) -> None:
         """Ask, and hand the answer to the guard later."""
