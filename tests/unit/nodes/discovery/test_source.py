@@ -95,6 +95,16 @@ def test_a_bundled_roscores_feed_replaces_polling(roscore):
     assert roscore.asked == [("", 0), ("e", 7), ("e", 8), ("e", 8)]
 
 
+def test_secret_topics_stay_known_while_the_roscore_is_away(roscore):
+    source = source_of(roscore)
+    roscore.tell("e", 7, True, WHOLE)
+    source.next()
+    roscore.answers.put([1, "changes", "no changes"])
+    with pytest.raises(ValueError, match="unpack"):
+        source.next()
+    assert source.do_not_sync == ["/secret"], "the state of before is served for a moment"
+
+
 def test_imports_are_of_their_master(roscore):
     record = (
         '{"node": "/master_sync", "uri": "http://own:3/", "imports": {"http://far:11311/": {"/far": "http://far:1/"}}}'

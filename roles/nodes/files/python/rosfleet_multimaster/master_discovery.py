@@ -270,7 +270,9 @@ class MasterDiscovery:
             settle = SETTLE if state.local_stamp != self.shown else SETTLE_OTHERS
             self.show_due = min(self.show_due or FAR, monotonic() + settle)
         if self.node is None:
-            self.node = ros.DiscoveryNode(lambda: self.masters, lambda: self.loop.post(self._refresh))
+            self.node = ros.DiscoveryNode(
+                lambda: self.masters, lambda: self.loop.post(lambda: self.core.refresh(monotonic()))
+            )
             self.diagnostics = ros.Diagnostics() if self.display.diagnoses else None
             self.identity.service = self.node.service_uri()
             memory.freeze()
@@ -295,9 +297,6 @@ class MasterDiscovery:
             self.shown = None
             self.own.away = f"its roscore does not answer: {problem}"
             self.display.mark_stale()
-
-    def _refresh(self) -> None:
-        self.core.refresh(monotonic())
 
     def _on_malformed_request(self, host: str, why: str) -> None:
         def count() -> None:

@@ -56,7 +56,10 @@ class MasterSync:
         ending, members = values["end_lost_connections"], self.core.members
         self.disconnector = Disconnector(loop, updaters, limited, ending, members, online)
         questions = TypeQuestions(loop, self._monitor_of, ros.md5sum, self._request_round)
-        node, callbacks = (start.name, start.node_uri), Callbacks(self._has_list, self._report, self._round_over)
+        node, callbacks = (
+            (start.name, start.node_uri),
+            Callbacks(lambda: self.finder.listed_once, self._report, self._round_over),
+        )
         self.rounds = Rounds(
             graph, node, self.core, questions, self.disconnector, roscore_calls, updaters, limited, callbacks
         )
@@ -160,9 +163,6 @@ class MasterSync:
     def _on_touch(self, uri: str, items: Set[Registration]) -> None:
         self.rounds.met.add(uri)
         self.rounds.touch(items)
-
-    def _has_list(self) -> bool:
-        return self.finder.listed_once
 
     def _online(self) -> Dict[str, bool]:
         """URI of a master -> whether it is online."""

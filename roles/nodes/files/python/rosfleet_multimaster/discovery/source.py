@@ -83,16 +83,9 @@ class Source:
         self._follower: Optional[Follower] = None
         self._known_until = 0.0  # until then the roscore is not asked whether it tells changes
         self.pause = 0.0  # seconds until `next` is to be called again
-
-    @property
-    def do_not_sync(self) -> Any:
-        """The parameter /do_not_sync."""
-        return self._poller.do_not_sync if self._follower is None else self._follower.do_not_sync
-
-    @property
-    def refusal_counts(self) -> Any:
-        """The number of requests that the roscore refused, by reason; None where it does not tell."""
-        return None if self._follower is None else self._follower.refusal_counts
+        # Of the last state, also while the roscore does not answer: that state is served for a moment.
+        self.do_not_sync: Any = None  # the parameter /do_not_sync
+        self.refusal_counts: Any = None  # reason -> requests that the roscore refused; None where it does not tell
 
     def next(self) -> State:
         """The state, as soon as it is new, or after a while. Raises as Poller.poll."""
@@ -102,7 +95,9 @@ class Source:
                 self._follower = self._make() if self._poller.tells(CHANGES) else None
                 self._known_until = monotonic() + KNOWN
             if self._follower is not None:
-                return self._follower.next()
+                state = self._follower.next()
+                self.do_not_sync, self.refusal_counts = self._follower.do_not_sync, self._follower.refusal_counts
+                return state
         except (PollInstead, InvalidDocument, Fault) as problem:
             program.LOG.info("the roscore is read instead of listened to: %s", problem)
             self._drop()
@@ -117,6 +112,7 @@ class Source:
         began, changed = monotonic(), False
         try:
             state = self._poller.poll()
+            self.do_not_sync, self.refusal_counts = self._poller.do_not_sync, None
             before, self._local_stamp = self._local_stamp, state.local_stamp
             changed = before != state.local_stamp
             return state
