@@ -159,40 +159,30 @@ class Run(ModuleRun):
         deciding = boot.find_boot_assignments(after, [setting.key for setting in self.settings])
         hidden = boot.find_hiding_file(after, self.drop_in)
         lines = {line.key: line.value for line in boot.parse(self.before or "", self.drop_in)}
-        return [
-            self._item(setting, deciding[setting.key], hidden, lines.get(setting.key) == setting.value)
-            for setting in self.settings
-        ]
+        items = []
+        for setting in self.settings:
+            decides, present, writes = deciding[setting.key], self.states[setting.key], setting in self.plan.writes
+            state, problem = self._refusal(setting, writes)
+            changes = problem is None and (writes or lines.get(setting.key) != setting.value)
+            boot_value = None if decides is None or decides.value is None else boot.normal(decides.value)
+            item = {
+                "name": boot.name_of(setting.key),
+                "value": setting.value,
+                "runtime_before": present.value,
+                "runtime_after": self.plan.after[setting.key],
+                "boot_value": boot_value,
+                "boot_file": decides.file if decides else None,
+                "changed": changes,
+                "state": state or ("changed" if changes else "ok"),
+                "problem": problem,
+                "conflict": None if boot_value == setting.value else _conflict(boot_value, decides, hidden),
+            }
+            items.append(item)
+        return items
 
-    def _item(
-        self,
-        setting: kernel.Setting,
-        decides: typing.Optional[boot.Assignment],
-        hidden: typing.Optional[str],
-        has_line: bool,
-    ) -> Data:
-        """The result for one setting. `decides`: its assignment at boot. `has_line`: the drop-in has its line already."""
-        present, writes = self.states[setting.key], setting in self.plan.writes
-        state, problem = self._refusal(setting, present, writes)
-        changes = problem is None and (writes or not has_line)
-        boot_value = None if decides is None or decides.value is None else boot.normal(decides.value)
-        return {
-            "name": boot.name_of(setting.key),
-            "value": setting.value,
-            "runtime_before": present.value,
-            "runtime_after": self.plan.after[setting.key],
-            "boot_value": boot_value,
-            "boot_file": decides.file if decides else None,
-            "changed": changes,
-            "state": state or ("changed" if changes else "ok"),
-            "problem": problem,
-            "conflict": None if boot_value == setting.value else _conflict(boot_value, decides, hidden),
-        }
-
-    def _refusal(
-        self, setting: kernel.Setting, present: kernel.KeyState, writes: bool
-    ) -> typing.Tuple[str, typing.Optional[str]]:
+    def _refusal(self, setting: kernel.Setting, writes: bool) -> typing.Tuple[str, typing.Optional[str]]:
         """The state and the sentence for a setting that cannot be set, as far as that is known before; "" and None else."""
+        present = self.states[setting.key]
         if present.value is None or (writes and present.refusal):
             state, problem = kernel.refusal(self.kernel.path(setting.key), setting, present.value, present.refusal)
             return state, None if state == "missing" and setting.key in self.optional else problem
