@@ -229,9 +229,9 @@ PLACES = {
     "a file that is not written": lambda name, _there: problem.sentence(OSError(13, "Permission denied", f"/x/{name}")),
     "nft": lambda name, _there: nftables._explain_failure(name),
     "ufw": lambda name, _there: raised(ufw._parse_rule, f"a {name} b c d e f g h"),
-    "a program with a port": lambda name, _there: access.Access(
-        [], [access.Session(access.Connection(5986, "10.0.0.5", "1"), name)]
-    ).refusal(packet_filter.PacketFilter((), (), ())),
+    "a program with a port": lambda name, _there: access.Access([], [access.Session(5986, "10.0.0.5", name)]).refusal(
+        packet_filter.PacketFilter((), (), ())
+    ),
     "a profile": lambda name, _there: raised(networkmanager.parse_lines, 4, f"{{ {name} }}", "7a9f2a3e"),
     "interfaces": lambda name, _there: route_options._list_names(["eth0", name]),
     "a member of the group": lambda name, _there: multicast.describe(
