@@ -307,12 +307,12 @@ def parse(value: Any) -> State:
         services=_endpoints(value[6], "services"),
         types={
             topic: kind
-            for topic, kind in _select_named(_rows(value[7], 2, "topic types"), "a topic")
+            for topic, kind in _rows(value[7], 2, "topic types", "a topic")
             if _VISIBLE.match(_text(kind, "a type"))
         },
         nodes={
             node: Node(_uri(where, "http://"), _text(origin, "an origin"), _text(locality, "a locality"))
-            for node, where, origin, _pid, locality in _select_named(_rows(value[8], 5, "nodes"), "a node")
+            for node, where, origin, _pid, locality in _rows(value[8], 5, "nodes", "a node")
         },
         providers={
             service: Provider(
@@ -321,9 +321,7 @@ def parse(value: Any) -> State:
                 _text(locality, "a locality"),
                 _text(kind, "a type"),
             )
-            for service, where, origin, kind, locality in _select_named(
-                _rows(value[9], 5, "service providers"), "a service"
-            )
+            for service, where, origin, kind, locality in _rows(value[9], 5, "service providers", "a service")
         },
     )
 
@@ -332,16 +330,13 @@ _VISIBLE = re.compile(r"[!-~]{1,255}\Z")  # what types consist of, and URIs,
 _NAME = re.compile(r"/[!-~]{1,254}\Z")  # and names: others are left out, since one odd name must not stop an exchange
 
 
-def _rows(value: Any, width: int, what: str) -> List[Any]:
+def _rows(value: Any, width: int, what: str, name: str) -> List[Any]:
+    """The rows of a table, without those whose first element is no name."""
     if not isinstance(value, (list, tuple)) or any(
         not isinstance(row, (list, tuple)) or len(row) != width for row in value
     ):
         raise InvalidDocument(f"its {what} are no array of arrays of {width}")
-    return list(value)
-
-
-def _select_named(rows: Iterable[Any], what: str) -> List[Any]:
-    return [row for row in rows if _NAME.match(_text(row[0], what))]
+    return [row for row in value if _NAME.match(_text(row[0], name))]
 
 
 def _text(value: Any, what: str) -> str:
@@ -356,7 +351,7 @@ def _uri(value: Any, scheme: str) -> Optional[str]:
 
 def _endpoints(value: Any, what: str) -> Dict[str, Tuple[str, ...]]:
     found = {}
-    for name, nodes in _select_named(_rows(value, 2, what), what):
+    for name, nodes in _rows(value, 2, what, what):
         if not isinstance(nodes, (list, tuple)):
             raise InvalidDocument(f"the nodes of {what} are no array")
         found[name] = tuple(node for node in nodes if _NAME.match(_text(node, "a node")))

@@ -12,7 +12,7 @@ import socket
 import threading
 import xmlrpc.client
 from http.server import BaseHTTPRequestHandler
-from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Tuple
+from typing import Any, Callable, ContextManager, Dict, Iterator, List, NamedTuple, Tuple
 
 from ..edge.clock import monotonic
 from ..edge.rpc_client import BoundedLines, cut
@@ -236,14 +236,12 @@ class Handler(BaseHTTPRequestHandler):
 
     # The answer
 
-    @contextlib.contextmanager
-    def _reserve(self, value: Any) -> Iterator[None]:
-        """Take the memory for an answer. Raises Refusal."""
+    def _reserve(self, value: Any) -> ContextManager[None]:
+        """The memory for an answer. Raises Refusal."""
         size = 0 if isinstance(value, xmlrpc.client.Fault) else weigh(value)
         if size > BOUNDS["answer"].most:
             raise refuse("answer", "the answer")
-        with self.door.budget.take(_ANSWER * size, self._caller.is_own):
-            yield
+        return self.door.budget.take(_ANSWER * size, self._caller.is_own)
 
     def _send(self, body: bytes) -> None:
         packs = len(body) > _COMPRESS and "gzip" in self.headers.get("Accept-Encoding", "")

@@ -60,13 +60,6 @@ PART = 200  # records that are read at once
 TYPES_AGAIN = 5.0  # seconds until types are looked through again
 MOST_ENDERS = 1000  # nodes to be ended
 RESOLVE = 2.0  # seconds to find the addresses of a node
-_READ_TREES = ("getParam",)  # their answers have parts of the tree, which changes while they are written
-_KINDS = {
-    registrations.Registrations.TOPIC_PUBLICATIONS: "publisher",
-    registrations.Registrations.TOPIC_SUBSCRIPTIONS: "subscriber",
-    registrations.Registrations.PARAM_SUBSCRIPTIONS: "listener",
-    registrations.Registrations.SERVICE: "service",
-}
 _UNREGISTER = {
     "publisher": "unregister_publisher",
     "subscriber": "unregister_subscriber",
@@ -109,9 +102,10 @@ class Lock:
 class _Table(registrations.Registrations):  # type: ignore[misc]  # rosmaster has no types
     """Registrations of one kind, which note their changes."""
 
-    def __init__(self, kind: int, note: Note, confirm: Note) -> None:
-        super().__init__(kind)
-        self._note, self._confirm, self.kind = note, confirm, _KINDS[kind]
+    def __init__(self, kind: str, number: int, note: Note, confirm: Note) -> None:
+        """`kind`: of the records; `number`: the kind in rosmaster."""
+        super().__init__(number)
+        self.kind, self._note, self._confirm = kind, note, confirm
 
     def register(self, key: str, node: str, node_uri: str, service_uri: Optional[str] = None) -> None:
         """As rosmaster's."""
@@ -169,10 +163,10 @@ class _Manager(registrations.RegistrationManager):  # type: ignore[misc]
         super().__init__(pool)
         self.nodes = _Values("node", note)
         kinds = registrations.Registrations
-        self.publishers = _Table(kinds.TOPIC_PUBLICATIONS, note, confirm)
-        self.subscribers = _Table(kinds.TOPIC_SUBSCRIPTIONS, note, confirm)
-        self.services = _Table(kinds.SERVICE, note, confirm)
-        self.param_subscribers = _Table(kinds.PARAM_SUBSCRIPTIONS, note, confirm)
+        self.publishers = _Table("publisher", kinds.TOPIC_PUBLICATIONS, note, confirm)
+        self.subscribers = _Table("subscriber", kinds.TOPIC_SUBSCRIPTIONS, note, confirm)
+        self.services = _Table("service", kinds.SERVICE, note, confirm)
+        self.param_subscribers = _Table("listener", kinds.PARAM_SUBSCRIPTIONS, note, confirm)
         self._lost = lost
 
     def _register(self, table: Any, key: str, node: str, node_uri: str, service_uri: Optional[str] = None) -> None:
@@ -280,8 +274,8 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         if name in CHANGES:
             with self._lock:
                 return self._change(name, arguments)
-        if name in _READ_TREES:
-            with self._lock:
+        if name == "getParam":
+            with self._lock:  # its answer is a part of the tree, which changes while it is written
                 code, text, value = getattr(self, name)(*arguments)
                 return code, text, copy_tree(value)
         return getattr(self, name)(*arguments)
