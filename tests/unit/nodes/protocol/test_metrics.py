@@ -30,15 +30,18 @@ LINKS = LinkList(
 )
 
 
+NAMES = {f"multimaster_{name}" for name in metrics.FAMILIES}
+
+
 def everything():
     """Each metric, with values as they come."""
     held = {Registration("publisher", "/a", "/n", "http://n:1/"): "http://tibi-visio:11311/"}
-    plain = [name[12:] for name, family in metrics.FAMILIES.items() if not family.labels]
+    plain = [name for name, family in metrics.FAMILIES.items() if not family.labels]
     return {
         **metrics.scalar_samples(**dict.fromkeys(plain, 3)),
         **metrics.node_samples("/master_sync", 1763826000.25, 0, 12345),
-        "multimaster_malformed_total": {("datagram",): 3, ("request",): 0},
-        "multimaster_registration_changes_total": {(what,): 5 for what in metrics.CHANGES},
+        "malformed_total": {("datagram",): 3, ("request",): 0},
+        "registration_changes_total": {(what,): 5 for what in metrics.CHANGES},
         **links.link_samples(LINKS),
         **registrations.refusal_samples([Refusal("node", "/a", "tibi", "http://a", "b")], {"node": 4}),
         **registrations.registration_samples({"http://tibi-visio:11311/": "tibi-visio", "http://x:1/": HOSTILE}, held),
@@ -51,7 +54,7 @@ LINE = re.compile(r'[a-z_]+(\{[a-z]+="([^"\\\n]|\\["\\n])*"(,[a-z]+="([^"\\\n]|\
 def test_every_metric_has_its_help_and_its_kind():
     text = metrics.text(everything())
     lines = text.splitlines()
-    assert text.endswith("\n") and {line.split()[2] for line in lines if line[0] == "#"} == set(metrics.FAMILIES)
+    assert text.endswith("\n") and {line.split()[2] for line in lines if line[0] == "#"} == NAMES
     assert all(LINE.fullmatch(line) for line in lines if line[0] != "#"), text
     assert 'multimaster_link_heartbeats_ratio{master="tibi-visio"} 0.98' in lines
     assert 'multimaster_clock_offset_seconds{master="tibi-visio"} -0.0375' in lines
@@ -68,14 +71,14 @@ def test_what_a_stranger_is_called_is_one_value_of_a_label():
 
 @pytest.mark.parametrize("names", [["same", "same"], ["x" * 5000 + "1", "x" * 5000 + "2"], ["a b", "a\nb"]])
 def test_two_with_one_name_do_not_spoil_the_file(names):
-    text = metrics.text({"multimaster_link_up": {(name,): 1 for name in names}})
+    text = metrics.text({"link_up": {(name,): 1 for name in names}})
     assert len(text.splitlines()) == 3 and len(text) < 500
 
 
 def test_the_number_of_lines_is_bounded():
-    assert len(metrics.text({"multimaster_link_up": {(f"robot{one}",): 1 for one in range(9999)}}).splitlines()) == 1002
+    assert len(metrics.text({"link_up": {(f"robot{one}",): 1 for one in range(9999)}}).splitlines()) == 1002
     names = {f"http://r{one}:1/": f"r{one}" for one in range(9999)}
-    found = registrations.registration_samples(names, {})["multimaster_registrations"]
+    found = registrations.registration_samples(names, {})["registrations"]
     assert len(found) <= metrics.MOST and len(set(found)) == len(found)
 
 
@@ -109,7 +112,7 @@ def test_promtool_takes_it_without_a_word(seed):
     )
     names = {"".join(draw.choices(parts, k=draw.randint(1, 8))) for _name in range(60)}
     harmless = len(metrics.text(everything()).splitlines())
-    for family in ("multimaster_link_up", "multimaster_link_lost_total"):
+    for family in ("link_up", "link_lost_total"):
         samples[family].update({(name,): 1.0 for name in names})
     lines = metrics.text(samples).splitlines()
     assert all(LINE.fullmatch(line) for line in lines if line[0] != "#") and len(lines) > harmless
@@ -129,7 +132,7 @@ def test_the_dashboard_asks_for_metrics_that_exist():
     asked = set(
         re.findall(r"multimaster_[a-z_]+", json.dumps(dashboard["panels"]) + json.dumps(dashboard["templating"]))
     )
-    assert asked <= set(metrics.FAMILIES)
+    assert asked <= NAMES
     assert {panel["datasource"]["uid"] for panel in dashboard["panels"]} == {"${datasource}"}
     for wanted in ("link_up", "link_lost_total", "clock_offset_seconds", "refusals"):
         assert f"multimaster_{wanted}" in asked
@@ -141,4 +144,4 @@ def test_the_page_about_metrics_has_each_of_them():
     page = (ROOT / "docs/operate/metrics.md").read_text()
     for name, family in metrics.FAMILIES.items():
         labels = ", ".join(f"`{label}`" for label in family.labels)
-        assert f"| `{name}` | {family.kind} | {labels} | {family.help} |" in page
+        assert f"| `{metrics.PREFIX}{name}` | {family.kind} | {labels} | {family.help} |" in page

@@ -217,7 +217,7 @@ class MasterDiscovery:
                 changes_sent_total=self.served.changes.value,
                 sent_bytes_total=self.server.sent.value,
             ),
-            "multimaster_malformed_total": {
+            "malformed_total": {
                 ("datagram",): self.core.malformed,
                 ("request",): self.malformed_requests,
             },

@@ -203,7 +203,7 @@ class MasterSync:
                 round_seconds=rounds.took,
                 round_failures_total=rounds.failures,
             ),
-            "multimaster_registration_changes_total": {(what,): rounds.made[what] for what in metrics.CHANGES},
+            "registration_changes_total": {(what,): rounds.made[what] for what in metrics.CHANGES},
             **report.refusal_samples(self.refused, self.refused_total),
             **report.registration_samples(names, dict(rounds.held)),
         }

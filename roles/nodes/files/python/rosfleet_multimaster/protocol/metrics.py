@@ -10,6 +10,7 @@ from typing import Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 from .plain_text import plain
 
+PREFIX = "multimaster_"  # of all names, as Prometheus has them
 VERSION = "0.1.0"  # of the collection; galaxy.yml has the same
 LABEL = 100  # characters of the value of a label
 MOST = 1000  # lines of one metric
@@ -35,57 +36,43 @@ _OF_LINK = ("master",)
 #: name -> metric, in the order in which they are written
 FAMILIES: Mapping[str, Family] = {
     # of both nodes
-    "multimaster_build_info": Family("gauge", ("node", "version"), "Version of the collection; the value is always 1."),
-    "multimaster_last_update_timestamp_seconds": Family(
-        "gauge", _OF_BOTH, "When the node wrote this, in seconds since 1970."
-    ),
-    "multimaster_queue_length": Family("gauge", _OF_BOTH, "Calls of its threads that wait for the loop of the node."),
-    "multimaster_received_bytes_total": Family(
-        "counter", _OF_BOTH, "Bytes of answers of other computers over XML-RPC."
-    ),
+    "build_info": Family("gauge", ("node", "version"), "Version of the collection; the value is always 1."),
+    "last_update_timestamp_seconds": Family("gauge", _OF_BOTH, "When the node wrote this, in seconds since 1970."),
+    "queue_length": Family("gauge", _OF_BOTH, "Calls of its threads that wait for the loop of the node."),
+    "received_bytes_total": Family("counter", _OF_BOTH, "Bytes of answers of other computers over XML-RPC."),
     # of master_discovery
-    "multimaster_roscore_up": Family("gauge", (), "Whether the roscore of this robot answers."),
-    "multimaster_masters_online": Family("gauge", (), "Masters of other robots that are heard."),
-    "multimaster_link_up": Family(
-        "gauge", _OF_LINK, "Whether a master is heard. Those of the fleet are always listed."
-    ),
-    "multimaster_link_lost_total": Family("counter", _OF_LINK, "How often a master was lost."),
-    "multimaster_link_silence_seconds": Family("gauge", _OF_LINK, "Seconds since a master was heard."),
-    "multimaster_link_heartbeats_ratio": Family(
-        "gauge", _OF_LINK, "Heartbeats that came lately, of those that are promised."
-    ),
-    "multimaster_link_answer_seconds": Family(
+    "roscore_up": Family("gauge", (), "Whether the roscore of this robot answers."),
+    "masters_online": Family("gauge", (), "Masters of other robots that are heard."),
+    "link_up": Family("gauge", _OF_LINK, "Whether a master is heard. Those of the fleet are always listed."),
+    "link_lost_total": Family("counter", _OF_LINK, "How often a master was lost."),
+    "link_silence_seconds": Family("gauge", _OF_LINK, "Seconds since a master was heard."),
+    "link_heartbeats_ratio": Family("gauge", _OF_LINK, "Heartbeats that came lately, of those that are promised."),
+    "link_answer_seconds": Family(
         "gauge", _OF_LINK, "Seconds until a master answered a question over TCP, with the connection."
     ),
-    "multimaster_clock_offset_seconds": Family(
+    "clock_offset_seconds": Family(
         "gauge",
         _OF_LINK,
         "How far the clock of a master is ahead of the one here, give or take half of the answer time.",
     ),
-    "multimaster_links_left_out": Family("gauge", (), "Links that are not listed, since there are too many."),
-    "multimaster_strangers_ignored": Family(
-        "gauge", (), "Senders that are ignored, since they do not belong to the fleet."
-    ),
-    "multimaster_datagrams_sent_total": Family("counter", (), "Datagrams that discovery sent."),
-    "multimaster_datagrams_received_total": Family("counter", (), "Datagrams that discovery received."),
-    "multimaster_malformed_total": Family(
-        "counter", ("what",), "Datagrams and requests that were malformed or not allowed."
-    ),
-    "multimaster_changes_sent_total": Family("counter", (), "Answers with changes to other masters."),
-    "multimaster_sent_bytes_total": Family("counter", (), "Bytes of answers to other programs over XML-RPC."),
+    "links_left_out": Family("gauge", (), "Links that are not listed, since there are too many."),
+    "strangers_ignored": Family("gauge", (), "Senders that are ignored, since they do not belong to the fleet."),
+    "datagrams_sent_total": Family("counter", (), "Datagrams that discovery sent."),
+    "datagrams_received_total": Family("counter", (), "Datagrams that discovery received."),
+    "malformed_total": Family("counter", ("what",), "Datagrams and requests that were malformed or not allowed."),
+    "changes_sent_total": Family("counter", (), "Answers with changes to other masters."),
+    "sent_bytes_total": Family("counter", (), "Bytes of answers to other programs over XML-RPC."),
     # of master_sync
-    "multimaster_registrations": Family(
-        "gauge", ("master", "kind"), "Registrations of other masters in the own roscore."
-    ),
-    "multimaster_registration_changes_total": Family(
+    "registrations": Family("gauge", ("master", "kind"), "Registrations of other masters in the own roscore."),
+    "registration_changes_total": Family(
         "counter", ("change",), "Registrations of other masters that were made in the own roscore, and withdrawn."
     ),
-    "multimaster_refusals": Family("gauge", ("reason",), "Registrations that are refused now."),
-    "multimaster_refusals_total": Family("counter", ("reason",), "Registrations that were refused."),
-    "multimaster_changes_received_total": Family("counter", (), "Changes that other masters told."),
-    "multimaster_states_received_total": Family("counter", (), "Whole states that were fetched from other masters."),
-    "multimaster_round_seconds": Family("gauge", (), "Seconds that the last round of synchronising took."),
-    "multimaster_round_failures_total": Family("counter", (), "Rounds of synchronising that failed."),
+    "refusals": Family("gauge", ("reason",), "Registrations that are refused now."),
+    "refusals_total": Family("counter", ("reason",), "Registrations that were refused."),
+    "changes_received_total": Family("counter", (), "Changes that other masters told."),
+    "states_received_total": Family("counter", (), "Whole states that were fetched from other masters."),
+    "round_seconds": Family("gauge", (), "Seconds that the last round of synchronising took."),
+    "round_failures_total": Family("counter", (), "Rounds of synchronising that failed."),
 }
 
 
@@ -95,11 +82,11 @@ def text(samples: Mapping[str, Mapping[Values, float]]) -> str:
     for name, family in FAMILIES.items():
         found = samples.get(name, {})
         if found:
-            lines += [f"# HELP {name} {family.help}", f"# TYPE {name} {family.kind}"]
+            lines += [f"# HELP {PREFIX}{name} {family.help}", f"# TYPE {PREFIX}{name} {family.kind}"]
             unique: Dict[str, float] = {}
             for values, value in found.items():
                 unique.setdefault(_labels(family.labels, values), value)
-            lines += [f"{name}{labels} {_number(value)}" for labels, value in list(unique.items())[:MOST]]
+            lines += [f"{PREFIX}{name}{labels} {_number(value)}" for labels, value in list(unique.items())[:MOST]]
     return "".join(f"{line}\n" for line in lines)
 
 
@@ -120,16 +107,16 @@ def _number(value: float) -> str:
 
 
 def scalar_samples(**values: float) -> Samples:
-    """Samples of metrics without labels, by their names after the prefix."""
-    return {f"multimaster_{name}": {(): value} for name, value in values.items()}
+    """Samples of metrics without labels, by their names."""
+    return {name: {(): value} for name, value in values.items()}
 
 
 def node_samples(node: str, now: float, queue: int, received: int) -> Samples:
     """The samples that both nodes have. `now`: the wall clock."""
     name = node.rpartition("/")[2]
     return {
-        "multimaster_build_info": {(name, VERSION): 1},
-        "multimaster_last_update_timestamp_seconds": {(name,): now},
-        "multimaster_queue_length": {(name,): queue},
-        "multimaster_received_bytes_total": {(name,): received},
+        "build_info": {(name, VERSION): 1},
+        "last_update_timestamp_seconds": {(name,): now},
+        "queue_length": {(name,): queue},
+        "received_bytes_total": {(name,): received},
     }

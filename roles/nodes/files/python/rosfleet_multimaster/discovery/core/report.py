@@ -80,12 +80,12 @@ def _clocks(shown: Sequence[LinkHealth]) -> Diagnosis:
 
 #: metric -> its value for a link; None for no sample
 _LINK_SAMPLES: Dict[str, Callable[[LinkHealth], Optional[float]]] = {
-    "multimaster_link_up": lambda link: link.online,
-    "multimaster_link_lost_total": lambda link: link.losses,
-    "multimaster_link_silence_seconds": lambda link: link.silent,
-    "multimaster_link_heartbeats_ratio": lambda link: link.quality / 100 if link.quality >= 0 else None,
-    "multimaster_link_answer_seconds": lambda link: link.answer and link.answer.seconds,
-    "multimaster_clock_offset_seconds": lambda link: link.answer and link.answer.offset,
+    "link_up": lambda link: link.online,
+    "link_lost_total": lambda link: link.losses,
+    "link_silence_seconds": lambda link: link.silent,
+    "link_heartbeats_ratio": lambda link: link.quality / 100 if link.quality >= 0 else None,
+    "link_answer_seconds": lambda link: link.answer and link.answer.seconds,
+    "clock_offset_seconds": lambda link: link.answer and link.answer.offset,
 }
 
 

@@ -78,8 +78,8 @@ def refusal_samples(refused: Iterable[Refusal], total: Mapping[str, int]) -> met
     """The samples about refusals. `refused`: those in force; `total`: kind -> the number since the start."""
     now = Counter(item.kind for item in refused)
     return {
-        "multimaster_refusals": {(reason,): now[reason] for reason in metrics.REASONS},
-        "multimaster_refusals_total": {(reason,): total.get(reason, 0) for reason in metrics.REASONS},
+        "refusals": {(reason,): now[reason] for reason in metrics.REASONS},
+        "refusals_total": {(reason,): total.get(reason, 0) for reason in metrics.REASONS},
     }
 
 
@@ -87,4 +87,4 @@ def registration_samples(names: Mapping[str, str], held: Mapping[Registration, s
     """The samples about registrations. `names`: URI of a master -> its name."""
     counts = Counter((names.get(uri, ""), item.kind) for item, uri in held.items())
     known = sorted({*names.values(), *(name for name, _kind in counts)} - {""})[: metrics.MOST // len(metrics.KINDS)]
-    return {"multimaster_registrations": {(name, kind): counts[name, kind] for name in known for kind in metrics.KINDS}}
+    return {"registrations": {(name, kind): counts[name, kind] for name in known for kind in metrics.KINDS}}
