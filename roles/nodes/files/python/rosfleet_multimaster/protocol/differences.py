@@ -14,10 +14,9 @@ import hashlib
 import json
 from collections import deque
 from dataclasses import replace
-from itertools import chain
 from typing import Any, Callable, Deque, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
-from .graph import InvalidDocument, State, add_stamps, parse
+from .graph import InvalidDocument, State, add_stamps, parse, users_of
 
 DIFFERENCES = "rosfleetDifferences"
 PACKED = "rosfleetDifferencesPacked"  # the same, its answers as texts of JSON
@@ -89,13 +88,9 @@ def excerpt(state: State, names: Names, undo: Undo) -> State:
         subscribers=subscribers,
         services=services,
         types=pick("types", names.topics),
-        nodes=pick("nodes", _users(publishers, subscribers, services)),
+        nodes=pick("nodes", users_of(publishers, subscribers, services)),
         providers=pick("providers", names.services),
     )
-
-
-def _users(*tables: Mapping[str, Sequence[str]]) -> Set[str]:
-    return set(chain.from_iterable(chain.from_iterable(table.values() for table in tables)))
 
 
 class Stamps:
@@ -216,7 +211,7 @@ def _tidy(tables: Dict[str, Any]) -> None:
     """Leave out the types, nodes and providers that are not used any more."""
     endpoints = [tables[part] for part in PARTS[:_USED]]
     topics = endpoints[0].keys() | endpoints[1].keys()
-    for part, used in (("types", topics), ("nodes", _users(*endpoints)), ("providers", endpoints[2].keys())):
+    for part, used in (("types", topics), ("nodes", users_of(*endpoints)), ("providers", endpoints[2].keys())):
         if not tables[part].keys() <= used:
             tables[part] = {name: row for name, row in tables[part].items() if name in used}
 

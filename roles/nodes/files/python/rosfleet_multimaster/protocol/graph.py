@@ -9,6 +9,7 @@ it runs; what master_sync registered for another master carries that master's UR
 import math
 import re
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from .filters import HIDDEN, NOTHING, Pattern, Rules
@@ -65,14 +66,19 @@ class State:
 class Graph(NamedTuple):
     """The answers of a roscore to getSystemState and getTopicTypes."""
 
-    publishers: Dict[str, Tuple[str, ...]]
-    subscribers: Dict[str, Tuple[str, ...]]
-    services: Dict[str, Tuple[str, ...]]
-    types: Dict[str, str]
+    publishers: Endpoints
+    subscribers: Endpoints
+    services: Endpoints
+    types: Mapping[str, str]
 
     def nodes(self) -> Set[str]:
         """The names of all nodes."""
-        return {node for endpoints in self[:3] for nodes in endpoints.values() for node in nodes}
+        return users_of(*self[:3])
+
+
+def users_of(*tables: Endpoints) -> Set[str]:
+    """The nodes in these tables."""
+    return set(chain.from_iterable(chain.from_iterable(table.values() for table in tables)))
 
 
 def graph_of(system_state: Sequence[Any], topic_types: Sequence[Any]) -> Graph:
@@ -164,7 +170,7 @@ def shareable_part(state: State) -> State:
     if len(mine.nodes) == len(state.nodes):
         return state
     heard = {topic: state.publishers[topic] for topic in mine.subscribers if topic in state.publishers}
-    used = {node for users in heard.values() for node in users}
+    used = users_of(heard)
     return replace(
         mine,
         publishers={**mine.publishers, **heard},

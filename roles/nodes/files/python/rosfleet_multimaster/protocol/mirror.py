@@ -2,16 +2,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The state of the own master, kept by what its roscore tells: records in, states out.
 
-Only what a record is about is made anew; all other parts of a state are those of the one before, the same objects.
+The parts of a state that are as before are the same objects as before.
 Free of sockets, threads and clocks.
 """
 
-from collections import Counter
 from dataclasses import replace
-from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
-from typing import Counter as Counts
+from typing import Any, Dict, List, Optional, Tuple
 
-from .graph import LOCAL, REMOTE, InvalidDocument, Node, Origins, Provider, State
+from .differences import PARTS
+from .graph import LOCAL, Graph, InvalidDocument, Origins, State, build
 
 CHANGES = "rosfleetChanges"  # the method by which a roscore tells its changes,
 REFUSED = "/rosfleet_multimaster/refused"  # and how often it has refused something, as if it were a parameter
@@ -38,105 +37,64 @@ class Mirror:
         self.node_uris: Dict[str, str] = {}
         self._state = State(uri, name)
         self._types: Dict[str, str] = {}
-        self._uses: Counts[str] = Counter()  # by node: its topics and services
         self._origins: Dict[Tuple[str, str], str] = {}
 
     def take(self, whole: bool, records: Any) -> None:
         """Take records; `whole`: they replace what is held. Raises InvalidDocument. Unknown kinds are left out."""
+        known = _records(records)
         tables = {part: {} if whole else dict(getattr(self._state, part)) for part in _ENDPOINTS.values()}
         if whole:
-            for table in (self._types, self.node_uris, self.service_uris, self._uses, self.parameters):
+            for table in (self._types, self.node_uris, self.service_uris, self.parameters):
                 table.clear()
-        touched: Set[str] = set()  # topics
-        kinds: Set[str] = set()
-        for record in _records(records):
-            kind, name = record[:2]
-            kinds.add(kind)
+        for kind, name, *rest in known:
             if kind in _ENDPOINTS:
-                self._endpoint(tables[_ENDPOINTS[kind]], kind, record)
+                self._endpoint(tables[_ENDPOINTS[kind]], kind, name, *rest)
             elif kind == "node":
-                _set_or_remove(self.node_uris, name, record[2] or None)
+                _set_or_remove(self.node_uris, name, rest[0] or None)
             elif kind == "type":
-                _set_or_remove(self._types, name, record[2] or None)
+                _set_or_remove(self._types, name, rest[0] or None)
             else:
-                _set_or_remove(self.parameters, name, record[2])
-            touched.add(name)
-        if whole:  # what is not among the records is gone
-            self._state = State(self._state.uri, self._state.name)
-            kinds.update(_ENDPOINTS)
-        self._rebuild(tables, kinds, touched)
+                _set_or_remove(self.parameters, name, rest[0])
+        if whole or any(record[0] != "parameter" for record in known):
+            self._rebuild(Graph(**tables, types=self._types))
 
     def belong(self, origins: Origins) -> None:
         """Learn which nodes are of other masters. It is known as long as they are there with that URI."""
         if origins.items() <= self._origins.items():
             return
         self._origins.update(origins)
-        self._rebuild({}, {"node"}, set())
+        state = self._state
+        self._rebuild(Graph(state.publishers, state.subscribers, state.services, self._types))
 
     def uri_of(self, node: str) -> str:
         """The URI of a node; empty where it is not known."""
         return self.node_uris.get(node, "")
 
     def is_local(self, node: str) -> bool:
-        """True where a node is of this master."""
-        return self._origin(node) == self._state.uri
-
-    def _origin(self, node: str) -> str:
-        return self._origins.get((node, self.uri_of(node)), self._state.uri)
+        """True where a node of the state is of this master."""
+        return self._state.nodes[node].locality == LOCAL
 
     def state(self) -> State:
         """The state now, without stamps."""
         return self._state
 
-    def _endpoint(self, table: Dict[str, Tuple[str, ...]], kind: str, record: List[Any]) -> None:
-        _kind, name, node, there = record
+    def _endpoint(self, table: Dict[str, Tuple[str, ...]], kind: str, name: str, node: str, there: Any) -> None:
         users = set(table.get(name, ()))
-        before = len(users)
         if kind == "service":
             users.clear()  # it has one provider
-            self._count(table.get(name, ()), -1)
             _set_or_remove(self.service_uris, name, there or None)
-            before = 0
         (users.add if there else users.discard)(node)
-        self._count((node,), len(users) - before)
         _set_or_remove(table, name, tuple(sorted(users)) or None)
 
-    def _count(self, nodes: Any, by: int) -> None:
-        for node in nodes:
-            self._uses[node] += by
-            if not self._uses[node]:
-                del self._uses[node]
-
-    def _rebuild(self, tables: Dict[str, Any], kinds: Set[str], topics: Set[str]) -> None:
-        """Make the state anew, where these kinds of records came, about these topics among others."""
-        parts = {part: table for part, table in tables.items() if part[:-1] in kinds}
-        endpoints = {part: parts.get(part, getattr(self._state, part)) for part in _ENDPOINTS.values()}
-        if kinds & {"publisher", "subscriber", "type"}:
-            parts["types"] = self._used_types(endpoints, topics)
-        if kinds & {"publisher", "subscriber", "service", "node"}:
-            known = set(self.node_uris.items())
-            self._origins = {key: master for key, master in self._origins.items() if key in known}
-            parts["nodes"] = {node: self._node(node) for node in self._uses}
-            parts["providers"] = {name: self._provider(name, users) for name, users in endpoints["services"].items()}
+    def _rebuild(self, graph: Graph) -> None:
+        """Make the state anew. A part that is as before stays the same object."""
+        before, known = self._state, self.node_uris.items()
+        self._origins = {key: master for key, master in self._origins.items() if key in known}
+        now = build(before.uri, before.name, graph, self.node_uris, self.service_uris, self._origins)
+        parts = {part: getattr(now, part) for part in PARTS}
         self._state = replace(
-            self._state, **{part: table for part, table in parts.items() if table != getattr(self._state, part)}
+            before, **{part: table for part, table in parts.items() if table != getattr(before, part)}
         )
-
-    def _used_types(self, endpoints: Mapping[str, Any], topics: Set[str]) -> Dict[str, str]:
-        """The types of the topics that somebody has. Only these ones may be others than before."""
-        found = dict(self._state.types)
-        for topic in topics:
-            used = topic in endpoints["publishers"] or topic in endpoints["subscribers"]
-            _set_or_remove(found, topic, self._types.get(topic) if used else None)
-        return found
-
-    def _node(self, node: str) -> Node:
-        of = self._origin(node)
-        return Node(self.node_uris.get(node), of, LOCAL if of == self._state.uri else REMOTE)
-
-    def _provider(self, name: str, users: Tuple[str, ...]) -> Provider:
-        of = self._origin(users[0])
-        return Provider(self.service_uris.get(name), of, LOCAL if of == self._state.uri else REMOTE)
 
 
 def _set_or_remove(table: Dict[str, Any], name: str, value: Optional[Any]) -> None:
