@@ -118,7 +118,8 @@ class Lab:
         assert master_discovery.main() == 0
         if not problems:
             until(lambda: ("LEAVE", PLANNED) in self.heard, "the others are told that it leaves")
-            assert not self.metrics.exists() and "STOPPING=1" in self.notes
+            until(lambda: "STOPPING=1" in self.notes, "systemd is told that it stops")
+            assert not self.metrics.exists()
         sys.stderr.write("".join(problems))
         return len(problems)
 
