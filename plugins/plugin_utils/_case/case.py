@@ -35,6 +35,7 @@ class Participant:
     def __init__(self, name: str, plan: ComputerPlan, seen: Observation, ways: Ways) -> None:
         probe, multicast = seen.probe or Probe(), seen.multicast or Multicast()
         self.name, self.seen = name, seen
+        self.probe, self.is_probed = probe, seen.probe is not None
         # without the services that cannot run there, as preflight found
         self.plan = plan if seen.services is None else replace(plan, services=seen.services)
         self.members = {entry.name: entry for entry in probe.members}
@@ -135,8 +136,8 @@ class Case:  # no dataclass: a large fleet has hundreds of thousands, and many c
         self.address = address  # of the target
         self.counted = False  # a good result is only counted, so it needs no sentences
         self.target_master = target_master  # in a check of masters only
-        # the result of multimaster_verify on the observer
-        self.probe = observer.seen.probe
+        # the result of multimaster_verify on the observer; empty without one
+        self.probe = observer.probe
         # the target, if it takes part in this run, and the datagrams between the two
         self.peer = self.run.get(target)
         self.udp = observer.udp.get(target) if self.peer is not None else None
@@ -163,7 +164,7 @@ class Case:  # no dataclass: a large fleet has hundreds of thousands, and many c
     @property
     def exchange(self) -> Exchange | None:
         """The content of the observer's roscore; None without an answer."""
-        if not self.observer.plan.is_master or self.probe is None or self.probe.roscore.error:
+        if not self.observer.plan.is_master or not self.observer.is_probed or self.probe.roscore.error:
             return None
         return self.probe.exchange
 

@@ -26,7 +26,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.manua
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     DefaultRoute,
     ForwardingInterface,
-    Roscore,
     Service,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
@@ -46,7 +45,7 @@ def _interfaces(case: Case) -> list[ForwardingInterface]:
 
 
 def _judge_forwarding(case: Case) -> Judgement | None:
-    if case.probe is None or not _passes_packets_on(case):
+    if not case.observer.is_probed or not _passes_packets_on(case):
         return None
     ip_forward = case.probe.forwarding.ip_forward
     expected = "net.ipv4.ip_forward is 1"
@@ -60,7 +59,7 @@ def _judge_forwarding(case: Case) -> Judgement | None:
 
 def _forwarding_evidence(case: Case) -> Parts:
     name = case.observer.name
-    if case.probe is not None and case.probe.forwarding.ip_forward is None:
+    if case.probe.forwarding.ip_forward is None:
         return make_parts("setting", name, "unread", what="net.ipv4.ip_forward")
     return make_parts("forwarding", name, "off")
 
@@ -120,12 +119,12 @@ REACHABLE = Check(
 
 
 def _has_services(case: Case) -> bool:
-    return case.probe is not None and bool(case.observer.services)
+    return case.observer.is_probed and bool(case.observer.services)
 
 
 def _judge_services(case: Case) -> Judgement | None:
     planned = case.observer.services
-    if case.probe is None or not planned:
+    if not _has_services(case):
         return None
     states = {entry.name: entry for entry in case.probe.services}
     broken, restarted = [], []
@@ -150,12 +149,12 @@ def _describe_state(entry: Service) -> str:
 def _services_evidence(case: Case) -> Parts:
     parts: Parts = frozenset()
     name = case.observer.name
-    states = {entry.name: entry for entry in (case.probe.services if case.probe else ())}
+    states = {entry.name: entry for entry in case.probe.services}
     for service in case.observer.services:
         entry, unit = states.get(service), f"multimaster-{service}.service"
         if entry is None or entry.active_state != "active":
             missing = entry is not None and entry.load_state == "not-found"
-            if service == "roscore" and not missing and case.probe is not None and case.probe.roscore.answer:
+            if service == "roscore" and not missing and case.probe.roscore.answer:
                 parts |= make_parts("set_up", name, "others")  # a roscore answers that is not the unit's
             elif missing:
                 parts |= make_parts("service", name, "missing", what=unit)
@@ -193,7 +192,7 @@ SERVICES = Check(
 
 
 def _judge_environment(case: Case) -> Judgement | None:
-    running = [entry for entry in (case.probe.services if case.probe else ()) if entry.active_state == "active"]
+    running = [entry for entry in case.probe.services if entry.active_state == "active"]
     if not running:
         return None
     expected = "the planned environment in every service"
@@ -205,7 +204,7 @@ def _judge_environment(case: Case) -> Judgement | None:
 
 
 def _environment_evidence(case: Case) -> Parts:
-    services = case.probe.services if case.probe else ()
+    services = case.probe.services
     differing = sorted({name for entry in services if entry.active_state == "active" for name in entry.differing or ()})
     if not differing:
         return make_parts("setting", case.observer.name, "unread", what="the environment of a service")
@@ -380,7 +379,7 @@ MTU = Check(
 
 
 def _judge_reverse_path(case: Case) -> Judgement | None:
-    if case.probe is None or not _passes_packets_on(case):
+    if not case.observer.is_probed or not _passes_packets_on(case):
         return None
     expected = "a loose reverse-path filter, or none"
     strict = [entry.interface for entry in _interfaces(case) if entry.rp_filter == 1]
@@ -401,7 +400,7 @@ REVERSE_PATH = Check(
 
 
 def _judge_redirects(case: Case) -> Judgement | None:
-    if case.probe is None or not case.observer.plan.is_router:
+    if not case.observer.is_probed or not case.observer.plan.is_router:
         return None
     sending = [entry.interface for entry in _interfaces(case) if entry.send_redirects]
     found = f"they are sent on {', '.join(sending)}" if sending else "none"
@@ -420,7 +419,7 @@ REDIRECTS = Check(
 
 
 def _judge_answers_pings(case: Case) -> Judgement | None:
-    ignored = case.probe.forwarding.icmp_echo_ignore_all if case.probe else None
+    ignored = case.probe.forwarding.icmp_echo_ignore_all
     if ignored is None:
         return None
     return Judgement(WARNING if ignored else OK, "net.ipv4.icmp_echo_ignore_all is 0", str(ignored))
@@ -442,7 +441,7 @@ ANSWERS_PINGS = Check(
 
 
 def _judge_master_uri(case: Case) -> Judgement | None:
-    if case.probe is None or case.observer.lacks_ros:
+    if not case.observer.is_probed or case.observer.lacks_ros:
         return None
     expected = case.ways.masters[case.observer.plan.robot].uri
     roscore = case.probe.roscore
@@ -459,13 +458,13 @@ def _judge_master_uri(case: Case) -> Judgement | None:
 
 def _roscore_suspects(case: Case) -> Parts:
     name, master = case.observer.name, case.masters[0]
-    if case.probe is not None and case.probe.roscore.outcome == Outcome.REFUSED:
+    if case.probe.roscore.outcome == Outcome.REFUSED:
         return make_parts("roscore", master, "dead")
     return needs.roscore(case, name, master) - make_parts("roscore", master, "dead")
 
 
 def _master_uri_evidence(case: Case) -> Parts:
-    seen = case.probe.roscore if case.probe else Roscore()
+    seen = case.probe.roscore
     if seen.uri and not is_same_uri(seen.uri, case.ways.masters[case.observer.plan.robot].uri):
         return make_parts("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {seen.uri}")
     return frozenset() if seen.error else make_parts("roscore", case.masters[0], "name", what=seen.answer)
@@ -492,7 +491,7 @@ ASK_OTHERS = ("dns", "mdns", "nis", "ldap", "wins")  # the beginnings of sources
 
 
 def _judge_name_order(case: Case) -> Judgement | None:
-    sources = case.probe.name_sources if case.probe else ()
+    sources = case.probe.name_sources
     if not sources:
         return None
     before = sources[: sources.index("files")] if "files" in sources else sources
@@ -517,7 +516,7 @@ NAME_ORDER = Check(
 
 
 def _judge_default_routes(case: Case) -> Judgement | None:
-    if case.probe is None:
+    if not case.observer.is_probed:
         return None
     routes = case.probe.default_routes
     found = ", ".join(map(_describe_route, routes)) or "none"

@@ -227,7 +227,7 @@ UDP_UNICAST = Check(
 def _judge_source(case: Case) -> Judgement | None:
     """Judge if a gateway between networks translates addresses: the helper on the target counts who called."""
     multicast = case.peer.seen.multicast if case.peer else None
-    if case.probe is None or case.peer is None or multicast is None or not multicast.udp:
+    if not case.observer.is_probed or case.peer is None or multicast is None or not multicast.udp:
         return None
     source = case.way.source
     arrived = source in case.peer.callers
@@ -351,7 +351,7 @@ def _port_evidence(case: Case) -> Parts:
     if (
         case.target == case.observer.name and _connect_outcome(case) == Outcome.REFUSED
     ):  # its node has ended, or listens elsewhere
-        runs = case.probe is not None and bool(case.probe.list_masters.masters)
+        runs = bool(case.probe.list_masters.masters)
         return make_parts("discovery", case.target, "port" if runs else "dead")
     return frozenset()
 
@@ -535,7 +535,7 @@ CLOCK = Check(
 
 
 def _judge_list_masters(case: Case) -> Judgement | None:
-    if case.probe is None or case.observer.lacks_ros:
+    if not case.observer.is_probed or case.observer.lacks_ros:
         return None
     master = case.master
     entry = case.observer.listed.get(master.name)

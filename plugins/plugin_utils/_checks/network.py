@@ -23,7 +23,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
     Judgement,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.policy_routing import taker
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Ping, Policy, Route
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Ping, Route
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 
 LOST = 0.2  # of the pings to one computer: in a wireless network some are always lost, and few are sent
@@ -38,7 +38,7 @@ def _find_duplicates(case: Case) -> dict[str, list[str]]:
     """
     found = {}
     own = {str(entry.address) for entry in case.observer.plan.networks}
-    for claim in case.probe.claims if case.probe else ():
+    for claim in case.probe.claims:
         holder = case.run.get(case.ways.name_at(claim.address))
         known = case.observer.macs if claim.address in own else holder.macs if holder else frozenset()
         strange = [mac for mac in claim.macs if mac.lower() not in known]
@@ -48,7 +48,7 @@ def _find_duplicates(case: Case) -> dict[str, list[str]]:
 
 
 def _judge_address_once(case: Case) -> Judgement | None:
-    if case.probe is None or not case.probe.claims:
+    if not case.probe.claims:
         return None
     twice = _find_duplicates(case)
     found = "; ".join(f"for {address} also {' and '.join(macs)}" for address, macs in twice.items())
@@ -191,7 +191,7 @@ def _route_evidence(case: Case) -> Parts:
     route, name = case.member.route if case.member else None, case.observer.name
     if route is None or case.planned is None:
         return frozenset()
-    mode, what = taker(case.probe.policy if case.probe else Policy(), case.address)
+    mode, what = taker(case.probe.policy, case.address)
     if mode and (route.error or (route.gateway or "") not in case.way.hops):
         return make_parts("route", name, mode, what=what)
     return _route_absence_parts(case) if route.error else _wrong_route_parts(case, route)
@@ -225,7 +225,7 @@ def _leaves_fleet(case: Case, device: str | None) -> bool:
 def _falls_to_default(case: Case, by: str) -> bool:
     """The planned route is one to the network, and is gone: the default route takes what it was for."""
     special = all(route.destination.prefixlen for route in case.observer.plan.routes)
-    return special and case.probe is not None and by in {route.gateway for route in case.probe.default_routes}
+    return special and by in {route.gateway for route in case.probe.default_routes}
 
 
 def _has_no_routes(case: Case) -> bool:

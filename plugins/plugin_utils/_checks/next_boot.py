@@ -24,7 +24,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.manua
 
 def _judge(kind: str, planned: Callable[[Case], bool], expected: str) -> Callable[[Case], Judgement | None]:
     def judge(case: Case) -> Judgement | None:
-        if case.probe is None or not planned(case):
+        if not case.observer.is_probed or not planned(case):
             return None
         state = case.observer.seen.found
         if state is not None and not state.set_up:  # one sentence for all kinds is enough
@@ -38,7 +38,7 @@ def _judge(kind: str, planned: Callable[[Case], bool], expected: str) -> Callabl
 
 def _evidence(kind: str) -> Callable[[Case], Parts]:
     def find_parts(case: Case) -> Parts:
-        entries = case.probe.next_boot if case.probe else ()
+        entries = case.probe.next_boot
         names = [entry.name for entry in entries if entry.kind == kind]
         return join_parts(make_parts("boot", case.observer.name, kind, what=name) for name in names)
 

@@ -36,11 +36,11 @@ KINDS = {"master_discovery": "discovery", "master_sync": "sync"}
 
 
 def _has_parameters(case: Case) -> bool:
-    return case.probe is not None and case.observer.plan.is_master and bool(case.probe.parameters.nodes)
+    return case.observer.plan.is_master and bool(case.probe.parameters.nodes)
 
 
 def _judge_parameters(case: Case) -> Judgement | None:
-    if case.probe is None or not _has_parameters(case):
+    if not _has_parameters(case):
         return None
     differing = case.probe.parameters.differing
     expected = "; ".join(f"{entry.name} {entry.expected}" for entry in differing)
@@ -49,7 +49,7 @@ def _judge_parameters(case: Case) -> Judgement | None:
 
 
 def _parameters_evidence(case: Case) -> Parts:
-    return join_parts(_parameter_part(case, entry) for entry in (case.probe.parameters.differing if case.probe else ()))
+    return join_parts(_parameter_part(case, entry) for entry in case.probe.parameters.differing)
 
 
 def _parameter_part(case: Case, entry: ParameterDifference) -> Parts:
@@ -60,7 +60,7 @@ def _parameter_part(case: Case, entry: ParameterDifference) -> Parts:
 
 def _parameters_needs(case: Case) -> Parts:
     """A node that was compared has the parameters of the plan."""
-    name, nodes = case.observer.name, case.probe.parameters.nodes if case.probe else ()
+    name, nodes = case.observer.name, case.probe.parameters.nodes
     parts = (
         make_parts("discovery", name, "group", "port", "configuration") if "master_discovery" in nodes else frozenset()
     )
@@ -86,7 +86,7 @@ LEAST_BYTES, LEAST_FILES = 1 << 20, 16
 
 
 def _full(case: Case) -> list[Disk]:
-    disks = case.probe.disks if case.probe else ()
+    disks = case.probe.disks
     return [
         disk
         for disk in disks
@@ -96,7 +96,7 @@ def _full(case: Case) -> list[Disk]:
 
 
 def _judge_room(case: Case) -> Judgement | None:
-    if case.probe is None or not case.probe.disks:
+    if not case.probe.disks:
         return None
     full = [f"{disk.path}: {disk.free_bytes} bytes and {disk.free_files} files" for disk in _full(case)]
     return Judgement(

@@ -30,7 +30,7 @@ TALKER_TYPE, TALKER_NODE = "std_msgs/String", "/multimaster_verify_talker_"
 
 def _judge_topic_heard(case: Case) -> Judgement | None:
     target = case.peer
-    if case.probe is None or target is None or case.observer.lacks_ros or _gives_nothing(case):
+    if not case.observer.is_probed or target is None or case.observer.lacks_ros or _gives_nothing(case):
         return None
     entry = case.topic
     if entry is None:

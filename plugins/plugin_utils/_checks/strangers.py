@@ -22,7 +22,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uri
 
 
 def _judge_strangers(case: Case) -> Judgement | None:
-    if case.probe is None or not (case.observer.seen.multicast or case.observer.listed):
+    if not case.observer.is_probed or not (case.observer.seen.multicast or case.observer.listed):
         return None
     guests = _find_guests(case)
     welcome = sorted(name for name, address in guests.items() if _is_allowed(case, address))
@@ -66,7 +66,7 @@ def _is_allowed(case: Case, address: str) -> bool:
 
 def _evidence(case: Case) -> Parts:
     """Each of them is one, by whomever it is seen."""
-    outsiders = case.probe.outsiders if case.probe else ()
+    outsiders = case.probe.outsiders
     found = {**_find_unwanted(case), **{entry.address: entry.name for entry in outsiders}}
     known = join_parts(_misread_member_parts(case, entry) for entry in outsiders if case.ways.name_at(entry.address))
     strange = {at: name for at, name in found.items() if not case.ways.name_at(at)}

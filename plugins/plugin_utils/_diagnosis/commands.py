@@ -42,8 +42,7 @@ def _correct_prefix(computer: Participant, _parts: Sequence[Part], _state: Fleet
 
 def _delete_default_routes(computer: Participant, _parts: Sequence[Part], _state: FleetState) -> Commands:
     """Delete those that are not planned, if the planned one is there."""
-    probe = computer.seen.probe
-    routes = probe.default_routes if probe else ()
+    routes = computer.probe.default_routes
     planned = {str(route.gateway) for route in computer.plan.routes if not route.destination.prefixlen}
     others = [route for route in routes if route.gateway not in planned]
     for route in others if len(others) < len(routes) else ():
@@ -74,8 +73,7 @@ def _comment_out_lines(_computer: Participant, parts: Sequence[Part], _state: Fl
 
 def _comment_out_settings(computer: Participant, parts: Sequence[Part], _state: FleetState) -> Commands:
     """The line that decides at the next boot becomes a comment; nothing of a package is changed."""
-    probe = computer.seen.probe
-    for entry in probe.next_boot if probe else ():
+    for entry in computer.probe.next_boot:
         if entry.kind == "sysctl" and entry.name in {part.what for part in parts}:
             file = entry.file.partition(" line ")[0]
             words = "sed -i -E 's,^[[:space:]]*-?{}[[:space:]]*=,# &,' {}"
@@ -84,7 +82,7 @@ def _comment_out_settings(computer: Participant, parts: Sequence[Part], _state: 
 
 def _drop_ins(computer: Participant, _parts: Sequence[Part], _state: FleetState) -> Commands:
     """Drop-in files that set variables are set aside; nodes are registered at the roscore, so all of them start again."""
-    services = computer.seen.probe.services if computer.seen.probe else ()
+    services = computer.probe.services
     moves = [
         advice.command("mv {} {}.off", ("drop-in", path), ("drop-in", path))
         for entry in services
