@@ -15,6 +15,7 @@ import time
 from rosfleet_multimaster.edge.process import program
 from rosfleet_multimaster.roscore import __main__ as roscore
 from rosfleet_multimaster.roscore import store
+from rosfleet_multimaster.roscore.core import store_format
 from rosfleet_multimaster.roscore.core.registry import Registry
 
 FILE = "registrations.sqlite"
@@ -92,7 +93,7 @@ def read(folder):
     found = Registry()
     for (text,) in opened(folder).execute("SELECT record FROM state"):
         found.apply(json.loads(text))
-    return store.Snapshot(found, False, 0, 0)
+    return store_format.Content(found, store.read_boot_id(), 0, 0, False, False, 0)
 
 
 if __name__ == "__main__":
