@@ -10,20 +10,7 @@ Free of sockets, threads and clocks.
 """
 
 import math
-from typing import (
-    Dict,
-    FrozenSet,
-    Generic,
-    Iterable,
-    List,
-    Mapping,
-    NamedTuple,
-    Optional,
-    Sequence,
-    Set,
-    Tuple,
-    TypeVar,
-)
+from typing import Dict, FrozenSet, Generic, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, TypeVar
 
 from ...protocol.filters import UNKNOWN_TYPES
 from ...protocol.messages import NodeKey
@@ -59,8 +46,16 @@ class _Book(Generic[Key]):
         self._asked: Dict[Key, Tuple[FrozenSet[str], float, float]] = {}  # names, stamp, valid until
         self._open: Set[Key] = set()
 
-    def to_ask(self, key: Key, names: FrozenSet[str], stamp: float, now: float) -> bool:
-        """True where these names must be asked now: a name or the stamp is new. Then the question is open."""
+    def open(self, names: Mapping[Key, FrozenSet[str]], stamps: Mapping[Key, float], now: float) -> List[Key]:
+        """Open the questions for these names that are due, and forget all other keys. The keys to ask now."""
+        asked = [key for key in names if self._open_one(key, names[key], stamps.get(key, 0.0), now)]
+        for key in (self.answers.keys() | self._asked.keys()) - names.keys():
+            self.answers.pop(key, None)
+            self._asked.pop(key, None)
+        return asked
+
+    def _open_one(self, key: Key, names: FrozenSet[str], stamp: float, now: float) -> bool:
+        """True where these names must be asked now: a name or the stamp is new."""
         asked, before, until = self._asked.get(key, (frozenset(), stamp, -math.inf))
         if key in self._open:
             return False
@@ -84,12 +79,6 @@ class _Book(Generic[Key]):
             self.answers[key] = answer
         if key in self._asked:
             self._asked[key] = (*self._asked[key][:2], now + AGAIN)
-
-    def keep(self, keys: Iterable[Key]) -> None:
-        """Forget all others."""
-        for key in (self.answers.keys() | self._asked.keys()) - set(keys):
-            self.answers.pop(key, None)
-            self._asked.pop(key, None)
 
 
 class TypeGuard:
@@ -115,12 +104,12 @@ class TypeGuard:
         users = view.local_nodes(claims)
         shared = [item for item in wanted if _type(item) and item.registration.name in users]
         nodes = _group_by_node(shared, users, view)
-        questions = self._ask_nodes(nodes, now)
+        questions = [Question(node) for node in self._nodes.open(nodes, {}, now)]
         named = {
             topic: self._types_of_users(topic, users[topic], view) for topics in nodes.values() for topic in topics
         }
         types = _group_by_master(shared, named)
-        questions += self._ask_masters(types, stamps, now)
+        questions += [Question(None, master, types[master]) for master in self._masters.open(types, stamps, now)]
         held, conflicts = view.registrations(claims), self._conflicts(shared, users, named, view)
 
         def is_ready(item: Candidate) -> bool:
@@ -133,22 +122,6 @@ class TypeGuard:
 
         refused = [Refusal("type", topic, master, *sides) for (topic, master), sides in conflicts.items()]
         return Verdict([item for item in wanted if is_ready(item)], refused, questions)
-
-    def _ask_nodes(self, nodes: Mapping[NodeKey, Set[str]], now: float) -> List[Question]:
-        asked = [node for node, topics in nodes.items() if self._nodes.to_ask(node, frozenset(topics), 0.0, now)]
-        self._nodes.keep(nodes)
-        return [Question(node) for node in asked]
-
-    def _ask_masters(
-        self, types: Mapping[str, FrozenSet[str]], stamps: Mapping[str, float], now: float
-    ) -> List[Question]:
-        asked = [
-            (master, names)
-            for master, names in types.items()
-            if self._masters.to_ask(master, names, stamps.get(master, 0.0), now)
-        ]
-        self._masters.keep(types)
-        return [Question(None, master, names) for master, names in asked]
 
     def take_node_types(self, node: NodeKey, types: Optional[Mapping[str, str]], now: float) -> None:
         """Take the answer of an own node: topic -> type; None where it does not answer."""
@@ -224,14 +197,14 @@ def _type(item: Candidate) -> str:
 
 def _group_by_node(
     shared: Sequence[Candidate], users: Mapping[str, Sequence[str]], view: View
-) -> Dict[NodeKey, Set[str]]:
+) -> Dict[NodeKey, FrozenSet[str]]:
     """The own nodes that share topics -> these topics."""
     topics: Dict[NodeKey, Set[str]] = {}
     for topic in {item.registration.name for item in shared}:
         for node in users[topic]:
             if node in view.node_uris:
                 topics.setdefault((node, view.node_uris[node]), set()).add(topic)
-    return topics
+    return {node: frozenset(names) for node, names in topics.items()}
 
 
 def _group_by_master(shared: Sequence[Candidate], named: Mapping[str, Mapping[str, str]]) -> Dict[str, FrozenSet[str]]:

@@ -51,15 +51,11 @@ def diagnoses(items: Sequence[Refusal]) -> List[Diagnosis]:
         "types": (("type",), "refused, since the topic has another type here"),
         "places": (("place",), "refused, since no node of that robot can be there"),
     }
+    limits = [(item.master, sentence(item)) for item in items if item.kind == "limit"]
     return [
-        _limits([item for item in items if item.kind == "limit"]),
+        warning("limits", f"masters that offer more registrations than are taken: {len(limits)}", limits),
         *(_refusals(name, why, [item for item in items if item.kind in group]) for name, (group, why) in kinds.items()),
     ]
-
-
-def _limits(items: Sequence[Refusal]) -> Diagnosis:
-    values = [(item.master, sentence(item)) for item in items]
-    return warning("limits", f"masters that offer more registrations than are taken: {len(items)}", values)
 
 
 def _refusals(name: str, why: str, items: Sequence[Refusal]) -> Diagnosis:
