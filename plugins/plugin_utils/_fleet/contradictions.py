@@ -59,6 +59,7 @@ def find_contradictions(parties: Sequence[Party], robots: Mapping[str, Sequence[
     problems: list[str] = []
     for party in parties:
         problems += _find_wrong_receivers(party, robots) + _find_built_in_names(party)
+    problems += _find_parameter_names(parties)
     problems += _find_collisions(parties, list(robots)) + _find_second_white_lists(parties)
     return problems + _find_filtered_exports(parties)
 
@@ -120,6 +121,20 @@ def _find_built_in_names(party: Party) -> list[str]:
         f"roscore or to the exchange itself; expected names of the robot's own nodes: remove it in group_vars/{party.name}.yml."
         for key, name in dict.fromkeys(item for entry in party.exports for item in entry.names())
         if matches(BUILT_IN.get(f"ignore_{key}", ()), name)
+    ]
+
+
+# The parameters of master_sync that a master may be called like. It has the white list of a master below the master's name.
+PARAMETERS = frozenset(("allow", "diagnostics", "differences", "members", "metrics", "strangers"))
+
+
+def _find_parameter_names(parties: Sequence[Party]) -> list[str]:
+    return [
+        f"{party.host}: multimaster_exports is declared, but the name of its master, {party.master}, is that of a parameter of "
+        f"master_sync; expected another name, since the others have a white list below it: rename the computer, or remove "
+        f"multimaster_exports in group_vars/{party.name}.yml."
+        for party in parties
+        if party.declaration is not None and party.master in PARAMETERS
     ]
 
 

@@ -11,7 +11,11 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import kinds
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import make_node_filters, read_exports
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import Inventory, read_fleet
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import (
+    Inventory,
+    InventoryProblems,
+    read_fleet,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 
@@ -152,3 +156,18 @@ def test_filters_that_no_node_starts_with_are_one_sentence(value, text):
 def test_a_flag_that_is_not_first_in_its_anchors_is_refused():
     with pytest.raises(UnexpectedValue, match="in its anchors"):
         kinds.filters({"sync_hosts": ["(?i)/tf"]})
+
+
+@pytest.mark.parametrize("name", sorted(name for name in parameters.SYNC if "_" not in name))
+def test_a_declaring_master_is_not_called_like_a_parameter(name):
+    """The white list that the others have for it would be the value of the parameter."""
+    shared = {"multimaster_common_network": "192.168.1.0/24"}
+    variables = {
+        "ana": {**shared, "multimaster_address": "192.168.1.10"},
+        name: {**shared, "multimaster_address": "192.168.1.11"},
+    }
+    inventory = Inventory(robots={"robot1": ["ana"], "robot2": [name]}, variables=variables)
+    assert starts_with(to_plain(fleet_plan(read_fleet(inventory)))["computers"]["ana"]["sync"])
+    variables[name]["multimaster_exports"] = [{"topics": ["/a"]}]
+    with pytest.raises(InventoryProblems, match=f"the name of its master, {name}, is that of a parameter"):
+        read_fleet(inventory)
