@@ -463,7 +463,8 @@ def test_strangers_are_forgotten():
     core = started()
     for count in range(3000):
         core.datagram(state(), (f"10.0.{count // 250}.{count % 250}", 11511), True, 10.0)
-    assert core.strangers.refused == 3000 - MAX_STRANGERS == 3000 - len(core.strangers.table)
+    told = [action for action in take(core, Say) if action.topic == "full"]
+    assert len(told) == 3000 - MAX_STRANGERS == 3000 - len(core.strangers.table)
     run(core, 11.0, 45.0, 1.0)
     assert not core.strangers.table
 
@@ -784,16 +785,21 @@ def test_an_answer_that_cannot_be_used_is_refused(at, value):
 
 def test_a_full_list_of_masters_takes_a_new_one_later(monkeypatch):
     monkeypatch.setattr("rosfleet_multimaster.discovery.core.peers.MAX_MASTERS", 1)
-    core = met(remove_after=20.0)
+    core, refusals = met(remove_after=20.0), []
     new = ("10.0.0.5", 11511)
     for now in range(11, 60):
         core.datagram(state(), new, True, float(now))
         core.tick(float(now))
-        for action in take(core, Ask):
+        actions = take(core)
+        refusals += [action for action in actions if isinstance(action, Say) and action.topic == "masters"]
+        for action in actions:
+            if not isinstance(action, Ask):
+                continue
             known = action.key[0] == new[0]
             contact = CONTACT._replace(uri="http://new:11311/", name="new") if known else None
             core.take_contact(action.key, contact, "" if known else TIMED_OUT, float(now))
-    assert core.strangers.refused == 1 and [master.name for master in core.view.masters()[1:]] == ["new"]
+    refusals += [action for action in take(core, Say) if action.topic == "masters"]
+    assert len(refusals) == 1 and [master.name for master in core.view.masters()[1:]] == ["new"]
 
 
 def looks(monkeypatch, masters):

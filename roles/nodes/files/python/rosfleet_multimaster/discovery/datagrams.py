@@ -89,8 +89,13 @@ class Datagrams:
                 "the kernel does not tell of changes of the network, so they are seen later: %s", problem
             )
             return
+
+        def on_change() -> None:
+            changes.clear()
+            self._callbacks.on_network()
+
         self.hears_of_changes = True
-        self._loop.watch(changes.socket, partial(self._network_changed, changes))
+        self._loop.watch(changes.socket, on_change)
 
     def tick(self, now: float) -> Optional[float]:
         """Do what is due; the time of the next call, None for any."""
@@ -166,10 +171,6 @@ class Datagrams:
             f"discovery by {self._group if multicast else 'unicast'} on {self.place.address}, port {self._port}",
         )
         self._callbacks.on_open(monotonic())
-
-    def _network_changed(self, changes: Changes) -> None:
-        changes.clear()
-        self._callbacks.on_network()
 
     def _close(self, open_due: float) -> None:
         """Close the sockets, since the network has changed. They are opened again when that is due."""

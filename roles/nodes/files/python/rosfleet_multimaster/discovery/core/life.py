@@ -80,7 +80,6 @@ class Life:
             self._outbox.say("warning", f"contact {entry.key[0]}" if few else "contacts", text)
 
     def _wait_for_room(self, entry: Peer, _news: News) -> None:
-        self._strangers.refused += 1
         text = f"{entry.monitor_uri} is ignored: {MAX_MASTERS} masters are known already"
         self._outbox.say("warning", "masters", text)
         entry.contact_due = entry.contacted + FORGET_STRANGER

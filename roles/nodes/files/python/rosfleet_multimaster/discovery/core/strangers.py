@@ -19,7 +19,6 @@ class Strangers:
 
     def __init__(self, members: Members, outsiders: Outsiders, outbox: Outbox) -> None:
         self.table: Dict[Key, Peer] = {}  # in the order in which they were last heard
-        self.refused = 0  # senders for which there was no room
         self._members, self._outsiders, self._outbox = members, outsiders, outbox
         self._asked: Set[Key] = set()  # those that are being asked who they are
         self._budget = Budget()
@@ -31,7 +30,6 @@ class Strangers:
         if entry is None:
             entry = Peer(key, now, now, beat, contact_due=now)
             if len(self.table) >= MAX_STRANGERS:
-                self.refused += 1
                 text = f"{MAX_STRANGERS} senders do not say who they are: the first are forgotten"
                 self._outbox.say("warning", "full", text)
                 del self.table[next(first for first in self.table if first not in self._asked)]
