@@ -114,6 +114,7 @@ def _names(path: Path) -> bool:
 def _imports(path: Path, root: Path, tree: str) -> Iterator[tuple[str, ...]]:
     """The modules of the same tree that a file imports, by their names below it."""
     package = ("rosfleet_multimaster",) if tree == NODES else (*COLLECTION.split(".")[:-1], *tree.split("/"))
+    own = (*package, *path.parent.relative_to(root / tree).parts)
     for node in ast.walk(_tree(path)):
         found: list[tuple[str, ...]] = []
         if isinstance(node, ast.Import):
@@ -121,7 +122,7 @@ def _imports(path: Path, root: Path, tree: str) -> Iterator[tuple[str, ...]]:
         elif isinstance(node, ast.ImportFrom):
             base = tuple(node.module.split(".")) if node.module else ()
             if node.level:
-                base = (*package, *path.parents[node.level - 1].relative_to(root / tree).parts, *base)
+                base = (*own[: len(own) + 1 - node.level], *base)
             found = [(*base, alias.name) for alias in node.names]
         for name in found:
             if name[: len(package)] == package:

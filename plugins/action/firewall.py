@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.confirmation import GuardedAction
+from ..plugin_utils._changes.confirmation import GuardedAction
 
 # The names by which an inventory has the port of ssh.
 PORTS = ("ansible_port", "ansible_ssh_port")

@@ -12,11 +12,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from ansible.plugins.action import ActionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import facts, write
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.infer import propose
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.proposal import Proposal
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, plain_data
+
+from ..plugin_utils._adopt import facts, write
+from ..plugin_utils._adopt.infer import propose
+from ..plugin_utils._adopt.proposal import Proposal
+from ..plugin_utils._fleet import read
+from ..plugin_utils._fleet.plain_text import LINE, plain, plain_data
 
 
 class ActionModule(ActionBase):

@@ -15,18 +15,19 @@ from ansible.errors import AnsibleError
 from ansible.module_utils.parsing.convert_bool import boolean
 from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
-from ansible_collections.rosfleet.multimaster.plugins.action import fleet_report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import bundle as bundles
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import secrets
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import pack
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data, plain_lines
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import BY_NAME, RESERVED
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge_run, make_document
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import OPTIONS, Run
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import find_result
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._options.roles import read_options
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import TEMPLATE, make_page
+
+from ..plugin_utils._bundle import bundle as bundles
+from ..plugin_utils._bundle import secrets
+from ..plugin_utils._bundle.archive import pack
+from ..plugin_utils._data.plain import Mismatch, to_plain
+from ..plugin_utils._fleet.plain_text import plain_data, plain_lines
+from ..plugin_utils._fleet.variables import BY_NAME, RESERVED
+from ..plugin_utils._judgement.judgement import judge_run, make_document
+from ..plugin_utils._judgement.run import OPTIONS, Run
+from ..plugin_utils._observed.task_results import find_result
+from ..plugin_utils._options.roles import read_options
+from ..plugin_utils._report.page import TEMPLATE, make_page
+from . import fleet_report
 
 WORD = re.compile(r"[\w.-]+")
 NAME = "rosfleet-bundle-%Y-%m-%dT%H%M%S.zip"

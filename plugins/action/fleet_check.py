@@ -10,11 +10,12 @@ from typing import Any
 from ansible.module_utils.parsing.convert_bool import boolean
 from ansible.plugins.action import ActionBase
 from ansible.release import __version__
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, from_plain, to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import number_problems
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan
+
+from ..plugin_utils._data.plain import Mismatch, from_plain, to_plain
+from ..plugin_utils._fleet.plain_text import LINE, plain
+from ..plugin_utils._fleet.sentences import number_problems
+from ..plugin_utils._plan import preflight
+from ..plugin_utils._plan.model import ComputerPlan
 
 
 class ActionModule(ActionBase):

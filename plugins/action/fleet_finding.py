@@ -8,8 +8,9 @@ from __future__ import annotations
 from typing import Any
 
 from ansible.plugins.action import ActionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, plain_data
+
+from ..plugin_utils._checks.engine import FAILED
+from ..plugin_utils._fleet.plain_text import LINE, plain, plain_data
 
 PARTS = ("kind", "place", "mode", "what", "verdict", "sentence", "remedy", "decide", "since")
 

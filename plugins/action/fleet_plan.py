@@ -11,11 +11,12 @@ from typing import Any
 from ansible.errors import AnsibleError
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ansible.plugins.action import ActionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read, variables
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import number_problems
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._options import roles
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
+
+from ..plugin_utils._data.plain import to_plain
+from ..plugin_utils._fleet import read, variables
+from ..plugin_utils._fleet.sentences import number_problems
+from ..plugin_utils._options import roles
+from ..plugin_utils._plan.plan import fleet_plan
 
 
 class ActionModule(ActionBase):

@@ -10,17 +10,13 @@ from typing import Any
 
 from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, from_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
-    LINE,
-    plain,
-    plain_data,
-    plain_lines,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import find_result
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import prediction
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.facts import is_read, makes_sense
+
+from ..plugin_utils._data.plain import Mismatch, from_plain
+from ..plugin_utils._fleet.plain_text import LINE, plain, plain_data, plain_lines
+from ..plugin_utils._observed.task_results import find_result
+from ..plugin_utils._plan.model import FleetPlan
+from ..plugin_utils._world import prediction
+from ..plugin_utils._world.facts import is_read, makes_sense
 
 OPTIONS = ("fleet", "machine", "table")
 

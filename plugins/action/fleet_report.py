@@ -21,27 +21,19 @@ from ansible import constants
 from ansible.plugins.action import ActionBase
 from ansible.release import __version__ as ansible_version
 from ansible.utils.display import Display
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import LARGEST, Unreadable, unpack
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import JUDGED, quote_run, read_bundle
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
-    LINE,
-    plain,
-    plain_data,
-    plain_lines,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import (
-    Judgement,
-    judge_run,
-    make_document,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import Matrices
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import OPTIONS, Run, gather_run
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import history, terminal
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.junit import write_junit
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import TEMPLATE, make_page
+
+from ..plugin_utils._bundle.archive import LARGEST, Unreadable, unpack
+from ..plugin_utils._bundle.bundle import JUDGED, quote_run, read_bundle
+from ..plugin_utils._checks.engine import FAILED
+from ..plugin_utils._data.plain import Mismatch
+from ..plugin_utils._fleet.plain_text import LINE, plain, plain_data, plain_lines
+from ..plugin_utils._judgement.judgement import Judgement, judge_run, make_document
+from ..plugin_utils._judgement.matrices import Matrices
+from ..plugin_utils._judgement.run import OPTIONS, Run, gather_run
+from ..plugin_utils._plan.model import FleetPlan
+from ..plugin_utils._report import history, terminal
+from ..plugin_utils._report.junit import write_junit
+from ..plugin_utils._report.page import TEMPLATE, make_page
 
 AUTO = "auto"  # the folder of the user
 LARGEST_DATA = 100_000_000  # bytes of an earlier document

@@ -9,9 +9,10 @@ from typing import Any
 
 from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import find_result
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.summary import summarize
+
+from ..plugin_utils._fleet.plain_text import LINE, plain
+from ..plugin_utils._observed.task_results import find_result
+from ..plugin_utils._report.summary import summarize
 
 
 class ActionModule(ActionBase):

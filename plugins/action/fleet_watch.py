@@ -11,17 +11,12 @@ from typing import Any
 
 from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, from_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
-    LINE,
-    plain,
-    plain_data,
-    plain_lines,
-    quote,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import task_results
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch import progress
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch.progress import Event, LostValue, WatchAnswer
+
+from ..plugin_utils._data.plain import Mismatch, from_plain
+from ..plugin_utils._fleet.plain_text import LINE, plain, plain_data, plain_lines, quote
+from ..plugin_utils._observed import task_results
+from ..plugin_utils._watch import progress
+from ..plugin_utils._watch.progress import Event, LostValue, WatchAnswer
 
 OPTIONS = ("watched", "duration", "known")
 

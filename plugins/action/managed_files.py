@@ -7,8 +7,9 @@ from __future__ import annotations
 from typing import Any
 
 from ansible.plugins.action import ActionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import trees
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.robot_action import Result, RobotAction
+
+from ..plugin_utils._changes import trees
+from ..plugin_utils._changes.robot_action import Result, RobotAction
 
 
 class ActionModule(RobotAction):

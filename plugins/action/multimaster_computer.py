@@ -6,18 +6,15 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ansible.plugins.action import ActionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import trees
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.concerns import UnknownTag, choose_concerns
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.confirmation import (
-    GuardedAction,
-    Result,
-    seconds_of,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.environment import SEEN, find_differences
+
+from ..plugin_utils._changes import trees
+from ..plugin_utils._changes.concerns import UnknownTag, choose_concerns
+from ..plugin_utils._changes.confirmation import GuardedAction, Result, seconds_of
+from ..plugin_utils._plan.environment import SEEN, find_differences
 
 # The concerns that can cut the controller off. If one of them waits for its confirmation, the others wait, too.
 GUARDED = ("sysctl", "routes", "firewall")
@@ -110,6 +107,13 @@ def results_of(answer: Result) -> dict[str, list[Result]]:
     return {name: [one for one in results or () if one] for name, results in (answer.get("concerns") or {}).items()}
 
 
+def _mark_confirmed(results: Sequence[Result]) -> list[Result]:
+    """Return the results of a concern, those that waited as confirmed; an empty list if none waited."""
+    confirmed = {"unconfirmed": False, "confirmed": True}
+    marked = [{**one, **confirmed} if one.get("unconfirmed") else one for one in results]
+    return marked if marked != list(results) else []
+
+
 def join_results(first: Result, second: Result) -> Result:
     """Return the results of both runs as one. The first has the changes; the second has the confirmation and the other concerns."""
     if not first:
@@ -118,10 +122,8 @@ def join_results(first: Result, second: Result) -> Result:
     trial, later = results_of(first), results_of(second)
     concerns = {**trial, **later}
     for name in trial.keys() & later.keys():
-        waits = any(one.get("unconfirmed") for one in trial[name])
-        if waits and not any(one.get("failed") for one in later[name]):
-            confirmed = {"unconfirmed": False, "confirmed": True}
-            concerns[name] = [{**one, **confirmed} if one.get("unconfirmed") else one for one in trial[name]]
+        if not any(one.get("failed") for one in later[name]):
+            concerns[name] = _mark_confirmed(trial[name]) or later[name]
     merged = {
         **second,
         "changed": bool(second.get("changed") or (first.get("changed") and not second.get("rolled_back"))),

@@ -53,7 +53,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, AUTO, choose_pairs
+
+from ..plugin_utils._case.pairs import ALL, AUTO, choose_pairs
 
 
 def computers_tried(fleet: Mapping[str, Any], observer: str, pairs: str = AUTO) -> list[str]:

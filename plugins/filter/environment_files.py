@@ -80,7 +80,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment as environment_module
+
+from ..plugin_utils._plan import environment as environment_module
 
 
 def environment_files(

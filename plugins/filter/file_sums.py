@@ -49,8 +49,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+
+from ..module_utils._changes import files
+from ..module_utils._module.problem import Problem
 
 
 def file_sums(planned: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -70,7 +70,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quotes, units
+
+from ..plugin_utils._plan import quotes, units
 
 
 def multicast_router(

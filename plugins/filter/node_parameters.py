@@ -48,7 +48,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import parameters as parameters_module
+
+from ..plugin_utils._plan import parameters as parameters_module
 
 
 def node_parameters(parameters: Any, members: Any) -> dict[str, Any]:

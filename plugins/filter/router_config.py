@@ -72,10 +72,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, from_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import router_config as router_config_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.dialects import DIALECTS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+
+from ..plugin_utils._data.plain import Mismatch, from_plain
+from ..plugin_utils._plan import router_config as router_config_module
+from ..plugin_utils._plan.dialects import DIALECTS
+from ..plugin_utils._plan.model import FleetPlan
 
 
 def router_config(plan: Any, dialects: Sequence[str] | None = None, interfaces: Any = None) -> list[dict[str, str]]:

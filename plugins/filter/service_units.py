@@ -93,8 +93,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quotes, units
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import UnitLines
+
+from ..plugin_utils._plan import quotes, units
+from ..plugin_utils._plan.model import UnitLines
 
 
 def service_units(

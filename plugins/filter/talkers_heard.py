@@ -58,8 +58,8 @@ _value:
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ..plugin_utils._data.plain import from_plain
+from ..plugin_utils._plan.model import FleetPlan
 
 
 def talkers_heard(

@@ -54,7 +54,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import pairs as tried
+
+from ..plugin_utils._case import pairs as tried
 
 MOST = 1_000_000  # Mbit/s
 

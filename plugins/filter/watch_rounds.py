@@ -39,7 +39,8 @@ _value:
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch.progress import Unreadable, plan_rounds
+
+from ..plugin_utils._watch.progress import Unreadable, plan_rounds
 
 
 def watch_rounds(duration: Any) -> dict[str, Any]:

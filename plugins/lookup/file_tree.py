@@ -78,7 +78,8 @@ _raw:
 from typing import Any
 
 from ansible.plugins.lookup import LookupBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.trees import COLLECTION, read_tree
+
+from ..plugin_utils._changes.trees import COLLECTION, read_tree
 
 
 class LookupModule(LookupBase):

@@ -184,10 +184,10 @@ msg:
   sample: "The rules of nftables were changed: 4 addresses are let in, 0 networks behind this computer are protected."
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.run import OPTIONS, Run
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
+from ..module_utils._changes import deadman
+from ..module_utils._changes.module import run_module
+from ..module_utils._firewall.run import OPTIONS, Run
+from ..module_utils._module.module import Module
 
 
 def main() -> None:

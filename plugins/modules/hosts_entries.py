@@ -326,9 +326,9 @@ msg:
     remains: nothing.
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.run import OPTIONS, Run
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
+from ..module_utils._changes.module import run_module
+from ..module_utils._hosts.run import OPTIONS, Run
+from ..module_utils._module.module import Module
 
 
 def main() -> None:

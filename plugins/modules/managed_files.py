@@ -219,9 +219,9 @@ msg:
   sample: 2 files of the bundle nodes were written, 1 was removed and 31 were right.
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.file_bundle import OPTIONS, ManagedFiles
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
+from ..module_utils._changes.file_bundle import OPTIONS, ManagedFiles
+from ..module_utils._changes.module import run_module
+from ..module_utils._module.module import Module
 
 
 def main() -> None:

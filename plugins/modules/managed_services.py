@@ -223,12 +223,9 @@ msg:
   sample: "multimaster-sync.service was restarted (its text changed); 2 other units were right."
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.service_bundle import (
-    OPTIONS,
-    ManagedServices,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
+from ..module_utils._changes.module import run_module
+from ..module_utils._changes.service_bundle import OPTIONS, ManagedServices
+from ..module_utils._module.module import Module
 
 
 def main() -> None:

@@ -148,9 +148,9 @@ msg:
   sample: "1 of 1 routes changed. /etc/hosts: 1 added."
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import select_concerns
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.run import SHELLS, carry_out
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
+from ..module_utils._computer.concerns import select_concerns
+from ..module_utils._computer.run import SHELLS, carry_out
+from ..module_utils._module.module import Module
 
 
 def main() -> None:

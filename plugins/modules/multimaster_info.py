@@ -1038,9 +1038,9 @@ problems:
   sample: []
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
+from ..module_utils._look import machine
+from ..module_utils._module import ends
+from ..module_utils._module.module import Module
 
 
 def main() -> None:

@@ -51,9 +51,9 @@ problems:
 
 import re
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.logs import MOST, last_lines
+from ..module_utils._module import ends
+from ..module_utils._module.module import Module
+from ..module_utils._verify.logs import MOST, last_lines
 
 ARGUMENTS = {
     "services": {"type": "list", "elements": "str", "required": True},

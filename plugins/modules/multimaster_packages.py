@@ -70,9 +70,9 @@ msg:
   sample: 1 packages were installed, 0 removed.
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._packages.run import OPTIONS, Packages
+from ..module_utils._changes.module import run_module
+from ..module_utils._module.module import Module
+from ..module_utils._packages.run import OPTIONS, Packages
 
 
 def main() -> None:

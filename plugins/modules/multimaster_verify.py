@@ -1566,9 +1566,9 @@ msg:
   sample: Looked at 2 computers in 2.3 s.
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import actions
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.run import ACTIONS, run
+from ..module_utils._module import actions
+from ..module_utils._module.module import Module
+from ..module_utils._probe.run import ACTIONS, run
 
 TEXT = {"type": "str", "required": True}
 ARGUMENTS = {

@@ -209,19 +209,12 @@ import contextlib
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import is_address
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import actions, ends
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import (
-    Visit,
-    end_others,
-    find_wrong_value,
-    leave,
-    open_door,
-    path_of,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.process import heartbeats_socket, serve
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.readings import Targets
+from ..module_utils._machine.network import is_address
+from ..module_utils._module import actions, ends
+from ..module_utils._module.module import Module
+from ..module_utils._process.background import Visit, end_others, find_wrong_value, leave, open_door, path_of
+from ..module_utils._watch.process import heartbeats_socket, serve
+from ..module_utils._watch.readings import Targets
 
 KIND = "watch"  # of the doors of watches
 LONGEST = 600  # seconds that a task waits

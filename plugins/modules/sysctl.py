@@ -305,10 +305,10 @@ msg:
   sample: "1 of 2 kernel settings changed."
 """
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.run import OPTIONS, Run
+from ..module_utils._changes import deadman
+from ..module_utils._changes.module import run_module
+from ..module_utils._module.module import Module
+from ..module_utils._sysctl.run import OPTIONS, Run
 
 
 def main() -> None:

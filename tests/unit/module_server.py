@@ -3,8 +3,8 @@
 
 """Modules as processes of their own, without the half second in which each would import Ansible.
 
-One process imports Ansible once, and forks for each run: `run(path, arguments, namespace)` does what
-`python PATH ARGUMENTS.json` does, in the network namespace of a file where one is given.
+One process imports Ansible once, and forks for each run: `run(name, arguments, namespace)` does what
+`python -m NAME ARGUMENTS.json` does, in the network namespace of a file where one is given.
 """
 
 import atexit
@@ -23,6 +23,7 @@ import traceback
 from collections.abc import Sequence
 from typing import IO, NamedTuple
 
+_PACKAGE = "ansible_collections.rosfleet.multimaster.plugins.modules"
 _LIMIT = 60  # seconds of a run
 _NETWORK = 0x40000000  # CLONE_NEWNET (setns(2))
 
@@ -35,17 +36,22 @@ class Done(NamedTuple):
     stderr: str
 
 
-def run(path: str, arguments: dict, namespace: str = "") -> Done:
-    """Run a module, given by the path of its file, with the arguments of Ansible."""
-    return at_once(path, [arguments], namespace)[0]
+def command(name: str) -> list[str]:
+    """The words that run a module of the collection as a program."""
+    return [sys.executable, "-m", f"{_PACKAGE}.{name}"]
 
 
-def at_once(path: str, many: list[dict], namespace: str = "", pauses: Sequence[float] = ()) -> list[Done]:
+def run(name: str, arguments: dict, namespace: str = "") -> Done:
+    """Run a module of the collection with the arguments of Ansible."""
+    return at_once(name, [arguments], namespace)[0]
+
+
+def at_once(name: str, many: list[dict], namespace: str = "", pauses: Sequence[float] = ()) -> list[Done]:
     """Run a module several times at once, with arguments for each; each begins so many seconds after the one before it."""
     server = _server()
     waits = [0.0, *pauses] if pauses else [0.0] * len(many)
     question = [
-        [str(path), arguments, namespace, dict(os.environ), os.getcwd(), wait]
+        [name, arguments, namespace, dict(os.environ), os.getcwd(), wait]
         for arguments, wait in zip(many, waits, strict=True)
     ]
     server.stdin.write(json.dumps(question) + "\n")
@@ -88,7 +94,7 @@ def _answer(child: int, *streams: IO[str]) -> list:
 
 def _become(question: list, output: int, error: int) -> None:
     """Be the module, and end."""
-    path, arguments, namespace, environment, folder = question
+    name, arguments, namespace, environment, folder = question
     status = 1
     try:
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
@@ -103,8 +109,8 @@ def _become(question: list, output: int, error: int) -> None:
         with tempfile.NamedTemporaryFile("w", suffix=".json") as given:
             json.dump({"ANSIBLE_MODULE_ARGS": arguments}, given)
             given.flush()
-            sys.argv = [path, given.name]
-            runpy.run_path(path, run_name="__main__")
+            sys.argv = [name, given.name]
+            runpy.run_module(f"{_PACKAGE}.{name}", run_name="__main__", alter_sys=True)
         status = 0
     except SystemExit as end:
         status = end.code if isinstance(end.code, int) else int(end.code is not None)

@@ -92,17 +92,24 @@ def sources(tree):
     return sorted((ROOT / tree).rglob("*.py"))
 
 
+def package_of(path):
+    """The package in which a file lies: of the nodes, or of the collection."""
+    if path.is_relative_to(ROOT / NODES):
+        return ("rosfleet_multimaster", *path.parent.relative_to(ROOT / NODES).parts)
+    return ("ansible_collections", "rosfleet", "multimaster", *path.parent.relative_to(ROOT).parts)
+
+
 def imports(path):
-    """The modules that a file imports, by their full names; relative ones as if the tree of the nodes were a package."""
-    found = set()
+    """The modules that a file imports, by their full names."""
+    package, found = package_of(path), set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             base = node.module or ""
             if node.level:
-                folder = path.parents[node.level - 1].relative_to(ROOT / NODES).parts
-                base = ".".join(["rosfleet_multimaster", *folder, *([node.module] if node.module else [])])
+                parts = package[: len(package) + 1 - node.level]
+                base = ".".join([*parts, *([node.module] if node.module else [])])
             found |= {base} | {f"{base}.{alias.name}" for alias in node.names}
     return found
 

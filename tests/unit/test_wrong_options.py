@@ -124,7 +124,7 @@ def namespace():
 def test_a_wrong_option_is_one_sentence(name, seed, namespace, tmp_path):
     chance = random.Random(f"{name} {seed}")
     many = [{**drawn(chance, name, tmp_path), "_ansible_check_mode": True} for _draw in range(DRAWS)]
-    for arguments, done in zip(many, module_server.at_once(MODULES / f"{name}.py", many, namespace), strict=True):
+    for arguments, done in zip(many, module_server.at_once(name, many, namespace), strict=True):
         assert "Traceback" not in done.stdout + done.stderr, (arguments, done)
         result = json.loads(done.stdout)
         assert result.get("exception") is None, (arguments, result)

@@ -9,11 +9,11 @@ Small on purpose: every verification sends it to every computer. The modules tha
 import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import cloud_init
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import boot
+from .._changes.record import RECORDS, Record
+from .._hosts import cloud_init
+from .._machine import systemd
+from .._process import commands
+from .._sysctl import boot
 
 Row = typing.Dict[str, str]  # kind, name, expected, found, file
 Options = typing.Mapping[str, typing.Any]

@@ -13,8 +13,8 @@ import os
 import stat
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.regular_files import read_regular
+from .._module.plain_text import quote
+from .._module.regular_files import read_regular
 
 NEIGHBOUR = ".rosfleet-new"  # and the number of the process
 _ACL = "system.posix_acl_access"

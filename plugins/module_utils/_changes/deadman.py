@@ -18,11 +18,11 @@ import shlex
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+from .._module import ends
+from .._module.plain_text import LINE, quote
+from .._module.problem import Problem
+from .._process import commands
+from . import atomic
 
 FOLDER = "/run/rosfleet-multimaster"
 OPTIONS = {

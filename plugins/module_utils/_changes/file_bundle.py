@@ -5,12 +5,12 @@
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files, transaction, writable
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence, unreadable
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+from .._module.plain_text import LINE, quote
+from .._module.problem import Problem, sentence, unreadable
+from .._process import commands
+from . import files, transaction, writable
+from .module import Fields, ModuleRun
+from .record import RECORDS
 
 FILE = dict(
     path=dict(type="str", required=True),

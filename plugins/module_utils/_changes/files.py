@@ -18,13 +18,13 @@ import re
 import stat
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, ownership
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, intent, outcome
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import trust
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from .._module import trust
+from .._module.difference import difference
+from .._module.plain_text import quote
+from .._module.problem import Problem
+from . import atomic, ownership
+from .record import Record
+from .transaction import Step, intent, outcome
 
 _FILE = "a file"
 _FOLDER = "a folder"

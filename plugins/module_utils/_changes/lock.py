@@ -15,8 +15,8 @@ import os
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from .._module.problem import Problem
+from . import atomic
 
 NAME = "lock"  # of the file, in the folder of the records
 WAIT = 60.0  # seconds for a run before this one

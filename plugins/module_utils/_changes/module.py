@@ -10,9 +10,9 @@ A module's `main` makes the AnsibleModule and gives it to `run_module`, with the
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import lock
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from .._module import ends
+from .._module.problem import Problem
+from . import lock
 
 Fields = typing.Dict[str, typing.Any]
 

@@ -9,7 +9,7 @@ import pwd
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from .._module.problem import Problem
 
 NEW = 0o644  # what a symbolic mode begins with: the plan does not depend on what is there
 _OCTAL = re.compile(r"(?:0o)?[0-7]{3,5}")

@@ -8,8 +8,8 @@ import json
 import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, remedy
+from .._module.problem import Problem, remedy
+from . import atomic
 
 RECORDS = "/var/lib/rosfleet-multimaster"
 T = typing.TypeVar("T")

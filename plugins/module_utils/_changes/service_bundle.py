@@ -6,17 +6,12 @@
 import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import (
-    files,
-    unit_steps,
-    units,
-    writable,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.systemctl import Systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import StepFailure, carry_out
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence, unreadable
+from .._module.problem import Problem, sentence, unreadable
+from . import files, unit_steps, units, writable
+from .module import Fields, ModuleRun
+from .record import RECORDS
+from .systemctl import Systemd
+from .transaction import StepFailure, carry_out
 
 USUAL_FOLDER = "/etc/systemd/system"
 UNIT = dict(
@@ -98,10 +93,7 @@ class ManagedServices(ModuleRun):
             name for name in self.former if not self.states[name].fragment or self.states[name].fragment in owned
         ]
         paths = {name: file.path for name, file in zip(self.names, self.wanted)}
-        written = {file.path for file in self.files.writes}
-        self.texts = {
-            name: "changed" if self.machine.states[path] else "new" for name, path in paths.items() if path in written
-        }
+        self.texts = self._compare_texts(paths)
         pending = set(self.remembered.get("pending", []))
         self.plan = unit_steps.UnitPlan(
             wanted=self.units,
@@ -114,6 +106,13 @@ class ManagedServices(ModuleRun):
         )
         acts = any(action.run or action.switch for action in self.plan.actions)
         self.changed = bool(self.plan.reload or self.former or acts)
+
+    def _compare_texts(self, paths: typing.Dict[str, str]) -> typing.Dict[str, str]:
+        """Tell of each unit whose file is written if it is new or changed."""
+        written = {file.path for file in self.files.writes}
+        return {
+            name: "changed" if self.machine.states[path] else "new" for name, path in paths.items() if path in written
+        }
 
     @property
     def refusals(self) -> typing.List[str]:

@@ -9,11 +9,11 @@ import stat
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, units
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands, processes
+from .._machine import systemd
+from .._module.plain_text import LINE, quote
+from .._module.problem import Problem
+from .._process import commands, processes
+from . import atomic, units
 
 _JOURNAL_LINES = 15
 _QUICK = 60.0  # seconds; calls that start nothing

@@ -12,8 +12,8 @@ owned from then on:
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence
+from .._module.problem import Problem, sentence
+from .record import Record
 
 FAILURES = (OSError, ValueError, Problem)  # the exceptions of a step; any other is a defect of the program
 Data = typing.Dict[str, typing.Any]

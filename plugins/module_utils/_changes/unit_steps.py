@@ -11,21 +11,13 @@ import os
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import systemctl, units
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.files import (
-    RECORD_RESTORE_FAILURE,
-    FilePlan,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.systemctl import Systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
-    Data,
-    Step,
-    do_nothing,
-    intent,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence
+from .._module.plain_text import LINE, quote
+from .._module.problem import Problem, sentence
+from . import systemctl, units
+from .files import RECORD_RESTORE_FAILURE, FilePlan
+from .record import Record
+from .systemctl import Systemd
+from .transaction import Data, Step, do_nothing, intent
 
 SWITCHES = ("disable", "enable", "reenable")  # verbs of systemctl
 SETTLE = 1.0  # seconds in which a service that dies at once does so, where it does not say when it is up

@@ -9,8 +9,8 @@ Works with systemd 237 (Ubuntu 18.04) and later; the words are those of systemct
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from .._module.plain_text import quote
+from .._module.problem import Problem
 
 RUNNING = ("active", "reloading", "refreshing", "activating")
 UP = ("active", "reloading", "refreshing")

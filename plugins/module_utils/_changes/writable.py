@@ -11,8 +11,8 @@ import stat
 import struct
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
+from .._process.commands import text
+from . import atomic
 
 # FS_IOC_GETFLAGS (ioctl_iflags(2)): _IOR('f', 1, long)
 _GET_FLAGS = 2 << 30 | struct.calcsize("l") << 16 | ord("f") << 8 | 1

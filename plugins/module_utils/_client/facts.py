@@ -9,11 +9,11 @@ Whatever answers on a port may be anything: each answer is bounded, and made pla
 import typing
 import xmlrpc.client
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import tcpros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import Strange, ask, server
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_all
+from .._machine import ports
+from .._module.plain_text import plain
+from .._process.deadlines import call_all
+from . import tcpros
+from .xml_rpc import Strange, ask, server
 
 CALLER = "/multimaster_info"
 LIST_MASTERS, SYNC_INFO = "/list_masters", "/get_sync_info"  # the ends of the names of services

@@ -13,10 +13,10 @@ import threading
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node, tcpros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
+from .._module.plain_text import quote
+from . import node, tcpros
+from .ros import Ros
+from .xml_rpc import server
 
 WORKERS = 32  # publishers that are asked at the same time: one that does not answer takes its worker for some seconds
 AGAIN = 0.5  # seconds until a publisher is asked again that did not answer

@@ -13,14 +13,14 @@ import shutil
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import tcpros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import ask
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, classify_error
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.regular_files import read_regular
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import BASE_PATH, text
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import poll
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import foreign
+from .._machine.outcomes import Outcome, classify_error
+from .._module.plain_text import plain
+from .._module.regular_files import read_regular
+from .._process.commands import BASE_PATH, text
+from .._process.deadlines import poll
+from .._process.foreign import foreign
+from . import tcpros
+from .xml_rpc import ask
 
 CALLER = "/multimaster_verify"
 SHORTEST = 10  # seconds that a command of ROS may take at least: rospy alone needs several to start on a small computer

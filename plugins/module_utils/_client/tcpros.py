@@ -15,8 +15,8 @@ import time
 import typing
 import urllib.parse
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
+from .._module.plain_text import plain, quote
+from . import node
 
 CALL = 5.0  # seconds that a call may take, from the connection to the last byte
 CONNECT = 2.0  # seconds that a connection may take before a stream

@@ -9,8 +9,8 @@ import time
 import typing
 import xmlrpc.client
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import ANSWER, STATE, Document
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
+from .._module.plain_text import plain, quote
+from .documents import ANSWER, STATE, Document
 
 CALL = 5.0  # seconds that an XML-RPC call may take, from the request to the last byte of the answer
 

@@ -9,8 +9,9 @@ Most of the time goes into compiling code. So the code of a concern is imported 
 import typing
 
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import NO_OBJECT
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+
+from .._module.module import NO_OBJECT
+from .._module.problem import Problem
 
 Options = typing.Mapping[str, typing.Any]
 
@@ -32,43 +33,43 @@ class Concern(typing.NamedTuple):
 
 
 def _sysctl() -> Code:
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run
+    from .._sysctl import run
 
     return Code(run.OPTIONS, lambda module, memory: run.Run(module.params, memory))
 
 
 def _routes() -> Code:
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import run
+    from .._routes import run
 
     return Code(run.OPTIONS, lambda module, memory: run.Run(module.params, memory))
 
 
 def _hosts() -> Code:
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import run
+    from .._hosts import run
 
     return Code(run.OPTIONS, lambda module, memory: run.Run(module.params, module.backup_local))
 
 
 def _files() -> Code:
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import file_bundle as run
+    from .._changes import file_bundle as run
 
     return Code(run.OPTIONS, lambda module, memory: run.ManagedFiles(module.params))
 
 
 def _services() -> Code:
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import service_bundle as run
+    from .._changes import service_bundle as run
 
     return Code(run.OPTIONS, lambda module, memory: run.ManagedServices(module.params))
 
 
 def _firewall() -> Code:
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import run
+    from .._firewall import run
 
     return Code(run.OPTIONS, lambda module, memory: run.Run(module.params, memory))
 
 
 def _packages() -> Code:
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._packages import run
+    from .._packages import run
 
     return Code(run.OPTIONS, lambda module, memory: run.Packages(module.params))
 

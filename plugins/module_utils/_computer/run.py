@@ -9,13 +9,13 @@ which confirms, does the others. A concern that fails ends the run: earlier ones
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman, lock
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, PlainGuard, run_locked
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer import concerns
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import Concern, Options
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import deadlines
+from .._changes import deadman, lock
+from .._changes.module import Fields, PlainGuard, run_locked
+from .._module import ends
+from .._module.problem import Problem
+from .._process import deadlines
+from . import concerns
+from .concerns import Concern, Options
 
 _SHELLS_LIMIT = 20.0  # seconds until shells have said what they see
 SHELLS = dict(
@@ -119,7 +119,7 @@ def _read_shells(results: typing.Sequence[typing.Tuple[str, Fields]]) -> Fields:
     written = any(name == "managed_files" and result.get("changed") for name, result in results)
     if not written or results[-1][1].get("failed"):
         return {}
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells
+    from .._machine import shells
 
     try:
         return {"shells": deadlines.call_within(_SHELLS_LIMIT, shells.probe)}

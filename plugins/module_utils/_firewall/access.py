@@ -13,10 +13,10 @@ import os
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import FIRST, PacketFilter
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports, systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
+from .._machine import ports, systemd
+from .._module.plain_text import quote
+from .._process.commands import text
+from .packet_filter import FIRST, PacketFilter
 
 _SERVERS = ("sshd", "sshd-session", "dropbear")  # processes that serve ssh
 _SOCKETS = ("ssh.socket", "sshd.socket")  # units of systemd that listen for one
@@ -54,17 +54,20 @@ class Access(typing.NamedTuple):
         return ""
 
 
+def _read_sockets(proc: str) -> typing.List[ports.Socket]:
+    """Read the TCP sockets of this computer; an IPv4 peer of an IPv6 socket has its own form."""
+    tables = (text(f"{proc}/net/{table}", 1 << 24) for table in ("tcp", "tcp6"))
+    sockets = [entry for table in tables for entry in ports.read_table("tcp", table)]
+    return [entry._replace(peer=re.sub("^::ffff:", "", entry.peer)) for entry in sockets]
+
+
 def read_access(proc: str = "/proc") -> Access:
     """Read the connections and ssh servers of this computer."""
-    sockets = [
-        entry for table in ("tcp", "tcp6") for entry in ports.read_table("tcp", text(f"{proc}/net/{table}", 1 << 24))
-    ]
+    sockets = _read_sockets(proc)
     listeners = [entry for entry in sockets if entry.state == ports.LISTEN]
     listening = {entry.port for entry in listeners}
-    connections = [
-        entry._replace(peer=re.sub("^::ffff:", "", entry.peer)) for entry in sockets if entry.state == ports.ESTABLISHED
-    ]
-    sessions = _find_sessions([connection for connection in connections if connection.port in listening], proc)
+    connections = [entry for entry in sockets if entry.state == ports.ESTABLISHED]
+    sessions = _find_sessions(connections, listening, proc)
     ssh = _find_ssh_servers({port for port in listening if port >= FIRST}, proc)
     ssh |= {session.port for session in sessions if session.program in _SERVERS} | _find_systemd_ports()
     # What SSH_CONNECTION names counts where root alone listens.
@@ -72,9 +75,11 @@ def read_access(proc: str = "/proc") -> Access:
     return Access(sorted(port for port in ssh if port >= FIRST), sessions)
 
 
-def _find_sessions(connections: typing.Iterable[ports.Socket], proc: str) -> typing.List[Session]:
-    """The connections that this process's ancestors serve."""
-    by_inode = {connection.inode: connection for connection in connections}
+def _find_sessions(
+    connections: typing.Iterable[ports.Socket], listening: typing.Container[int], proc: str
+) -> typing.List[Session]:
+    """The connections that this process's ancestors serve, of those to ports where a program listens."""
+    by_inode = {connection.inode: connection for connection in connections if connection.port in listening}
     sessions: typing.List[Session] = []
     for pid, name in _list_ancestors(proc):
         with contextlib.suppress(OSError):  # the process has ended, or root in a container may not look

@@ -7,7 +7,7 @@ import ipaddress
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from .._module.problem import Problem
 
 FIRST, LAST = 1024, 65535  # the protected ports, of TCP and of UDP
 

@@ -11,31 +11,17 @@ import os
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import (
-    Data,
-    Step,
-    carry_out,
-    do_nothing,
-    intent,
-    outcome,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import access
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends.contract import BackEnd, Rules
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends.table import (
-    AUTO,
-    BACKENDS,
-    CHOICES,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import (
-    PacketFilter,
-    read_options,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, unreadable
+from .._changes import files
+from .._changes.module import Fields, ModuleRun
+from .._changes.record import RECORDS
+from .._changes.transaction import Data, Step, carry_out, do_nothing, intent, outcome
+from .._module.difference import difference
+from .._module.plain_text import quote
+from .._module.problem import Problem, unreadable
+from . import access
+from .backends.contract import BackEnd, Rules
+from .backends.table import AUTO, BACKENDS, CHOICES
+from .packet_filter import PacketFilter, read_options
 
 OPTIONS: typing.Dict[str, typing.Any] = {
     "members": {"type": "list", "elements": "str", "required": True},

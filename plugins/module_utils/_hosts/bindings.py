@@ -8,7 +8,7 @@ import re
 import socket
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from .._module.problem import Problem
 
 # RFC 1123, and underscores, which libc, Python and roscpp take in names of computers (my_robot).
 _LABEL = re.compile(r"[a-z0-9_]([a-z0-9_-]{0,61}[a-z0-9_])?\Z")

@@ -36,7 +36,7 @@ def plan_files(wanted: bool, records: str, root: str = "") -> typing.Any:
     if not installed and not os.path.lexists(os.path.join(records, f"files-{BUNDLE}.json")):
         return None
     # Imported where it is needed: it costs more than all the rest of a run without changes.
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.files import FileBundle
+    from .._changes.files import FileBundle
 
     contents = sorted(FILES.items()) if wanted and installed else []
     entries = [{"path": root + path, "content": content, "mode": "0644"} for path, content in contents]

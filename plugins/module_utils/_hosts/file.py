@@ -10,10 +10,10 @@ import stat
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, transaction
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import Binding
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from .._changes import atomic, transaction
+from .._changes.record import Record
+from .._module.problem import Problem
+from .bindings import Binding
 
 # Renaming is refused on a mount point, and there is no writing beside a file that is mounted writable alone.
 _NO_RENAME = (errno.EBUSY, errno.EROFS)

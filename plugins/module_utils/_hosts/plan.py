@@ -18,7 +18,7 @@ Every other line belongs to the user and is kept byte for byte. So a rollback is
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import Binding, parse
+from .bindings import Binding, parse
 
 # A mark is the whole first comment of its line: a person's remark about this module is no mark.
 _MARK = b"# rosfleet.multimaster"

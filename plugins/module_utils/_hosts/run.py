@@ -7,20 +7,16 @@ import os
 import socket
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import transaction, writable
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import cloud_init
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.bindings import bindings_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.file import HostsFile, resolve
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts.plan import plan
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import (
-    Problem,
-    remedy,
-    unreadable,
-)
+from .._changes import transaction, writable
+from .._changes.module import Fields, ModuleRun
+from .._changes.record import RECORDS
+from .._module.difference import difference
+from .._module.plain_text import quote
+from .._module.problem import Problem, remedy, unreadable
+from . import cloud_init
+from .bindings import bindings_of
+from .file import HostsFile, resolve
+from .plan import plan
 
 SYSTEM = "/etc/hosts"  # the file that libc reads
 ENTRY = {

@@ -6,21 +6,13 @@
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import (
-    filters,
-    fkie,
-    network,
-    ports,
-    ros,
-    shells,
-    system,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import deadlines
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, read_routes
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import read_tables
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import forwarding
+from .._changes import record
+from .._machine import filters, fkie, network, ports, ros, shells, system
+from .._module.plain_text import LINE, quote
+from .._process import deadlines
+from .._routes.kernel import MAIN, read_routes
+from .._routes.tables import read_tables
+from .._verify.network import forwarding
 
 MOST_TABLES = 32  # other tables of routes that are read
 
@@ -54,7 +46,7 @@ def table(number: int) -> typing.List[typing.Dict[str, typing.Any]]:
 
 def masters(wanted: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[typing.Dict[str, typing.Any]]:
     """Describe the roscores; what speaks with them is imported here alone, since the start of a module is its imports."""
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import facts
+    from .._client import facts
 
     return facts.masters(wanted)
 

@@ -11,7 +11,7 @@ import json
 import shutil
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import run
+from .._process.commands import run
 
 HOOKS = ("input", "output", "forward", "postrouting")
 OWN = "rosfleet_multimaster"  # the collection's own table, which the plan has

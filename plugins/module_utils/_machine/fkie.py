@@ -8,9 +8,9 @@ import os
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import run, text
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import foreign, last_line
+from .._module.plain_text import plain, quote
+from .._process.commands import run, text
+from .._process.foreign import foreign, last_line
 
 # The Debian packages that the collection installed, a name on each line; the role nodes writes it.
 INSTALLED = "/etc/rosfleet-multimaster/packages"

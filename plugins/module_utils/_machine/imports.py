@@ -6,8 +6,8 @@
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import foreign, last_line
+from .._module.plain_text import plain
+from .._process.foreign import foreign, last_line
 
 _IMPORTING = 60.0  # seconds; 0.4 on a PC, cold on a small robot ten
 _VERSION = re.compile(r"[23]\.[0-9]{1,3}\.[0-9]{1,3}")

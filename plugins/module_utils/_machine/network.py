@@ -12,8 +12,8 @@ import json
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer, run
+from .._module.plain_text import quote
+from .._process.commands import Answer, run
 
 
 class Address(typing.NamedTuple):

@@ -10,8 +10,8 @@ import socket
 import struct
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
+from .._module.plain_text import plain
+from .._process.commands import text
 
 _TABLES = (("tcp", "tcp"), ("tcp", "tcp6"), ("udp", "udp"), ("udp", "udp6"))
 ESTABLISHED, LISTEN = "01", "0A"  # include/net/tcp_states.h

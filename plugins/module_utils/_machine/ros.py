@@ -14,15 +14,11 @@ import shlex
 import shutil
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie, imports, set_up
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import trust
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import is_plain, plain, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import (
-    BASE_PATH,
-    CLEAN,
-    run,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import foreign
+from .._module import trust
+from .._module.plain_text import is_plain, plain, quote
+from .._process.commands import BASE_PATH, CLEAN, run
+from .._process.foreign import foreign
+from . import fkie, imports, set_up
 
 PYTHON = "/usr/bin/python3"  # what ROS on Python 3 and Debian's packages are built for
 PYTHON2 = "/usr/bin/python2.7"  # what the ROS distributions before Noetic are built for

@@ -6,13 +6,7 @@
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.trust import (
-    A_GROUP,
-    EVERYBODY,
-    Doubt,
-    Look,
-    account,
-)
+from .._module.trust import A_GROUP, EVERYBODY, Doubt, Look, account
 
 # Lists of folders in which programs look for code. A relative entry would depend on the current folder.
 _LISTS = re.compile(

@@ -14,14 +14,10 @@ import shutil
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import home_files, systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import (
-    BASE_PATH,
-    run,
-    text,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import last_line
+from .._module.plain_text import plain
+from .._process.commands import BASE_PATH, run, text
+from .._process.foreign import last_line
+from . import home_files, systemd
 
 Rows = typing.List[typing.Dict[str, typing.Any]]
 

@@ -5,7 +5,7 @@
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+from .._process import commands
 
 _LIMIT = 5.0  # seconds; systemctl show starts nothing
 

@@ -8,12 +8,7 @@ Nothing else calls exit_json, fail_json or warn (tests/unit/test_exits.py).
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import (
-    VALUE,
-    plain,
-    plain_data,
-    plain_lines,
-)
+from .plain_text import VALUE, plain, plain_data, plain_lines
 
 _LONG = 1000  # characters of an option that are still returned
 

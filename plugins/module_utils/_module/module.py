@@ -9,7 +9,8 @@ Ansible would log all values: the nodes' files of half a megabyte, and the label
 import typing
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
+
+from . import ends
 
 #: ansible-core up to 2.19 reads an item as an object before it checks the type, and raises TypeError.
 NO_OBJECT = "A list among the options has an item that is no object, expected items of names and values, as the documentation has them."

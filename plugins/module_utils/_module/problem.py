@@ -6,7 +6,7 @@
 import errno
 import os
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
+from .plain_text import quote
 
 
 class Problem(Exception):

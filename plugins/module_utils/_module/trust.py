@@ -11,7 +11,7 @@ import stat
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
+from .plain_text import quote
 
 _LINKS = 40  # as many as the kernel follows (path_resolution(7))
 _ACL = "system.posix_acl_access"

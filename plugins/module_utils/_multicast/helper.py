@@ -10,14 +10,7 @@ have you heard?
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.messages import (
-    ANSWER,
-    ASK,
-    HELLO,
-    Message,
-    decode,
-    encode,
-)
+from .messages import ANSWER, ASK, HELLO, Message, decode, encode
 
 IDLE = 0.5  # seconds between the probes of a helper that only waits: the others hear it, whenever they are asked
 SETTLE = 0.3  # seconds that a probe has to arrive; access points hold multicast back for some 0.1 to 0.3 s
@@ -283,8 +276,7 @@ class Helper:
         return {
             "udp": udp,
             "heard": [entry["name"] for entry in udp if entry["heard_from"]],
-            "missing": [entry["name"] for entry in together if not entry["heard_from"] or entry["heard_by"] is False]
-            + [entry["name"] for entry in udp if not entry["multicast"] and not entry["unicast"]],
+            "missing": _list_missing(udp),
             "unanswered": [entry["name"] for entry in together if entry["heard_from"] and entry["heard_by"] is None],
             "unexpected": self._strangers(),
             # empty datagrams to this computer itself
@@ -351,3 +343,10 @@ def times(samples: typing.List[typing.Tuple[float, float]]) -> typing.Dict[str, 
     trips = sorted(round(trip * 1000, 3) for trip, offset in samples)
     rtt = {"min": trips[0], "median": trips[len(trips) // 2], "max": trips[-1]}
     return {"rtt_ms": rtt, "clock_offset_s": round(min(samples)[1], 4)}
+
+
+def _list_missing(udp: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[str]:
+    """List the computers that are not heard, or do not hear; of those without multicast, the ones that did not answer."""
+    lost = [entry for entry in udp if entry["multicast"] and (not entry["heard_from"] or entry["heard_by"] is False)]
+    lost += [entry for entry in udp if not entry["multicast"] and not entry["unicast"]]
+    return [entry["name"] for entry in lost]

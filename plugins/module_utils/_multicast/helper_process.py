@@ -17,24 +17,10 @@ import struct
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper import (
-    Address,
-    Datagrams,
-    Helper,
-    Settings,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import (
-    echo_request,
-    packet,
-    read_echoes,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import (
-    admit,
-    answer,
-    open_door,
-    remove_door,
-)
+from .._machine.outcomes import Outcome
+from .._process.background import admit, answer, open_door, remove_door
+from .helper import Address, Datagrams, Helper, Settings
+from .packets import echo_request, packet, read_echoes
 
 # linux/in.h, linux/icmp.h and asm-generic/socket.h; Python does not name them in every version
 IP_PKTINFO = 8

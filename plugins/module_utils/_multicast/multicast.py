@@ -7,34 +7,16 @@ import errno
 import ipaddress
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import actions
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper import Settings
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper_process import (
-    icmp_rounds,
-    open_sockets,
-    plain,
-    serve,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.memberships import (
-    drop_own,
-    igmp6_memberships,
-    igmp_memberships,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.multicast_report import (
-    explain,
-    icmp_round,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import (
-    Visit,
-    end_others,
-    find_wrong_value,
-    leave,
-    path_of,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
+from .._machine import network
+from .._module import actions
+from .._module.plain_text import quote
+from .._module.problem import Problem
+from .._process.background import Visit, end_others, find_wrong_value, leave, path_of
+from .._process.commands import text
+from .helper import Settings
+from .helper_process import icmp_rounds, open_sockets, plain, serve
+from .memberships import drop_own, igmp6_memberships, igmp_memberships
+from .multicast_report import explain, icmp_round
 
 KIND = "multicast"  # of the doors of helpers
 MOST_ICMP_ROUNDS = 5

@@ -9,7 +9,7 @@ import struct
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
+from .._machine.outcomes import Outcome
 
 HEADERS = 28  # bytes of the headers of IPv4 and ICMP
 

@@ -8,13 +8,13 @@ The record is written before the first package: so what an interrupted run has i
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.file_bundle import OPTIONS as FILES
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.file_bundle import ManagedFiles
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Fields, ModuleRun
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, plain, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+from .._changes.file_bundle import OPTIONS as FILES
+from .._changes.file_bundle import ManagedFiles
+from .._changes.module import Fields, ModuleRun
+from .._machine import fkie
+from .._module.plain_text import LINE, plain, quote
+from .._module.problem import Problem
+from .._process import commands
 
 OPTIONS = {
     "names": {"type": "list", "elements": "str", "required": True},

@@ -6,10 +6,11 @@
 import typing
 
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import is_address
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import find_wrong_value
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import is_network
+
+from .._machine.network import is_address
+from .._module.problem import Problem
+from .._process.background import find_wrong_value
+from .._verify.network import is_network
 
 Params = typing.Dict[str, typing.Any]
 

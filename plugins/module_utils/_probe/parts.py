@@ -7,23 +7,13 @@ import time
 import typing
 from itertools import chain
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import ros as ros_commands
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.options import Params, validate_options
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_all
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import (
-    changes,
-    claims,
-    exchange,
-    masters,
-    network,
-    parameters,
-    resources,
-    services,
-    topics,
-)
+from .._client import ros as ros_commands
+from .._client.ros import Ros
+from .._module.plain_text import LINE, quote
+from .._module.problem import Problem
+from .._process.deadlines import call_all
+from .._verify import changes, claims, exchange, masters, network, parameters, resources, services, topics
+from .options import Params, validate_options
 
 # Seconds; more than any part takes by its own limits. A part that is later is named and left behind.
 LONGEST = 900.0
@@ -108,7 +98,7 @@ def look_topics(params: Params, ros: Ros, deadline: float) -> typing.List[Result
 
 
 def look_next_boot(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._boot import next_boot
+    from .._boot import next_boot
 
     return [] if params["boot"] is None else next_boot.differences(params["services"], params["boot"])
 
@@ -122,7 +112,7 @@ def group(params: Params, action: str) -> typing.Optional[Result]:
     """Return what multicast_verify returns for this action; None where nothing is measured on the group."""
     if params["multicast"] is None:
         return None
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import multicast
+    from .._multicast import multicast
 
     try:
         own = {name: value for name, value in params["multicast"].items() if name != "state"}  # the alias of action

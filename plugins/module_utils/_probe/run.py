@@ -5,23 +5,13 @@
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import actions, ends
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.options import (
-    Params,
-    find_wrong_option,
-    validate_options,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.parts import (
-    Result,
-    group,
-    list_members,
-    list_talkers,
-    look,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ghosts, network, talker
+from .._client.ros import Ros
+from .._module import actions, ends
+from .._module.module import Module
+from .._module.problem import Problem
+from .._verify import ghosts, network, talker
+from .options import Params, find_wrong_option, validate_options
+from .parts import Result, group, list_members, list_talkers, look
 
 
 def start_verification(module: Module) -> Result:
@@ -39,7 +29,7 @@ def look_at_machine(params: Params) -> typing.Optional[Result]:
     """Return what multimaster_info returns; None where it is not asked for. Raises Problem."""
     if params["look"] is None:
         return None
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine
+    from .._look import machine
 
     options = validate_options("look", params["look"], machine.OPTIONS)
     error = machine.wrong(options)
@@ -108,7 +98,7 @@ def stream_to_talkers(module: Module) -> Result:
     params = module.params
     if module.check_mode or params["is_router"]:
         return {"msg": "Nothing was sent.", "streams": []}
-    from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import streams
+    from .._verify import streams
 
     ros = Ros(params["environment_file"], params["environment"])
     results = (

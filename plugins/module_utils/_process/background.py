@@ -15,7 +15,7 @@ import socket
 import syslog
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, plain, quote
+from .._module.plain_text import LINE, plain, quote
 
 FOLDER = "/run/rosfleet-multimaster"
 LONGEST_LINE = 1 << 24  # bytes of a request or reply; the files of the nodes are half a megabyte

@@ -12,7 +12,7 @@ import tempfile
 import threading
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.regular_files import read_regular
+from .._module.regular_files import read_regular
 
 BASE_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 CLEAN = {"PATH": BASE_PATH, "HOME": "/", "LC_ALL": "C.UTF-8"}

@@ -11,13 +11,7 @@ import time
 import typing
 import uuid
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import (
-    BASE_PATH,
-    MOST,
-    Answer,
-    find_nobody,
-    run,
-)
+from .commands import BASE_PATH, MOST, Answer, find_nobody, run
 
 _LONGEST = 256 << 10  # bytes of a line of JSON: a number of some millions of digits would keep a processor for minutes
 

@@ -6,7 +6,7 @@
 import os
 import re
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
+from .commands import text
 
 _CAP_NET_ADMIN = 12  # linux/capability.h
 

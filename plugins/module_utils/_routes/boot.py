@@ -7,17 +7,14 @@ import collections
 import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference, mode_difference
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route, format_route
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.contract import (
-    Machine,
-    PlannedTexts,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import AUTO, BACKENDS, NONE
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.options import RouteRequest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import BootRecord, Place
+from .._changes import atomic
+from .._module.difference import difference, mode_difference
+from .._module.problem import Problem
+from .kernel import Route, format_route
+from .managers.contract import Machine, PlannedTexts
+from .managers.table import AUTO, BACKENDS, NONE
+from .options import RouteRequest
+from .record import BootRecord, Place
 
 
 def _check_expressible(name: str, inexpressible: typing.Tuple[str, ...], routes: typing.List[Route]) -> None:

@@ -12,9 +12,9 @@ import json
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer, run
+from .._module.plain_text import quote
+from .._module.problem import Problem
+from .._process.commands import Answer, run
 
 MAIN = 254  # the table main, linux/rtnetlink.h
 DEFAULTS = {4: "0.0.0.0/0", 6: "::/0"}

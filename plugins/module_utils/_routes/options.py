@@ -7,20 +7,10 @@ import ipaddress
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
-    DEFAULTS,
-    METRICS,
-    NO_WAY,
-    PATH,
-    Key,
-    Route,
-    format_destination,
-    format_route,
-    usual_scope,
-)
+from .._machine.network import Interface
+from .._module.plain_text import quote
+from .._module.problem import Problem
+from .kernel import DEFAULTS, METRICS, NO_WAY, PATH, Key, Route, format_destination, format_route, usual_scope
 
 _LARGEST = 2**32 - 1
 _LOCAL = 255  # the table local, which belongs to the kernel

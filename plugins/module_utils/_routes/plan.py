@@ -11,18 +11,8 @@ import collections
 import shlex
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
-    DEFAULTS,
-    MAIN,
-    NO_WAY,
-    KernelRoute,
-    Key,
-    Route,
-    build_command,
-    format_route,
-    to_words,
-)
+from .._module.plain_text import quote
+from .kernel import DEFAULTS, MAIN, NO_WAY, KernelRoute, Key, Route, build_command, format_route, to_words
 
 Current = typing.Dict[Key, typing.List[KernelRoute]]  # the kernel's routes
 
@@ -210,14 +200,19 @@ def _judge(
 # One route taken back
 
 
+def _list_returns(entry: Entry, interfaces: typing.Container[str]) -> typing.List[typing.Tuple[str, ...]]:
+    """List the routes that ours replaced and that can come back, since their interface is there."""
+    devices = [(words, _find_word_after("dev", words)) for words in entry.replaced]
+    return [words for words, device in devices if device is None or device in interfaces]
+
+
 def _plan_removal(
     key: Key, entry: Entry, kernel_routes: typing.List[KernelRoute], interfaces: typing.Container[str]
 ) -> KeyPlan:
     """The plan for a route of the record that is no longer listed."""
     ours = [kernel_route for kernel_route in kernel_routes if kernel_route.route.way in _ways(entry)]
     others = [kernel_route for kernel_route in kernel_routes if kernel_route not in ours]
-    devices = [(words, _find_word_after("dev", words)) for words in entry.replaced if ours and not others]
-    back = [words for words, device in devices if device is None or device in interfaces]
+    back = _list_returns(entry, interfaces) if ours and not others else []
     after = [" ".join(words) for words in back] + [kernel_route.text for kernel_route in others]
     route = ours[0].route if ours else entry.made[-1]
     result = dict(

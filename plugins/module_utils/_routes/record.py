@@ -5,8 +5,8 @@
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import PATH, Route
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.plan import Entries, Entry
+from .kernel import PATH, Route
+from .plan import Entries, Entry
 
 Data = typing.Dict[str, typing.Any]  # JSON
 _LATER = ("scope",) + PATH

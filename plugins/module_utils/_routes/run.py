@@ -10,18 +10,18 @@ on disk before both: after a killed run, the next run knows our routes and repai
 import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, writable
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step, carry_out
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.rights import may_change_network
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import options as route_options
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan, record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot import Boot, Choice
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import (
+from .._changes import atomic, writable
+from .._changes.module import ModuleRun
+from .._changes.record import RECORDS, Record
+from .._changes.transaction import Step, carry_out
+from .._module.difference import difference
+from .._module.plain_text import quote
+from .._module.problem import Problem
+from .._process.rights import may_change_network
+from . import options as route_options
+from . import plan, record
+from .boot import Boot, Choice
+from .kernel import (
     DEFAULTS,
     MAIN,
     NO_WAY,
@@ -33,10 +33,10 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kerne
     format_route,
     read_routes,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import CHOICES, NONE
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import RoutesRecord
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.tables import read_tables
+from .managers import contract
+from .managers.table import CHOICES, NONE
+from .record import RoutesRecord
+from .tables import read_tables
 
 RUN_TIME = "routes at run time"
 # Protocols of routes that managers make from their configuration; a person's `ip route add` gives "boot".

@@ -7,7 +7,7 @@ import glob
 import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+from .._process import commands
 
 _USUAL = {"default": 253, "main": 254, "local": 255}
 _FOLDERS = ("usr/share/iproute2", "usr/lib/iproute2", "etc/iproute2")  # a name in a later one counts

@@ -16,9 +16,9 @@ import re
 import shlex
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.atomic import read_bytes
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, remedy
+from .._changes.atomic import read_bytes
+from .._module.plain_text import quote
+from .._module.problem import Problem, remedy
 
 # In order of precedence: a file hides the files with the same name in later folders (sysctl.d(5)).
 SYSCTL_FOLDERS = ("/etc/sysctl.d", "/run/sysctl.d", "/usr/local/lib/sysctl.d", "/usr/lib/sysctl.d", "/lib/sysctl.d")

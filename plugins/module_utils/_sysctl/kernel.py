@@ -8,9 +8,9 @@ import os
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import rights
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import matches, name_of, normal
+from .._module.plain_text import quote
+from .._process import rights
+from .boot import matches, name_of, normal
 
 Values = typing.Dict[str, typing.Optional[str]]  # key -> value in normal form, None where there is no such key
 

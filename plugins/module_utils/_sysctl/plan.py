@@ -13,23 +13,10 @@ import os
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.boot import (
-    SYSCTL_FOLDERS,
-    key_of,
-    name_of,
-    normal,
-    variable_of,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kernel import (
-    Setting,
-    Values,
-    changes_others,
-    find_side_effects,
-    followers,
-    keeps_deviations,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.record import Data, Entry, SettingsRecord
+from .._module.problem import Problem
+from .boot import SYSCTL_FOLDERS, key_of, name_of, normal, variable_of
+from .kernel import Setting, Values, changes_others, find_side_effects, followers, keeps_deviations
+from .record import Data, Entry, SettingsRecord
 
 HEADER = "# Managed by Ansible: rosfleet.multimaster.sysctl writes this whole file, so changes here do not last.\n"
 

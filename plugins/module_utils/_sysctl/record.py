@@ -6,7 +6,7 @@
 import collections
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kernel import changes_others_first
+from .kernel import changes_others_first
 
 Data = typing.Dict[str, typing.Any]  # JSON
 SHAPE = {

@@ -13,14 +13,14 @@ import re
 import stat
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, transaction, writable
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Forecast, ModuleRun
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import RECORDS, Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.difference import difference, mode_difference
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem, sentence
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import boot, kernel, plan, record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.record import Data
+from .._changes import atomic, transaction, writable
+from .._changes.module import Forecast, ModuleRun
+from .._changes.record import RECORDS, Record
+from .._module.difference import difference, mode_difference
+from .._module.plain_text import quote
+from .._module.problem import Problem, sentence
+from . import boot, kernel, plan, record
+from .record import Data
 
 _REMOVALS = {
     "restored": "{name} is {runtime_after} again.",
@@ -234,7 +234,7 @@ class Run(ModuleRun):
         writes = {write.key: write.value for write in self.plan.writes if write in self.settings}
         if self.kernel.proc != kernel.PROC or not writes:
             return Forecast([], [])
-        from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import trial
+        from . import trial
 
         outcomes = trial.try_values(self.kernel, writes)
         refusals = [

@@ -16,7 +16,7 @@ import re
 import signal
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.kernel import Kernel
+from .kernel import Kernel
 
 _NEW = 0x10000000 | 0x40000000  # CLONE_NEWUSER | CLONE_NEWNET (unshare(2))
 _INTERFACE = re.compile(r"(net/ipv[46]/(?:conf|neigh))/(?!all/|default/)[^/]+/")

@@ -12,8 +12,8 @@ import re
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+from .._machine import systemd
+from .._process import commands
 
 # about -> the files that decide it; of those of a folder the one that was changed last is told.
 FILES = {

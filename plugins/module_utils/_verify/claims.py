@@ -14,9 +14,9 @@ import struct
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.ports import address_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
+from .._machine import network
+from .._machine.ports import address_of
+from .._process.commands import text
 
 ARP, REQUEST, REPLY = 0x0806, 1, 2
 ETHERNET, IPV4 = 1, 0x0800

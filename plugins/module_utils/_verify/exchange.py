@@ -10,16 +10,16 @@ import time
 import typing
 import xmlrpc.client
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import message_types, tcpros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.documents import NODE, STATE
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.facts import IMPORTS, SYNC_INFO
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import CALLER, NO_SCRIPT, Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, classify_error
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_all
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import last_line
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import resolve
+from .._client import message_types, tcpros
+from .._client.documents import NODE, STATE
+from .._client.facts import IMPORTS, SYNC_INFO
+from .._client.ros import CALLER, NO_SCRIPT, Ros
+from .._client.xml_rpc import server
+from .._machine.outcomes import Outcome, classify_error
+from .._module.plain_text import plain, quote
+from .._process.deadlines import call_all
+from .._process.foreign import last_line
+from .network import resolve
 
 TYPES = 20.0  # seconds for the classes of all types
 NODES = 20.0  # seconds for the connections of all nodes

@@ -10,10 +10,10 @@ import re
 import typing
 from urllib.parse import urlsplit
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.listener import listener_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, connect
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talker import node_of
+from .._client.listener import listener_of
+from .._client.ros import Ros
+from .._machine.outcomes import Outcome, connect
+from .talker import node_of
 
 CONNECT = 2.0  # seconds
 UNREGISTER = ("unregisterPublisher", "unregisterSubscriber")

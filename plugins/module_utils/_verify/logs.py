@@ -5,8 +5,8 @@
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, plain
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import run
+from .._module.plain_text import LINE, plain
+from .._process.commands import run
 
 MOST = 1000  # lines of a service
 _LIMIT = 20.0  # seconds for all of one service: a journal of gigabytes on a slow card

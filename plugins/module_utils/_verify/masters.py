@@ -8,12 +8,12 @@ import typing
 import xmlrpc.client
 from urllib.parse import urlsplit
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.xml_rpc import server
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, connect
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import poll
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
+from .._client.xml_rpc import server
+from .._machine import network as machine
+from .._machine.outcomes import Outcome, connect
+from .._module.plain_text import quote
+from .._process.deadlines import poll
+from . import network
 
 CONNECT = 2.0  # seconds that a TCP connection may take: one lost SYN is sent again after one second
 

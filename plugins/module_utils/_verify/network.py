@@ -15,22 +15,13 @@ import sys
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import (
-    Outcome,
-    classify_error,
-    connect,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import (
-    REFUSALS,
-    Echo,
-    echo_request,
-    read_echoes,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import run, text
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_all
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.foreign import last_line
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.changes import carrier
+from .._machine import network as machine
+from .._machine.outcomes import Outcome, classify_error, connect
+from .._multicast.packets import REFUSALS, Echo, echo_request, read_echoes
+from .._process.commands import run, text
+from .._process.deadlines import call_all
+from .._process.foreign import last_line
+from .changes import carrier
 
 TRIES = 3  # echo requests per address; the report's wireless links lose some
 ANSWER = 1.0  # seconds that an echo reply may take

@@ -6,8 +6,8 @@
 import json
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
+from .._client.ros import Ros
+from .._module.plain_text import plain
 
 FILTERS = ("ignore_", "sync_", "hide_", "do_not_sync")  # how the names of filters begin
 MOST = 50  # parameters that are told

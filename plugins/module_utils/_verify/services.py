@@ -5,9 +5,9 @@
 
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.regular_files import read_regular
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import processes
+from .._machine import systemd
+from .._module.regular_files import read_regular
+from .._process import processes
 
 _MOST = 65536  # bytes of a drop-in file
 _PROPERTIES = (

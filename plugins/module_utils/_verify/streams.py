@@ -9,11 +9,11 @@ The talker is found at the own roscore, so names, routes and packet filters are 
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import tcpros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.listener import place_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talker import node_of, topic_of
+from .._client import tcpros
+from .._client.listener import place_of
+from .._client.ros import Ros
+from .._module.plain_text import plain
+from .talker import node_of, topic_of
 
 SPARE = 10.0  # seconds, beside those of the streams, for all that do not answer
 

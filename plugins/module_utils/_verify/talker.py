@@ -12,11 +12,11 @@ import inspect
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import FAREWELL, Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import run
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.services import states_of
+from .._client import node
+from .._client.ros import FAREWELL, Ros
+from .._module.plain_text import plain
+from .._process.commands import run
+from .services import states_of
 
 TALKER = "multimaster-verify-talker.service"
 PYTHON = "/usr/bin/python3"

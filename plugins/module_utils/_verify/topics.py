@@ -7,17 +7,13 @@ import time
 import typing
 from urllib.parse import urlsplit
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.listener import (
-    Listener,
-    Message,
-    listener_of,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, connect
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import plain, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import PAUSE, call_all, poll
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.network import TRIES
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.talker import sentence_of, topic_of
+from .._client.listener import Listener, Message, listener_of
+from .._client.ros import Ros
+from .._machine.outcomes import Outcome, connect
+from .._module.plain_text import plain, quote
+from .._process.deadlines import PAUSE, call_all, poll
+from .network import TRIES
+from .talker import sentence_of, topic_of
 
 LEAST = 5.0  # seconds that are listened at least, also where the roscore was waited for
 REGISTERING = 5.0  # seconds for the registration of a node that was heard

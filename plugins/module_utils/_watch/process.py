@@ -14,11 +14,11 @@ import threading
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.helper_process import filter_port
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import packet
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import admit, answer, remove_door
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.readings import LastLook, Targets, read_all
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.watch import Watch
+from .._multicast.helper_process import filter_port
+from .._multicast.packets import packet
+from .._process.background import admit, answer, remove_door
+from .readings import LastLook, Targets, read_all
+from .watch import Watch
 
 LOOK = 3.0  # seconds between two looks at the parts of this computer
 TURN = 0.5  # seconds between two looks who is silent

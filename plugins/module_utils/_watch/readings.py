@@ -10,12 +10,12 @@ import hashlib
 import time
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network, systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome, connect
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.ports import address_of
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.memberships import igmp_memberships
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import text
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.deadlines import call_all
+from .._machine import network, systemd
+from .._machine.outcomes import Outcome, connect
+from .._machine.ports import address_of
+from .._multicast.memberships import igmp_memberships
+from .._process.commands import text
+from .._process.deadlines import call_all
 
 CONNECT = 2.0  # seconds that a TCP port has to open
 STEP = 0.1  # seconds by which the clock may move beside the time that has passed

@@ -14,9 +14,9 @@ from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import Any
 from urllib.parse import urlsplit
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import kinds
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain, quote
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue
+from .._fleet import kinds
+from .._fleet.plain_text import plain, quote
+from .._fleet.values import UnexpectedValue
 
 Info = Mapping[str, Any]
 

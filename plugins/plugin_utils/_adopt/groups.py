@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.facts import Machine, Uri, is_address
+from .facts import Machine, Uri, is_address
 
 EVERYWHERE = IPv4Network("0.0.0.0/0")
 THIS = ("localhost", "127.0.0.1", "127.0.1.1")  # how a computer names itself

@@ -11,16 +11,9 @@ from dataclasses import dataclass, replace
 from ipaddress import IPv4Address, IPv4Network
 from typing import TypeVar
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import facts, groups, names
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.proposal import (
-    Choice,
-    Choices,
-    Computer,
-    Proposal,
-    Robot,
-    Value,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import kinds
+from .._fleet import kinds
+from . import facts, groups, names
+from .proposal import Choice, Choices, Computer, Proposal, Robot, Value
 
 T = TypeVar("T", bound=Value)
 

@@ -10,9 +10,9 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.facts import Machine
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import kinds
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
+from .._fleet import kinds
+from .._fleet.plain_text import quote
+from .facts import Machine
 
 # What people add to the name of a robot for the name of its computer.
 _ENDINGS = re.compile(r"(?<=[a-z0-9])[-_.]?(computer|laptop|notebook|desktop|nuc|pc)$", re.IGNORECASE)

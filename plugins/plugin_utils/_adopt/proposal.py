@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv4Network
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import Inventory
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import PREFIX
+from .._fleet.read import Inventory
+from .._fleet.variables import PREFIX
 
 Value = str | int | list[str] | IPv4Address | IPv4Network
 

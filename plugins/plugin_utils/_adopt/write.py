@@ -15,13 +15,9 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.proposal import (
-    Choices,
-    Computer,
-    Proposal,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import PREFIX
+from .._fleet.plain_text import LINE, plain
+from .._fleet.variables import PREFIX
+from .proposal import Choices, Computer, Proposal
 
 WIDTH = 120
 # Variables that say how a machine is reached; those in SECRET are never written.

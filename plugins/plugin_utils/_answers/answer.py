@@ -14,19 +14,8 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers.documentation import (
-    DIFFERENCE,
-    DIFFERENCES,
-    Answer,
-    Kind,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
-    LINE,
-    VALUE,
-    plain,
-    plain_lines,
-    quote,
-)
+from .._fleet.plain_text import LINE, VALUE, plain, plain_lines, quote
+from .documentation import DIFFERENCE, DIFFERENCES, Answer, Kind
 
 MOST_TEXT = 16 << 20  # characters of an answer
 MOST_VALUES = 1_000_000

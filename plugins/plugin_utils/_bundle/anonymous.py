@@ -14,8 +14,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from ipaddress import AddressValueError, IPv4Address, IPv4Network, IPv6Address
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.addresses import Addresses
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from .._plan.model import FleetPlan
+from .addresses import Addresses
 
 # Names of the collection and of ROS stay, also if a robot has one of them.
 _OURS = (

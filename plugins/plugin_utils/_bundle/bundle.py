@@ -14,18 +14,15 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.anonymous import Anonymous
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import Unreadable
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import Secrets
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, from_plain, to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain, plain_data
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import (
-    list_plan_names,
-    quote_texts,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from .._data.plain import Mismatch, from_plain, to_plain
+from .._fleet.plain_text import LINE, plain, plain_data
+from .._judgement.run import Run
+from .._observed.observations import Observation
+from .._observed.task_results import list_plan_names, quote_texts
+from .._plan.model import FleetPlan
+from .anonymous import Anonymous
+from .archive import Unreadable
+from .secrets import Secrets
 
 FORMAT = 1
 ABOUT, PLAN, OBSERVATIONS = "about.json", "plan.json", "observations.json"

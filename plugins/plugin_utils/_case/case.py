@@ -6,27 +6,43 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from typing import TypeVar
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ReadFilters
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Exchanges
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON, Way, Ways
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
-    Datagrams,
-    Exchange,
-    Multicast,
-    Observation,
-    Probe,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
-    ComputerPlan,
-    FleetPlan,
-    Master,
-)
+from .._fleet.model import Gateway
+from .._observed.observations import Datagrams, Exchange, ForwardingInterface, Multicast, Observation, Probe
+from .._plan.model import ComputerPlan, FleetPlan, Master
+from .packet_filters import ReadFilters
+from .registrations import Exchanges
+from .ways import COMMON, Way, Ways
+
+T = TypeVar("T")
 
 ANSWERS_BROADCASTS = ("net.ipv4.icmp_echo_ignore_broadcasts", "0")
+
+
+def _index(entries: Iterable[T], key: Callable[[T], str]) -> dict[str, T]:
+    return {key(entry): entry for entry in entries}
+
+
+def _list_rounds(multicast: Multicast) -> list[tuple[int, frozenset[str]]]:
+    """List the rounds of pings of the group, each with the members that answered."""
+    rounds = multicast.icmp.rounds if multicast.icmp else ()
+    return [(entry.round, frozenset(entry.answered)) for entry in rounds]
+
+
+def _read_arp_answers(probe: Probe) -> dict[str, bool]:
+    """Tell of each address on its networks if an answer came for it."""
+    answered = {claim.address for claim in probe.claims if claim.macs}
+    return {claim.address: claim.address in answered for claim in probe.claims}
+
+
+def _find_interfaces(
+    interfaces: Iterable[ForwardingInterface], planned: Mapping[str, str]
+) -> dict[str, ForwardingInterface]:
+    """Find the interface on each network; `planned`: the network of each planned address."""
+    return {planned[address]: entry for entry in interfaces for address in entry.addresses if address in planned}
 
 
 class Participant:
@@ -38,29 +54,23 @@ class Participant:
         self.probe, self.is_probed = probe, seen.probe is not None
         # without the services that cannot run there, as preflight found
         self.plan = plan if seen.services is None else replace(plan, services=seen.services)
-        self.members = {entry.name: entry for entry in probe.members}
-        self.masters = {entry.computer: entry for entry in probe.masters}
-        self.listed = {entry.name: entry for entry in probe.list_masters.masters}
-        self.topics = {entry.computer: entry for entry in probe.topics}  # by computer of the talker
+        self.members = _index(probe.members, lambda entry: entry.name)
+        self.masters = _index(probe.masters, lambda entry: entry.computer)
+        self.listed = _index(probe.list_masters.masters, lambda entry: entry.name)
+        self.topics = _index(probe.topics, lambda entry: entry.computer)  # by computer of the talker
         # by the computer to which it was sent
-        self.streams = {entry.computer: entry for entry in seen.streams.streams} if seen.streams else {}
-        self.udp = {entry.name: entry for entry in multicast.udp}
+        self.streams = _index(seen.streams.streams if seen.streams else (), lambda entry: entry.computer)
+        self.udp = _index(multicast.udp, lambda entry: entry.name)
         # the members that answered its pings
         self.answered = frozenset(entry.name for entry in probe.members if entry.ping_address and entry.ping_address.ok)
         self.callers = frozenset(entry.address for entry in multicast.callers)  # the addresses from which it was called
-        # by round of pings of the group: the members that answered
-        rounds = multicast.icmp.rounds if multicast.icmp else ()
-        self.rounds = [(entry.round, frozenset(entry.answered)) for entry in rounds]
-        self.claimed: dict[str, bool] = {}  # address on its networks -> an answer came for it
-        for claim in probe.claims:
-            self.claimed[claim.address] = self.claimed.get(claim.address, False) or bool(claim.macs)
+        self.rounds = _list_rounds(multicast)
+        self.claimed = _read_arp_answers(probe)
         self.interfaces = probe.forwarding.interfaces
         self.macs = frozenset(entry.mac.lower() for entry in self.interfaces if entry.mac)
         planned = {str(plan.common_address): COMMON, str(plan.address): ways.network(plan.robot)}
         # by network of the plan, as far as it was read
-        self.interface_on = {
-            planned[address]: entry for entry in self.interfaces for address in entry.addresses if address in planned
-        }
+        self.interface_on = _find_interfaces(self.interfaces, planned)
         self.mtus = {network: entry.mtu for network, entry in self.interface_on.items() if entry.mtu is not None}
         # by plan
         self.answers_broadcasts = ANSWERS_BROADCASTS in {(entry.name, entry.value) for entry in plan.sysctl}

@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import pairwise
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
+from .._fleet.model import Gateway
+from .case import Case
+from .parts import Part
+from .ways import COMMON
 
 Parts = frozenset[Part]
 

@@ -14,24 +14,13 @@ from dataclasses import replace
 from functools import cached_property
 from ipaddress import IPv4Address
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
-    FilterChains,
-    Observation,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, Member
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import facts, packets, plan_world
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
-    FORWARD,
-    IN,
-    OUT,
-    Machine,
-    Packet,
-    Rule,
-    World,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.prediction import NODES
+from .._data.plain import to_plain
+from .._observed.observations import FilterChains, Observation
+from .._plan.model import FleetPlan, Member
+from .._world import facts, packets, plan_world
+from .._world.model import FORWARD, IN, OUT, Machine, Packet, Rule, World
+from .._world.prediction import NODES
+from .parts import Part
 
 GROUP, ROSCORE = "group", "roscore"
 ALL = "all"  # of a rule or a policy for packets of any kind

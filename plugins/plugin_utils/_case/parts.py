@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import advice
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
+from .._fleet import advice
+from .._fleet.plain_text import quote
 
 
 class Fault(NamedTuple):

@@ -14,15 +14,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import NamedTuple, cast
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import filters
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import VERIFICATION_TOPICS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
-    Connection,
-    Exchange,
-    Import,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import normalise_uri
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from .._fleet import filters
+from .._fleet.flows import VERIFICATION_TOPICS
+from .._observed.observations import Connection, Exchange, Import
+from .._observed.uris import normalise_uri
+from .._plan.model import FleetPlan
 
 TEST_NODES = "/multimaster_verify_"  # the beginning of the names of the verification's own nodes
 

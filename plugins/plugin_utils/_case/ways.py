@@ -11,14 +11,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Gateway
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
-    ComputerPlan,
-    FleetPlan,
-    Master,
-    Member,
-)
+from .._fleet.model import Gateway
+from .._plan.model import ComputerPlan, FleetPlan, Master, Member
+from .parts import Part
 
 COMMON = "the common network"
 

@@ -17,8 +17,9 @@ from typing import Any
 from ansible.errors import AnsibleAuthenticationFailure, AnsibleConnectionFailure
 from ansible.plugins.action import ActionBase
 from ansible.plugins.connection import ConnectionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.robot_action import RobotAction, limit_time
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
+
+from .._fleet.plain_text import LINE, plain
+from .robot_action import RobotAction, limit_time
 
 GRACE = 60.0  # seconds for a run of the module, and to reach the machine after its rollback
 PAUSE = 1.0  # seconds between two attempts

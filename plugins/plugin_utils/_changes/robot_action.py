@@ -19,17 +19,10 @@ from typing import Any
 
 from ansible.errors import AnsibleConnectionFailure, AnsibleError
 from ansible.plugins.action import ActionBase
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers import answer
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers.documentation import (
-    Answer,
-    read_documentation,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
-    LINE,
-    plain,
-    plain_lines,
-    quote,
-)
+
+from .._answers import answer
+from .._answers.documentation import Answer, read_documentation
+from .._fleet.plain_text import LINE, plain, plain_lines, quote
 
 MODULES = Path(__file__).resolve().parents[2] / "modules"
 LONGEST = 1800.0  # seconds for one answer; `timeout` of a task, or ANSIBLE_TASK_TIMEOUT, ends it earlier

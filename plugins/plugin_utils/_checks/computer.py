@@ -5,31 +5,16 @@
 
 from __future__ import annotations
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ROSCORE
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    COMPUTER,
-    FAILED,
-    OK,
-    UNKNOWN,
-    WARNING,
-    Check,
-    Judgement,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.manual_setup import (
-    guard_evidence,
-    guard_judge,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
-    DefaultRoute,
-    ForwardingInterface,
-    Service,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import is_same_uri
+from .._case import needs
+from .._case.case import Case
+from .._case.needs import Parts, join_parts, make_parts
+from .._case.packet_filters import ROSCORE
+from .._case.ways import COMMON
+from .._observed.observations import DefaultRoute, ForwardingInterface, Service
+from .._observed.outcomes import Outcome
+from .._observed.uris import is_same_uri
+from .engine import COMPUTER, FAILED, OK, UNKNOWN, WARNING, Check, Judgement
+from .manual_setup import guard_evidence, guard_judge
 
 # The kernel of gateways and of the router
 

@@ -7,30 +7,15 @@ from __future__ import annotations
 
 from ipaddress import IPv4Address
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import GROUP
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    COMPUTER,
-    FAILED,
-    MASTER,
-    MASTER_TOO,
-    MEMBER,
-    OK,
-    PASSED,
-    WARNING,
-    Check,
-    Judgement,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
-    Datagrams,
-    ListedMaster,
-    Route,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import host_of, is_same_uri
+from .._case import needs
+from .._case.case import Case
+from .._case.needs import Parts, join_parts, make_parts
+from .._case.packet_filters import GROUP
+from .._case.ways import COMMON
+from .._observed.observations import Datagrams, ListedMaster, Route
+from .._observed.outcomes import Outcome
+from .._observed.uris import host_of, is_same_uri
+from .engine import COMPUTER, FAILED, MASTER, MASTER_TOO, MEMBER, OK, PASSED, WARNING, Check, Judgement
 
 # The share of datagrams that may be lost.
 LOSS = 0.05

@@ -14,11 +14,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case, FleetState, Participant
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, choose_pairs, number
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, Master
+from .._case.case import Case, FleetState, Participant
+from .._case.needs import Parts
+from .._case.pairs import ALL, choose_pairs, number
+from .._observed.observations import Observation
+from .._plan.model import FleetPlan, Master
 
 OK, WARNING, FAILED, UNKNOWN = "ok", "warning", "failed", "unknown"
 VERDICTS = (OK, WARNING, FAILED, UNKNOWN)

@@ -5,24 +5,15 @@
 
 from __future__ import annotations
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Conflict
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    COMPUTER,
-    FAILED,
-    MASTER,
-    OK,
-    UNKNOWN,
-    WARNING,
-    Check,
-    Judgement,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import SilentNode
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
+from .._case import needs
+from .._case.case import Case
+from .._case.needs import Parts, join_parts, make_parts
+from .._case.parts import Part
+from .._case.registrations import Conflict
+from .._fleet.sentences import shorten_list
+from .._observed.observations import SilentNode
+from .._observed.outcomes import Outcome
+from .engine import COMPUTER, FAILED, MASTER, OK, UNKNOWN, WARNING, Check, Judgement
 
 NAMED = 4  # registrations, names or connections that a finding names
 

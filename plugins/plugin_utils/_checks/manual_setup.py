@@ -7,16 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, make_parts
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    COMPUTER,
-    OK,
-    UNKNOWN,
-    WARNING,
-    Check,
-    Judgement,
-)
+from .._case.case import Case
+from .._case.needs import Parts, make_parts
+from .engine import COMPUTER, OK, UNKNOWN, WARNING, Check, Judgement
 
 NOT_OURS = Judgement(UNKNOWN, "what site.yml sets up", "the collection has not set this computer up")
 

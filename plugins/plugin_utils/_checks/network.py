@@ -7,24 +7,14 @@ from __future__ import annotations
 
 import ipaddress
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    COMPUTER,
-    FAILED,
-    ITSELF_TOO,
-    MEMBER,
-    OK,
-    PASSED,
-    WARNING,
-    Check,
-    Judgement,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.policy_routing import taker
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Ping, Route
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
+from .._case import needs
+from .._case.case import Case
+from .._case.needs import Parts, join_parts, make_parts
+from .._case.ways import COMMON
+from .._observed.observations import Ping, Route
+from .._observed.outcomes import Outcome
+from .engine import COMPUTER, FAILED, ITSELF_TOO, MEMBER, OK, PASSED, WARNING, Check, Judgement
+from .policy_routing import taker
 
 LOST = 0.2  # of the pings to one computer: in a wireless network some are always lost, and few are sent
 

@@ -7,19 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    COMPUTER,
-    FAILED,
-    OK,
-    Check,
-    Judgement,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.manual_setup import (
-    NOT_OURS,
-    guard_evidence,
-)
+from .._case.case import Case
+from .._case.needs import Parts, join_parts, make_parts
+from .engine import COMPUTER, FAILED, OK, Check, Judgement
+from .manual_setup import NOT_OURS, guard_evidence
 
 
 def _judge(kind: str, planned: Callable[[Case], bool], expected: str) -> Callable[[Case], Judgement | None]:

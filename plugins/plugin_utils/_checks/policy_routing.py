@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable
 from ipaddress import IPv4Address, IPv4Network
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Policy
+from .._observed.observations import Policy
 
 RULE = re.compile(
     r"(?P<priority>\d+): from (?P<source>all|[0-9./]+)(?: to (?P<to>[0-9./]+))?(?: iif \S+)?(?: lookup (?P<table>[\w.-]+)| (?P<kind>\w+))(?: proto \w+)?",

@@ -5,23 +5,11 @@
 
 from __future__ import annotations
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    COMPUTER,
-    FAILED,
-    OK,
-    Check,
-    Judgement,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.manual_setup import (
-    guard_evidence,
-    guard_judge,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
-    Disk,
-    ParameterDifference,
-)
+from .._case.case import Case
+from .._case.needs import Parts, join_parts, make_parts
+from .._observed.observations import Disk, ParameterDifference
+from .engine import COMPUTER, FAILED, OK, Check, Judgement
+from .manual_setup import guard_evidence, guard_judge
 
 # The parameters of the nodes
 

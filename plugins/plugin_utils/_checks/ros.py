@@ -5,22 +5,13 @@
 
 from __future__ import annotations
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, make_parts
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Item
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    FAILED,
-    MEMBER,
-    OK,
-    PASSED,
-    UNKNOWN,
-    WARNING,
-    Check,
-    Judgement,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import host_of
+from .._case import needs
+from .._case.case import Case
+from .._case.needs import Parts, make_parts
+from .._case.registrations import Item
+from .._observed.outcomes import Outcome
+from .._observed.uris import host_of
+from .engine import FAILED, MEMBER, OK, PASSED, UNKNOWN, WARNING, Check, Judgement
 
 TALKER_TYPE, TALKER_NODE = "std_msgs/String", "/multimaster_verify_talker_"
 

@@ -7,18 +7,12 @@ from __future__ import annotations
 
 from ipaddress import IPv4Address
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts, join_parts, make_parts
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    COMPUTER,
-    OK,
-    WARNING,
-    Check,
-    Judgement,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Outsider
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import host_of, is_same_uri
+from .._case.case import Case
+from .._case.needs import Parts, join_parts, make_parts
+from .._case.ways import COMMON
+from .._observed.observations import Outsider
+from .._observed.uris import host_of, is_same_uri
+from .engine import COMPUTER, OK, WARNING, Check, Judgement
 
 
 def _judge_strangers(case: Case) -> Judgement | None:

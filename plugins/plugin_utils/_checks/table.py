@@ -8,18 +8,8 @@ In each file a row stands below its functions.
 
 from __future__ import annotations
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import (
-    computer,
-    discovery_nodes,
-    exchange,
-    manual_setup,
-    network,
-    next_boot,
-    programs,
-    ros,
-    strangers,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import Check
+from . import computer, discovery_nodes, exchange, manual_setup, network, next_boot, programs, ros, strangers
+from .engine import Check
 
 FILES = (computer, manual_setup, next_boot, programs, network, discovery_nodes, ros, exchange, strangers)
 CHECKS = tuple(row for file in FILES for row in vars(file).values() if isinstance(row, Check))

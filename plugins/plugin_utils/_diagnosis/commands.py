@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import FleetState, Participant
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import SITE, Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import advice
+from .._case.case import FleetState, Participant
+from .._case.parts import SITE, Part
+from .._fleet import advice
 
 ROS = ("roscore", "discovery", "sync")  # services
 

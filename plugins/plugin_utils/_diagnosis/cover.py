@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
+from .._case.parts import Part
 
 GAIN = 4.0  # of a failure that a part explains, in the measure of Fault.cost
 KNOWN = 2.0  # what a part gains that was read to be broken

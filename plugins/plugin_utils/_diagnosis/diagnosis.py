@@ -14,28 +14,20 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import needs
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Participant
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.needs import Parts
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import GROUP, ROSCORE
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FOLLOWS, RULED, Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    FAILED,
-    OK,
-    UNKNOWN,
-    WARNING,
-    Check,
-    Row,
-    Verification,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.commands import command
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.cover import Failure, explain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.offsets import offset
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.onset import describe_onset
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from .._case import needs
+from .._case.case import Participant
+from .._case.needs import Parts
+from .._case.packet_filters import GROUP, ROSCORE
+from .._case.parts import FOLLOWS, RULED, Part
+from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Check, Row, Verification
+from .._checks.table import CHECKS
+from .._fleet.sentences import shorten_list
+from .._observed.observations import Observation
+from .._plan.model import FleetPlan
+from .commands import command
+from .cover import Failure, explain
+from .offsets import offset
+from .onset import describe_onset
 
 WEIGHTS = {FAILED: 1.0, WARNING: 0.9, UNKNOWN: 0.5}
 SERIOUS = (FAILED, WARNING, UNKNOWN)

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from statistics import median
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import Row
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
+from .._case.parts import Part
+from .._checks.engine import Row
+from .._fleet.sentences import shorten_list
 
 
 def offset(part: Part, rows: Iterable[Row]) -> str:

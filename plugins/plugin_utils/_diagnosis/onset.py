@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Probe, Service
+from .._case.parts import Part
+from .._observed.observations import Probe, Service
 
 SERVICES = ("roscore", "discovery", "sync")
 # Kind of part -> which changes of the computer bound the time; a kind with a mode goes before the kind alone.

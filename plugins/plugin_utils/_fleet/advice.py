@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 import shlex
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LONGEST
+from .plain_text import LONGEST
 
 _BYTE = "(?:25[0-5]|2[0-4][0-9]|1[0-9]{2}|[1-9]?[0-9])"
 #: forms of values; no form begins as an option does

@@ -13,25 +13,11 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
-    FILTERS,
-    FROM_CLIENT,
-    FROM_SERVER,
-    KINDS,
-    Export,
-    make_node_filters,
-    topics_of,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import (
-    BUILT_IN,
-    WHITE_LISTS,
-    Filters,
-    matches,
-    usable,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import list_givers, make_flows
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import nearest
+from .exports import FILTERS, FROM_CLIENT, FROM_SERVER, KINDS, Export, make_node_filters, topics_of
+from .filters import BUILT_IN, WHITE_LISTS, Filters, matches, usable
+from .flows import list_givers, make_flows
+from .sentences import shorten_list
+from .values import nearest
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import (
-    HOSTS,
-    NAMES,
-    Filters,
-    InvalidPattern,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue, nearest
+from .filters import HOSTS, NAMES, Filters, InvalidPattern
+from .values import UnexpectedValue, nearest
 
 # The keys of an entry, and the word for one of its names.
 KINDS = {"topics": "topic", "services": "service", "actions": "action"}

@@ -11,12 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import (
-    FROM_CLIENT,
-    FROM_SERVER,
-    Export,
-    topics_of,
-)
+from .exports import FROM_CLIENT, FROM_SERVER, Export, topics_of
 
 # The topics of the verification while it runs. They cross wherever any topic does.
 VERIFICATION_TOPICS = "/multimaster_verify/*"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from ipaddress import IPv4Network
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Fleet
+from .model import Fleet
 
 # Routers pass none of these groups on (RFC 5771).
 LOCAL_GROUPS = IPv4Network("224.0.0.0/24")

@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping
 from ipaddress import IPv4Address, IPv4Network, ip_address, ip_network
 from typing import Any, TypeVar
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import Filters, InvalidPattern
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue, nearest
+from . import exports
+from .filters import Filters, InvalidPattern
+from .values import UnexpectedValue, nearest
 
 T = TypeVar("T")
 

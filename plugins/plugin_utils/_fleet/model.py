@@ -9,12 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import Flow, make_flows
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import (
-    ComputerVariables,
-    FleetVariables,
-    RobotVariables,
-)
+from .flows import Flow, make_flows
+from .variables import ComputerVariables, FleetVariables, RobotVariables
 
 
 @dataclass(frozen=True)

@@ -16,23 +16,10 @@ from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any, TypeVar
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import (
-    contradictions,
-    heartbeats,
-    kinds,
-    networks,
-    variables,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import (
-    Computer,
-    Fleet,
-    Gateway,
-    Robot,
-    Router,
-    master_name,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue, nearest
+from . import contradictions, heartbeats, kinds, networks, variables
+from .model import Computer, Fleet, Gateway, Robot, Router, master_name
+from .sentences import shorten_list
+from .values import UnexpectedValue, nearest
 
 T = TypeVar("T")
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, plain
+from .plain_text import LINE, plain
 
 
 def number_problems(problems: Sequence[str]) -> str:

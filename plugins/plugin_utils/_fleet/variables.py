@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import kinds
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import Export, read_exports
+from . import kinds
+from .exports import Export, read_exports
 
 PREFIX = "multimaster_"
 # Set by the preflight role for the other roles; not for an inventory.

@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import TEST_NODES
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import VERDICTS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.summary import Summary
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Exchange, Observation
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.uris import normalise_uri
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from .._case.registrations import TEST_NODES
+from .._checks.engine import VERDICTS
+from .._checks.table import CHECKS
+from .._diagnosis.diagnosis import Diagnosis
+from .._observed.observations import Exchange, Observation
+from .._observed.uris import normalise_uri
+from .._plan.model import FleetPlan
+from .summary import Summary
 
 OWN_TOPICS = "/multimaster_verify/"  # of the verification itself
 MOST = 2000  # names of a robot that are kept

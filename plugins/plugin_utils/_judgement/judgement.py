@@ -11,24 +11,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL, AUTO
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    FAILED,
-    OK,
-    Passed,
-    Row,
-    Verification,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, explain_rows
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import Matrices
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.summary import (
-    Summary,
-    is_small,
-    summarise,
-)
+from .._case.pairs import ALL, AUTO
+from .._checks.engine import FAILED, OK, Passed, Row, Verification
+from .._checks.table import CHECKS
+from .._diagnosis.diagnosis import Diagnosis, explain_rows
+from . import content
+from .matrices import Matrices
+from .run import Run
+from .summary import Summary, is_small, summarise
 
 
 @dataclass(frozen=True)

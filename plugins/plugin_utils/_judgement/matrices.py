@@ -15,17 +15,10 @@ from dataclasses import dataclass, field
 from math import log2
 from typing import NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    FAILED,
-    OK,
-    UNKNOWN,
-    WARNING,
-    Passed,
-    Row,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import TITLES
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Passed, Row
+from .._checks.table import TITLES
+from .._fleet.plain_text import plain
+from .._plan.model import FleetPlan
 
 MOST = 40  # computers: beyond, a cell is for two robots
 SHOWN = 120  # letters of a result

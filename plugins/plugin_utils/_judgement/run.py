@@ -9,18 +9,13 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.pairs import ALL
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, quote
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.task_results import (
-    KEY,
-    find_result,
-    list_plan_names,
-    read_observation,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from .._case.pairs import ALL
+from .._data.plain import from_plain
+from .._fleet.plain_text import LINE, quote
+from .._observed.observations import Observation
+from .._observed.task_results import KEY, find_result, list_plan_names, read_observation
+from .._plan.model import FleetPlan
+from . import content
 
 OPTIONS = (
     "fleet",

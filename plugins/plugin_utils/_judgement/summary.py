@@ -9,14 +9,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    FAILED,
-    OK,
-    UNKNOWN,
-    WARNING,
-    Passed,
-    Row,
-)
+from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Passed, Row
 
 MATRIX = 16  # computers: a larger matrix is no longer read on a terminal
 

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
+from .._plan.preflight import MachineState
+from .outcomes import Outcome
 
 # multimaster_verify: the network
 

@@ -14,24 +14,12 @@ from collections.abc import Collection, Mapping
 from functools import lru_cache
 from typing import Any, TypeVar
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import Mismatch, from_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
-    LINE,
-    LONGEST,
-    plain_data,
-    quote,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
-    FilterChains,
-    Multicast,
-    Observation,
-    PacketFilter,
-    Probe,
-    Streams,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
+from .._data.plain import Mismatch, from_plain
+from .._fleet.plain_text import LINE, LONGEST, plain_data, quote
+from .._plan.model import FleetPlan
+from .._plan.preflight import MachineState
+from .observations import FilterChains, Multicast, Observation, PacketFilter, Probe, Streams
+from .outcomes import Outcome
 
 T = TypeVar("T")
 LONGEST_TEXT = 500  # characters of one text of a robot

@@ -15,8 +15,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.units import CONFIGURATION, LIBRARY
+from .._fleet.plain_text import quote
+from .units import CONFIGURATION, LIBRARY
 
 # Lists of folders. Ours come first, those of a person stay.
 LISTS = (

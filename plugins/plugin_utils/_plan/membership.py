@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from ipaddress import IPv4Address
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Computer, Fleet, Robot
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import KnownRobot, Membership
+from .._fleet.model import Computer, Fleet, Robot
+from .model import KnownRobot, Membership
 
 
 def make_membership(fleet: Fleet) -> Membership:

@@ -12,17 +12,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.exports import make_node_filters
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.filters import (
-    HOSTS,
-    NAMES,
-    NO_NAME,
-    WHITE_LISTS,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.flows import VERIFICATION_TOPICS, Flow
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Fleet, Robot
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import Parameters
+from .._fleet.exports import make_node_filters
+from .._fleet.filters import HOSTS, NAMES, NO_NAME, WHITE_LISTS
+from .._fleet.flows import VERIFICATION_TOPICS, Flow
+from .._fleet.model import Fleet, Robot
+from .._fleet.sentences import shorten_list
+from .model import Parameters
 
 UPSTREAM = ("fkie_apt", "fkie_existing")
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from ipaddress import IPv4Network
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Computer, Fleet, Robot, Router
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import membership, model, parameters, providers
+from .._fleet.model import Computer, Fleet, Robot, Router
+from . import membership, model, parameters, providers
 
 # The parts of multimaster_info that preflight needs: of every computer, and of those with ROS.
 LOOKED_AT = ("system", "owned", "interfaces", "ways", "routing", "forwarding", "filters", "multicast_routing")

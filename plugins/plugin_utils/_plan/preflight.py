@@ -13,19 +13,10 @@ from dataclasses import dataclass, field, replace
 from ipaddress import IPv4Address
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import advice
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE, quote
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import (
-    environment,
-    providers,
-    set_up,
-    units,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
-    ComputerPlan,
-    Interface,
-    Port,
-)
+from .._fleet import advice
+from .._fleet.plain_text import LINE, quote
+from . import environment, providers, set_up, units
+from .model import ComputerPlan, Interface, Port
 
 # The units of the collection. They may hold the ports of the plan.
 OWN_UNITS = tuple(f"multimaster-{name}.service" for name in (*units.OTHERS, *units.NODES))

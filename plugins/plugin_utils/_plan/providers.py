@@ -12,9 +12,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quotes
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Node
+from .._fleet.plain_text import quote
+from . import quotes
+from .model import ComputerPlan, Node
 
 # Releases of upstream
 

@@ -16,17 +16,8 @@ from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.dialects import (
-    DIALECTS,
-    GATEWAY,
-    MARK,
-    PEERS,
-    ROUTER,
-    ROUTES,
-    Block,
-    Dialect,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from .dialects import DIALECTS, GATEWAY, MARK, PEERS, ROUTER, ROUTES, Block, Dialect
+from .model import FleetPlan
 
 
 class RouterConfigProblem(ValueError):

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
+from .._fleet.plain_text import quote
 
 
 def list_warnings(host: str, chosen: Mapping[str, Any]) -> list[str]:

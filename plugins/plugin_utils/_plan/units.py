@@ -14,8 +14,8 @@ import ipaddress
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quotes
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import UnitLines
+from . import quotes
+from .model import UnitLines
 
 # Where the roles install.
 LIBRARY = "/usr/local/lib/rosfleet-multimaster"

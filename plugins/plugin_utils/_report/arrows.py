@@ -12,9 +12,9 @@ from collections.abc import Collection, Mapping, Sequence
 from math import cos, hypot, pi, sin
 from xml.sax.saxutils import escape, quoteattr
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, UNKNOWN
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.picture import SIGNS, shorten
+from .._checks.engine import FAILED, OK, UNKNOWN
+from .._fleet.plain_text import plain
+from .picture import SIGNS, shorten
 
 MOST = 8  # robots: more arrows are not readable
 LETTER, SHOWN = 7.3, 20  # the width of a letter; letters of a name that are shown

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 from xml.etree import ElementTree
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, UNKNOWN, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain
+from .._checks.engine import FAILED, OK, UNKNOWN, WARNING
+from .._fleet.plain_text import plain
 
 LISTED = 100  # results that are listed in a test case
 

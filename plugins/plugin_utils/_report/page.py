@@ -14,20 +14,16 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, UNKNOWN, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import TITLES
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import (
-    LINE,
-    LONGEST,
-    plain,
-    plain_data,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import Matrices
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.arrows import draw_arrows
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.picture import SIGNS, Mark, draw_fleet
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
+
+from .._checks.engine import FAILED, OK, UNKNOWN, WARNING
+from .._checks.table import TITLES
+from .._fleet.plain_text import LINE, LONGEST, plain, plain_data
+from .._judgement.matrices import Matrices
+from .._plan.model import FleetPlan
+from .arrows import draw_arrows
+from .picture import SIGNS, Mark, draw_fleet
 
 TEMPLATE = Path(__file__).with_name("page.html.j2")  # the doors read it
 ROWS = 20  # results that are listed below a finding

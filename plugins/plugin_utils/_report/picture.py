@@ -16,15 +16,11 @@ from itertools import islice
 from typing import TypeVar
 from xml.sax.saxutils import escape, quoteattr
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import COMMON
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, UNKNOWN, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
-    ComputerPlan,
-    FleetPlan,
-    RobotNetwork,
-)
+from .._case.ways import COMMON
+from .._checks.engine import FAILED, OK, UNKNOWN, WARNING
+from .._fleet.plain_text import plain
+from .._fleet.sentences import shorten_list
+from .._plan.model import ComputerPlan, FleetPlan, RobotNetwork
 
 _T = TypeVar("_T")
 
@@ -97,9 +93,11 @@ def draw_fleet(fleet: FleetPlan, marks: Iterable[Mark] = (), unseen: Mapping[str
 def _robot(fleet: FleetPlan, name: str, unseen: Sequence[str]) -> _Robot:
     others = [robot for robot in fleet.master_of if robot not in (name, *unseen)]
     network = next((entry for entry in fleet.networks if entry.robot == name), None)
-    own = [plan for plan in fleet.computers.values() if plan.robot == name]
-    front = [_device(plan) for plan in own if network is None or plan.common_address]
-    behind = [_device(plan) for plan in own if not (network is None or plan.common_address)]
+    front: list[_Device] = []
+    behind: list[_Device] = []
+    for plan in fleet.computers.values():
+        if plan.robot == name:
+            (front if network is None or plan.common_address else behind).append(_device(plan))
     if network is not None and network.device:
         lines = ("gateway, no computer", str(network.gateway), str(network.common_address))
         front.append(_Device(str(network.gateway), lines, "the gateway of the robot, a device", planned=False))

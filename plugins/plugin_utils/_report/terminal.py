@@ -10,18 +10,11 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import count
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    FAILED,
-    OK,
-    UNKNOWN,
-    VERDICTS,
-    WARNING,
-    Row,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS, TITLES
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Finding
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.summary import Summary, is_small
+from .._checks.engine import FAILED, OK, UNKNOWN, VERDICTS, WARNING, Row
+from .._checks.table import CHECKS, TITLES
+from .._diagnosis.diagnosis import Diagnosis, Finding
+from .._fleet.sentences import shorten_list
+from .._judgement.summary import Summary, is_small
 
 WIDTH = 120
 CELL = 8  # columns of a cell of the matrix, where there is room

@@ -13,24 +13,11 @@ from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import plan_world
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
-    ACCEPT,
-    FORWARD,
-    IN,
-    LOOSE,
-    NAT,
-    OUT,
-    Interface,
-    Link,
-    Machine,
-    Route,
-    Rule,
-    World,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.policy import lookups
+from .._fleet.plain_text import quote
+from .._plan.model import ComputerPlan, FleetPlan
+from . import plan_world
+from .model import ACCEPT, FORWARD, IN, LOOSE, NAT, OUT, Interface, Link, Machine, Route, Rule, World
+from .policy import lookups
 
 Info = Mapping[str, Any]  # the return of multimaster_info
 

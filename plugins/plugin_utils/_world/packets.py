@@ -14,21 +14,7 @@ from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
 from typing import NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
-    FORWARD,
-    IN,
-    MASQUERADE,
-    NAT,
-    NO_WAY,
-    OUT,
-    REJECT,
-    STRICT,
-    Interface,
-    Machine,
-    Packet,
-    Rule,
-    World,
-)
+from .model import FORWARD, IN, MASQUERADE, NAT, NO_WAY, OUT, REJECT, STRICT, Interface, Machine, Packet, Rule, World
 
 # The outcomes of a packet
 DELIVERED = "delivered"

@@ -11,22 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
-    ACCEPT,
-    DROP,
-    FORWARD,
-    IN,
-    LOOSE,
-    NEW,
-    Interface,
-    Link,
-    Machine,
-    Route,
-    Rule,
-    World,
-    kernel_routes,
-)
+from .._plan.model import ComputerPlan, FleetPlan
+from .model import ACCEPT, DROP, FORWARD, IN, LOOSE, NEW, Interface, Link, Machine, Route, Rule, World, kernel_routes
 
 COMMON = "the common network"
 FIRST, LAST = 1024, 65535  # the ports that multimaster_firewall protects

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from ipaddress import IPv4Network
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import NO_WAY, Lookup
+from .model import NO_WAY, Lookup
 
 # Rules for marked packets, kinds of service, users or ports do not match the packets of a prediction.
 OTHERS = ("fwmark", "tos", "dsfield", "uidrange", "ipproto", "sport", "dport", "oif", "l3mdev", "tun_id")

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
 from typing import NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import shorten_list
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan, Member
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import facts, packets, plan_world
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Packet, World
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import Trace
+from .._fleet.sentences import shorten_list
+from .._plan.model import FleetPlan, Member
+from . import facts, packets, plan_world
+from .model import Packet, World
+from .packets import Trace
 
 CONNECTIONS, LARGE = "connections of nodes", "large packets"
 REACHES, FAILS, UNSURE = "reaches", "fails", "unsure"

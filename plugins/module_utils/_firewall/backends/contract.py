@@ -23,10 +23,10 @@ With the dead-man's switch, try_out(filter) comes first: it changes the run time
 import shutil
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import PacketFilter
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+from ..._module.plain_text import LINE, quote
+from ..._module.problem import Problem
+from ..._process import commands
+from ..packet_filter import PacketFilter
 
 MARK = "rosfleet.multimaster"
 HEADER = "Managed by Ansible: rosfleet.multimaster.firewall writes this whole file, so changes here do not last."

@@ -11,14 +11,10 @@ import os
 import re
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import (
-    FIRST,
-    LAST,
-    PacketFilter,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
+from ..._changes import atomic
+from ..._module.plain_text import quote
+from ..packet_filter import FIRST, LAST, PacketFilter
+from . import contract
 
 FOLDER = "/etc/firewalld/policies"
 INPUT, FORWARD = "rosfleet-input", "rosfleet-forward"  # firewalld takes 17 letters at most

@@ -14,15 +14,11 @@ interface, and the copies of its own multicast. For these copies, `fib` names an
 import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import (
-    FIRST,
-    LAST,
-    PacketFilter,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ..._machine import systemd
+from ..._module.plain_text import LINE, quote
+from ..._module.problem import Problem
+from ..packet_filter import FIRST, LAST, PacketFilter
+from . import contract
 
 TABLE = "rosfleet_multimaster"
 UNIT = "multimaster-firewall.service"

@@ -6,12 +6,7 @@
 import collections
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import (
-    contract,
-    firewalld,
-    nftables,
-    ufw,
-)
+from . import contract, firewalld, nftables, ufw
 
 #: In the order in which they are asked: the first that is active has the rules. nftables always is.
 _ROWS = (

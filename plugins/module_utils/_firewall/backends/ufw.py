@@ -12,16 +12,12 @@ import re
 import stat
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import (
-    FIRST,
-    LAST,
-    PacketFilter,
-)
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+from ..._changes import atomic
+from ..._module.plain_text import quote
+from ..._module.problem import Problem
+from ..._process import commands
+from ..packet_filter import FIRST, LAST, PacketFilter
+from . import contract
 
 FILES = {4: "/etc/ufw/user.rules", 6: "/etc/ufw/user6.rules"}
 SETTINGS, DEFAULTS = "/etc/ufw/ufw.conf", "/etc/default/ufw"

@@ -22,11 +22,11 @@ import os
 import stat
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
+from ..._changes import atomic
+from ..._machine import network
+from ..._module.plain_text import quote
+from ..._module.problem import Problem
+from ..kernel import Route
 
 NAME = "rosfleet-multimaster"
 HEADER = "# Managed by Ansible: rosfleet.multimaster.routes writes this whole file, so changes here do not last.\n"

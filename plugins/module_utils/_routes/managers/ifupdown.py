@@ -7,10 +7,10 @@ import os
 import shlex
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route, to_words
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
+from ..._module.problem import Problem
+from ..._process import commands
+from ..kernel import Route, to_words
+from . import contract
 
 # run-parts(8) passes over names with a dot, so the name has none.
 HOOK = "/etc/network/if-up.d/" + contract.NAME

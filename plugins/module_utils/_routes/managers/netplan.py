@@ -14,16 +14,12 @@ import shutil
 import tempfile
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import (
-    contract,
-    networkd,
-    networkmanager,
-)
+from ..._changes import atomic
+from ..._module.plain_text import LINE, quote
+from ..._module.problem import Problem
+from ..._process import commands
+from ..kernel import Route
+from . import contract, networkd, networkmanager
 
 FILE = f"/etc/netplan/90-{contract.NAME}.yaml"
 FOLDERS = ("etc/netplan", "run/netplan", "lib/netplan")  # those that netplan reads

@@ -6,11 +6,11 @@
 import os
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
+from ..._module.plain_text import LINE, quote
+from ..._module.problem import Problem
+from ..._process import commands
+from ..kernel import Route
+from . import contract
 
 FOLDER = "/etc/systemd/network"
 DROP_IN = f"90-{contract.NAME}.conf"

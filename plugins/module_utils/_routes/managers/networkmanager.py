@@ -11,11 +11,11 @@ import ipaddress
 import shutil
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import LINE, quote
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import MAIN, Route
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
+from ..._module.plain_text import LINE, quote
+from ..._module.problem import Problem
+from ..._process import commands
+from ..kernel import MAIN, Route
+from . import contract
 
 PREFIX = "nmcli:"
 NETPLANS = "/run/NetworkManager/system-connections/netplan-"  # the beginning of the profiles that netplan writes

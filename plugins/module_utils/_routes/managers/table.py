@@ -6,13 +6,7 @@
 import collections
 import typing
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import (
-    contract,
-    ifupdown,
-    netplan,
-    networkd,
-    networkmanager,
-)
+from . import contract, ifupdown, netplan, networkd, networkmanager
 
 #: The back ends in the order in which they are asked for an interface: the first that owns it brings its routes back.
 #: netplan is asked before the managers that it writes for.

@@ -7,10 +7,10 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_verify
+
+from tests.unit import module_server
 
 
 @pytest.mark.parametrize("words", [{"action": "collect"}, {"state": "collected"}, {}], ids=str)
@@ -24,7 +24,7 @@ def test_check_mode_refuses_the_same(words):
         "_ansible_check_mode": True,
     }
     done = subprocess.run(
-        [sys.executable, str(Path(multimaster_verify.__file__))],
+        module_server.command("multimaster_verify"),
         input=json.dumps({"ANSIBLE_MODULE_ARGS": arguments}),
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         capture_output=True,

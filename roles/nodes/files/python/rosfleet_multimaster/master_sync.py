@@ -56,10 +56,8 @@ class MasterSync:
         ending, members = values["end_lost_connections"], self.core.members
         self.disconnector = Disconnector(loop, updaters, limited, ending, members, online)
         questions = TypeQuestions(loop, self._monitor_of, ros.md5sum, self._request_round)
-        node, callbacks = (
-            (start.name, start.node_uri),
-            Callbacks(lambda: self.finder.listed_once, self._report, self._round_over),
-        )
+        node = (start.name, start.node_uri)
+        callbacks = Callbacks(lambda: self.finder.listed_once, self._report, self._round_over)
         self.rounds = Rounds(
             graph, node, self.core, questions, self.disconnector, roscore_calls, updaters, limited, callbacks
         )
@@ -70,15 +68,9 @@ class MasterSync:
         self.health = local_roscore.Health(
             loop, start.roscore, identity, roscore_calls, program.give_up, self._request_round
         )
+        masters = ros.ListMasters()
         self.finder = Finder(
-            loop,
-            graph,
-            roscore_calls,
-            limited,
-            lambda: self.rounds.claims,
-            ros.ListMasters(),
-            self._subscribe,
-            self._on_list,
+            loop, graph, roscore_calls, limited, lambda: self.rounds.claims, masters, self._subscribe, self._on_list
         )
         self.fetcher = Fetcher(loop, self.core, limited, self._on_fetch, self._on_touch, values["differences"])
         self.states = RecurringJob(DirectRunner(), lambda: STATUS, self._say_status, wanted=lambda: self.status_stale)

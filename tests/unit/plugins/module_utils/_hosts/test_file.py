@@ -22,7 +22,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.probl
 from tests.unit import module_server
 
 COLLECTION = pathlib.Path(__file__).parents[5]
-MODULE = COLLECTION / "plugins" / "modules" / "hosts_entries.py"
+MODULE = "hosts_entries"
 ENTRIES = [
     {"address": "192.168.1.229", "names": ["kobuki1computer"]},
     {"address": "192.168.1.239", "names": ["kobuki2computer"]},
@@ -64,7 +64,7 @@ class Machine:
 
     def command(self, mounted=False, **options):
         self.arguments.write_text(json.dumps({"ANSIBLE_MODULE_ARGS": self.given(options)}))
-        program = [sys.executable, str(MODULE), str(self.arguments)]
+        program = [*module_server.command(MODULE), str(self.arguments)]
         return [*MOUNTED, str(self.hosts), *program] if mounted else program
 
     def run(self, mounted=False, **options):

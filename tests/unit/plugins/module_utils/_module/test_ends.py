@@ -7,10 +7,10 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.modules import managed_files
+
+from tests.unit import module_server
 
 
 @pytest.mark.parametrize(("length", "told"), [(20, "x" * 20), (5000, "(5000 characters)")])
@@ -21,7 +21,7 @@ def test_a_long_option_is_not_sent_back(tmp_path, length, told):
         "_ansible_check_mode": True,
     }
     done = subprocess.run(
-        [sys.executable, str(Path(managed_files.__file__))],
+        module_server.command("managed_files"),
         input=json.dumps({"ANSIBLE_MODULE_ARGS": arguments}),
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         capture_output=True,

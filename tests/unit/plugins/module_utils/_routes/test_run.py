@@ -19,7 +19,7 @@ from tests.unit import module_server
 
 TOOLS = ("ip", "unshare", "nsenter")
 COLLECTIONS = Path(next(iter(ansible_collections.__path__))).parent
-MODULE = COLLECTIONS / "ansible_collections/rosfleet/multimaster/plugins/modules/routes.py"
+MODULE = "routes"
 HOOK = "etc/network/if-up.d/rosfleet-multimaster"
 
 # Runs one after another in processes of their own, each ended, as by kill -9, before its change of this number (0: never).
@@ -118,7 +118,7 @@ class Computer:
         """One run of the module."""
         given = self.options(list(routes), **options)
         if self.as_user:
-            done = self.python(str(MODULE), input=json.dumps(given))
+            done = self.python(*module_server.command(MODULE)[1:], input=json.dumps(given))
         else:
             done = module_server.run(MODULE, given["ANSIBLE_MODULE_ARGS"], f"/proc/{self.holder.pid}/ns/net")
         assert done.stdout, done.stderr

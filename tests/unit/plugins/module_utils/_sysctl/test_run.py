@@ -22,7 +22,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.plan 
 from tests.unit import module_server
 
 COLLECTION = pathlib.Path(sysctl.__file__).parents[3]
-MODULE = COLLECTION / "plugins/modules/sysctl.py"
+MODULE = "sysctl"
 NETNS = ["ip", "netns", "exec"]
 DROP_IN = "/etc/sysctl.d/90-rosfleet-multimaster.conf"
 FORWARD, BROADCASTS = "net/ipv4/ip_forward", "net/ipv4/icmp_echo_ignore_broadcasts"
@@ -81,7 +81,7 @@ class Machine:
         """The module as a process behind the prefix."""
         file = self.folder / "args.json"
         file.write_text(json.dumps({"ANSIBLE_MODULE_ARGS": arguments}))
-        command = [*self.prefix, sys.executable, str(MODULE), str(file)]
+        command = [*self.prefix, *module_server.command(MODULE), str(file)]
         environment = {**os.environ, "PYTHONPATH": str(COLLECTION.parents[2])}
         return subprocess.run(command, check=False, capture_output=True, text=True, env=environment, timeout=60)
 

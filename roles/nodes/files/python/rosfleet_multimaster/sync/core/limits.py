@@ -9,7 +9,7 @@ them (sync.py). Free of sockets, threads and clocks.
 """
 
 from dataclasses import replace
-from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
+from typing import Any, Container, Dict, Iterable, List, Mapping, Optional, Set, Tuple
 
 from ...protocol.graph import Endpoints, State
 from ...protocol.plain_text import quote
@@ -37,9 +37,7 @@ def limit_state(
     old = set(rows(before)) if before is not None else set()
     own.sort(key=lambda row: (row not in old, row))
     taken = set(own[:most])
-    heard = {name for kind, name, _node in taken if kind == "subscriber"}
-    foreign = (row for row in everything if row[0] == "publisher" and row[1] in heard and row[2] not in mine)
-    taken.update(sorted(foreign)[: most - len(taken)])
+    taken.update(_list_foreign(everything, taken, mine)[: most - len(taken)])
     tables: Dict[str, Any] = {f"{kind}s": _keep_rows(kind, getattr(state, f"{kind}s"), taken) for kind in KINDS}
     topics, nodes = {*tables["publishers"], *tables["subscribers"]}, {node for _kind, _name, node in taken}
     return replace(
@@ -50,6 +48,12 @@ def limit_state(
         providers={name: provider for name, provider in state.providers.items() if name in tables["services"]},
         left_out=max(0, len(own) - most),
     )
+
+
+def _list_foreign(everything: Iterable[Row], taken: Set[Row], mine: Container[str]) -> List[Row]:
+    """List the publishers of others that the taken subscribers hear."""
+    heard = {name for kind, name, _node in taken if kind == "subscriber"}
+    return sorted(row for row in everything if row[0] == "publisher" and row[1] in heard and row[2] not in mine)
 
 
 def size(state: State) -> int:
