@@ -326,6 +326,20 @@ def service_down(state, random, one):
     return replace(state, down={**state.down, one.name: (random.choice(services),)}) if services else None
 
 
+def never_set_up(state, random, one):
+    """A computer on which site.yml has not run: no names, no routes, no settings, no environment, no services."""
+    plan = state.fleet.computers[one.name]
+    bare = replace(
+        one,
+        names={},
+        environment={},
+        interfaces=tuple(replace(interface, forwarding=False) for interface in one.interfaces),
+        routes=tuple(route for route in one.routes if route.gateway is None),
+    )
+    changed = replace(state.replace_machine(bare), bare=state.bare | {one.name})
+    return changed.with_robot(plan.robot, roscore=DEAD, discovery=DEAD, sync=DEAD) if plan.is_master else changed
+
+
 def group_not_passed_on(state, random, one):
     """The service that passes the group on between the networks of a gateway does not run."""
     if not one.groups:
@@ -501,5 +515,6 @@ FAULTS = (
     Fault("node names twice", twin, (("registration", "twin"),)),
     Fault("other message definitions", definitions, (("messages", "differ"),)),
     Fault("a stranger", stranger, (("stranger", "present"),)),
+    Fault("site.yml never ran", on(computers, never_set_up), (("set_up", "never"),)),
 )
 BY_NAME = {fault.name: fault for fault in FAULTS}

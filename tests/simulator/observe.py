@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import observations as seen
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.facts import HOOKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import ACCEPT
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_rules
@@ -32,7 +33,7 @@ def observe(state, run=None, seed=0):
 
 def _talks(state, ros, name):
     """Whether the start of the talker is reported as such: systemd has started it."""
-    return bool(state.fleet.computers[name].robot) and name not in state.without_ros
+    return bool(state.fleet.computers[name].robot) and name not in state.without_ros | state.bare
 
 
 def _of(state, network, ros, name, there, started, listeners):
@@ -46,6 +47,7 @@ def _of(state, network, ros, name, there, started, listeners):
         probe=_router(network, name) if plan.is_router else _probe(state, network, ros, name, started),
         packet_filter=_filter(state, name) if plan.firewall else None,
         filters=_filters(state, network, name),
+        found=MachineState(set_up=name not in state.bare),
     )
 
 
@@ -102,7 +104,7 @@ def _router(network, name):
 
 def _probe(state, network, ros, name, started):
     plan = state.fleet.computers[name]
-    missing = NO_ROS if name in state.without_ros else ""
+    missing = NO_ROS if name in state.without_ros | state.bare else ""
     error, robot, _large = ros.asks(name)
     uri = ros.environment(name).get("ROS_MASTER_URI", "")
     # rostopic ends at once where it is refused, and waits where nothing comes back.
@@ -136,4 +138,6 @@ def _service(state, name, service):
     dead = runs == "dead" or service in state.down.get(name, ())
     differing = () if service not in ("roscore", "discovery", "sync") else state.differing.get(name, ())
     active, sub = ("failed", "failed") if dead else ("active", "running")
+    if name in state.bare:
+        return seen.Service(service, f"multimaster-{service}.service", "not-found", "inactive", "dead", 0)
     return seen.Service(service, f"multimaster-{service}.service", "loaded", active, sub, 0, () if dead else differing)

@@ -76,6 +76,7 @@ class State:
     unplugged: frozenset[str] = frozenset()  # links without power: nobody's interface has a carrier
     hidden: frozenset[str] = frozenset()  # computers where root alone may read /etc/hosts
     undisciplined: frozenset[str] = frozenset()  # computers whose clocks nothing keeps right
+    bare: frozenset[str] = frozenset()  # computers on which site.yml has not run
     full: frozenset[str] = frozenset()  # computers without room where services write
     strangers: tuple[str, ...] = ()  # addresses on the common network from which others send to the group
 

@@ -56,6 +56,15 @@ def test_a_stranger_on_the_port_of_the_roscore_is_named(untouched):
     assert untouched.run(FIRST, OURS, check=False).strip() == "0"
 
 
+def test_a_fleet_that_site_has_not_seen_is_one_finding(untouched, tmp_path):
+    report = tmp_path / "report.json"
+    status, output = untouched.play("playbooks/verify.yml", variables={"verify_report": str(report)})
+    assert status != 0
+    findings = json.loads(report.read_text())["findings"]
+    assert [(entry["kind"], entry["mode"]) for entry in findings] == [("set_up", "never")], output
+    assert "site.yml has not run on any computer of this run" in output, output
+
+
 def test_robots_set_up_by_hand_are_adopted_and_verified(untouched, tmp_path):
     """A roscore and the bundled nodes that a person has started, as docs/understand/nodes.md says; nothing of the collection is there."""
     addresses = {FIRST: "192.168.1.229", SECOND: "192.168.1.239"}

@@ -186,7 +186,17 @@ class Case:  # no dataclass: a large fleet has hundreds of thousands, and many c
         master = self.run.get(self.masters[0])
         if master is None or master.seen.found is None:
             return master is None
-        return not master.seen.found.set_up and (master is not self.observer or bool(master.seen.found.runs))
+        return not master.seen.found.set_up and bool(master.seen.found.runs)
+
+    @property
+    def was_never_set_up(self) -> bool:
+        """The collection has no records on the observer, and nothing else runs the nodes of its robot."""
+        return not _is_set_up(self.observer) and not self.is_set_up_by_hand
+
+    @property
+    def was_none_set_up(self) -> bool:
+        """The collection has no records on any of the several computers of this run."""
+        return len(self.run) > 1 and not any(map(_is_set_up, self.run.values()))
 
     @property
     def back_udp(self) -> Datagrams | None:

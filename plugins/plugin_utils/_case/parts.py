@@ -549,6 +549,9 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "see on {place}: rosmsg md5 std_msgs/String",
         what="rospy fails there",
     ),
+    ("set_up", "never"): Fault(
+        "site.yml has not run on {place}, or teardown.yml has run since", SITE, read=True, unseen=False, cost=1.0
+    ),
     # The set-up by others
     ("set_up", "by_hand"): Fault(
         "{place} was set up by hand, or by something else",
@@ -606,8 +609,25 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     **FILTERS,
 }
 
-# A fault that was read and yet follows from another fault of the same place: fault -> its possible causes.
-FOLLOWS: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
+ANY = "any computer of this run"  # the place of a fault that all of them have
+
+#: What site.yml makes: where it has not run, no fault of these is worth a finding of its own.
+MADE = (
+    *(("names", mode) for mode in ("unknown", "loopback", "old", "several")),
+    *(("route", mode) for mode in ("missing", "other")),
+    ("forwarding", "off"),
+    ("reverse_path", "strict"),
+    ("redirects", "sent"),
+    *(("environment", mode) for mode in ("service", "shell")),
+    *(("roscore", mode) for mode in ("dead", "name")),
+    *((node, mode) for node in ("discovery", "sync") for mode in ("dead", "configuration")),
+    *(("service", mode) for mode in ("down", "missing")),
+    *(("registration", mode) for mode in ("talker", "listener")),
+    ("filter", "changed"),
+    ("setting", "icmp_group"),
+    *(("boot", mode) for mode in ("unit", "sysctl", "route", "names")),
+)
+_CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     **{
         ("filter", f"{mode} {way}"): tuple(
             ("filter", more) for more in (mode, f"all {way}", "all") if more != f"{mode} {way}"
@@ -641,4 +661,9 @@ FOLLOWS: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
         ("interface", "address"),
         ("interface", "prefix"),
     ),
+}
+
+#: A fault that follows from another fault of the same place: fault -> its possible causes.
+FOLLOWS = {
+    fault: (*_CAUSES.get(fault, ()), *([("set_up", "never")] if fault in MADE else [])) for fault in (*_CAUSES, *MADE)
 }

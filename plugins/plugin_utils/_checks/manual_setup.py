@@ -9,7 +9,8 @@ from collections.abc import Callable
 
 from .._case.case import Case
 from .._case.needs import Parts, make_parts
-from .engine import COMPUTER, OK, UNKNOWN, WARNING, Check, Judgement
+from .._case.parts import ANY
+from .engine import COMPUTER, FAILED, OK, UNKNOWN, WARNING, Check, Judgement
 
 NOT_OURS = Judgement(UNKNOWN, "what site.yml sets up", "the collection has not set this computer up")
 
@@ -32,6 +33,21 @@ def guard_evidence(evidence: Callable[[Case], Parts]) -> Callable[[Case], Parts]
     return lambda case: (
         make_parts("set_up", case.observer.name, "by_hand") if case.is_set_up_by_hand else evidence(case)
     )
+
+
+def _judge_set_up(case: Case) -> Judgement | None:
+    return Judgement(FAILED, "site.yml has run", "no record of the collection") if case.was_never_set_up else None
+
+
+SET_UP = Check(
+    id="set_up",
+    title="site.yml has run",
+    scope=COMPUTER,
+    judge=_judge_set_up,
+    about="computer",
+    expected="the collection has its records there; listed only where it has none",
+    evidence=lambda case: make_parts("set_up", ANY if case.was_none_set_up else case.observer.name, "never"),
+)
 
 
 def _judge_conflicts(case: Case) -> Judgement | None:

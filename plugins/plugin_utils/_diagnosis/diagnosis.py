@@ -18,7 +18,7 @@ from .._case import needs
 from .._case.case import Participant
 from .._case.needs import Parts
 from .._case.packet_filters import GROUP, ROSCORE
-from .._case.parts import FOLLOWS, RULED, Part
+from .._case.parts import ANY, FOLLOWS, RULED, Part
 from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Check, Row, Verification
 from .._checks.table import CHECKS
 from .._fleet.sentences import shorten_list
@@ -121,6 +121,7 @@ class _Diagnosis:
         self.checks = {check.id: check for check in verification.checks}
         self.bad = {(row.check, row.observer, row.target) for row in rows}
         self.broken: dict[Part, _Evidence] = defaultdict(_Evidence)
+        self.places: dict[tuple[str, ...], list[Part]] = defaultdict(list)  # what was read to be broken, by place
         self.cleared: dict[tuple[str, str], Counter[Part]] = {}
         self.open: list[tuple[Row, Parts]] = []
         for row in rows:
@@ -154,7 +155,7 @@ class _Diagnosis:
         lost = self._explain_loss()
         by_chance = [lost & self._loss_suspects(row) if lost else frozenset() for row, _suspects in self.open]
         failures = [
-            Failure(suspects, WEIGHTS[row.verdict] * (CHANCE if maybe - suspects else 1.0))
+            Failure(self._add_reasons(suspects), WEIGHTS[row.verdict] * (CHANCE if maybe - suspects else 1.0))
             for (row, suspects), maybe in zip(self.open, by_chance, strict=True)
         ]
         # what was read may have a text that says more; a row suspects the part without it
@@ -221,19 +222,23 @@ class _Diagnosis:
 
     def _drop_consequences(self) -> None:
         """Leave out what is broken only because another part of the same place is."""
-        places: dict[tuple[str, ...], list[Part]] = defaultdict(list)
         for part in self.broken:
-            places[part.places].append(part)
-        reasons: dict[Part, Part] = {}
-        for part in self.broken:
-            kinds = FOLLOWS.get((part.kind, part.mode), ())
-            reason = next((other for other in places[part.places] if (other.kind, other.mode) in kinds), None)
-            if reason is not None:
-                reasons[part] = reason
+            self.places[part.places].append(part)
+        reasons = {part: reason for part in self.broken if (reason := self._find_reason(part))}
         for part, reason in reasons.items():
             while reason in reasons:  # which follows from another one
                 reason = reasons[reason]
             self.broken[reason].rows += self.broken.pop(part).proof
+
+    def _find_reason(self, part: Part) -> Part | None:
+        """Find the part that was read, and from which another one of the same place follows."""
+        kinds = FOLLOWS.get((part.kind, part.mode), ())
+        read = chain(self.places[part.places], self.places[ANY,])
+        return next((other for other in read if (other.kind, other.mode) in kinds), None)
+
+    def _add_reasons(self, suspects: Parts) -> Parts:
+        """Add to the suspects what some of them follow from."""
+        return suspects | {reason for part in suspects if (reason := self._find_reason(part))}
 
     def _list_successes(self, rows: Sequence[Row]) -> tuple[str, ...]:
         """List the checks that succeed in the pairs of some rows, once for each pair."""

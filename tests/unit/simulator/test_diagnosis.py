@@ -3,9 +3,14 @@
 
 """The diagnosis on simulated fleets, in small numbers: `python -m tests.simulator` has the large ones."""
 
-import pytest
+from random import Random
 
-from tests.simulator import faults, harness
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import diagnose
+
+from tests.simulator import faults, harness, inventories
+from tests.simulator.observe import observe
+from tests.simulator.state import healthy
 
 HEALTHY, ROUNDS, PAIRS = 40, 1, 20
 # What is reached; raise them with the diagnosis.
@@ -32,3 +37,23 @@ def test_one_fault_is_named_first():
 def test_two_faults_are_among_the_first_three():
     table = harness.scores(harness.pairs_of_faults(range(PAIRS)))
     assert share(table, harness.FIRST, harness.EQUAL) >= FIRST_OF_PAIRS, harness.render_misses(table)
+
+
+NEVER = [row for row in faults.FAULTS if row.name == "site.yml never ran"]
+
+
+@pytest.mark.parametrize("number", range(1, 13))
+def test_a_computer_where_site_never_ran_is_one_finding(number):
+    ((trial, [(_row, place, _verdict)], findings),) = harness.single_faults([number], NEVER)
+    assert [(part.kind, part.place) for part, *_rivals in findings] == [("set_up", place)], trial
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_a_fleet_where_site_never_ran_is_one_finding(number):
+    random = Random(number)
+    fleet = inventories.plan(random)
+    state = healthy(random, fleet)
+    for name in fleet.computers:
+        state = faults.never_set_up(state, random, state.world.machines[name])
+    (finding,) = diagnose(fleet, observe(state, None, number)).findings
+    assert finding.sentence().startswith("site.yml has not run on any computer of this run")

@@ -38,10 +38,11 @@ def test_nodes_started_by_hand_are_named_before_site_yml():
     assert "stop them on kobuki1computer" in told.findings[0].remedy()
 
 
-def test_a_new_idle_computer_does_not_count_as_set_up_by_hand():
+def test_a_new_idle_computer_is_one_finding():
     found = notable(evaluate(_found(set_up=False)))
-    assert found["services", ONE, ONE].verdict == FAILED
-    assert parts(diagnosed(_found(set_up=False))) == [("service", ONE, "missing")]
+    assert found["services", ONE, ONE].verdict == found["set_up", ONE, ONE].verdict == FAILED
+    told = diagnosed(_found(set_up=False))
+    assert parts(told) == [("set_up", ONE, "never")] and told.findings[0].remedy() == "run site.yml"
 
 
 def test_a_computer_of_the_collection_is_judged_at_any_ports():
