@@ -585,7 +585,7 @@ members:
     tcp_outcome:
       description:
         - RV(members[].tcp) as one word,
-          V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(unknown_name), V(failed) or V(not_tried).
+          V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(no_local_port), V(unknown_name), V(failed) or V(not_tried).
       returned: for every other computer
       type: str
       sample: not_tried
@@ -847,7 +847,8 @@ masters:
       sample: ""
     outcome:
       description:
-        - The same as one word, V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(unknown_name), V(failed) or V(not_tried).
+        - The same as one word, V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(no_local_port), V(unknown_name),
+          V(failed) or V(not_tried).
       returned: always
       type: str
       sample: open
@@ -867,7 +868,7 @@ masters:
     roscore_outcome:
       description:
         - The same as one word,
-          V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(unknown_name), V(failed) or V(not_tried).
+          V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(no_local_port), V(unknown_name), V(failed) or V(not_tried).
       returned: always
       type: str
       sample: open
@@ -915,7 +916,7 @@ roscore:
       sample: ""
     outcome:
       description:
-        - The same as one word, V(answered), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(unknown_name),
+        - The same as one word, V(answered), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(no_local_port), V(unknown_name),
           V(failed) or V(not_tried).
       returned: always
       type: str
@@ -1057,7 +1058,7 @@ topics:
     reached_outcome:
       description:
         - The same as one word,
-          V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(unknown_name), V(failed) or V(not_tried).
+          V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(no_local_port), V(unknown_name), V(failed) or V(not_tried).
       returned: always
       type: str
       sample: not_tried
@@ -1229,7 +1230,7 @@ exchange:
           sample: Connection refused
         outcome:
           description:
-            - The same as one word, V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(unknown_name) or V(failed).
+            - The same as one word, V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(no_local_port), V(unknown_name) or V(failed).
           returned: always
           type: str
           sample: refused

@@ -24,6 +24,7 @@ class Outcome(enum.Enum):
     TIME_EXCEEDED = "time_exceeded"  # routers pass the packet round in a circle
     TOO_LARGE = "too_large"  # a router reports that the packet must be smaller
     WRONG_SOURCE = "wrong_source"  # the echo reply came from a different address
+    NO_LOCAL_PORT = "no_local_port"  # this computer has no free port for the connection
     UNKNOWN_NAME = "unknown_name"  # the name has no address
     FAILED = "failed"  # anything else: the errno says more
 
@@ -33,6 +34,7 @@ _OUTCOMES = {
     errno.ENETUNREACH: Outcome.NETWORK_UNREACHABLE,
     errno.EHOSTUNREACH: Outcome.HOST_UNREACHABLE,
     errno.ETIMEDOUT: Outcome.NO_ANSWER,
+    errno.EADDRNOTAVAIL: Outcome.NO_LOCAL_PORT,
 }
 
 

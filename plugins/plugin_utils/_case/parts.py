@@ -159,6 +159,14 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         cost=5.0,
         hard=False,
     ),
+    ("computer", "ports"): Fault(
+        "{place} has no free local port for a new connection",
+        "end the program that holds thousands of connections, or give the kernel more ports; see on {place}: ss -s; "
+        "sysctl net.ipv4.ip_local_port_range net.ipv4.ip_local_reserved_ports",
+        "on {place}: ss -s; sysctl net.ipv4.ip_local_port_range net.ipv4.ip_local_reserved_ports",
+        read=True,
+        unseen=False,
+    ),
     ("computer", "disk"): Fault(
         "{place} has no room on {what}", "make room there; see on {place}: df -h; du -xsh /var/log", what="a disk"
     ),
@@ -627,6 +635,14 @@ MADE = (
     ("setting", "icmp_group"),
     *(("boot", mode) for mode in ("unit", "sysctl", "route", "names")),
 )
+PORTS = ("computer", "ports")
+#: What needs a new connection of a computer.
+CALLS = (
+    *((node, mode) for node in ("roscore", "discovery", "sync") for mode in ("dead", "hung")),
+    ("sync", "stale"),
+    *(("registration", mode) for mode in ("talker", "listener")),
+    *(("filter", f"{mode} out") for mode in ("rpc", "roscore", "nodes", "all")),
+)
 _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     **{
         ("filter", f"{mode} {way}"): tuple(
@@ -635,7 +651,7 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
         for mode in DROPPED
         for way in ("in", "out")
     },
-    ("computer", "unmeasured"): (("link", "down"), ("interface", "address")),
+    ("computer", "unmeasured"): (("link", "down"), ("interface", "address"), PORTS),
     ("set_up", "by_hand"): (("set_up", "others"),),
     ("roscore", "dead"): (("interface", "duplicate"),),  # the other computer refuses
     ("discovery", "dead"): (("roscore", "dead"),),
@@ -665,5 +681,10 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
 
 #: A fault that follows from another fault of the same place: fault -> its possible causes.
 FOLLOWS = {
-    fault: (*_CAUSES.get(fault, ()), *([("set_up", "never")] if fault in MADE else [])) for fault in (*_CAUSES, *MADE)
+    fault: (
+        *_CAUSES.get(fault, ()),
+        *([("set_up", "never")] if fault in MADE else []),
+        *([PORTS] if fault in CALLS else []),
+    )
+    for fault in (*_CAUSES, *MADE, *CALLS)
 }

@@ -450,6 +450,8 @@ def _roscore_suspects(case: Case) -> Parts:
 
 def _master_uri_evidence(case: Case) -> Parts:
     seen = case.probe.roscore
+    if own := needs.find_own_fault(case, seen.outcome):
+        return own
     if seen.uri and not is_same_uri(seen.uri, case.ways.masters[case.observer.plan.robot].uri):
         return make_parts("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {seen.uri}")
     return frozenset() if seen.error else make_parts("roscore", case.masters[0], "name", what=seen.answer)

@@ -331,6 +331,8 @@ def _port_suspects(case: Case) -> Parts:
 
 
 def _port_evidence(case: Case) -> Parts:
+    if own := needs.find_own_fault(case, _connect_outcome(case)):
+        return own
     if _connect_outcome(case) == Outcome.NETWORK_UNREACHABLE:
         return make_parts("route", case.observer.name, "missing", what=COMMON)
     if (

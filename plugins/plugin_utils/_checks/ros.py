@@ -97,6 +97,8 @@ def _topic_evidence(case: Case) -> Parts:
     topic, there = case.topic, case.peer.seen.probe if case.peer else None
     if topic is None or not topic.listened:
         return frozenset()
+    if own := needs.find_own_fault(case, topic.reached_outcome):
+        return own
     if _is_filtered(case, topic.topic):
         return make_parts("declaration", case.robots[0], "narrow", what="the test topic /multimaster_verify/*")
     if there is None or there.roscore.error or topic.publishers:  # without its roscore no talker runs

@@ -33,6 +33,7 @@ def test_a_connection_is_open_refused_or_has_no_name():
     [
         (errno.ENETUNREACH, Outcome.NETWORK_UNREACHABLE),
         (errno.EHOSTUNREACH, Outcome.HOST_UNREACHABLE),
+        (errno.EADDRNOTAVAIL, Outcome.NO_LOCAL_PORT),
         (errno.ETIMEDOUT, Outcome.NO_ANSWER),
         (errno.EPERM, Outcome.FAILED),
     ],

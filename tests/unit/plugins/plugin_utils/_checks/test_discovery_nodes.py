@@ -221,7 +221,20 @@ def _port(seen):
     )
 
 
+def _no_local_port(seen):
+    """No connection can be made on tibi-nav: nothing else is wrong there."""
+    for master in seen["tibi-nav"].probe.masters:
+        update(
+            master,
+            open=False,
+            error="Cannot assign requested address",
+            outcome=Outcome.NO_LOCAL_PORT,
+            clock_offset_s=None,
+        )
+
+
 BETWEEN_NETWORKS = [
+    (_no_local_port, "rpc_port", FAILED, "computer", "tibi-nav", "ports"),
     (_masquerading, "source", WARNING, "translation", "tibi-visio", "on"),
     (_masquerading_master, "udp_unicast", FAILED, "translation", "dabo-visio", "on"),
     (_port, "rpc_port", FAILED, "route", "tibi-nav", "missing"),
