@@ -101,7 +101,7 @@ class ManagedFiles(ModuleRun):
         except transaction.StepFailure as problem:
             sentences = [f"The files of the bundle {self.bundle} could not be written: {sentence(problem.cause)}"]
             sentences += problem.left or ["Everything that this run had changed was put back."]
-            raise transaction.StepFailure(problem.cause, problem.left, " ".join(sentences)) from problem
+            raise transaction.StepFailure(problem.cause, problem.left, " ".join(sentences)) from problem.cause
         if self.reloaded:
             self._reload()
 

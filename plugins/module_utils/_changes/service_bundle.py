@@ -144,7 +144,9 @@ class ManagedServices(ModuleRun):
             carry_out(change.steps(files.steps(self.files, self.machine)))
         except StepFailure as problem:
             back = ["This could not be taken back:"] + problem.left if problem.left else ["The previous state is back."]
-            raise StepFailure(problem.cause, problem.left, " ".join([sentence(problem.cause)] + back)) from problem
+            raise StepFailure(
+                problem.cause, problem.left, " ".join([sentence(problem.cause)] + back)
+            ) from problem.cause
         self.after = change.after
 
     def failure(self, problem: Problem) -> Fields:

@@ -10,6 +10,7 @@ owned from then on:
     carry_out([intent(record, planned, before), Step("/etc/example", write, restore), outcome(record, after)])
 """
 
+import functools
 import typing
 
 from .._module.problem import Problem, sentence
@@ -79,7 +80,7 @@ def intent(record: Record, data: Data, before: Data, failure: str = "{what} ({re
     Its undo saves what the record held `before`, unless something could not be undone: then the next run needs the
     intent to repair it.
     """
-    save, restore = lambda: record.save_if_changed(data), lambda: record.save_if_changed(before)
+    save, restore = (functools.partial(record.save_if_changed, content) for content in (data, before))
     return Step(record.path, save, restore, True, failure)
 
 

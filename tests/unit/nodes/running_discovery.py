@@ -81,9 +81,11 @@ class Lab:
         ros.on_shutdown = ros.stop = lambda reason: None
         ros.md5sum = ros.sync_info = lambda name: None
         ros.DiscoveryNode = self.make_node
-        publish = lambda entries, now, robot: self.diagnosed.append({entry.name: entry for entry in entries})  # noqa: E731
-        ros.Diagnostics = lambda: types.SimpleNamespace(has_listeners=lambda: True, publish=publish)
+        ros.Diagnostics = lambda: types.SimpleNamespace(has_listeners=lambda: True, publish=self.note_diagnosis)
         return ros
+
+    def note_diagnosis(self, entries, _now, _robot):
+        self.diagnosed.append({entry.name: entry for entry in entries})
 
     def make_node(self, masters, _refresh):
         """The node in ROS. Which masters it lists at its start, and how much was sent and said before, is noted."""

@@ -39,8 +39,8 @@ VALUES = st.text(
 )
 
 
-def rendered(environment, info=INFO):
-    made = environment_module.render_files(environment, info)
+def rendered(environment, info=None):
+    made = environment_module.render_files(environment, INFO if info is None else info)
     return {file["path"]: file["content"] for file in made}
 
 
