@@ -110,7 +110,7 @@ class MasterSync:
         return min([now + ROUND, *(time for time in due if time is not None)])
 
     def _request_round(self) -> None:
-        """Have a round, since something is another."""
+        """Have a round, since something has changed."""
         self.rounds.soon(monotonic())
 
     # Discovery
@@ -125,7 +125,7 @@ class MasterSync:
         self.disconnector.look(now)
         after = self._online()
         if first or any(uri not in after or online > after[uri] for uri, online in before.items()):
-            self._request_round()  # who comes needs none: what he has is looked at when it is fetched
+            self._request_round()  # a new master needs no round: its state is looked at when it is fetched
 
     def _on_announcement(self, change: str, master: Master) -> None:
         """A message of `~changes`."""

@@ -12,7 +12,7 @@ from .clock import monotonic, wall_clock
 from .loop import Loop
 from .process import program, textfile
 
-#: seconds between two messages where somebody listens: diagnostic_aggregator calls an entry stale after five
+#: seconds between two messages to a subscriber: diagnostic_aggregator calls an entry stale after five
 PUBLISH = 2.0
 WRITE = 15.0  # seconds between two files: Prometheus asks about as often
 EARLY = 0.5  # a look comes so much early, where the loop is awake

@@ -130,7 +130,7 @@ def _unwrap(stream: Any) -> Any:
 
 
 def plain_streams() -> None:
-    """From now on, what anybody prints is plain."""
+    """Make all later output plain text."""
     for name, level in (("stdout", logging.INFO), ("stderr", logging.WARNING)):
         stream: Optional[Any] = getattr(sys, name)
         if stream is not None and not isinstance(stream, PlainStream):

@@ -94,7 +94,7 @@ class Identity:
         return [("getPid",), ("lookupService", self.service[0] or "/-")]
 
     def check(self, service: Tuple[str, str], pid: Any, service_uri: Any) -> bool:
-        """Compare the answers. `service`: the own one when they were asked for. Raises program.Fatal where the roscore is another.
+        """Compare the answers. `service`: the own one when they were asked for. Raises program.Fatal where `service_uri` differs.
 
         True where it was restarted, and has remembered this node.
         """
@@ -122,7 +122,7 @@ class Health:
         give_up: Callable[[str], None],
         again: Callable[[], None],
     ) -> None:
-        """`give_up(why)` is called where it is another one, `again()` where it answers again or was restarted."""
+        """`give_up(why)` is called where the roscore is a different one, `again()` where it answers again or was restarted."""
         self._roscore, self._identity, self._give_up, self._again = roscore, identity, give_up, again
         self._unanswered = 0
         self._line = Lifeline(loop, self._cut)

@@ -57,7 +57,7 @@ def start(default_name: str) -> Tuple[str, str]:
 
 
 def on_shutdown(callback: Callable[[str], None]) -> None:
-    """Call back with the reason when somebody else ends the node (another node with its name, `rosnode kill`)."""
+    """Call back with the reason when another program ends the node (another node with its name, `rosnode kill`)."""
     rospy.core.add_preshutdown_hook(lambda reason: callback(str(reason)))
 
 
@@ -109,7 +109,7 @@ class Diagnostics:
         self._topic = rospy.Publisher("/diagnostics", self._messages.DiagnosticArray, queue_size=1, latch=True)
 
     def has_listeners(self) -> bool:
-        """True where anybody has subscribed."""
+        """True where a node has subscribed."""
         return bool(self._topic.get_num_connections())
 
     def publish(self, parts: Sequence[Diagnosis], now: float, robot: str) -> None:
@@ -162,7 +162,7 @@ class DiscoveryNode:
         self._changes.publish(msg.MasterState(state=change, master=_to_ros_master(master)))
 
     def links(self, own_name: str, links: Callable[[], Iterable[Link]], now: float) -> None:
-        """Publish the quality of the links where somebody listens; `now` is the wall clock."""
+        """Publish the quality of the links where a node listens; `now` is the wall clock."""
         if self._links.get_num_connections() == 0:
             return
         message = msg.LinkStatesStamped()

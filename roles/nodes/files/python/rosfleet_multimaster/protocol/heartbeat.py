@@ -85,7 +85,7 @@ def decode(datagram: bytes) -> Heartbeat:
     kind = Kind.STATE
     if _GONE in (secs, local_secs):
         kind = Kind.LEAVE
-    elif min(*stamp, *local_stamp) < 0:  # ROS has no such times, so it could not be told to anybody
+    elif min(*stamp, *local_stamp) < 0:  # ROS has no such times, so no message could carry it
         raise InvalidHeartbeat("a time before 1970")
     elif version == _VERSION_WITH_REQUESTS and stamp == Stamp():
         kind = Kind.REQUEST

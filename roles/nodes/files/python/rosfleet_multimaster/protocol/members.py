@@ -3,7 +3,7 @@
 """Who belongs to the fleet: which address may be which master, where its nodes may be, and who may ask for the state.
 
 ~members has the robots of the fleet. A master of one of them is this robot at its planned addresses alone, whatever
-~strangers says. Everybody else is a stranger: allowed, or ignored. Without ~members everybody is allowed.
+~strangers says. Every other computer is a stranger: allowed, or ignored. Without ~members every computer is allowed.
 """
 
 import ipaddress
@@ -57,7 +57,7 @@ class Networks:
 
 
 class Members:
-    """The robots of the fleet, and what becomes of everybody else."""
+    """The robots of the fleet, and what becomes of strangers."""
 
     def __init__(self, robots: Iterable[Member] = (), strangers: str = ALLOW, allow: Iterable[str] = ()) -> None:
         self.robots = tuple(robots)

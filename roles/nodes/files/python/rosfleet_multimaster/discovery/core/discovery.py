@@ -8,14 +8,14 @@ Each robot announces its own master by heartbeats: to a multicast group, to the 
 heartbeat says when the state of the master changed last (its stamp), and on which port its XML-RPC server answers. It
 does not say who the master is.
 
-So a new sender is a stranger first. It is asked over TCP who it is. Anybody can write any sender into a datagram, so
+So a new sender is a stranger first. It is asked over TCP who it is. A datagram can name any sender, so
 the number of strangers is bounded, only a few are asked at a time, and silent ones are forgotten.
 A sender that answers becomes a peer, and others are told of it: `Event("new")`. Where the fleet is known (members.py), only
 its robots at their planned addresses and allowed strangers become peers; the rest are outsiders (outsiders.py).
 
 A peer that is silent for longer than it promised is asked by datagrams, then over TCP, and then it is offline. It stays
 listed, so that it is online again with its first heartbeat, and is removed after ~remove_after. A LEAVE says that a
-peer goes. Anybody can write that too: the peer is asked several times over TCP, and stays if it answers. The table
+peer goes. A LEAVE can be forged too: the peer is asked several times over TCP, and stays if it answers. The table
 `LIFE` in peer.py has all states, signs and transitions; life.py carries out its acts.
 
 The own master is announced several times after each change, since one lost datagram must not delay it. While the own

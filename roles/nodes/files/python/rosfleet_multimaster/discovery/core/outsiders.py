@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Senders that are not exchanged with: asked for their names, told of once, and else ignored.
 
-Anybody can write any sender into a datagram, so an address may belong to a computer that has nothing to do with it. It is
+A datagram can name any sender, so an address may belong to a computer that has nothing to do with it. It is
 asked over TCP twice at most, whatever is heard from there.
 """
 

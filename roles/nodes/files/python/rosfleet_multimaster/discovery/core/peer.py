@@ -221,7 +221,7 @@ class Peer:
         return f"http://{self.key[0]}:{self.key[2]}"
 
     def highest_rate(self, since: float) -> float:
-        """The highest rate of its heartbeats since a time: anybody can write a lower one."""
+        """The highest rate of its heartbeats since a time: a lower one can be forged."""
         return max((rate for rate, heard in self.promises.items() if heard >= since), default=self.beat.rate)
 
     @property

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Strangers: senders that have not said who they are. Anybody can write any sender into a datagram, so there may be many."""
+"""Strangers: senders that have not said who they are. A datagram can name any sender, so there may be many."""
 
 from typing import Dict, Iterator, List, Set, Tuple
 

@@ -24,7 +24,7 @@ class View:
     def publish(self, now: Optional[float]) -> None:
         """Compare what is known with what was told, and tell the difference. `now`: of the last tick.
 
-        Masters are known by their URI here: one that is heard from two addresses is there while one of them is. Anybody
+        Masters are known by their URI here: one that is heard from two addresses is there while one of them is. A peer
         can answer with the URI of another one. So it is shown at the same address until it does not answer there over TCP.
         """
         self._peers.stale = False

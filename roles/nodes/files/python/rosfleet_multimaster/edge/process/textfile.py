@@ -8,7 +8,7 @@ import stat
 
 
 def read(path: str, most: int) -> str:
-    """The text of a regular file that somebody else may have made. Raises OSError, and ValueError for anything else."""
+    """The text of a regular file that another program may have made. Raises OSError, and ValueError for anything else."""
     opened = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     with open(opened, "rb") as file:
         if not stat.S_ISREG(os.fstat(opened).st_mode):
@@ -20,7 +20,7 @@ def read(path: str, most: int) -> str:
 
 
 def write(path: str, text: str) -> None:
-    """Write the file anew, readable for everybody. Raises OSError."""
+    """Write the file anew, readable for every user. Raises OSError."""
     draft = f"{path}.new"
     try:
         with open(draft, "w", encoding="utf-8") as file:
