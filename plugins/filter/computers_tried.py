@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
 
-"""The filter computers_tried: at whom a computer looks in a verification, for the role verify."""
+"""The filter computers_tried: the computers that one computer tries in a verification, for the role verify."""
 
 from __future__ import annotations
 

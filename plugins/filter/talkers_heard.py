@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
 
-"""The filter talkers_heard: whose talkers are to be heard on which robot, for the role verify."""
+"""The filter talkers_heard: the talkers that each robot is to hear, for the role verify."""
 
 from __future__ import annotations
 

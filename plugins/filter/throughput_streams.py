@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
 
-"""The filter throughput_streams: who sends a stream to whom, for the role verify."""
+"""The filter throughput_streams: which computer sends a stream to which, for the role verify."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ MOST = 1_000_000  # Mbit/s
 def throughput_streams(
     fleet: Mapping[str, Any], seconds: Any, pairs: str = tried.AUTO, least: Any = 0
 ) -> dict[str, Any]:
-    """Return who sends to whom; see DOCUMENTATION. Raises AnsibleFilterError."""
+    """Return which computer sends to which; see DOCUMENTATION. Raises AnsibleFilterError."""
     length = _read_number(
         "verify_throughput", seconds, tried.SHORTEST, tried.LONGEST, "0, or the seconds of a stream, from 0.1 to 2"
     )

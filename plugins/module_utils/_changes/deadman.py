@@ -230,7 +230,7 @@ class Switch:
         atomic.remove_folder_if_empty(self.base)
 
     def _turn(self, mark: str, successor: str) -> bool:
-        """Change the state; False where it is another one."""
+        """Change the state from `mark` to `successor`; False if the state is not `mark`."""
         try:
             os.rename(self._path(mark), self._path(successor))
         except FileNotFoundError:
@@ -260,7 +260,7 @@ class Switch:
 
 
 class Guard:
-    """A module's side of the switch: two runs, of which the first changes the run time and the second confirms it.
+    """A module's side of the switch. The first run changes the run time, and the second run confirms it.
 
     The first run has confirm_within and a token as confirmation, the second the token only. The module's own run has
     these attributes, beside those of module.ModuleRun:

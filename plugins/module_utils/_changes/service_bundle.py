@@ -108,7 +108,7 @@ class ManagedServices(ModuleRun):
         self.changed = bool(self.plan.reload or self.former or acts)
 
     def _compare_texts(self, paths: typing.Dict[str, str]) -> typing.Dict[str, str]:
-        """Tell of each unit whose file is written if it is new or changed."""
+        """Name each unit that gets a file, and say if the unit is new or changed."""
         written = {file.path for file in self.files.writes}
         return {
             name: "changed" if self.machine.states[path] else "new" for name, path in paths.items() if path in written

@@ -82,7 +82,7 @@ def _uri_at(place: Row) -> str:
 
 
 def _providers(services: typing.Dict[str, typing.List[str]], end: str) -> typing.List[typing.Tuple[str, str]]:
-    """List (service, node) of the services whose names end so, the first ones."""
+    """List (service, node) of the first services with this end of their name."""
     return [(name, services[name][0]) for name in sorted(services) if name.endswith(end) and services[name]][:NODES]
 
 
@@ -132,7 +132,7 @@ def _discovery(roscore: Roscore, uri: str, service: str, node: str) -> Row:
 
 
 def _implementation(uri: str) -> str:
-    """Return whose discovery node answers at a URI: the bundled one tells this computer whom it ignores. Empty if nobody does."""
+    """Name the kind of the discovery node at a URI; empty without an answer. Only the bundled one has getOutsiders."""
     if not uri.startswith("http://"):
         return ""
     try:

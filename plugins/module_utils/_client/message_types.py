@@ -20,7 +20,7 @@ def md5sums(types):
     for name in types:
         try:
             result[name] = roslib.message.get_message_class(name)._md5sum
-        except Exception:  # whatever the import of somebody's package raises
+        except Exception:  # the import of a package may raise anything
             continue
     return result
 

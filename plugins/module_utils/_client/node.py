@@ -4,7 +4,7 @@
 """A small ROS node in one loop, without ROS: the slave API, and topics whose text each subscriber gets at once and every second.
 
 The talker is this file as a program of its own, handed over as text, so nothing here may import another part of the collection.
-Whoever calls may be anybody: bytes, connections and time are bounded.
+Any program may call: bytes, connections and time are bounded.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ DEFINITION = "string data\n"
 PERIOD = 1.0  # seconds between two messages
 REQUEST = 10.0  # seconds that a caller has for its question, and for its answer
 RETRY = 0.5  # seconds until a roscore that does not answer is asked again
-STREAM, STREAM_BYTES = 2.0, 20_000_000  # seconds and bytes of a stream that somebody sends to see how fast it comes
+STREAM, STREAM_BYTES = 2.0, 20_000_000  # seconds and bytes of a stream that measures the throughput
 _BYTES = 1 << 16  # of a question
 _CONNECTIONS = 900  # a process may have 1,024 files
 
@@ -80,7 +80,7 @@ class _Stream:
         """Count a piece; at the end return what came: bytes and seconds."""
         now = time.monotonic()
         if self.began is None:
-            self.began = now  # nobody knows how long the first piece was under way
+            self.began = now  # the first piece was under way for an unknown time
             return None
         self.bytes += size
         if now - self.began < self.seconds and self.bytes < STREAM_BYTES:
@@ -89,7 +89,7 @@ class _Stream:
 
 
 class _Link:
-    """A connection with somebody: a caller until its question is answered, a subscriber, or one who sends a stream."""
+    """A connection: of a caller until its question is answered, of a subscriber, or of the sender of a stream."""
 
     def __init__(self, connection: socket.socket, answer: typing.Callable[["_Link"], None]) -> None:
         self.connection, self.answer = connection, answer
@@ -132,7 +132,7 @@ class Node:
         """Answer until `ended`; it may be set by another thread, and counts within a tenth of a second."""
         spoken = time.monotonic()
         try:
-            while not self.ended or any(link.last for link in self._links):  # who is answered gets all of the answer
+            while not self.ended or any(link.last for link in self._links):  # a caller gets the whole answer
                 for key, _events in self._selector.select(0.1):
                     if isinstance(key.data, _Link):
                         self._move(key.data)
@@ -202,7 +202,7 @@ class Node:
             link.connection.close()
 
     def _speak(self, now: float) -> None:
-        """Say the texts again, and let go whoever is late."""
+        """Say the texts again, and close connections that are late."""
         for link in list(self._links):
             if link.topic and not link.written:
                 self._say(link, message(self.topics[link.topic]))
@@ -279,7 +279,7 @@ class Node:
         return [1, "taken", 0]
 
     def end(self, _reason: str = "") -> typing.List[typing.Any]:
-        """End, as a node does whose name another one has taken."""
+        """End, as a node does when another node takes its name."""
         self.ended = True
         return [1, "it ends", 0]
 
@@ -294,7 +294,7 @@ class Node:
         return connections
 
 
-# method -> its answer, without the name of who asks
+# method -> its answer, without the name of the caller
 ANSWERS: typing.Dict[str, typing.Callable[..., typing.List[typing.Any]]] = {
     "getPid": lambda node: [1, "", os.getpid()],
     "getMasterUri": lambda node: [1, "", node.master],

@@ -127,7 +127,7 @@ def _call_list_masters(ros: Ros, deadline: float) -> typing.Tuple[typing.List[ty
     """Call list_masters; return its masters, and an error or ''. Raises OSError with a sentence, and RosMissing."""
     try:
         rows = tcpros.call(str(ros.ask("lookupService", LIST_MASTERS)), LIST_MASTERS, tcpros.LIST_MASTERS, CALLER)
-    except tcpros.UnknownType:  # of another version of multimaster_fkie, whose classes the command may know
+    except tcpros.UnknownType:  # of another version of multimaster_fkie; the command may know its classes
         output, error = ros.run("rosservice", ["call", LIST_MASTERS], deadline - time.monotonic())
         return read_masters(output), error
     return [{key: row[key] for key in ("name", "uri", "online", "monitoruri")} for row in rows], ""

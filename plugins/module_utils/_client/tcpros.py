@@ -3,7 +3,7 @@
 
 """Services of discovery and sync nodes, and topics, by their own protocol (http://wiki.ros.org/ROS/TCPROS), without ROS here.
 
-Whoever answers may be anybody: time, bytes and numbers of entries are bounded.
+Any program may answer: time, bytes and numbers of entries are bounded.
 """
 
 import contextlib
@@ -189,7 +189,7 @@ def send_stream(place: typing.Tuple[str, int], topic: str, caller: str, seconds:
 
 def _send(connection: socket.socket, deadline: float) -> None:
     """Send until there is an answer."""
-    piece = os.urandom(1 << 16)  # nobody on the way can make it smaller
+    piece = os.urandom(1 << 16)  # random bytes, which no link can compress
     with selectors.DefaultSelector() as selector:
         selector.register(connection, selectors.EVENT_READ | selectors.EVENT_WRITE)
         while time.monotonic() < deadline:

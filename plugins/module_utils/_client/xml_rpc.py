@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""XML-RPC calls at programs that may be anybody's: bounded in time, bytes, nesting and memory."""
+"""XML-RPC calls at any program: bounded in time, bytes, nesting and memory."""
 
 import socket
 import threading

@@ -131,7 +131,7 @@ def _texts(under_way: typing.Dict[str, str]) -> typing.Tuple[bytes, bytes]:
 
 
 def is_torn(content: bytes, before: bytes, after: bytes) -> bool:
-    """True for content of which each byte is the old one, the new one or never written (0).
+    """True if each byte of the content is the old one, the new one or never written (0).
 
     Other content was written later by another program, and stays.
     """

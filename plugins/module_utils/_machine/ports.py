@@ -45,7 +45,7 @@ def holders(
     processes = []
     for entry in sockets:
         pid = owners.get(entry.inode, 0)
-        if pid <= 1:  # systemd may hold it for a service whose processes root may not read
+        if pid <= 1:  # systemd may hold it for a service; root may not read its processes
             pid = _single_unit(unreadable.get(entry.uid, []), proc) or pid
         processes.append(_holder(entry, pid, proc))
     return processes

@@ -79,7 +79,7 @@ class Look:
                 waiting += [part for part in reversed(target.split("/")) if part]
 
     def _look(self, path: str, last: bool, doubts: typing.Dict[Doubt, None]) -> bool:
-        """Note who can change this one part; False where it is not there."""
+        """Note the users that can change this one part; False where it is not there."""
         if (path, last) not in self._seen:
             if len(self._seen) >= self._most:
                 raise _LimitError(f"its paths have more than {self._most} parts{_UNKNOWN}")
@@ -95,7 +95,7 @@ class _LimitError(Exception):
 
 
 def _look(path: str, last: bool) -> typing.Tuple[bool, typing.Optional[Doubt]]:
-    """Return whether this one part of a path is there, and who can change it."""
+    """Return if this one part of a path is there, and which users can change it."""
     try:
         status = os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -106,7 +106,7 @@ def _look(path: str, last: bool) -> typing.Tuple[bool, typing.Optional[Doubt]]:
     if status.st_uid != 0:
         doubt = Doubt(status.st_uid, f"{quote(path)} belongs to {account(status.st_uid) or status.st_uid}")
     if stat.S_ISLNK(status.st_mode):
-        return True, doubt  # its folder decides who may replace it
+        return True, doubt  # its folder decides which users may replace it
     # In a folder such as /tmp, users replace their own files only, but all users add files.
     sticky = stat.S_ISDIR(status.st_mode) and status.st_mode & stat.S_ISVTX and not last
     if status.st_mode & stat.S_IWOTH and not sticky:

@@ -3,7 +3,7 @@
 """A helper of multicast_verify without its sockets: datagrams and times in, datagrams out, at the end a result.
 
 Every computer's helper sends empty datagrams ("probes") to the group: a discovery node ignores an empty datagram
-silently. An empty datagram names nobody, so a probe is known by its source. Each helper sends its probes from the
+silently. An empty datagram names no sender, so a probe is known by its source. Each helper sends its probes from the
 socket on which it speaks with the other helpers. So the source of a probe is also the place to ask: how many of mine
 have you heard?
 """
@@ -18,8 +18,8 @@ PATIENCE = 0.2  # seconds after which a count is asked for again
 ATTEMPTS = 8  # so often: then a count comes back through 30 % loss in both directions
 SILENT = 10.0  # seconds after which a helper that is no longer heard is not waited for
 TELLS = 3  # times that a helper introduces itself, or says that it is done, because any datagram can be lost
-ANSWERS = 40  # answers per second and computer; more would be somebody else's flood
-SOURCES = 4096  # (address, port, interface) kept; more would be somebody else's flood
+ANSWERS = 40  # answers per second and computer; more would be a flood of another program
+SOURCES = 4096  # (address, port, interface) kept; more would be a flood of another program
 PORTS = 8  # ports of one address to which a helper introduces itself
 
 
@@ -89,13 +89,13 @@ class Helper:
         # (address, port, interface) -> [probes, datagrams] on the group
         self.heard: typing.Dict[typing.Tuple[str, int, str], typing.List[int]] = {}
         self.heard_unicast: typing.Dict[Address, int] = {}  # probes to this computer itself
-        self.callers: typing.Dict[str, int] = {}  # address -> empty datagrams to this computer itself, from anybody
+        self.callers: typing.Dict[str, int] = {}  # address -> empty datagrams to this computer itself, from any source
         self.telling: typing.Dict[Address, int] = {}  # destination -> introductions that are still to be sent
         self.budget = (0, 0)  # (second, answers given in it)
         self.sent = 0
         self.sequence = 0
         self.rounds: typing.Optional[Steps] = None  # the measurement under way
-        self.awaited: typing.Set[Peer] = set()  # peers whose counts the measurement waits for, for a while
+        self.awaited: typing.Set[Peer] = set()  # the measurement waits a while for the counts of these peers
         self.done = False
         self.due = now
         self.deadline = now + settings.lifetime
@@ -259,7 +259,7 @@ class Helper:
         return encode(Message(kind, self.done, self.settings.address, **fields), self.settings.run)
 
     def is_over(self, now: float) -> bool:
-        """Say if this helper is no longer needed: its time is up, or nobody is left that needs it."""
+        """Say if this helper is no longer needed: its time is up, or no other helper needs it."""
         if self.rounds is not None:
             return False
         waiting = any(

@@ -4,8 +4,8 @@
 
 A discovery node that holds the port is not disturbed. A second socket on its port would need its user (SO_REUSEPORT),
 and would take unicast datagrams away from it. The helper listens on a raw socket instead: the kernel gives it a copy
-of a datagram, behind the firewall's input rules as an application's, whoever holds the port, and the port itself
-stays as it is.
+of a datagram, behind the firewall's input rules as an application's, whichever program holds the port. The port
+itself stays as it is.
 """
 
 import contextlib

@@ -49,7 +49,7 @@ def list_members(params: Params) -> typing.List[Result]:
 
 
 def list_talkers(params: Params) -> typing.List[str]:
-    """Name the computers whose talkers are to be heard here, in the order of the members."""
+    """Name the computers with talkers that are to be heard here, in the order of the members."""
     talkers = (present(params) if params["talkers"] is None else set(params["talkers"])) - {params["name"]}
     return [member["name"] for member in list_members(params) if member["name"] in talkers]
 

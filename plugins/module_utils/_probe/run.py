@@ -82,7 +82,7 @@ def collect_results(module: Module) -> Result:
     """Look at all others."""
     params = module.params
     if not module.check_mode:
-        call(params)  # once more: those whose listener was not there at the first time hear it now
+        call(params)  # once more: a computer without a listener at the first time hears it now
     result = look(params, module.check_mode)
     if not params["is_router"]:
         missing = result["ros_missing"]

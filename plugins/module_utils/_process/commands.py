@@ -103,7 +103,7 @@ def _end_late(group: int, late: threading.Event) -> None:
 
 
 def find_nobody() -> typing.Tuple[int, int]:
-    """The (uid, gid) of the user without rights."""
+    """The (uid, gid) of the user nobody, which has no rights."""
     try:
         entry = pwd.getpwnam("nobody")
         return entry.pw_uid, entry.pw_gid

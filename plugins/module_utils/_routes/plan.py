@@ -73,7 +73,7 @@ def plan_routes(
 ) -> Plan:
     """The plan from the kernel's routes and the record to these routes.
 
-    `current` holds every key of `routes` and `entries` that the kernel has. `replace`: a route of somebody else may be
+    `current` holds every key of `routes` and `entries` that the kernel has. `replace`: a route of another owner may be
     replaced. `interfaces`: the names of the interfaces that are there.
     """
     # A network on a link comes before the routes whose gateway is in it.
@@ -146,7 +146,7 @@ def _sort_routes(
 
 
 def _is_match(kernel_route: KernelRoute, route: Route, entry: Entry) -> bool:
-    """True where the kernel's route is the wanted one. A route of somebody else may have more attributes than the wanted one."""
+    """True where the kernel's route is the wanted one. A route of another owner may have more attributes than the wanted one."""
     if kernel_route.route.way not in _ways(entry):
         return route.fits(kernel_route.route)
     return kernel_route.route.way == route.way and kernel_route.route.on_link == _on_link(kernel_route, route, entry)

@@ -189,7 +189,7 @@ class Run(ModuleRun):
         }
 
     def _find_boot_conflict(self, route: Route) -> typing.Optional[str]:
-        """The sentence where a manager would make a route of somebody else again at boot, beside ours."""
+        """The sentence where a manager would make a route of another owner again at boot, beside ours."""
         entry = self.recorded.entries.get(route.key)
         ours = {other.way for other in entry.made} if entry else set()
         for kernel_route in self.current.get(route.key, []):

@@ -130,7 +130,7 @@ class Run(ModuleRun):
         )
 
     def _wrong_mode(self) -> typing.Optional[int]:
-        """The mode of our drop-in where it stays and not everybody may read it, or others than root may write it; else None."""
+        """The mode of our drop-in where it stays and is wrong: not all users may read it, or not only root may write it."""
         if self.before is None or self.plan.text is None:
             return None
         mode = stat.S_IMODE(os.lstat(self.file).st_mode)

@@ -43,7 +43,7 @@ FILES = {
         ),
     ),
 }
-# Whoever changes the packet filter when he starts.
+# Services that change the packet filter when they start.
 FILTERS = ("docker", "nftables", "ufw", "firewalld", "netfilter-persistent", "libvirtd", "fail2ban")
 MOST = 200  # files of a group that are looked at
 LOG = 3.0  # seconds for the journal

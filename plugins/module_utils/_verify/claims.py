@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Who answers for an address on the networks of this computer: two that do have the same one (RFC 826, RFC 5227).
+"""The computers that answer for an address on these networks. Two answers mean one address twice (RFC 826, RFC 5227).
 
-A question from 0.0.0.0 changes nothing in anybody's table. All answer it, while the kernel takes the first answer alone.
+A question from 0.0.0.0 changes no table. Every computer with the address answers, while the kernel takes the first answer alone.
 """
 
 import fcntl
@@ -82,11 +82,11 @@ def _send(link: socket.socket, interface: str, address: str) -> None:
         if kind == ETHERNET:
             link.sendto(question(mac, address), (interface, ARP, 0, ETHERNET, EVERYBODY))
     except OSError:
-        pass  # it is down now: nobody answers there
+        pass  # the interface is down now: no computer answers there
 
 
 def question(mac: bytes, address: str) -> bytes:
-    """Make the question who has an address, of somebody without one."""
+    """Make the question which computer has an address; the question itself comes from no address."""
     return MESSAGE.pack(ETHERNET, IPV4, 6, 4, REQUEST, mac, bytes(4), bytes(6), socket.inet_aton(address))
 
 

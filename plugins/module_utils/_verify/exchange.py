@@ -80,9 +80,9 @@ def _node_uris(ros: Ros, *tables: Names) -> typing.Dict[str, str]:
 
 
 def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]]:
-    """Read the nodes that master_sync has registered: {URI of a master: {node: URI}}. Raises OSError if nobody tells."""
+    """Read the nodes that master_sync has registered: {URI of a master: {node: URI}}. Raises OSError without an answer."""
     try:
-        # Anybody may set a parameter. A number of some millions of digits would keep a processor for minutes as an int.
+        # Any program may set a parameter. A number of some millions of digits would keep a processor for minutes as an int.
         value = json.loads(ros.ask("getParam", IMPORTS), parse_int=float)["imports"]
         if _are_masters(value):
             return value
@@ -96,7 +96,7 @@ def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]
             tcpros.call(str(ros.ask("lookupService", service)), service, tcpros.GET_SYNC_INFO, CALLER)
         )
     except tcpros.UnknownType:
-        pass  # of another version of multimaster_fkie, whose classes may be there
+        pass  # of another version of multimaster_fkie; its classes may be there
     answers, error = _ask(ros, {"types": [], "service": service})
     if not _are_masters(answers.get("service")):
         raise OSError(f"{service} does not tell what is registered: {quote(error) or 'no answer'}")
@@ -121,7 +121,7 @@ def _ask(ros: Ros, questions: typing.Dict[str, typing.Any]) -> typing.Tuple[typi
     words += ["-c", inspect.getsource(message_types)]
     output, error = ros.program("the Python of ROS", words, TYPES, json.dumps(questions))
     answers: typing.Dict[str, typing.Any] = {}
-    for line in output.splitlines():  # among what somebody's package prints when it is imported
+    for line in output.splitlines():  # among what a package prints when it is imported
         value = last_line(line.encode()) if line.startswith("{") else None
         if isinstance(value, dict):
             answers.update({name: value[name] for name in ("types", "service") if _texts(value.get(name))})
@@ -227,7 +227,7 @@ class Places:
                     self._robots[text] = member["robot"]
 
     def robot(self, host: str) -> str:
-        """Return the robot of a host, or empty; a name that is nobody's is looked up, once."""
+        """Return the robot of a host, or empty. The name of no known computer is looked up, once."""
         if host and host not in self._robots:
             addresses = call_all(resolve, [host], 5.0, lambda name: ([], ""))[0][0]
             self._robots[host] = next((self._robots[found] for found in addresses if found in self._robots), "")

@@ -20,7 +20,7 @@ UNREGISTER = ("unregisterPublisher", "unregisterSubscriber")
 
 
 def end_ghosts(ros: Ros, computer: str) -> typing.List[str]:
-    """Unregister them and return their names. Nothing is done without a roscore: whoever needs one says that it is missing."""
+    """Unregister them and return their names. Without a roscore nothing is done; other parts say that it is missing."""
     own = re.compile(rf"{node_of('', computer)}[^_]+\Z|/{listener_of(computer)}_\d+_\d+\Z")
     ended: typing.Dict[str, str] = {}  # node -> URI
     try:
@@ -39,6 +39,6 @@ def end_ghosts(ros: Ros, computer: str) -> typing.List[str]:
 
 
 def _has_ended(uri: str) -> bool:
-    """Return True if nobody listens there. Who does not answer may be busy."""
+    """Return True if no program listens there. A program that does not answer may be busy."""
     parsed = urlsplit(uri)
     return connect(parsed.hostname or "", parsed.port or 0, CONNECT).outcome == Outcome.REFUSED

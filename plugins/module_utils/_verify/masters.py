@@ -51,7 +51,7 @@ def _roscore(master: typing.Dict[str, typing.Any]) -> typing.Tuple[str, str]:
 
 
 def outsiders(monitor_uri: str) -> typing.List[typing.Dict[str, str]]:
-    """Return whom a discovery node of this computer ignores; nobody where it is another implementation, or does not answer."""
+    """Return the senders that a discovery node of this computer ignores; empty if it is upstream's, or does not answer."""
     try:
         rows = server(monitor_uri).getOutsiders()[1]
         return [{key: str(value) for key, value in zip(OUTSIDER, row)} for row in rows]

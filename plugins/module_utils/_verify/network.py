@@ -25,13 +25,13 @@ from .changes import carrier
 
 TRIES = 3  # echo requests per address; the report's wireless links lose some
 ANSWER = 1.0  # seconds that an echo reply may take
-TOLD = 3.5  # seconds until a kernel that passes packets on has told their sender that nobody has the next address (3, arp(7))
+TOLD = 3.5  # seconds until a kernel that passes packets on has told their sender that no computer has the next address (3, arp(7))
 COUNTED, PACE = 20, 0.025  # echo requests in a row, and the seconds between two of them
 MOST_COUNTED = 32  # computers to which they are sent
 DOWN = ("down", "lowerlayerdown", "notpresent", "dormant")  # operational states of RFC 2863 in which nothing passes
 CLOSED, MOST_LINES = ("blackhole ", "unreachable ", "prohibit "), 100
-UNUSED = 9  # a TCP port that nobody uses: discard (RFC 863)
-PERMANENT = 0x4  # the flag of a neighbour that somebody has set (ATF_PERM)
+UNUSED = 9  # a TCP port that no program uses: discard (RFC 863)
+PERMANENT = 0x4  # the flag of a neighbour that a person has set (ATF_PERM)
 LARGEST = 1500  # bytes of a large packet: what Ethernet takes
 # From linux/in.h; Python's socket has no names for them: set "do not fragment", and do not ask the kernel's own memory.
 IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3
@@ -131,7 +131,7 @@ def _add_routes(strange: typing.List[typing.Dict[str, typing.Any]], second: typi
 
 
 def _look_closer(answered: typing.List[typing.Dict[str, typing.Any]]) -> None:
-    """Add whether large packets arrive, how many are lost, at which hardware address who is, and why somebody is silent."""
+    """Add if large packets arrive, how many are lost, the hardware address of each computer, and why a computer is silent."""
     mtus = {interface.name: interface.mtu for interface in machine.interfaces()}
     sizes = {
         entry["address"]: min(mtus.get(entry["route"]["device"]) or LARGEST, LARGEST)
@@ -222,7 +222,7 @@ print(json.dumps(found))
 
 
 def user_addresses(names: typing.List[str]) -> typing.Dict[str, typing.List[str]]:
-    """Look up the IPv4 addresses of names as a user without rights; empty where no Python runs for him."""
+    """Look up the IPv4 addresses of names as a user without rights; empty where that user can run no Python."""
     answer = run(
         [sys.executable, "-I", "-c", _LOOK_UP], limit=15.0, unprivileged=True, given=json.dumps(names).encode()
     )
@@ -247,7 +247,7 @@ def resolve(name: str) -> typing.Tuple[typing.List[str], str]:
 
 
 def name_sources(path: str = "/etc/nsswitch.conf") -> typing.List[str]:
-    """Read who is asked for a host's name, in this order; empty where nothing is said (nsswitch.conf(5))."""
+    """Read the sources of host names, in their order; empty where the file names no source (nsswitch.conf(5))."""
     for line in text(path).splitlines():
         database, colon, sources = line.partition("#")[0].partition(":")
         if colon and database.strip() == "hosts":

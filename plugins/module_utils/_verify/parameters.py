@@ -53,7 +53,7 @@ def _filters(name: str, value: typing.Any) -> bool:
 
 
 def _text(value: typing.Any) -> str:
-    """A value for people: a roscore takes anything from anybody."""
+    """A value for people: a roscore takes anything from any program."""
     try:
         return "not set" if value is None else plain(json.dumps(value, sort_keys=True, default=str))[:LONGEST]
     except (ValueError, RecursionError):

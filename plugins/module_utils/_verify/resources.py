@@ -32,7 +32,7 @@ def disks(
         try:
             device, there = os.stat(path).st_dev, os.statvfs(path)
         except OSError:
-            continue  # it is not there; nobody writes there
+            continue  # it is not there; no program writes there
         found.setdefault(
             device,
             {

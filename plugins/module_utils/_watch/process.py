@@ -21,7 +21,7 @@ from .readings import LastLook, Targets, read_all
 from .watch import Watch
 
 LOOK = 3.0  # seconds between two looks at the parts of this computer
-TURN = 0.5  # seconds between two looks who is silent
+TURN = 0.5  # seconds between two searches for silent computers
 UDP_HEADER = 8
 RECORD = 24  # bytes of a heartbeat
 MARK = b"R"
@@ -31,7 +31,7 @@ Sources = typing.Mapping[str, str]  # address -> computer
 
 
 class Visitor(typing.NamedTuple):
-    """A visitor who waits for the next loss, until a time (monotonic seconds)."""
+    """A visitor that waits for the next loss, until a time (monotonic seconds)."""
 
     connection: socket.socket
     until: float
@@ -136,7 +136,7 @@ def _hear(watch: Watch, beats: typing.Iterable[Beat], sources: Sources, group: s
     for beat in beats:
         if beat.source not in sources:
             continue
-        # A node that sends to the group also answers who asks it directly, now and then: so no way but the group has a rhythm.
+        # A node that sends to the group sometimes also answers a direct question. So only the group has a rhythm.
         for kind in ("group", "master") if beat.destination == group else ("master",):
             watch.hear(time.monotonic(), kind, sources[beat.source], beat.rate)
 

@@ -17,7 +17,7 @@ QUIET = 5.0
 UNPROMISED = 180.0
 
 EVENTS = 500  # kept; a link that comes and goes for hours is counted beyond
-SENDERS = 4096  # of heartbeats that are kept in mind; more would be somebody else's flood
+SENDERS = 4096  # of heartbeats that are kept in mind; more would be a flood of another program
 
 HEARD, SILENT = "heard", "silent"
 GOOD = {
@@ -63,7 +63,7 @@ class Watch:
             self.first.setdefault(key, HEARD)
 
     def beat(self, now: float, wall: float) -> bool:
-        """Look who is silent; True where somebody was lost just now. A loss began with the last heartbeat."""
+        """Find the silent sources; True where one was lost just now. A loss began with the last heartbeat."""
         losses = 0
         for key, beat in self.beats.items():
             value = SILENT if now - beat.last > beat.limit else HEARD

@@ -171,7 +171,7 @@ def _render_chain(hook: str, rules: str) -> str:
 
 
 def _antispoof_rules() -> str:
-    """The rules against packets from outside whose source is an address of this computer, to it or through it."""
+    """The rules against packets from outside with an address of this computer as source, to it or through it."""
     own = "fib saddr type local fib saddr . iif oif missing"
     return "".join(f"\t\t{own} {protocol} dport {FIRST}-{LAST} drop\n" for protocol in ("tcp", "udp"))
 

@@ -3,7 +3,7 @@
 
 """Routes at boot by NetworkManager: more routes in the profile that is active on the interface (nm-settings-nmcli(5)).
 
-A profile belongs to somebody else. So a place is `nmcli:<uuid>`, and not a file. Its text has one line per route of ours, in
+A profile has another owner. So a place is `nmcli:<uuid>`, and not a file. Its text has one line per route of ours, in
 the form of `nmcli connection modify`: "ipv4.routes 192.168.11.0/24 192.168.1.201 0".
 """
 
@@ -21,7 +21,7 @@ PREFIX = "nmcli:"
 NETPLANS = "/run/NetworkManager/system-connections/netplan-"  # the beginning of the profiles that netplan writes
 _LIMIT = 30.0  # seconds; a change takes some hundredths
 _NOT_THERE = 10  # exit status of nmcli(1): no such connection, device or access point
-_EXTERNAL = "(externally)"  # somebody else has configured the interface, and NetworkManager only shows it
+_EXTERNAL = "(externally)"  # another program has configured the interface, and NetworkManager only shows it
 _WITHOUT = ("disabled", "ignore")  # methods with which a profile's routes are not made
 
 
