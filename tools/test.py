@@ -190,9 +190,9 @@ LAB_CORES = 0.66
 #: pytest's options for the tests that 'make test' leaves to 'make test-long', or the other way round.
 QUICK, THE_COSTLY = ("-m", "not costly"), ("-m", "costly")
 
-UNIT = ("--numprocesses=auto", "tests/unit")
+UNIT = (f"--numprocesses={int(CORES) + 1}", "tests/unit")
 
-#: About how many processors the unit tests keep busy: many of them wait.
+#: About how many processors the unit tests keep busy: many of them wait, so one more runs than there are processors.
 UNIT_CORES = 1.0
 
 #: Tests that assert times of tenths of a second: nothing runs beside them.

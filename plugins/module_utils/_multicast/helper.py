@@ -259,7 +259,7 @@ class Helper:
         return encode(Message(kind, self.done, self.settings.address, **fields), self.settings.run)
 
     def is_over(self, now: float) -> bool:
-        """Say if this helper is no longer needed: its time is up, or no other helper needs it."""
+        """Say if this helper is no longer needed: its time is up, or it is done and no other helper waits for it."""
         if self.rounds is not None:
             return False
         waiting = any(

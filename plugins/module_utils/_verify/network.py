@@ -31,7 +31,7 @@ MOST_COUNTED = 32  # computers to which they are sent
 DOWN = ("down", "lowerlayerdown", "notpresent", "dormant")  # operational states of RFC 2863 in which nothing passes
 CLOSED, MOST_LINES = ("blackhole ", "unreachable ", "prohibit "), 100
 UNUSED = 9  # a TCP port that no program uses: discard (RFC 863)
-PERMANENT = 0x4  # the flag of a neighbour that a person has set (ATF_PERM)
+PERMANENT = 0x4  # the flag of a neighbour set by hand or by a program (ATF_PERM)
 LARGEST = 1500  # bytes of a large packet: what Ethernet takes
 # From linux/in.h; Python's socket has no names for them: set "do not fragment", and do not ask the kernel's own memory.
 IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3
