@@ -122,7 +122,7 @@ class Health:
         give_up: Callable[[str], None],
         again: Callable[[], None],
     ) -> None:
-        """`give_up(why)` is called where the roscore is a different one, `again()` where it answers again or was restarted."""
+        """`give_up(why)` is called where the own service is lost, `again()` where it answers again or was restarted."""
         self._roscore, self._identity, self._give_up, self._again = roscore, identity, give_up, again
         self._unanswered = 0
         self._line = Lifeline(loop, self._cut)

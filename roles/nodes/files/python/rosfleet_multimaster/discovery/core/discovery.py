@@ -106,7 +106,7 @@ class Discovery:
         self.view.publish(self._ticked)
 
     def refresh(self, now: float) -> None:
-        """Ask everybody for their state now."""
+        """Ask all masters for their state now."""
         self.announcements.refresh(now)
         self.tick(now)
 
