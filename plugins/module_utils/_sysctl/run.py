@@ -130,7 +130,7 @@ class Run(ModuleRun):
         )
 
     def _wrong_mode(self) -> typing.Optional[int]:
-        """The mode of our drop-in where it stays and is wrong: not all users may read it, or not only root may write it."""
+        """The mode of our drop-in where it stays and is not 0644; else None."""
         if self.before is None or self.plan.text is None:
             return None
         mode = stat.S_IMODE(os.lstat(self.file).st_mode)

@@ -149,7 +149,7 @@ class Peers:
         return Sign.HEARD if entry.beat.stamp != Stamp() else Sign.HEARD_EMPTY
 
     def _promise(self, entry: Peer, rate: float, now: float) -> None:
-        """Take the rate in a heartbeat, which can be forged. A lower rate delays that a loss is seen: it must be confirmed."""
+        """Take the rate in a heartbeat. A heartbeat can be forged. A lower rate delays that a loss is seen: it must be confirmed."""
         entry.promises[rate] = now
         promised = entry.highest_rate(now - self._memory())
         if promised > entry.rate:

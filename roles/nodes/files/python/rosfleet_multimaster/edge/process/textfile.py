@@ -8,7 +8,7 @@ import stat
 
 
 def read(path: str, most: int) -> str:
-    """The text of a regular file that another program may have made. Raises OSError, and ValueError for anything else."""
+    """The text of a regular file that another user may have made. Raises OSError, and ValueError for anything else."""
     opened = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     with open(opened, "rb") as file:
         if not stat.S_ISREG(os.fstat(opened).st_mode):
