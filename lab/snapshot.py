@@ -116,7 +116,7 @@ def routes():
     found = {}
     for family in ("-4", "-6"):
         for route in json.loads(_run("ip", "-json", family, "route", "show", "table", "all") or "[]"):
-            if route["dst"].startswith("fe80:"):  # of a hardware address that is another after a reboot
+            if route["dst"].startswith("fe80:"):  # of a hardware address, which changes at a reboot
                 continue
             name = "%s %s dev %s table %s" % (
                 route.get("type", "unicast"),

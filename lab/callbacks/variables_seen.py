@@ -18,7 +18,7 @@ description:
 requirements: []
 """
 
-#: facts and results of tasks, and what is another in each run
+#: facts and results of tasks, and values that differ in each run
 PASSING = (
     "ansible_facts",
     "ansible_date_time",

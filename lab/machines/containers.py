@@ -271,7 +271,7 @@ def take_down(lab: str | None) -> None:
 
 @contextlib.contextmanager
 def remove_at_end(lab: str) -> Iterator[None]:
-    """Remove a lab before the block and after it, also where a signal ends this program: whoever makes one does it within."""
+    """Remove a lab before the block and after it, also where a signal ends this program: make a lab inside the block."""
     with exit_on_signals():
         try:
             try:

@@ -23,7 +23,7 @@ options:
   bundle:
     description:
       - A file that M(rosfleet.multimaster.fleet_bundle) has written, for example V(bundle.zip), which is judged in place of what this run has
-        seen. It may be anybody's, nothing of it is unpacked or run, and what is too large is refused.
+        seen. It can come from any sender. Nothing of it is unpacked or run, and what is too large is refused.
       - One of this and O(fleet), O(multicast) and O(probe) is needed.
     type: str
     default: ""

@@ -19,7 +19,7 @@ description:
   - The file is written by rename, so there is the old or the new one at any moment. Where it is a mount point, as in
     containers, it is written in place, from a copy. If such a run is killed half way, the next one repairs the file.
     Owner, mode, ACL and other extended attributes are kept; where one cannot be kept, nothing is changed.
-  - At its end it asks libc for every name where O(path) is C(/etc/hosts), and fails where the answer is another one.
+  - At its end it asks libc for every name where O(path) is C(/etc/hosts), and fails where the answer is different.
   - cloud-init writes C(/etc/hosts) at every boot where C(manage_etc_hosts) is set, for example in the user data that
     Raspberry Pi Imager writes. Where cloud-init is installed, and O(path) is C(/etc/hosts), its services get a file with
     C(manage_etc_hosts=false) that counts more than user data (drop-ins in C(/etc/systemd/system), environment

@@ -556,7 +556,7 @@ ros:
           type: dict
           sample: {ROS_DISTRO: noetic, PATH: /opt/ros/noetic/bin}
         below:
-          description: The set-up file of RV(ros.found[].for_root) where that is another one than RV(ros.found[].setup), or empty.
+          description: The set-up file of RV(ros.found[].for_root) where it differs from RV(ros.found[].setup), or empty.
           returned: always
           type: str
           sample: ""

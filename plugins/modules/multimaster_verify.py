@@ -591,8 +591,8 @@ members:
       sample: not_tried
     silent:
       description:
-        - Whether no ping was answered, and within 3.5 seconds nobody on the way told why, neither this computer's kernel nor
-          a gateway. Where nobody has the next address on the way, they would.
+        - Whether no ping was answered, and within 3.5 seconds no computer on the way told why, neither this computer's kernel nor
+          a gateway. Where no computer has the next address on the way, they would.
       returned: for every other computer
       type: bool
       sample: false
@@ -615,7 +615,7 @@ members:
 claims:
   description:
     - Who answers for an address on the networks of this computer, asked by ARP without an address of its own, so that it
-      changes nothing. The own addresses, for which nobody else is to answer, and those of O(members) and of gateways, for
+      changes nothing. The own addresses, for which no other computer is to answer, and those of O(members) and of gateways, for
       which one computer is. Empty where the kernel does not allow it, and without an interface of Ethernet.
   returned: when O(action=collect)
   type: list

@@ -62,7 +62,7 @@ A robot may be in foreign hands, and its Python with it.
 So what it answers is data, and no order to Ansible ([architecture](../develop/architecture.md#an-answer)).
 **Heartbeats** can have any sender.
 For guests there are two variables, both for the whole fleet:
-Whoever answers a question may answer anything.
+The answer to a question may be anything.
 So each answer has bounds, and all of them together have bounds too:
 It listens at all addresses, since the planned one may come late.
 Not made plain by us: what Ansible's own search for a Python shows of a robot, where Python says that it hangs (`faulthandler`: names of our files

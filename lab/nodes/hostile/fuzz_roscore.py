@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Calls that anybody may make to a roscore, out of a seed: any method, any value, any bytes; and kill -9 in between.
+"""Calls that any program may make to a roscore, out of a seed: any method, any value, any bytes; and kill -9 in between.
 
     fuzz_roscore.py CALLS [SEED]
 
@@ -436,7 +436,7 @@ class Test:
                 self.counts[f"{who}: {answer}"] += 1
 
     def end(self, kill):
-        """End the roscore: killed, or as anybody may end it."""
+        """End the roscore: killed, or by a call that any program may make."""
         if kill % 2:
             self.process.kill()
         else:

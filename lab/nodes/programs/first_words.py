@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Says some messages on each of many topics as soon as anybody is connected, and as many once the connections rest.
+"""Says some messages on each of many topics as soon as a subscriber is connected, and as many once the connections rest.
 
 first_words.py hear COUNT FOLDER... : hears FOLDER/0, FOLDER/1, ... and prints "TIME WHEN NUMBER TOPIC" for each message; WHEN
 is "early" or "rested", NUMBER that of the message. It prints "ready" once it has subscribed to all.

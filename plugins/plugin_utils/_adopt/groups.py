@@ -254,7 +254,7 @@ def _explain_rest(machines: Machines, name: str) -> str:
 def _rank_masters(machines: Machines, members: frozenset[str]) -> Sequence[str]:
     """Return the machines with a roscore: those where it runs first, then those that most name.
 
-    A single machine that uses the roscore of another one, and whose own one nobody discovers, has none that counts.
+    A single machine that uses the roscore of another one, and whose own roscore is not discovered, has no roscore that counts.
     """
     votes = Counter(machines.master_of.get(name) for name in members)
     found = sorted(

@@ -348,7 +348,7 @@ def _router(scene: _Scene, rest: Mapping[str, str]) -> tuple[Computer | None, Ch
     members = [name for group in scene.found.groups for name in group.members]
     gateways = [name for name in members if scene.common(name) is not None]
     if len(gateways) == len(members):
-        return None, None, dict(rest)  # nobody is behind a gateway: there is nothing to route
+        return None, None, dict(rest)  # no computer is behind a gateway: there is nothing to route
     hop = _first(groups.count_hops(scene.machines, gateways, scene.found.common))
     at = scene.machines.machine_at(hop) if hop else None
     able = [name for name in rest if _passes(scene, name)]

@@ -105,7 +105,7 @@ _ABOUT = (
     r"|removed|line|lines|enabled|disabled|off|allowed|available|shown|stored|visible)\b"
 )
 
-# No pattern looks at a text more than a few hundred times: logs may be anybody's.
+# No pattern looks at a text more than a few hundred times: logs may be hostile.
 FORMS = (
     _form("a private key", rf"-----BEGIN {_PEM}.*?(?:-----END {_PEM}|\Z)", flags=re.DOTALL),
     _form("the rest of a private key", rf"\A.*-----END {_PEM}", flags=re.DOTALL),

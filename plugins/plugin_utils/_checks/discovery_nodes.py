@@ -23,13 +23,13 @@ LOSS = 0.05
 CLOCK_WARNING, CLOCK_FAILED = 0.1, 0.5
 
 
-# Who has joined the group: also of nodes that somebody started by hand, whose parameters nobody knows
+# Who has joined the group: also of nodes that a person started by hand; their parameters are not known
 
 ALL_HOSTS = "224.0.0.1"  # every kernel has joined it
 
 
 def _membership_interfaces(case: Case) -> set[str] | None:
-    """The interfaces on which a program has joined the group; None where that is not to be known, or nobody needs it."""
+    """The interfaces on which a program has joined the group; None where that cannot be known, or is not needed."""
     multicast, own, group = case.observer.seen.multicast, case.own, str(case.fleet.multicast_group)
     if multicast is None or not multicast.memberships or own is None or not own.multicast or group == ALL_HOSTS:
         return None
@@ -175,7 +175,7 @@ def _judge_udp_unicast(case: Case) -> Judgement | None:
     if case.udp.unicast:
         return Judgement(OK, expected, "they arrive")
     if case.fleet.transport == "multicast":
-        return None  # nobody needs them
+        return None  # no computer needs them
     found = "no answer" if case.udp.unicast is None else "none arrives"
     return Judgement(_transport_verdict(case, case.udp.heard_from), expected, found)
 
@@ -217,7 +217,7 @@ def _judge_source(case: Case) -> Judgement | None:
     source = case.way.source
     arrived = source in case.peer.callers
     if not case.way.crosses and not arrived:
-        return None  # in one network nobody translates; what arrives clears the packet filters there
+        return None  # in one network no gateway translates; what arrives clears the packet filters there
     if arrived and case.counted:
         return PASSED
     expected = f"datagrams from {source} arrive there"
@@ -273,7 +273,7 @@ ICMP_ROUNDS = Check(
         needs.loss_parts(case, case.observer.name, case.target)
         if any(
             case.target in answered for _number, answered in case.observer.rounds
-        )  # a packet was lost: nobody drops them
+        )  # a packet was lost: no filter drops them
         else make_parts("setting", case.target, "icmp_group")
         | needs.multicast(case, case.target, case.observer.name)
         | needs.way(case, case.observer.name, case.target)
@@ -319,7 +319,7 @@ def _port_needs(case: Case) -> Parts:
 
 
 def _port_suspects(case: Case) -> Parts:
-    """A computer that refuses is there; one that says nothing would refuse if nobody listened on the port."""
+    """A computer that refuses is there; one that is silent would refuse if no program listened on the port."""
     if _connect_outcome(case) == Outcome.REFUSED:  # or a different computer has its address
         node = make_parts("discovery", case.target, "dead", "port") | make_parts("roscore", case.target, "dead")
         return node | needs.duplicates(case, case.observer.name, case.target)
@@ -438,7 +438,7 @@ OUTER_ROUTE = Check(
 )
 
 
-# The port of a roscore, seen from others: nobody needs it there, but it tells a roscore that has ended
+# The port of a roscore, seen from others: no other computer needs it, but it tells a roscore that has ended
 
 
 def _judge_roscore_port(case: Case) -> Judgement | None:

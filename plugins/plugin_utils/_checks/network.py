@@ -133,7 +133,7 @@ NAME = Check(
 def _judge_user_name(case: Case) -> Judgement | None:
     found = case.member.user_addresses if case.member else None
     if found is None or _addresses(case) != (case.address,) or case.observer.plan.is_router:
-        return None  # what root finds is another check
+        return None  # another check judges what root finds
     good = found == (case.address,)
     if good and case.counted:
         return PASSED
@@ -247,7 +247,7 @@ def _ping_needs(case: Case) -> Parts:
 
 
 def _answers_sometimes(case: Case) -> bool:
-    """Of further requests some were answered: packets get lost, and nobody keeps them back."""
+    """Of further requests some were answered: packets get lost, and no filter drops them."""
     return case.member is not None and case.member.loss is not None and case.member.loss < 1.0
 
 
@@ -399,7 +399,7 @@ PING_LARGE = Check(
 
 def _judge_ping_loss(case: Case) -> Judgement | None:
     loss = case.member.loss if case.member else None
-    if loss is None or loss == 1.0:  # nothing at all arrives: that is another check
+    if loss is None or loss == 1.0:  # nothing at all arrives: another check judges that
         return None
     if loss <= LOST and case.counted:
         return PASSED

@@ -164,7 +164,7 @@ DIRECT_CONNECTION = Check(
 
 
 def _judge_throughput(case: Case) -> Judgement | None:
-    """Judge by what the user expects; nobody else knows how fast a link is to be."""
+    """Judge by what the user expects: the user alone knows how fast a link is to be."""
     stream = case.observer.streams.get(case.target)
     if stream is None or case.peer is None:
         return None

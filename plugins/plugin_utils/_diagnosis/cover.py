@@ -19,7 +19,7 @@ from .._case.parts import Part
 
 GAIN = 4.0  # of a failure that a part explains, in the measure of Fault.cost
 KNOWN = 2.0  # what a part gains that was read to be broken
-MOST = 5  # of these, with the part itself: a longer list helps nobody
+MOST = 5  # of these, with the part itself: a longer list does not help
 MARGIN = 1.0  # parts that are as good as the best one, but for this: it is one of these
 
 
@@ -48,7 +48,7 @@ def explain(
     """Choose parts until nothing is left that any part explains; return them, and the numbers of the rest.
 
     `known` are broken for sure. `passed` counts the successes that need a part; it is asked only about the best ones.
-    `doubt` says what a part costs more since nobody has read it; None where it is not concluded at all.
+    `doubt` says what a part costs more since it was not read; None where it is not concluded at all.
     """
     cover = _Cover(failures, known, passed, doubt)
     chosen = []

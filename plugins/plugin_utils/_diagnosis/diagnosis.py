@@ -53,7 +53,7 @@ class Finding:
     also: tuple[Part, ...] = ()  # the same at the same place: other names, other networks
 
     passed: tuple[str, ...] = ()  # the checks that succeed in the same pairs, once for each
-    since: str = ""  # empty where nobody knows
+    since: str = ""  # empty where it is not known
     command: str = ""  # that mends it, where what was read gives one
 
     @property
@@ -210,7 +210,7 @@ class _Diagnosis:
         return NOT_FOUND if (part.kind, part.mode) in RULED and self.verification.state.filters.lets_pass(part) else 0.0
 
     def _unread(self, part: Part) -> bool:
-        """Nobody could look at the place of a part."""
+        """Say if the place of a part could not be looked at."""
         if not part.fault.unseen:
             return False
         computer = self._computer(part)

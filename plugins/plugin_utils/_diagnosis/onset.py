@@ -3,7 +3,7 @@
 
 """Since when a part is broken, where a machine tells: pure, a part and what was seen at its place in, a text out.
 
-A service has a time of its own. Of a kernel's settings, routes and filters nobody has noted it: there the files that decide
+A service has a time of its own. The kernel notes none for its settings, routes and filters: there the files that decide
 them, and the last start of the computer, bound it.
 """
 
@@ -37,7 +37,7 @@ BOUNDS = {
 
 
 def describe_onset(part: Part, probe: Probe | None) -> str:
-    """Say since when; empty where nobody knows."""
+    """Say since when; empty where it is not known."""
     if probe is None:
         return ""
     if part.kind in SERVICES:

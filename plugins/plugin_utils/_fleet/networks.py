@@ -35,7 +35,7 @@ class NetworkVariables:
 
     @property
     def gateway_host(self) -> str | None:
-        """The computer of the robot that is the gateway. None: it is another device, or not known."""
+        """The computer of the robot that is the gateway. None: the gateway is a device without a plan, or not known."""
         return self.gateway if isinstance(self.gateway, str) and self.gateway in self.hosts else None
 
 

@@ -70,7 +70,7 @@ class Datagrams:
             lambda: bool(hosts),
             overlapping=True,
         )
-        self._opening = RecurringJob(  # and whoever waits for one in the loop is ended by the watchdog
+        self._opening = RecurringJob(  # a wait for one in the loop would be ended by the watchdog
             resolvers if _is_name(self._interface) else DirectRunner(),
             lambda: REOPEN,
             lambda: resolve(self._interface) if self._interface else "",

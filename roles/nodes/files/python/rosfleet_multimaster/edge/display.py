@@ -42,7 +42,7 @@ class Display:
 
     @property
     def has_outputs(self) -> bool:
-        """True where anybody is shown anything."""
+        """True where there is an output."""
         return bool(self.diagnoses or self._path)
 
     def mark_stale(self) -> None:

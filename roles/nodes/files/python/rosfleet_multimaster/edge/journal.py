@@ -67,7 +67,7 @@ class Handler(logging.StreamHandler):  # type: ignore[type-arg]  # a class of Py
 
 
 def quiet(*names: str) -> None:
-    """Say nothing of what these libraries log: each line is about one request of anybody, who has it as the answer."""
+    """Say nothing of what these libraries log: each line is about one request, and its caller has it as the answer."""
     for name in names:
         logger = logging.getLogger(name)
         logger.addHandler(logging.NullHandler())

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Other programs of this computer: one that runs beside this one, and short ones whose output is wanted.
 
-What they print may be anybody's text: rosout prints the reason of a `shutdown`. So no program is given the standard streams of
+What they print may be hostile text: rosout prints the reason of a `shutdown`. So no program is given the standard streams of
 this one. What it writes to its own is handed on line by line, or goes nowhere.
 """
 
