@@ -87,6 +87,21 @@ options:
     description: The name of the variable with the streams; see M(rosfleet.multimaster.fleet_report).
     type: str
     default: ""
+  follow:
+    description: The name of the variable that was registered from M(rosfleet.multimaster.fleet_follow), for example V(verify_ways); empty
+      for none.
+    type: str
+    default: ""
+  sent:
+    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_follow) with C(action=send), for
+      example V(verify_sent); empty for none.
+    type: str
+    default: ""
+  followed:
+    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_follow) with C(action=collect),
+      for example V(verify_captures); empty for none.
+    type: str
+    default: ""
   least_mbit_s:
     description: How many Mbit/s a stream is to have at least; see M(rosfleet.multimaster.fleet_report).
     type: float

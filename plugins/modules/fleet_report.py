@@ -104,6 +104,21 @@ options:
       example V(verify_streams); empty for none.
     type: str
     default: ""
+  follow:
+    description: The name of the variable that was registered from M(rosfleet.multimaster.fleet_follow), for example V(verify_ways); empty
+      for none.
+    type: str
+    default: ""
+  sent:
+    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_follow) with C(action=send), for
+      example V(verify_sent); empty for none.
+    type: str
+    default: ""
+  followed:
+    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_follow) with C(action=collect),
+      for example V(verify_captures); empty for none.
+    type: str
+    default: ""
   least_mbit_s:
     description: How many Mbit/s a stream is to have at least, for example V(20). A slower one is a warning. With V(0), any is good.
     type: float
@@ -285,6 +300,12 @@ findings:
       elements: dict
       sample:
         - {check: name, observer: kobuki1computer, target: kobuki2computer, verdict: failed, expected: 192.168.1.239, found: 127.0.1.1}
+    followed:
+      description: What the second look has seen of it, a sentence for each place; see M(rosfleet.multimaster.multimaster_follow).
+      returned: always
+      type: list
+      elements: str
+      sample: []
     follows:
       description: How many results are not as expected because of it. The file of O(path) lists them.
       returned: always

@@ -45,6 +45,7 @@ ROOMS = {
         "_look": {"_changes", "_client", "_machine", "_module", "_process", "_routes", "_verify"},
         "_probe": {"_boot", "_client", "_look", "_machine", "_module", "_multicast", "_process", "_verify"},
         "_watch": {"_machine", "_multicast", "_process"},
+        "_follow": {"_machine", "_module", "_multicast", "_process"},
     },
     PLUGIN_UTILS: {
         "_data": set(),
@@ -58,7 +59,8 @@ ROOMS = {
         "_observed": {"_data", "_fleet", "_plan"},
         "_case": {"_data", "_fleet", "_observed", "_plan", "_world"},
         "_checks": {"_case", "_fleet", "_observed", "_plan"},
-        "_diagnosis": {"_case", "_checks", "_fleet", "_observed", "_plan"},
+        "_follow": {"_case", "_checks", "_observed"},
+        "_diagnosis": {"_case", "_checks", "_fleet", "_follow", "_observed", "_plan"},
         "_judgement": {"_case", "_checks", "_data", "_diagnosis", "_fleet", "_observed", "_plan"},
         "_report": {"_case", "_checks", "_diagnosis", "_fleet", "_judgement", "_plan"},
         "_bundle": {"_data", "_fleet", "_judgement", "_observed", "_plan"},

@@ -60,7 +60,7 @@ class ReadFilters:
             return None
         if traffic == GROUP:
             return self._trace_datagram(sender, target)
-        way = packets.echo(self._world, sender, self._packet(member, traffic))
+        way = packets.echo(self._world, sender, self.make_packet(member, traffic))
         failed = way.failure
         if failed is None or failed.rule is None or failed.rule.chain in machines[failed.where].unclear:
             return None  # no rule drops it, or one that was not understood may have let it pass
@@ -88,7 +88,8 @@ class ReadFilters:
                 return Part("filter", machine.name, f"{mode} {WORDS[chain]}")
         return None
 
-    def _packet(self, member: Member, traffic: str) -> Packet:
+    def make_packet(self, member: Member, traffic: str) -> Packet:
+        """Make a packet of a kind to a member of the fleet."""
         protocol = TRAFFIC[traffic]
         if traffic == "icmp":
             return Packet(protocol, member.address)

@@ -288,6 +288,21 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         cost=4.0,
         hard=False,
     ),
+    # Ways of packets: where they were seen to end, and no other part explains it
+    ("way", "between"): Fault(
+        "packets end between {place}: {what}",
+        "look at the network between them; see on both: ip -s link; ip neighbour; nft list ruleset",
+        cost=4.0,
+        what="they leave one and do not come in at the other",
+        hard=False,
+    ),
+    ("way", "ends"): Fault(
+        "packets end at {place}: {what}",
+        "see on {place}: ip -s link; ip neighbour; ip rule; ip route; nft list ruleset; nstat -az",
+        cost=4.0,
+        what="they come in and do not go on",
+        hard=False,
+    ),
     # Networks
     ("network", "dead"): Fault(
         "{place} carries nothing between its computers, as an access point that keeps its clients apart",
@@ -586,6 +601,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         read=True,
         unseen=False,
     ),
+    ("setting", "ttl"): Fault(
+        "packets of {place} begin with a time to live that is too small for the way",
+        "on {place}: sysctl -w net.ipv4.ip_default_ttl=64; see on {place} who sets it: grep -r ip_default_ttl /etc/sysctl.*; nft list ruleset",
+        "on {place}: sysctl net.ipv4.ip_default_ttl; nft list ruleset",
+        cost=3.0,
+        hard=False,
+    ),
     ("setting", "unread"): Fault(
         "on {place} {what} cannot be looked at, as in some containers", "nothing", what="a value"
     ),
@@ -616,6 +638,9 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     **FILTERS,
 }
+
+#: What a router says of others, which need not be so: packets are followed all the same.
+HEARSAY = {("route", "circle")}
 
 ANY = "any computer of this run"  # the place of a fault that all of them have
 

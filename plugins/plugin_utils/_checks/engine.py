@@ -158,6 +158,11 @@ class Verification:
         address = self.ways.addresses.get(target)
         return self._case(computer, target, address) if address else None
 
+    def make_case(self, observer: str, target: str) -> Case:
+        """Make a case of two computers of the run, or of one, for questions about the way between them."""
+        computer = self.run[observer]
+        return self._case(computer, target, self.ways.addresses.get(target, str(computer.plan.address)))
+
     def _case(self, observer: Participant, target: str, address: str, master: Master | None = None) -> Case:
         return Case(self.state, observer, target, address, master)
 

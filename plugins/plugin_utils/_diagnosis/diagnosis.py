@@ -18,10 +18,12 @@ from .._case import needs
 from .._case.case import Participant
 from .._case.needs import Parts
 from .._case.packet_filters import GROUP, ROSCORE
-from .._case.parts import ANY, FOLLOWS, RULED, Part
+from .._case.parts import ANY, FOLLOWS, HEARSAY, RULED, Part
 from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Check, Row, Verification
 from .._checks.table import CHECKS
 from .._fleet.sentences import shorten_list
+from .._follow.findings import SeenEnd, find_ends
+from .._follow.probes import find_trip, list_links
 from .._observed.observations import Observation
 from .._plan.model import FleetPlan
 from .commands import command
@@ -53,6 +55,7 @@ class Finding:
     also: tuple[Part, ...] = ()  # the same at the same place: other names, other networks
 
     passed: tuple[str, ...] = ()  # the checks that succeed in the same pairs, once for each
+    followed: tuple[str, ...] = ()  # what was seen where packets end, in words
     since: str = ""  # empty where it is not known
     command: str = ""  # that mends it, where what was read gives one
 
@@ -99,6 +102,15 @@ def explain_rows(verification: Verification, rows: Sequence[Row]) -> Diagnosis:
     return replace(_Diagnosis(verification, some).result(), looked_at=len(some), total=len(rows))
 
 
+def list_unshown(verification: Verification) -> list[Sequence[Row]]:
+    """List what failed and no value shows: the rows of each finding without a proof, and those that nothing explains."""
+    diagnosis = explain_rows(verification, [row for row in verification.rows(Counter()) if row.verdict != OK])
+    unshown = [
+        entry for entry in diagnosis.findings if not entry.proof or (entry.part.kind, entry.part.mode) in HEARSAY
+    ]
+    return [*((*entry.proof, *entry.rows) for entry in unshown), diagnosis.unexplained]
+
+
 def _sample(rows: Sequence[Row]) -> list[Row]:
     """Take every so many of the rows, and all that are of one computer."""
     step = -(-len(rows) // MOST)
@@ -113,6 +125,7 @@ class _Evidence:
     rows: list[Row] = field(default_factory=list)
     rivals: tuple[Part, ...] = ()
     passed: tuple[str, ...] = ()
+    followed: tuple[str, ...] = ()
 
 
 class _Diagnosis:
@@ -124,6 +137,8 @@ class _Diagnosis:
         self.places: dict[tuple[str, ...], list[Part]] = defaultdict(list)  # what was read to be broken, by place
         self.cleared: dict[tuple[str, str], Counter[Part]] = {}
         self.open: list[tuple[Row, Parts]] = []
+        self.ends = find_ends(verification)
+        self.shown: dict[Part, list[SeenEnd]] = defaultdict(list)  # what packets have shown at the place of a part
         for row in rows:
             self._read(row)
 
@@ -133,11 +148,28 @@ class _Diagnosis:
         case = self.verification.case(check, row.observer, row.target)
         if case is None:
             return
-        if evidence := check.evidence(case) or self._find_drop(check, row):
+        if evidence := self._read_end(row) or check.evidence(case) or self._find_drop(check, row):
             for part in evidence:
                 self.broken[part].proof.append(row)
         else:
             self.open.append((row, (check.suspects or check.needs)(case)))
+
+    def _read_end(self, row: Row) -> Parts:
+        """Return the part that followed packets have shown on the way of a row."""
+        end = self._find_end(row)
+        if end is None or end.sign is None:
+            return frozenset()
+        self.shown[end.sign].append(end)
+        return frozenset({end.sign})
+
+    def _find_end(self, row: Row) -> SeenEnd | None:
+        """Find the place where packets of the same kind were seen to end on the way of a row."""
+        trip = find_trip(self.verification, row) if self.ends else None
+        if trip is None:
+            return None
+        computers = self._list_computers(trip.sender, trip.target)
+        same = [end for end in self.ends if end.trip.traffic == trip.traffic and end.crosses(computers)]
+        return next((end for end in same if end.trip == trip), same[0] if same else None)
 
     def _find_drop(self, check: Check, row: Row) -> Parts:
         """Find the packet filter with a rule that drops what a check has sent in vain."""
@@ -152,6 +184,7 @@ class _Diagnosis:
     def result(self) -> Diagnosis:
         """Explain what no value explains."""
         self._drop_consequences()
+        self._use_ends()
         lost = self._explain_loss()
         by_chance = [lost & self._loss_suspects(row) if lost else frozenset() for row, _suspects in self.open]
         failures = [
@@ -160,18 +193,47 @@ class _Diagnosis:
         ]
         # what was read may have a text that says more; a row suspects the part without it
         told = {part._replace(what=""): part for part in self.broken}
-        chosen, rest = explain(failures, {*self.broken, *told}, self.successes, self._doubt)
+        ends = {end.part for end in self.ends}
+        chosen, rest = explain(failures, {*self.broken, *told, *ends}, self.successes, self._doubt)
         for entry in chosen:
             known = entry.part if entry.part in self.broken else told.get(entry.part, entry.part)
             broken = self.broken[known]
             broken.rows += [self.open[number][0] for number in entry.failures]
             broken.rivals = broken.rivals or entry.rivals
             broken.passed = self._list_successes(broken.rows)
+            broken.followed = tuple(dict.fromkeys(end.words for end in self.shown[known]))[:NAMED]
         for number in rest:
             if by_chance[number]:
                 self.broken[min(by_chance[number])].rows.append(self.open[number][0])
         unexplained = tuple(self.open[number][0] for number in rest if not by_chance[number])
         return Diagnosis(tuple(map(self._add_details, _findings(self.broken))), unexplained)
+
+    def _use_ends(self) -> None:
+        """Let what failed on a way that was followed suspect only what the packets left there."""
+        if not self.ends:
+            return
+        self.open = [(row, self._choose_at_end(row, suspects)) for row, suspects in self.open]
+        places = [end for end in self.ends if end.part in self.shown]
+        self.open = [
+            (
+                row,
+                suspects | {end.part for end in places if end.crosses(self._list_computers(row.observer, row.target))},
+            )
+            for row, suspects in self.open
+        ]
+
+    def _choose_at_end(self, row: Row, suspects: Parts) -> Parts:
+        end = self._find_end(row)
+        if end is None:
+            return suspects
+        chosen = end.choose(part for part in suspects if part in self.broken or self._doubt(part) is not None)
+        for part in chosen:
+            self.shown[part].append(end)
+        return chosen
+
+    def _list_computers(self, one: str, other: str) -> set[str]:
+        """Name the planned computers on the way between two."""
+        return {one, other, *(place for place, _network in list_links(self.verification, one, other))}
 
     def _add_details(self, entry: Finding) -> Finding:
         """Add what the machine at its place tells: since when, by how much, and what mends it."""
@@ -303,7 +365,15 @@ def _findings(broken: Mapping[Part, _Evidence]) -> list[Finding]:
         verdicts = {row.verdict for row in (*entry.proof, *entry.rows)}
         worst = next((verdict for verdict in SERIOUS if verdict in verdicts), UNKNOWN)
         groups[part._replace(what="")].append(
-            Finding(part, worst, entry.rivals, tuple(entry.proof), tuple(entry.rows), passed=entry.passed)
+            Finding(
+                part,
+                worst,
+                entry.rivals,
+                tuple(entry.proof),
+                tuple(entry.rows),
+                passed=entry.passed,
+                followed=entry.followed,
+            )
         )
     found = [_merge(group) for group in groups.values()]
     return sorted(found, key=_importance)
@@ -330,5 +400,6 @@ def _merge(group: Sequence[Finding]) -> Finding:
         verdict=min((entry.verdict for entry in group), key=SERIOUS.index),
         proof=tuple(chain.from_iterable(entry.proof for entry in group)),
         rows=tuple(chain.from_iterable(entry.rows for entry in group)),
+        followed=tuple(chain.from_iterable(entry.followed for entry in group))[:NAMED],
         also=tuple(sorted(entry.part for entry in group if entry is not first)),
     )

@@ -65,9 +65,14 @@ def judge(verification: Verification, pages: bool, everything: bool) -> Judgemen
 
 def judge_run(run: Run, pages: bool, everything: bool) -> Judgement:
     """Judge the observations of a run."""
+    return judge(make_verification(run), pages, everything)
+
+
+def make_verification(run: Run) -> Verification:
+    """Apply the table of checks to the observations of a run."""
     pairs = AUTO if run.about.get("pairs") == AUTO else ALL
     least = float(run.about.get("least_mbit_s") or 0)
-    return judge(Verification(CHECKS, run.fleet, run.observations, pairs, least), pages, everything)
+    return Verification(CHECKS, run.fleet, run.observations, pairs, least)
 
 
 def make_document(run: Run, judgement: Judgement) -> dict[str, Any]:

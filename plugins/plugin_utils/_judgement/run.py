@@ -28,6 +28,9 @@ OPTIONS = (
     "machine",
     "streams",
     "least_mbit_s",
+    "follow",
+    "sent",
+    "followed",
 )
 
 
@@ -50,7 +53,7 @@ def gather_run(
     names = {option: options.get(option) or "" for option in (*OPTIONS, "logs")}
     planned_names = list_plan_names(fleet)
     observations = {
-        host: read_observation(hostvars[host], names, planned_names) for host in fleet.computers if host in hosts
+        host: read_observation(host, hostvars[host], names, planned_names) for host in fleet.computers if host in hosts
     }
     infos = {host: find_result(hostvars[host], names["machine"]) for host in observations}
     logs = {host: _lines(find_result(hostvars[host], names["logs"])) for host in observations} if names["logs"] else {}

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 from .._plan.preflight import MachineState
 from .outcomes import Outcome
+from .second_look import SecondLook
 
 # multimaster_verify: the network
 
@@ -542,3 +543,4 @@ class Observation:
     services: tuple[str, ...] | None = None  # the planned services that can run there, by preflight
     streams: Streams | None = None  # None where no throughput was measured
     filters: FilterChains | None = None  # None where the machine was not looked at
+    second_look: SecondLook | None = None  # None where nothing was followed

@@ -20,6 +20,7 @@ from .._plan.model import FleetPlan
 from .._plan.preflight import MachineState
 from .observations import FilterChains, Multicast, Observation, PacketFilter, Probe, Streams
 from .outcomes import Outcome
+from .second_look import FollowPlan, SecondLook, SeenPackets, SentProbes
 
 T = TypeVar("T")
 LONGEST_TEXT = 500  # characters of one text of a robot
@@ -43,7 +44,7 @@ FORMS = {
     "roscore": re.compile(r"open"),
     "tcp": re.compile(r"refused"),
     **dict.fromkeys(
-        ("outcome", "tcp_outcome", "roscore_outcome", "reached_outcome"),
+        ("outcome", "tcp_outcome", "roscore_outcome", "reached_outcome", "data"),
         re.compile("|".join(word.value for word in Outcome)),
     ),
     "name_sources": re.compile(r"files|dns|resolve|myhostname|mymachines|compat|nis|wins"),
@@ -53,16 +54,17 @@ FORMS = {
     "hook": re.compile(r"input|forward|output"),
     "policy": re.compile(r"accept|drop"),
     "verdict": re.compile(r"accept|drop|reject"),
-    "protocol": re.compile(r"tcp|udp|icmp|igmp"),
+    "protocol": re.compile(r"tcp|udp|icmp|igmp|arp"),
+    "counter": re.compile(r"[A-Z][A-Za-z]{2,40}|conntrack [a-z_]+|[a-z0-9]+ (errors|drops) (in|out)"),
 }
 #: a key of a result is a word of our modules, or a name of others
 KEY = re.compile(r"[a-z][a-z_]*")
 
 
 def read_observation(
-    variables: Mapping[str, Any], tasks: Mapping[str, Any], names: Collection[str] = ()
+    host: str, variables: Mapping[str, Any], tasks: Mapping[str, Any], names: Collection[str] = ()
 ) -> Observation:
-    """Read the registered results of one computer; the message of the first failure is its problem.
+    """Read the registered results of a computer; the message of the first failure is its problem.
 
     `tasks` has the names of the variables with the results, and `names` the names of the plan.
     """
@@ -81,6 +83,7 @@ def read_observation(
             services=read_services(variables, tasks.get("plan", ""), names),
             streams=read_result(Streams, variables, tasks.get("streams", ""), "streams", names),
             filters=read_result(FilterChains, variables, f"{tasks.get('machine', '')}.filters", "chains", names),
+            second_look=read_second_look(host, variables, tasks, names),
         )
     except Mismatch as mismatch:  # a stranger's answer to one computer must not cost the others their report
         return Observation(
@@ -130,6 +133,20 @@ def find_result(variables: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     for key in name.split("."):
         result = result[key] if isinstance(result, Mapping) and key in result else {}
     return result if isinstance(result, Mapping) else {}
+
+
+def read_second_look(
+    host: str, variables: Mapping[str, Any], tasks: Mapping[str, Any], names: Collection[str] = ()
+) -> SecondLook | None:
+    """Read what a computer sent and saw in the second look; None where there was none. Raises Mismatch."""
+    plan = from_plain(
+        FollowPlan, find_result(variables, tasks.get("follow", ""))
+    )  # of the controller: nothing to quote
+    if not plan.probes:
+        return None
+    sent = read_result(SentProbes, variables, tasks.get("sent", ""), "sent", names) or SentProbes()
+    packets = read_result(SeenPackets, variables, tasks.get("followed", ""), "seen", names)
+    return SecondLook(tuple(probe for probe in plan.probes if probe.sender == host), sent.sent, packets)
 
 
 def read_services(variables: Mapping[str, Any], name: str, names: Collection[str] = ()) -> tuple[str, ...] | None:

@@ -114,6 +114,9 @@ def _finding(entry: Finding) -> Iterator[tuple[str, str]]:
             yield "     besides:  ", "in the same pairs these succeed: " + _count_checks(entry.passed)
     elif entry.rows:
         yield "     follows:  ", _count_checks(row.check for row in entry.rows)
+    for words in entry.followed:
+        if words != entry.part.what:
+            yield "     followed: ", words
     yield "     since:    ", entry.since
     yield "     behind:   ", _name_unexamined(entry)
     if entry.rivals:

@@ -14,7 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.out
 
 def _read(variables, multicast, probe, earlier, packet_filter=""):
     tasks = {"multicast": multicast, "probe": probe, "earlier": earlier, "packet_filter": packet_filter}
-    return task_results.read_observation(variables, tasks)
+    return task_results.read_observation("kobuki1computer", variables, tasks)
 
 
 def test_registered_results_become_an_observation():

@@ -1,0 +1,249 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""Packets of one run, as they come in and go out: a packet socket, its filter in the kernel, and the reader of what it gives.
+
+The filter lets through what this run has sent, its answers, the ICMP errors, and ARP. So the other traffic of a robot costs
+nothing, and the socket needs no promiscuous mode: a packet with the hardware address of another computer is not its business.
+"""
+
+import ctypes
+import hashlib
+import socket
+import struct
+import typing
+
+from .._multicast.packets import checksum
+
+ANY_PROTOCOL = 3  # ETH_P_ALL of linux/if_ether.h: only such a socket is shown what goes out
+IPV4, ARP = 0x0800, 0x0806
+ICMP, TCP, UDP = 1, 6, 17
+SO_ATTACH_FILTER = 26  # asm-generic/socket.h
+OUTGOING = 4  # PACKET_OUTGOING of linux/if_packet.h
+WITH_HEADER = (1, 772)  # ARPHRD_ETHER and ARPHRD_LOOPBACK of linux/if_arp.h: interfaces with a header of Ethernet
+ETHERNET = 14  # bytes of that header
+ARP_OF_IPV4 = 28  # bytes of an ARP message about IPv4 (RFC 826)
+MOST_WAITING = 10_000  # packets that wait in a socket
+SNAP = 192  # bytes of a packet that are read
+SYN, RST, ACK = 0x02, 0x04, 0x10  # flags of TCP (RFC 9293)
+ERRORS = (3, 5, 11, 12)  # types of ICMP that quote a packet (RFC 792)
+REQUEST, ANSWER, ERROR = "request", "answer", "error"
+
+# Offsets of linux/filter.h: what the kernel knows of a packet, and its network header, whatever stands before it
+SKF_AD_PROTOCOL, NETWORK = 0xFFFFF000, 0xFFF00000
+# Classic BPF (kernel: Documentation/networking/filter.rst): code of each instruction that is used here
+LOAD_WORD, LOAD_BYTE, LOAD_HALF_AT, LOAD_BYTE_AT, LOAD_WORD_AT = 0x20, 0x30, 0x48, 0x50, 0x40
+LOAD_HALF, MASK, SHIFT, TO_INDEX, EQUAL, ANY_BIT, RETURN = 0x28, 0x54, 0x64, 0x07, 0x15, 0x45, 0x06
+
+
+class Tag(typing.NamedTuple):
+    """The mark of a run on its packets."""
+
+    word: int  # the first 32 bits of a datagram's payload
+    identifier: int  # of ICMP echo requests
+    ports: typing.Tuple[int, ...]  # to which connections are opened
+
+    @classmethod
+    def from_run(cls, run: str, ports: typing.Iterable[int] = ()) -> "Tag":
+        """Make the tag of a run from its label."""
+        word, identifier = struct.unpack("!IH", hashlib.sha256(b"follow " + run.encode()).digest()[:6])
+        return cls(word, identifier, tuple(sorted(set(ports))))
+
+    def payload(self, number: int) -> bytes:
+        """Return the payload of the datagram with a number."""
+        return struct.pack("!IB", self.word, number)
+
+
+class Capture(typing.NamedTuple):
+    """A packet of the run, at one interface of this computer."""
+
+    interface: str
+    outgoing: bool
+    kind: str  # request, answer or error
+    protocol: str  # icmp, tcp, udp or arp
+    source: str  # IPv4 address; of an ARP message, of the computer that sends it
+    destination: str  # IPv4 address; of an ARP message, the one that is asked for, or told
+    source_port: int
+    port: int
+    number: int  # of the probe, in ICMP and UDP; -1 in others
+    sequence: int  # of TCP: the first number of the connection (RFC 9293), which every router leaves as it is
+    ttl: int
+    length: int  # bytes of the IPv4 packet
+    intact: bool  # its header has the right checksum
+    source_mac: str
+    target_mac: str
+    icmp_type: int = -1  # of an error
+    icmp_code: int = -1
+    reporter: str = ""  # the address that sends the error
+
+
+# The filter
+
+
+def make_filter(tag: Tag) -> bytes:
+    """Return the program that lets packets of a run through: a list of struct sock_filter."""
+    # (code, jump if true, jump if false, operand); a jump counts the instructions that it leaves out
+    begin: typing.List[typing.Tuple] = [
+        (LOAD_WORD, 0, 0, SKF_AD_PROTOCOL),
+        (EQUAL, "accept", 0, ARP),
+        (EQUAL, 0, "refuse", IPV4),
+        (LOAD_HALF, 0, 0, NETWORK + 6),
+        (ANY_BIT, "refuse", 0, 0x1FFF),  # a later fragment has no ports
+        (LOAD_BYTE, 0, 0, NETWORK),
+        (MASK, 0, 0, 0x0F),
+        (SHIFT, 0, 0, 2),
+        (TO_INDEX, 0, 0, 0),  # the length of the IPv4 header
+        (LOAD_BYTE, 0, 0, NETWORK + 9),
+        (EQUAL, "tcp", 0, TCP),
+        (EQUAL, "udp", 0, UDP),
+        (EQUAL, 0, "refuse", ICMP),
+        (LOAD_BYTE_AT, 0, 0, NETWORK),
+    ]
+    begin += [(EQUAL, "accept", 0, kind) for kind in ERRORS]
+    begin += [
+        (LOAD_HALF_AT, 0, 0, NETWORK + 4),
+        (EQUAL, "accept", "refuse", tag.identifier),
+    ]
+    udp: typing.List[typing.Tuple] = [(LOAD_WORD_AT, 0, 0, NETWORK + 8), (EQUAL, "accept", "refuse", tag.word)]
+    tcp: typing.List[typing.Tuple] = [(LOAD_BYTE_AT, 0, 0, NETWORK + 13), (ANY_BIT, 0, "refuse", SYN | RST)]
+    for offset in (2, 0):
+        tcp += [(LOAD_HALF_AT, 0, 0, NETWORK + offset)]
+        tcp += [(EQUAL, "accept", 0, port) for port in tag.ports]
+    lines = begin + udp + tcp + [(RETURN, 0, 0, 0), (RETURN, 0, 0, SNAP)]
+    places = {"udp": len(begin), "tcp": len(begin + udp), "refuse": len(lines) - 2, "accept": len(lines) - 1}
+    return b"".join(
+        struct.pack("HBBI", code, *(places[to] - place - 1 if isinstance(to, str) else to for to in jumps), operand)
+        for place, (code, *jumps, operand) in enumerate(lines)
+    )
+
+
+def open_socket(tag: Tag) -> socket.socket:
+    """Open the packet socket of a run; needs root. Raises OSError."""
+    link = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ANY_PROTOCOL))
+    try:
+        link.setblocking(False)
+        program = make_filter(tag)
+        code = ctypes.create_string_buffer(program)
+        link.setsockopt(
+            socket.SOL_SOCKET, SO_ATTACH_FILTER, struct.pack("HP", len(program) // 8, ctypes.addressof(code))
+        )
+        drain(link)
+    except OSError:
+        link.close()
+        raise
+    return link
+
+
+def drain(link: socket.socket) -> None:
+    """Throw away what came before the filter was set."""
+    for _unused in range(MOST_WAITING):
+        try:
+            link.recv(1)
+        except BlockingIOError:
+            return
+
+
+# The reader
+
+
+def read_packets(link: socket.socket, tag: Tag, most: int) -> typing.Iterator[Capture]:
+    """Yield the packets of a run that wait in the socket, so many at most."""
+    for _unused in range(most):
+        try:
+            data, (interface, protocol, kind, hardware, _sender) = link.recvfrom(SNAP)
+        except OSError:
+            return
+        header = ETHERNET if hardware in WITH_HEADER else 0
+        macs = (write_mac(data[6:12]), write_mac(data[:6])) if header else ("", "")
+        found = read_packet(tag, protocol, data[header:], macs)
+        if found is not None and interface != "lo":
+            yield found._replace(interface=interface, outgoing=kind == OUTGOING)
+
+
+def write_mac(data: bytes) -> str:
+    """Write a hardware address as ip(8) does."""
+    return ":".join(f"{byte:02x}" for byte in data)
+
+
+def read_packet(tag: Tag, protocol: int, data: bytes, macs: typing.Tuple[str, str]) -> typing.Optional[Capture]:
+    """Read a packet without its header of Ethernet, whose hardware addresses are `macs`; None for one of no run of ours."""
+    if protocol == ARP:
+        return _read_arp(data, macs)
+    found = _read_ipv4(tag, data)
+    if found is None or found.protocol != "icmp" or found.kind != ERROR:
+        return found and found._replace(source_mac=macs[0], target_mac=macs[1])
+    quoted = _read_ipv4(tag, data[(data[0] & 0x0F) * 4 + 8 :])
+    if quoted is None or quoted.kind == ERROR:
+        return None
+    return quoted._replace(
+        kind=ERROR,
+        ttl=found.ttl,
+        length=found.length,
+        intact=found.intact,
+        source_mac=macs[0],
+        target_mac=macs[1],
+        icmp_type=found.icmp_type,
+        icmp_code=found.icmp_code,
+        reporter=found.source,
+    )
+
+
+def _read_arp(data: bytes, macs: typing.Tuple[str, str]) -> typing.Optional[Capture]:
+    """Read a message of ARP (RFC 826). An answer comes from the computer that has its source address."""
+    if len(data) < ARP_OF_IPV4 or data[:6] != b"\0\1\x08\0\x06\x04":
+        return None
+    kind = {1: REQUEST, 2: ANSWER}.get(data[7])
+    if kind is None:
+        return None
+    source, target = socket.inet_ntoa(data[14:18]), socket.inet_ntoa(data[24:28])
+    plain = Capture("", False, kind, "arp", source, target, 0, 0, -1, 0, 0, ARP_OF_IPV4, True, *macs)
+    return plain._replace(source_mac=write_mac(data[8:14]))
+
+
+def _read_ipv4(tag: Tag, data: bytes) -> typing.Optional[Capture]:
+    """Read a packet of IPv4 (RFC 791), or the beginning of one that an ICMP error quotes."""
+    size = (data[0] & 0x0F) * 4 if data else 0
+    if size < 20 or len(data) < size + 8:
+        return None
+    length, ttl, number = struct.unpack("!2xH4xBB", data[:10])
+    source, target = socket.inet_ntoa(data[12:16]), socket.inet_ntoa(data[16:20])
+    reader = _READERS.get(number)
+    plain = Capture(
+        "", False, REQUEST, "", source, target, 0, 0, -1, 0, ttl, length, checksum(data[:size]) == 0, "", ""
+    )
+    return reader(tag, plain, data[size:]) if reader else None
+
+
+def _read_icmp(tag: Tag, plain: Capture, body: bytes) -> typing.Optional[Capture]:
+    kind, code, identifier, number = struct.unpack("!BB2xHH", body[:8])
+    plain = plain._replace(protocol="icmp", number=number)
+    if kind in ERRORS:
+        return plain._replace(kind=ERROR, icmp_type=kind, icmp_code=code)
+    if identifier != tag.identifier or kind not in (0, 8):
+        return None
+    return plain._replace(kind=REQUEST if kind else ANSWER)
+
+
+def _read_tcp(tag: Tag, plain: Capture, body: bytes) -> typing.Optional[Capture]:
+    """Read the first packets of a connection. An answer has the next number of the request (RFC 9293, section 3.5)."""
+    source, target, sequence = struct.unpack("!HHI", body[:8])
+    if not {source, target} & set(tag.ports):
+        return None
+    flags = body[13] if len(body) > 13 else SYN  # an error quotes eight bytes alone, and requests are what is refused
+    plain = plain._replace(protocol="tcp", source_port=source, port=target, sequence=sequence)
+    if flags & ACK and flags & (SYN | RST):
+        answered = struct.unpack("!I", body[8:12])[0]
+        return plain._replace(kind=ANSWER, sequence=(answered - 1) & 0xFFFFFFFF)
+    return plain
+
+
+def _read_udp(tag: Tag, plain: Capture, body: bytes) -> typing.Optional[Capture]:
+    """Read a datagram. An error may quote eight bytes of it alone, so its number is not known."""
+    source, target = struct.unpack("!HH", body[:4])
+    word, number = struct.unpack("!IB", body[8:13]) if len(body) >= 13 else (tag.word, -1)
+    if word != tag.word:
+        return None
+    return plain._replace(protocol="udp", source_port=source, port=target, number=number)
+
+
+_READERS = {ICMP: _read_icmp, TCP: _read_tcp, UDP: _read_udp}

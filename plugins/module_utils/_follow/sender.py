@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""What is followed: this computer sends once more what failed, with the tag of the run.
+
+A connection is an ordinary one, since rules for users, connections and states must treat it as that of a node.
+"""
+
+import socket
+import typing
+
+from .._machine.outcomes import Outcome, classify_error
+from .._multicast.packets import echo_request
+from .capture import Tag
+
+PATIENCE = 2.5  # seconds for a connection: time for a second SYN
+TIMES = 3  # datagrams and echo requests of each probe
+TTL = 20  # of datagrams to the group, as the discovery nodes send
+ASKED = b"HEAD / HTTP/1.0\r\n\r\n"  # a question that every server of XML-RPC answers, be it with an error
+
+Probe = typing.Dict[str, typing.Any]
+
+
+class SendResult(typing.NamedTuple):
+    """What became of a probe, as far as its sender knows."""
+
+    number: int
+    outcome: Outcome
+    errno: typing.Optional[int] = None
+    source_port: int = 0
+    data: Outcome = Outcome.NOT_TRIED  # of a question in an open connection
+
+
+def send(tag: Tag, probe: Probe) -> SendResult:
+    """Send a probe."""
+    try:
+        return _SENDERS[probe["protocol"]](tag, probe)
+    except OSError as problem:
+        return SendResult(probe["number"], *classify_error(problem))
+
+
+def _send_echo(tag: Tag, probe: Probe) -> SendResult:
+    with socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_ICMP) as link:
+        for _unused in range(TIMES):
+            link.sendto(echo_request(tag.identifier, probe["number"], probe["size"]), (probe["address"], 0))
+    return SendResult(probe["number"], Outcome.NO_ANSWER)  # the answer is seen by the listener
+
+
+def _send_datagram(tag: Tag, probe: Probe) -> SendResult:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, TTL)
+        if probe["interface_address"]:
+            link.bind((probe["interface_address"], 0))
+            own = socket.inet_aton(probe["interface_address"])
+            link.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, own)
+        for _unused in range(TIMES):
+            link.sendto(tag.payload(probe["number"]), (probe["address"], probe["port"]))
+        return SendResult(probe["number"], Outcome.NO_ANSWER, None, link.getsockname()[1])
+
+
+def _open_connection(_tag: Tag, probe: Probe) -> SendResult:
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as link:
+        link.settimeout(PATIENCE)
+        outcome, number = Outcome.OPEN, None
+        try:
+            link.connect((probe["address"], probe["port"]))
+        except OSError as problem:
+            outcome, number = classify_error(problem)
+        sent = SendResult(probe["number"], outcome, number, link.getsockname()[1])
+        return sent._replace(data=_ask(link)) if outcome == Outcome.OPEN else sent
+
+
+def _ask(link: socket.socket) -> Outcome:
+    """Ask for anything in an open connection."""
+    try:
+        link.sendall(ASKED)
+        return Outcome.ANSWERED if link.recv(1) else Outcome.REFUSED
+    except OSError as problem:
+        return classify_error(problem)[0]
+
+
+_SENDERS = {"icmp": _send_echo, "udp": _send_datagram, "tcp": _open_connection}

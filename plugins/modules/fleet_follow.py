@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: fleet_follow
+short_description: Choose which packets are followed, where no value shows why they are lost
+version_added: "1.0.0"
+description:
+  - Judges what the computers have registered so far, as M(rosfleet.multimaster.fleet_report) does. Where something failed and
+    no value shows the reason, it chooses a packet for each way that fails, at most twelve, and the computers on these ways.
+  - M(rosfleet.multimaster.multimaster_follow) sends and sees these packets.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes.info
+options:
+  fleet:
+    description: The return of M(rosfleet.multimaster.fleet_plan).
+    type: dict
+    required: true
+  multicast:
+    description: As in M(rosfleet.multimaster.fleet_report), for example V(verify_probe.multicast).
+    type: str
+  probe:
+    description: As in M(rosfleet.multimaster.fleet_report), for example V(verify_probe).
+    type: str
+  packet_filter:
+    description: As in M(rosfleet.multimaster.fleet_report), for example V(verify_filter).
+    type: str
+    default: ""
+  plan:
+    description: As in M(rosfleet.multimaster.fleet_report), for example V(multimaster_plan).
+    type: str
+    default: ""
+  earlier:
+    description: As in M(rosfleet.multimaster.fleet_report), for example V([verify_started]).
+    type: list
+    elements: str
+    default: []
+  machine:
+    description: As in M(rosfleet.multimaster.fleet_report), for example V(verify_started.machine).
+    type: str
+    default: ""
+  pairs:
+    description: As in M(rosfleet.multimaster.fleet_report), for example V(auto).
+    type: str
+    choices: [auto, all]
+    default: all
+  streams:
+    description: As in M(rosfleet.multimaster.fleet_report), for example V(verify_streams).
+    type: str
+    default: ""
+  least_mbit_s:
+    description: As in M(rosfleet.multimaster.fleet_report), for example V(20).
+    type: float
+    default: 0
+author:
+  - rosfleet contributors (@rosfleet)
+seealso:
+  - module: rosfleet.multimaster.multimaster_follow
+  - module: rosfleet.multimaster.fleet_report
+"""
+
+EXAMPLES = r"""
+- name: Verify the fleet, and say what could be followed
+  hosts: robots
+  gather_facts: false
+  become: true
+  roles:
+    - role: rosfleet.multimaster.verify # it registers what its tasks have seen, and fails after its judgement
+      ignore_errors: true
+  tasks:
+    - name: Choose what to follow
+      rosfleet.multimaster.fleet_follow:
+        fleet: "{{ multimaster_fleet }}"
+        probe: verify_probe
+        multicast: verify_probe.multicast
+      run_once: true
+      register: ways
+"""
+
+RETURN = r"""
+probes:
+  description: What is to be sent, for O(rosfleet.multimaster.multimaster_follow#module:probes); none where nothing is to be followed.
+  returned: success
+  type: list
+  elements: dict
+  sample:
+    - number: 0
+      sender: kobuki1computer
+      target: kobuki2computer
+      traffic: rpc
+      protocol: tcp
+      address: 192.168.1.239
+      port: 11611
+      size: 0
+      interface_address: ""
+listeners:
+  description: The computers that are to listen.
+  returned: success
+  type: list
+  elements: str
+  sample: [kobuki1computer, kobuki2computer]
+msg:
+  description: What is followed, in a sentence.
+  returned: always
+  type: str
+  sample: 1 way is followed, since no value shows why packets fail there.
+"""

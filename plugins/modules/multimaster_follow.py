@@ -1,0 +1,340 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: multimaster_follow
+short_description: Follow packets from computer to computer, and tell where they vanish
+version_added: "1.0.0"
+description:
+  - The second look of a verification. Several computers listen while some of them send once more what did not arrive. Each tells
+    which of these packets came in and went out, by which interface, from and to which hardware address.
+  - It takes three tasks. With O(action=listen), a listener is left running. With O(action=send), the computer sends its
+    O(probes). With O(action=collect), the listener tells what it saw, and ends. Use the C(linear) strategy (the default), so that a
+    task is through on every computer before the next one begins.
+  - A listener sees packets of this O(run), ICMP errors and ARP messages alone, 2000 at most. It is in no promiscuous mode, and ends
+    by itself after O(lifetime), also where the controller has vanished.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes.probe
+attributes:
+  check_mode:
+    support: full
+    details: It does the same in check mode, since it changes nothing.
+options:
+  action:
+    description:
+      - With V(listen), a listener begins; an older one of this computer ends.
+      - With V(send), this computer sends those of O(probes) whose C(sender) is O(name).
+      - With V(collect), the listener of the same O(run) tells what it saw, and ends.
+    type: str
+    choices: [listen, send, collect]
+    required: true
+  run:
+    description:
+      - The label of the run, for example V(verify-1730000000), of 1 to 64 letters, digits, dots, hyphens and underscores. The tag of
+        its packets is made of it.
+    type: str
+    required: true
+  name:
+    description: The name of this computer, as in O(probes[].sender), for example V(kobuki1computer).
+    type: str
+    default: ""
+  probes:
+    description: What is sent, by all computers of the run; 16 at most.
+    type: list
+    elements: dict
+    default: []
+    suboptions:
+      number:
+        description: The number of the probe, from 0 to 255, for example V(3).
+        type: int
+        required: true
+      sender:
+        description: The computer that sends it, for example V(kobuki1computer).
+        type: str
+        required: true
+      target:
+        description: The computer for which it is, for example V(kobuki2computer). Not read; accepted so that
+          RV(rosfleet.multimaster.fleet_follow#module:probes) can be given as it is.
+        type: str
+        default: ""
+      traffic:
+        description: The kind of packets that failed, for example V(rpc). Not read; accepted as O(probes[].target) is.
+        type: str
+        default: ""
+      protocol:
+        description:
+          - V(icmp) for echo requests, V(udp) for datagrams, V(tcp) for a connection in which a question is asked.
+        type: str
+        choices: [icmp, udp, tcp]
+        required: true
+      address:
+        description: The IPv4 address to which it is sent, for example V(192.168.1.239), or that of a multicast group.
+        type: str
+        required: true
+      port:
+        description: The port to which it is sent, for example V(11311); without a meaning for V(icmp).
+        type: int
+        default: 0
+      size:
+        description: The bytes of the IPv4 packet of an echo request, for example V(1500); as small as possible with V(0).
+        type: int
+        default: 0
+      interface_address:
+        description: For a datagram, the IPv4 address from which it is sent, for example V(192.168.1.229). The kernel chooses, if empty.
+        type: str
+        default: ""
+  lifetime:
+    description: How many seconds a listener lives at most, for example V(30); from 1 to 120.
+    type: int
+    default: 30
+author:
+  - rosfleet contributors (@rosfleet)
+seealso:
+  - module: rosfleet.multimaster.fleet_follow
+  - module: rosfleet.multimaster.multimaster_verify
+  - name: Verification
+    description: The role that uses it, with C(verify_follow).
+    link: https://github.com/rosfleet/multimaster/tree/main/docs/operate/verification.md
+"""
+
+EXAMPLES = r"""
+- name: Follow a connection from one robot to another
+  hosts: robots
+  gather_facts: false
+  become: true
+  module_defaults:
+    rosfleet.multimaster.multimaster_follow:
+      run: morning
+      name: "{{ inventory_hostname }}"
+      probes:
+        - {number: 0, sender: kobuki1computer, protocol: tcp, address: 192.168.1.239, port: 11311}
+  tasks:
+    - name: Listen
+      rosfleet.multimaster.multimaster_follow:
+        action: listen
+
+    - name: Send
+      rosfleet.multimaster.multimaster_follow:
+        action: send
+
+    - name: Tell what was seen
+      rosfleet.multimaster.multimaster_follow:
+        action: collect
+      register: followed
+"""
+
+RETURN = r"""
+sent:
+  description: What became of each probe of this computer, as far as it knows itself.
+  returned: when O(action=send)
+  type: list
+  elements: dict
+  sample: [{number: 0, outcome: no_answer, errno: 110, source_port: 40132, data: not_tried}]
+  contains:
+    number:
+      description: The number of the probe.
+      returned: always
+      type: int
+      sample: 0
+    outcome:
+      description:
+        - The outcome as one word, as RV(rosfleet.multimaster.multimaster_verify#module:members) has it, for example V(refused). Echo
+          requests and datagrams that were sent have V(no_answer).
+      returned: always
+      type: str
+      sample: no_answer
+    errno:
+      description: The number of the kernel's error, for example V(99) (EADDRNOTAVAIL); none without an error.
+      returned: always
+      type: int
+      sample: 110
+    source_port:
+      description: The local port, or V(0).
+      returned: always
+      type: int
+      sample: 40132
+    data:
+      description: The outcome of a question in an open connection, as one word.
+      returned: always
+      type: str
+      sample: not_tried
+seen:
+  description: The packets that came in and went out here, in the order of time, 2000 at most.
+  returned: when O(action=collect)
+  type: list
+  elements: dict
+  sample:
+    - interface: eth0
+      outgoing: true
+      kind: request
+      protocol: tcp
+      source: 192.168.1.229
+      destination: 192.168.1.239
+      source_port: 40132
+      port: 11311
+      number: -1
+      sequence: 2868410113
+      ttl: 64
+      length: 60
+      intact: true
+      source_mac: 02:42:c0:a8:01:e5
+      target_mac: 02:42:c0:a8:01:ef
+      icmp_type: -1
+      icmp_code: -1
+      reporter: ""
+  contains:
+    interface:
+      description: The interface.
+      returned: always
+      type: str
+      sample: eth0
+    outgoing:
+      description: Whether it went out, and did not come in.
+      returned: always
+      type: bool
+      sample: true
+    kind:
+      description: V(request), V(answer), or V(error) for an ICMP error that quotes the packet.
+      returned: always
+      type: str
+      sample: request
+    protocol:
+      description: V(icmp), V(tcp), V(udp) or V(arp).
+      returned: always
+      type: str
+      sample: tcp
+    source:
+      description: The IPv4 address of the sender; of an ICMP error that of the quoted packet.
+      returned: always
+      type: str
+      sample: 192.168.1.229
+    destination:
+      description: The IPv4 address of the receiver; of an ARP message the one that is asked for.
+      returned: always
+      type: str
+      sample: 192.168.1.239
+    source_port:
+      description: The port of the sender, or V(0).
+      returned: always
+      type: int
+      sample: 40132
+    port:
+      description: The port of the receiver, or V(0).
+      returned: always
+      type: int
+      sample: 11311
+    number:
+      description: The number of the probe in echo requests and datagrams; else V(-1).
+      returned: always
+      type: int
+      sample: -1
+    sequence:
+      description: The first sequence number of a connection. Routers leave it as it is, so it is the same on every computer.
+      returned: always
+      type: int
+      sample: 2868410113
+    ttl:
+      description: The time to live with which it was seen.
+      returned: always
+      type: int
+      sample: 64
+    length:
+      description: The bytes of the IPv4 packet.
+      returned: always
+      type: int
+      sample: 60
+    intact:
+      description: Whether its IPv4 header has the right checksum.
+      returned: always
+      type: bool
+      sample: true
+    source_mac:
+      description: The hardware address from which it came; empty on an interface without such addresses.
+      returned: always
+      type: str
+      sample: 02:42:c0:a8:01:e5
+    target_mac:
+      description: The hardware address to which it went.
+      returned: always
+      type: str
+      sample: 02:42:c0:a8:01:ef
+    icmp_type:
+      description: The type of an ICMP error; else V(-1).
+      returned: always
+      type: int
+      sample: -1
+    icmp_code:
+      description: The code of an ICMP error; else V(-1).
+      returned: always
+      type: int
+      sample: -1
+    reporter:
+      description: The address that has sent an ICMP error; else empty.
+      returned: always
+      type: str
+      sample: ""
+missed:
+  description: How many packets were seen beyond those of RV(seen).
+  returned: when O(action=collect)
+  type: int
+  sample: 0
+counters:
+  description:
+    - Counters of packets that were given up which have grown meanwhile, 60 at most. They are those of C(/proc/net/snmp), C(/proc/net/netstat),
+      C(/proc/net/dev) and conntrack, and rules of nftables that drop or reject and count.
+  returned: when O(action=collect)
+  type: list
+  elements: dict
+  sample: [{counter: IpInHdrErrors, more: 3}]
+  contains:
+    counter:
+      description: The name of the counter, or the rule.
+      returned: always
+      type: str
+      sample: IpInHdrErrors
+    more:
+      description: By how much it has grown.
+      returned: always
+      type: int
+      sample: 3
+msg:
+  description: What was done, in a sentence.
+  returned: always
+  type: str
+  sample: Saw 14 packets.
+"""
+
+from ..module_utils._follow.run import ACTIONS, run
+from ..module_utils._module.module import Module
+
+ARGUMENTS = {
+    "action": {"type": "str", "choices": list(ACTIONS), "required": True},
+    "run": {"type": "str", "required": True},
+    "name": {"type": "str", "default": ""},
+    "probes": {
+        "type": "list",
+        "elements": "dict",
+        "default": [],
+        "options": {
+            "number": {"type": "int", "required": True},
+            "sender": {"type": "str", "required": True},
+            "target": {"type": "str", "default": ""},
+            "traffic": {"type": "str", "default": ""},
+            "protocol": {"type": "str", "choices": ["icmp", "udp", "tcp"], "required": True},
+            "address": {"type": "str", "required": True},
+            "port": {"type": "int", "default": 0},
+            "size": {"type": "int", "default": 0},
+            "interface_address": {"type": "str", "default": ""},
+        },
+    },
+    "lifetime": {"type": "int", "default": 30},
+}
+
+
+def main() -> None:
+    run(Module(argument_spec=ARGUMENTS, supports_check_mode=True))
+
+
+if __name__ == "__main__":
+    main()

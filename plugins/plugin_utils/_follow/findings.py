@@ -1,0 +1,69 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The second look at a run: the places where packets were seen to end, and the part that each leaves. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from .._case.parts import Part
+from .._checks.engine import Verification
+from .place import Map, Place, Trip, describe_counters, describe_place, locate
+from .probes import list_links
+from .suspects import find_sign, is_consistent, name_place
+
+
+@dataclass(frozen=True)
+class SeenEnd:
+    """A place where packets were seen to end."""
+
+    place: Place
+    words: str  # what was seen there
+    sign: Part | None  # the one part of the table that this shows
+
+    @property
+    def part(self) -> Part:
+        """The part that the place shows, or the place itself."""
+        return self.sign or name_place(self.place, self.words)
+
+    @property
+    def trip(self) -> Trip:
+        """The trip of its packets."""
+        probe = self.place.probe
+        return Trip(probe.traffic, probe.sender, probe.target)
+
+    def crosses(self, computers: Iterable[str]) -> bool:
+        """Say if a way by these computers leads through the place, and by the part that it shows."""
+        return {*self.place.places, *(self.sign.places if self.sign else ())} <= set(computers)
+
+    def choose(self, suspects: Iterable[Part]) -> frozenset[Part]:
+        """Return the suspects that the place leaves; the place itself where it leaves none."""
+        left = () if self.sign else (part for part in suspects if is_consistent(part, self.place))
+        return frozenset(left) or frozenset({self.part})
+
+
+def find_ends(verification: Verification) -> list[SeenEnd]:
+    """Find the places where the followed packets of a run end; nothing where none was followed."""
+    looks = {name: one.seen.second_look for name, one in verification.run.items() if one.seen.second_look}
+    probes = [probe for look in looks.values() for probe in look.probes]
+    chart = Map(
+        hosts={mac: name for name, one in verification.run.items() for mac in one.macs},
+        name_at=verification.ways.name_at,
+        listening=frozenset(name for name, look in looks.items() if look.packets),
+    )
+    routes = {
+        probe.number: list(
+            dict.fromkeys(place for place, _network in list_links(verification, probe.sender, probe.target))
+        )
+        for probe in probes
+    }
+    found = []
+    for place in locate(looks, chart, routes):
+        if place.is_fault:
+            packets = looks[place.at].packets if place.at in looks else None
+            counters = packets.counters if packets else ()
+            words = [describe_place(place, chart), describe_counters(counters)]
+            found.append(SeenEnd(place, "; ".join(filter(None, words)), find_sign(place, counters)))
+    return found

@@ -1,0 +1,227 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The place where followed packets end: what all computers captured in, one place for each probe out. Pure.
+
+A packet is walked from its sender, hop by hop: it left by an interface for a hardware address; the computer with this address saw it
+come in, and left it go out. An answer is walked in the same way back. The first step that nobody saw is the place.
+"""
+
+from __future__ import annotations
+
+import enum
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
+
+from .._observed.second_look import Capture, Counter, FollowedProbe, SecondLook, SentProbe
+
+MOST_HOPS = 16
+REQUEST, ANSWER, ERROR, ARP = "request", "answer", "error", "arp"
+ONE_HOST = re.compile(r"[0-9a-f][02468ace](:[0-9a-f]{2}){5}")  # a hardware address of no group
+LARGE = "large"  # the traffic of an echo request as large as the usual MTU
+CLOSED_PORT = 3, 3  # type and code of ICMP (RFC 792): the datagram has arrived
+
+
+class Trip(NamedTuple):
+    """A kind of packets from a computer to another one."""
+
+    traffic: str  # a word of packet_filters.TRAFFIC, or LARGE
+    sender: str
+    target: str
+
+
+class Stage(enum.Enum):
+    """The last step of packets that was seen."""
+
+    SOURCE = "source"  # they do not leave the computer that is to send them
+    ASKED = "asked"  # it asks for the hardware address of the next one, and gets no answer
+    WIRE = "wire"  # they leave one computer, and do not come in at the next one
+    STRANGER = "stranger"  # they leave for a hardware address that no computer of the fleet has
+    HOP = "hop"  # they come in at a computer that is to pass them on, and do not leave it
+    TARGET = "target"  # they come in at their target, and it does not answer
+    REPORTED = "reported"  # a computer reports by ICMP why it passes them on no more
+    UNSEEN = "unseen"  # they leave for a computer that did not listen
+    ARRIVED = "arrived"  # they arrive, and so does the answer
+
+
+@dataclass(frozen=True)
+class Place:
+    """The place where the packets of a probe end, or those of its answer."""
+
+    probe: FollowedProbe
+    stage: Stage
+    at: str = ""  # the computer that saw them last; of a report, the one that reports
+    next: str = ""  # the computer that was to see them; empty where none is known
+    answer: bool = False  # the answer ends there
+    last: Capture | None = None  # seen last
+    sent: SentProbe | None = None
+    asked: str = ""  # the address that was asked for in vain
+    first_ttl: int = 0  # with which the sender has sent them; 0 where it was not seen
+
+    @property
+    def is_fault(self) -> bool:
+        """True where packets were seen to end."""
+        return self.stage not in (Stage.ARRIVED, Stage.UNSEEN)
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The computers concerned."""
+        return tuple(name for name in (self.at, self.next) if name)
+
+
+@dataclass(frozen=True)
+class Map:
+    """What the controller knows of the computers: whose an address or a hardware address is."""
+
+    hosts: Mapping[str, str]  # hardware address -> computer
+    name_at: Callable[[str], str]  # IPv4 address -> computer, empty for one of no computer
+    listening: frozenset[str]
+
+
+class _Walk:
+    """The packets of one probe, at all computers."""
+
+    def __init__(
+        self, probe: FollowedProbe, sent: SentProbe | None, chart: Map, seen: Mapping[str, Sequence[Capture]]
+    ) -> None:
+        self.probe, self.sent, self.chart = probe, sent, chart
+        connections = {
+            one.sequence
+            for one in seen.get(probe.sender, ())
+            if one.outgoing and one.protocol == "tcp" and (one.kind, one.port) == (REQUEST, probe.port)
+            and sent is not None and sent.source_port in (0, one.source_port)
+        }  # fmt: skip
+        self.own = {host: [one for one in packets if self._is_own(one, connections)] for host, packets in seen.items()}
+        self.asks = {host: [one for one in packets if one.protocol == ARP] for host, packets in seen.items()}
+
+    def _is_own(self, one: Capture, connections: set[int]) -> bool:
+        if one.protocol != self.probe.protocol:
+            return False
+        if one.protocol == "tcp":
+            return one.sequence in connections
+        unnumbered = one.kind == ERROR and one.number < 0 and self.sent is not None
+        return one.number == self.probe.number or (
+            unnumbered and self.sent is not None and one.source_port == self.sent.source_port
+        )
+
+    def find_place(self, route: Sequence[str]) -> Place:
+        """Find the place. `route` names the planned computers on the way, from the sender to the target."""
+        there = self._walk(REQUEST, route)
+        first = self._pick(self.probe.sender, REQUEST, outgoing=True)
+        there = replace(there, first_ttl=first.ttl if first else 0)
+        report = next((one for one in self.own.get(self.probe.sender, ()) if one.kind == ERROR), None)
+        if report and (report.icmp_type, report.icmp_code) != CLOSED_PORT:
+            at = self.chart.name_at(report.reporter) or report.reporter
+            return replace(there, stage=Stage.REPORTED, at=at, next="", last=report)
+        if there.stage != Stage.ARRIVED or self.probe.protocol == "udp" or report:
+            return there
+        if not self._pick(self.probe.target, ANSWER, outgoing=True):
+            return replace(there, stage=Stage.TARGET, at=self.probe.target)
+        return replace(self._walk(ANSWER, route[::-1]), answer=True, first_ttl=there.first_ttl)
+
+    def _pick(self, host: str, kind: str, outgoing: bool) -> Capture | None:
+        """Return the last packet of a kind at a computer."""
+        found = [one for one in self.own.get(host, ()) if one.kind == kind and one.outgoing == outgoing]
+        return found[-1] if found else None
+
+    def _walk(self, kind: str, route: Sequence[str]) -> Place:
+        """Walk from the first computer of the route to the last one."""
+        at, end = route[0], route[-1]
+        came: Capture | None = None
+        following = dict(pairwise(route))
+        for _hop in range(MOST_HOPS):
+            place = Place(self.probe, Stage.HOP, at, following.get(at, ""), last=came, sent=self.sent)
+            left = self._pick(at, kind, outgoing=True)
+            if left is None:
+                asked = self._find_question(at)
+                if asked:
+                    return replace(place, stage=Stage.ASKED, asked=asked, next=self.chart.name_at(asked) or place.next)
+                return replace(place, stage=Stage.SOURCE if came is None else Stage.HOP)
+            place = replace(place, last=left)
+            to = self._find_receiver(left, place.next)
+            if not to:
+                return replace(place, stage=Stage.STRANGER)
+            came = self._pick(to, kind, outgoing=False)
+            if came is None:
+                lost = Stage.WIRE if to in self.chart.listening else Stage.UNSEEN
+                return replace(place, stage=lost, next=to)
+            if to == end:
+                return replace(place, stage=Stage.ARRIVED, at=to, next="", last=came)
+            at = to
+        return replace(place, stage=Stage.HOP)
+
+    def _find_receiver(self, left: Capture, planned: str) -> str:
+        """Name the computer for which a packet left; a group and an interface without hardware addresses name none."""
+        return self.chart.hosts.get(left.target_mac, "") if ONE_HOST.fullmatch(left.target_mac) else planned
+
+    def _find_question(self, host: str) -> str:
+        """Return the address for which a computer asked in vain, of those on the way."""
+        asked = [one.destination for one in self.asks.get(host, ()) if one.outgoing and one.kind == REQUEST]
+        answered = {one.source for one in self.asks.get(host, ()) if not one.outgoing}
+        return next((address for address in asked if address not in answered), "")
+
+
+def locate(looks: Mapping[str, SecondLook], chart: Map, routes: Mapping[int, Sequence[str]]) -> list[Place]:
+    """Find the place of each probe. `routes` has the planned computers on the way of each."""
+    seen = {host: look.packets.seen for host, look in looks.items() if look.packets}
+    found = []
+    for look in looks.values():
+        sent = {one.number: one for one in look.sent}
+        found += [
+            _Walk(probe, sent.get(probe.number), chart, seen).find_place(routes[probe.number])
+            for probe in look.probes
+            if probe.number in routes
+        ]
+    return found
+
+
+# Words
+
+
+def describe_probe(probe: FollowedProbe) -> str:
+    """Name what was sent, for a sentence."""
+    if probe.traffic == "group":
+        return f"datagrams of {probe.sender} to the group"
+    words = {"icmp": "pings", "tcp": f"connections to port {probe.port}", "udp": f"datagrams to port {probe.port}"}
+    size = f" of {probe.size} bytes" if probe.size else ""
+    return f"{words[probe.protocol]}{size} from {probe.sender} to {probe.target}"
+
+
+def describe_place(place: Place, chart: Map) -> str:
+    """Say what was seen last, and what was not seen."""
+    subject = f"{'the answers to ' if place.answer else ''}{describe_probe(place.probe)}"
+    verb = {
+        Stage.SOURCE: f"do not leave {place.at}",
+        Stage.ASKED: f"do not leave {place.at}: it asks who has {place.asked}, and no computer answers",
+        Stage.WIRE: f"left {place.at}{_interface(place)} for {place.next}{_mac(place)}, and did not come in there",
+        Stage.STRANGER: f"left {place.at}{_interface(place)} for{_mac(place)}, which no computer of the fleet has",
+        Stage.HOP: f"came in at {place.at}{_interface(place)}, and did not leave it",
+        Stage.TARGET: f"came in at {place.at}{_interface(place)}, which sent no answer",
+        Stage.REPORTED: f"end at {place.at}, which reports ICMP type {place.last and place.last.icmp_type}, "
+        f"code {place.last and place.last.icmp_code}",
+        Stage.UNSEEN: f"left {place.at}{_interface(place)} for {place.next}, which did not listen",
+        Stage.ARRIVED: "arrive now",
+    }[place.stage]
+    expected = ""
+    if place.stage == Stage.STRANGER and place.next:
+        own = sorted(mac for mac, name in chart.hosts.items() if name == place.next)
+        expected = f" ({place.next}, which was expected, has {' and '.join(own[:2])})" if own else ""
+    return f"{subject} {verb}{expected}"
+
+
+def _interface(place: Place) -> str:
+    return f" on {place.last.interface}" if place.last else ""
+
+
+def _mac(place: Place) -> str:
+    mac = place.last.target_mac if place.last else ""
+    return f" {mac}" if mac else ""
+
+
+def describe_counters(counters: Iterable[Counter]) -> str:
+    """Say which counters of a computer have grown meanwhile; empty where none has."""
+    found = ", ".join(f"{one.counter} +{one.more}" for one in counters)
+    return f"meanwhile its kernel counted {found}" if found else ""

@@ -1,0 +1,90 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The choice of what is followed: one probe for each way on which something failed that no value shows.
+
+Pure: the failed rows in, probes and listeners out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import zip_longest
+
+from .._case import needs
+from .._case.packet_filters import GROUP, ROSCORE, TRAFFIC
+from .._checks.engine import FAILED, WARNING, Row, Verification
+from .._observed.second_look import FollowedProbe
+from .place import LARGE, Trip
+
+MTU = 1500
+MOST = 12  # probes of one run
+# The check of large packets has no word of packet_filters.TRAFFIC, since no rule tells packets by their size.
+KINDS: Mapping[str, str] = {"ping_large": LARGE}
+
+
+def find_trip(verification: Verification, row: Row) -> Trip | None:
+    """Return what a failed check has sent in vain; None where it sends nothing that can be followed."""
+    check = next((one for one in verification.checks if one.id == row.check), None)
+    traffic = (check.carries if check else "") or KINDS.get(row.check, "")
+    if not traffic or row.verdict not in (FAILED, WARNING):
+        return None
+    if traffic == GROUP:
+        trip = Trip(traffic, row.target, row.observer)
+    elif traffic == ROSCORE:
+        robot = verification.run[row.observer].plan.robot
+        trip = Trip(traffic, row.observer, verification.ways.master(robot))
+    else:
+        trip = Trip(traffic, row.observer, row.target)
+    can_follow = trip.sender in verification.run and trip.target in verification.ways.members
+    return trip if can_follow and trip.sender != trip.target else None
+
+
+def choose_probes(verification: Verification, groups: Iterable[Sequence[Row]]) -> list[FollowedProbe]:
+    """Choose probes for rows that failed. Each group has what one finding explains, and all groups are served in turn."""
+    ways = [_list_ways(verification, group) for group in groups]
+    turns = (trip for turn in zip_longest(*ways) for trip in turn if trip)
+    chosen = list(dict.fromkeys(turns))[:MOST]
+    return [_make_probe(verification, number, trip) for number, trip in enumerate(chosen)]
+
+
+def _list_ways(verification: Verification, rows: Iterable[Row]) -> list[Trip]:
+    """List one trip for each kind of packet and each two robots."""
+    found: dict[tuple[str, str, str], Trip] = {}
+    for row in rows:
+        trip = find_trip(verification, row)
+        if trip:
+            robots = (verification.run[trip.sender].plan.robot, verification.ways.members[trip.target].robot)
+            found.setdefault((trip.traffic, *robots), trip)
+    return list(found.values())
+
+
+def _make_probe(verification: Verification, number: int, trip: Trip) -> FollowedProbe:
+    fleet, member = verification.fleet, verification.ways.members[trip.target]
+    packet = verification.state.filters.make_packet(member, "icmp" if trip.traffic == LARGE else trip.traffic)
+    own = verification.ways.members.get(trip.sender)
+    grouped = trip.traffic == GROUP
+    return FollowedProbe(
+        number=number,
+        sender=trip.sender,
+        target=trip.target,
+        traffic=trip.traffic,
+        protocol=TRAFFIC.get(trip.traffic, "icmp"),
+        address=str(fleet.multicast_group if grouped else packet.destination),
+        port=fleet.multicast_port if grouped else packet.port,
+        size=MTU if trip.traffic == LARGE else 0,
+        interface_address=str(own.discovery_address) if grouped and own else "",
+    )
+
+
+def list_listeners(verification: Verification, probes: Iterable[FollowedProbe]) -> list[str]:
+    """Name the computers of the run that have an address on a network which one of the probes crosses."""
+    links = (link for probe in probes for link in list_links(verification, probe.sender, probe.target))
+    networks = {network for _place, network in links}
+    cases = {name: verification.make_case(name, name) for name in verification.run}
+    return [name for name, case in cases.items() if any(needs.is_in(case, name, network) for network in networks)]
+
+
+def list_links(verification: Verification, sender: str, target: str) -> list[tuple[str, str]]:
+    """List the planned links between two computers, as (computer, network)."""
+    return needs.links(verification.make_case(sender, target), sender, target)

@@ -1,0 +1,179 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""From the place where packets end to the parts that may be broken there. Pure.
+
+A packet that was seen to leave a computer has passed its packet filter, and one that did not come in has not met the next one's. So a
+stage leaves few kinds of parts; an errno, an ICMP error or a counter may leave one. Where none of the parts that a check
+suspects is left, the place itself is the part.
+"""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable, Iterable, Mapping
+from typing import NamedTuple
+
+from .._case.parts import Part
+from .._observed.second_look import Counter
+from .place import LARGE, Place, Stage
+
+AT, NEXT, BETWEEN = (
+    "at",
+    "next",
+    "between",
+)  # of a table: the part is at the place, at the next computer, or a network between
+# stage -> (where a part is, its kind, the modes that it may have; empty for all of them)
+CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
+    Stage.SOURCE: (
+        (AT, "filter", ("out", "changed", "pair")),
+        (AT, "route", ()),
+        (AT, "link", ("down",)),
+        (AT, "interface", ("address", "multicast")),
+        (AT, "computer", ("ports",)),
+    ),
+    Stage.ASKED: (
+        (AT, "link", ("down",)),
+        (AT, "interface", ("prefix",)),
+        (NEXT, "link", ("down",)),
+        (NEXT, "computer", ("off",)),
+        (NEXT, "interface", ("address", "prefix")),
+        (NEXT, "neighbour", ("mute",)),
+        (BETWEEN, "network", ("dead",)),
+    ),
+    Stage.WIRE: (
+        (AT, "link", ()),
+        (AT, "interface", ("mtu",)),
+        (AT, "neighbour", ("fixed",)),
+        (NEXT, "link", ()),
+        (NEXT, "interface", ("mtu", "duplicate")),
+        (NEXT, "computer", ("off",)),
+        (BETWEEN, "network", ()),
+    ),
+    Stage.STRANGER: ((AT, "neighbour", ("fixed",)), (NEXT, "interface", ("duplicate",))),
+    Stage.HOP: (
+        (AT, "forwarding", ()),
+        (AT, "filter", ("forward", "changed", "pair")),
+        (AT, "reverse_path", ()),
+        (AT, "route", ()),
+        (AT, "service", ()),
+        (AT, "interface", ("mtu",)),
+    ),
+    Stage.TARGET: (
+        (AT, "filter", ("in", "out", "", "changed", "pair")),
+        (AT, "reverse_path", ()),
+        (AT, "route", ()),
+        (AT, "setting", ("icmp_all",)),
+        (AT, "roscore", ("hung",)),
+        (AT, "discovery", ("hung",)),
+    ),
+    Stage.REPORTED: (
+        (AT, "filter", ("forward", "in", "", "pair")),
+        (AT, "route", ()),
+        (AT, "link", ("down",)),
+        (AT, "interface", ("address", "prefix", "mtu")),
+        (AT, "forwarding", ("large",)),
+    ),
+}
+
+REFUSED_HERE = (errno.EPERM, errno.EACCES)  # of a packet filter or a rule of the sender
+EXCEEDED = 11  # the type of ICMP for a time to live that is used up (RFC 792)
+RULE = "rule of "  # begins the name of a rule among the counters
+SHORT = 32  # a packet that begins with less has a time to live that somebody has set
+
+
+def is_consistent(part: Part, place: Place) -> bool:
+    """Say if a part may be the reason why packets end at a place."""
+    rows = CONSISTENT.get(place.stage, ())
+    return any(_is_there(part, where, place) and _fits(part, kind, modes) for where, kind, modes in rows)
+
+
+def _is_there(part: Part, where: str, place: Place) -> bool:
+    if where == BETWEEN:
+        return part.kind == "network"
+    return (place.at if where == AT else place.next) in part.places
+
+
+def _fits(part: Part, kind: str, modes: tuple[str, ...]) -> bool:
+    """The last word of a filter's mode is its direction; without one it drops both."""
+    if part.kind != kind or not modes:
+        return part.kind == kind
+    if part.kind != "filter" or part.mode in ("forward", "changed", "pair"):
+        return part.mode in modes
+    direction = part.mode.rpartition(" ")[2] if " " in part.mode else ""
+    return direction in modes or not direction
+
+
+def name_place(place: Place, words: str) -> Part:
+    """Make the part that is the place itself, with what was seen there in words."""
+    if place.stage in (Stage.WIRE, Stage.ASKED) and place.next:
+        return Part.from_pair("way", "between", place.at, place.next, what=words)
+    return Part("way", place.at, "ends", words)
+
+
+# What an errno, an ICMP error or a counter says beside the place
+
+Grown = Mapping[str, int]  # counter -> by how much
+
+
+class Sign(NamedTuple):
+    """A sign that makes a place one part of the table of faults."""
+
+    stages: tuple[Stage, ...]
+    is_shown: Callable[[Place, Grown], bool]
+    make: Callable[[Place], Part]
+
+
+def _has_no_port(place: Place, _grown: Grown) -> bool:
+    return place.sent is not None and place.sent.errno == errno.EADDRNOTAVAIL
+
+
+def _is_refused_here(place: Place, _grown: Grown) -> bool:
+    return place.sent is not None and place.sent.errno in REFUSED_HERE
+
+
+def _began_short(place: Place, _grown: Grown) -> bool:
+    """Say if a router reports that a packet lived too long which began with a short life."""
+    exceeded = place.last is not None and place.last.icmp_type == EXCEEDED
+    return exceeded and 0 < place.first_ttl < SHORT
+
+
+def _ends_life(place: Place, _grown: Grown) -> bool:
+    """Say if a packet came in with the last second of its life."""
+    return place.last is not None and not place.last.outgoing and place.last.ttl == 1
+
+
+def _counts_reverse_path(_place: Place, grown: Grown) -> bool:
+    return "TcpExtIPReversePathFilter" in grown
+
+
+def _counts_rule(_place: Place, grown: Grown) -> bool:
+    return any(RULE in name for name in grown)
+
+
+def _make_lifetime(place: Place) -> Part:
+    return Part("setting", place.probe.target if place.answer else place.probe.sender, "ttl")
+
+
+def _make_filter(place: Place, direction: str) -> Part:
+    traffic = "icmp" if place.probe.traffic == LARGE else place.probe.traffic
+    return Part("filter", place.at, f"{traffic} {direction}")
+
+
+SIGNS = (
+    Sign((Stage.SOURCE,), _has_no_port, lambda place: Part("computer", place.at, "ports")),
+    Sign((Stage.SOURCE,), _is_refused_here, lambda place: _make_filter(place, "out")),
+    Sign((Stage.REPORTED,), _began_short, _make_lifetime),
+    Sign((Stage.HOP, Stage.TARGET), _ends_life, _make_lifetime),
+    Sign((Stage.HOP, Stage.TARGET), _counts_reverse_path, lambda place: Part("reverse_path", place.at, "strict")),
+    Sign((Stage.HOP,), _counts_rule, lambda place: Part("filter", place.at, "forward")),
+    Sign((Stage.TARGET,), _counts_rule, lambda place: _make_filter(place, "in")),
+)
+
+
+def find_sign(place: Place, counters: Iterable[Counter]) -> Part | None:
+    """Return the one part of the table that place and counters show together; None where they leave several."""
+    grown = {one.counter: one.more for one in counters}
+    return next(
+        (sign.make(place) for sign in SIGNS if place.stage in sign.stages and sign.is_shown(place, grown)), None
+    )

@@ -1,0 +1,129 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""multimaster_follow between computers: real packets in network namespaces, on a bridge in another one."""
+
+import json
+import sys
+import time
+
+import namespaces
+import pytest
+
+# A datagram, an echo request and a connection of others
+TRAFFIC = """
+import socket, sys
+socket.socket(socket.AF_INET, socket.SOCK_DGRAM).sendto(b"x" * 40, (sys.argv[1], 9))
+echo = socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_ICMP)
+echo.sendto(b"\\x08\\x00\\xf7\\xff\\x00\\x00\\x00\\x00", (sys.argv[1], 0))
+socket.socket(socket.AF_INET, socket.SOCK_STREAM).connect_ex((sys.argv[1], 10))
+"""
+
+pytestmark = pytest.mark.skipif(bool(namespaces.why_not()), reason=namespaces.why_not() or "can run")
+
+
+@pytest.fixture
+def three(tmp_path):
+    """Two ends, and the third one, which is the gateway between them: the ends have an address in a network of their own."""
+    network = namespaces.Network(3, tmp_path)
+    yield network
+    network.end()
+
+
+def follow(network, probes, lifetime=20):
+    """Listen everywhere, send, and return what each computer sent and saw."""
+    options = [{"run": "test", "name": host.name, "probes": probes} for host in network.hosts]
+
+    def call(number, action, **more):
+        return network.run_module(
+            network.hosts[number], "multimaster_follow", {**options[number], "action": action, **more}
+        )
+
+    numbers = range(len(network.hosts))
+    for number in numbers:
+        call(number, "listen", lifetime=lifetime)
+    sent = [call(number, "send")["sent"] for number in numbers]
+    return sent, [call(number, "collect") for number in numbers]
+
+
+def mac(host):
+    return json.loads(host.run("ip", "-j", "link", "show", "eth0"))[0]["address"]
+
+
+def seen(result, **wanted):
+    return [entry for entry in result["seen"] if all(entry[key] == value for key, value in wanted.items())]
+
+
+def probe(number, sender, protocol, target, port=0, **more):
+    return {
+        "number": number,
+        "sender": sender.name,
+        "protocol": protocol,
+        "address": target.address,
+        "port": port,
+        **more,
+    }
+
+
+def test_each_kind_of_packet_is_seen_at_both_ends(three):
+    one, other, _third = three.hosts
+    probes = [
+        probe(0, one, "icmp", other),
+        probe(1, one, "icmp", other, size=1400),
+        probe(2, one, "tcp", other, 9),
+        probe(3, one, "udp", other, 11511),
+    ]
+    sent, (here, there, beside) = follow(three, probes)
+    assert [(entry["number"], entry["outcome"]) for entry in sent[0]] == [
+        (0, "no_answer"), (1, "no_answer"), (2, "refused"), (3, "no_answer"),
+    ]  # fmt: skip
+    for number, protocol, length in ((0, "icmp", 28), (1, "icmp", 1400), (3, "udp", 33)):
+        left = seen(here, number=number, outgoing=True, kind="request")
+        came = seen(there, number=number, outgoing=False, kind="request")
+        assert {entry["protocol"] for entry in left} == {protocol}
+        assert [entry["length"] for entry in left] == [length] * 3
+        assert {entry["target_mac"] for entry in left} == {entry["target_mac"] for entry in came} == {mac(other)}
+        assert all(entry["intact"] and entry["ttl"] in (20, 64) for entry in came)
+    assert len(seen(here, kind="answer", outgoing=False, number=1)) == 3
+    syn, refusal = seen(here, protocol="tcp", outgoing=True)[0], seen(there, protocol="tcp", outgoing=True)[0]
+    assert (syn["sequence"], refusal["kind"]) == (refusal["sequence"], "answer")
+    assert syn["source_port"] == sent[0][2]["source_port"]
+    assert seen(here, kind="error", protocol="udp")  # the port is closed, and the error quotes the datagram
+    assert not [entry for entry in beside["seen"] if entry["protocol"] != "arp"]
+
+
+def test_other_traffic_is_not_seen(three):
+    one, other, _third = three.hosts
+    options = {"run": "test", "name": one.name, "probes": [probe(0, one, "tcp", other, 9)]}
+    three.run_module(one, "multimaster_follow", {**options, "action": "listen"})
+    one.run(sys.executable, "-c", TRAFFIC, other.address)
+    found = three.run_module(one, "multimaster_follow", {**options, "action": "collect"})
+    assert {entry["protocol"] for entry in found["seen"]} <= {"arp"}
+
+
+def test_an_error_of_a_hop_quotes_the_packet_and_a_counter_grows(three):
+    one, other, third = three.hosts
+    third.run("sysctl", "-q", "-w", "net.ipv4.ip_forward=1")
+    one.run("ip", "route", "add", "10.77.0.0/24", "via", third.address)
+    third.run("ip", "route", "add", "10.77.0.0/24", "via", other.address)
+    one.run("sysctl", "-q", "-w", "net.ipv4.ip_default_ttl=1")
+    sent, (here, _there, gateway) = follow(
+        three, [{"number": 7, "sender": one.name, "protocol": "icmp", "address": "10.77.0.1"}]
+    )
+    assert sent[0][0]["outcome"] == "no_answer"
+    assert {entry["ttl"] for entry in seen(here, number=7, outgoing=True)} == {1}
+    errors = seen(here, number=7, kind="error")
+    assert {(entry["icmp_type"], entry["reporter"]) for entry in errors} == {(11, third.address)}
+    assert {"IpInHdrErrors", "IcmpOutTimeExcds"} <= {entry["counter"] for entry in gateway["counters"]}
+
+
+def test_a_listener_ends_by_itself_and_says_so(three):
+    one = three.hosts[0]
+    options = {"run": "test", "name": one.name, "probes": []}
+    three.run_module(one, "multimaster_follow", {**options, "action": "listen", "lifetime": 1})
+    deadline = time.monotonic() + 10
+    while one.processes():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    answer = three.run_module(one, "multimaster_follow", {**options, "action": "collect"}, True)
+    assert "No listener of the run 'test' lives on this computer" in answer["msg"]

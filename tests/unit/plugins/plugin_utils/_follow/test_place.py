@@ -1,0 +1,185 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The place where packets end: from what three computers captured of a ping, a connection and a datagram."""
+
+import errno
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._follow import place, suspects
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._follow.place import Map, Stage
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.second_look import (
+    Capture,
+    Counter,
+    FollowedProbe,
+    SecondLook,
+    SeenPackets,
+    SentProbe,
+)
+
+ROUTE = ["one", "gate", "two"]
+MACS = {"one": "02:00:00:00:00:01", "gate": "02:00:00:00:00:02", "two": "02:00:00:00:00:03"}
+ADDRESSES = {"10.0.1.1": "one", "10.0.1.254": "gate", "10.0.2.254": "gate", "10.0.2.1": "two"}
+CHART = Map({mac: name for name, mac in MACS.items()}, lambda address: ADDRESSES.get(address, ""), frozenset(ROUTE))
+PING = FollowedProbe(3, "one", "two", "icmp", "icmp", "10.0.2.1")
+CALL = FollowedProbe(3, "one", "two", "rpc", "tcp", "10.0.2.1", port=11611)
+BEAT = FollowedProbe(3, "one", "two", "udp", "udp", "10.0.2.1", port=11511)
+
+
+def capture(outgoing, kind, mac="", probe=PING, **more):
+    number, sequence = (-1, 77) if probe.protocol == "tcp" else (probe.number, 0)
+    ends = ("10.0.1.1", "10.0.2.1") if kind != "answer" else ("10.0.2.1", "10.0.1.1")
+    values = {"source_port": 4000, "port": probe.port, "number": number, "sequence": sequence, "ttl": 64, "length": 60}
+    return Capture("eth0", outgoing, kind, probe.protocol, *ends, **{**values, "target_mac": mac, **more})
+
+
+def cross(kind, hops, probe=PING, **more):
+    """The captures of a packet by computer: in and out at each of the hops, until the last one."""
+    seen = {name: [] for name in ROUTE}
+    for before, after in zip(hops, hops[1:], strict=False):
+        seen[before].append(capture(True, kind, MACS[after], probe, **more))
+        seen[after].append(capture(False, kind, MACS[after], probe, **more))
+    return seen
+
+
+def join(*all_seen):
+    return {name: [one for seen in all_seen for one in seen[name]] for name in ROUTE}
+
+
+def find(seen, probe=PING, sent=None, listening=ROUTE):
+    looks = {name: SecondLook(packets=SeenPackets(tuple(seen[name]))) for name in listening}
+    sent = sent or SentProbe(probe.number, Outcome.NO_ANSWER, source_port=4000)
+    first = looks.get("one", SecondLook())
+    looks["one"] = SecondLook((probe,), (sent,), first.packets)
+    chart = Map(
+        CHART.hosts, CHART.name_at, frozenset(listening)
+    )  # fmt: skip
+    (found,) = place.locate(looks, chart, {probe.number: ROUTE})
+    return found
+
+
+def where(found):
+    return found.stage, found.at, found.next, found.answer
+
+
+@pytest.mark.parametrize("probe", [PING, CALL], ids=["ping", "connection"])
+def test_packets_are_walked_there_and_back(probe):
+    there, back = cross("request", ROUTE, probe), cross("answer", ROUTE[::-1], probe)
+    assert where(find(join(there, back), probe)) == (Stage.ARRIVED, "one", "", True)
+
+
+@pytest.mark.parametrize("probe", [PING, CALL, BEAT], ids=["ping", "connection", "datagram"])
+def test_the_last_step_that_was_seen_is_the_place(probe):
+    nothing = {name: [] for name in ROUTE}
+    assert where(find(nothing, probe)) == (Stage.SOURCE, "one", "gate", False)
+    assert where(find(cross("request", ["one", "gate"], probe), probe)) == (Stage.HOP, "gate", "two", False)
+    lost = cross("request", ["one", "gate"], probe)
+    lost["gate"].append(capture(True, "request", MACS["two"], probe))
+    assert where(find(lost, probe)) == (Stage.WIRE, "gate", "two", False)
+    arrived = cross("request", ROUTE, probe)
+    end = (Stage.ARRIVED, "two", "", False) if probe is BEAT else (Stage.TARGET, "two", "", False)
+    assert where(find(arrived, probe)) == end
+
+
+def test_an_answer_is_lost_on_its_own_way():
+    seen = join(cross("request", ROUTE), cross("answer", ["two", "gate"]))
+    found = find(seen)
+    assert where(found) == (Stage.HOP, "gate", "one", True)
+    assert place.describe_place(found, CHART).startswith("the answers to pings from one to two came in at gate")
+
+
+def test_a_hardware_address_of_no_computer_is_named_with_the_right_one():
+    seen = cross("request", ["one", "gate"])
+    seen["gate"].append(capture(True, "request", "02:00:00:00:00:99"))
+    found = find(seen)
+    assert where(found) == (Stage.STRANGER, "gate", "two", False)
+    words = place.describe_place(found, CHART)
+    assert "for 02:00:00:00:00:99, which no computer of the fleet has" in words
+    assert words.endswith("(two, which was expected, has 02:00:00:00:00:03)")
+
+
+def test_a_question_without_an_answer_names_both_sides():
+    asked = Capture("eth0", True, "request", "arp", "10.0.1.1", "10.0.1.254")
+    found = find({"one": [asked], "gate": [], "two": []})
+    assert where(found) == (Stage.ASKED, "one", "gate", False)
+    assert suspects.name_place(found, "x").places == ("gate", "one")
+    answer = Capture("eth0", False, "answer", "arp", "10.0.1.254", "10.0.1.1")
+    assert find({"one": [asked, answer], "gate": [], "two": []}).stage == Stage.SOURCE
+
+
+def test_a_computer_that_did_not_listen_is_no_place():
+    found = find(cross("request", ["one", "gate"]), listening=["one", "two"])
+    assert found.stage == Stage.UNSEEN
+    assert not found.is_fault
+
+
+def test_a_closed_port_shows_that_a_datagram_has_arrived():
+    seen = cross("request", ROUTE, BEAT)
+    seen["one"].append(capture(False, "error", probe=BEAT, icmp_type=3, icmp_code=3, reporter="10.0.2.1"))
+    assert find(seen, BEAT).stage == Stage.ARRIVED
+
+
+@pytest.mark.parametrize("mac", ["", "ff:ff:ff:ff:ff:ff", "01:00:5e:62:00:00", '"zz', "::"])
+def test_without_a_hardware_address_the_plan_names_the_next(mac):
+    seen = cross("request", ROUTE)
+    seen["one"] = [capture(True, "request", mac)]
+    assert find(seen).stage == Stage.TARGET
+
+
+def test_packets_that_turn_round_come_to_an_end():
+    seen = {name: [capture(False, "request"), capture(True, "request", MACS["one"])] for name in ROUTE}
+    assert find(seen).stage == Stage.HOP
+
+
+# What place, errno and counters show together
+
+
+def show(found, *counters):
+    return suspects.find_sign(found, [Counter(name, 1) for name in counters])
+
+
+def test_an_errno_of_the_sender_is_evidence():
+    nothing = {name: [] for name in ROUTE}
+    for number, part in (
+        (errno.EADDRNOTAVAIL, Part("computer", "one", "ports")),
+        (errno.EPERM, Part("filter", "one", "rpc out")),
+        (errno.EACCES, Part("filter", "one", "rpc out")),
+        (errno.ETIMEDOUT, None),
+    ):
+        assert show(find(nothing, CALL, SentProbe(3, Outcome.FAILED, number))) == part
+
+
+def test_a_short_life_is_told_from_routers_that_send_packets_back():
+    for ttl, part in ((1, Part("setting", "one", "ttl")), (64, None)):
+        seen = cross("request", ["one", "gate"], ttl=ttl)
+        seen["one"].append(capture(False, "error", icmp_type=11, icmp_code=0, reporter="10.0.1.254", ttl=64))
+        found = find(seen)
+        assert (found.stage, found.at) == (Stage.REPORTED, "gate")
+        assert show(found) == part
+        assert suspects.is_consistent(Part("route", "gate", "circle"), found)
+
+
+def test_a_counter_is_a_hint_only_where_packets_end():
+    hop = find(cross("request", ["one", "gate"]))
+    assert show(hop, "TcpExtIPReversePathFilter") == Part("reverse_path", "gate", "strict")
+    assert show(hop, '"rule of filter FORWARD: drop"') == Part("filter", "gate", "forward")
+    assert show(hop, "IpOutDiscards") is None
+    target = find(cross("request", ROUTE, CALL), CALL)
+    assert show(target, '"rule of filter INPUT: tcp dport 11611 drop"') == Part("filter", "two", "rpc in")
+
+
+@pytest.mark.parametrize(
+    ("hops", "right", "wrong"),
+    [
+        ([], ("filter", "one", "icmp out"), ("filter", "two", "icmp in")),
+        (["one", "gate"], ("forwarding", "gate", "off"), ("filter", "one", "icmp out")),
+        (ROUTE, ("filter", "two", "icmp in"), ("filter", "gate", "forward")),
+    ],
+    ids=["source", "hop", "target"],
+)
+def test_a_place_leaves_few_parts(hops, right, wrong):
+    found = find(cross("request", hops) if hops else {name: [] for name in ROUTE})
+    assert suspects.is_consistent(Part(*right), found)
+    assert not suspects.is_consistent(Part(*wrong), found)
