@@ -23,7 +23,7 @@ from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Check, Row, Verificat
 from .._checks.table import CHECKS
 from .._fleet.sentences import shorten_list
 from .._follow.findings import SeenEnd, find_ends
-from .._follow.probes import find_trip, list_links
+from .._follow.probes import list_links, list_trips
 from .._observed.observations import Observation
 from .._plan.model import FleetPlan
 from .commands import command
@@ -164,12 +164,12 @@ class _Diagnosis:
 
     def _find_end(self, row: Row) -> SeenEnd | None:
         """Find the place where packets of the same kind were seen to end on the way of a row."""
-        trip = find_trip(self.verification, row) if self.ends else None
-        if trip is None:
-            return None
-        computers = self._list_computers(trip.sender, trip.target)
-        same = [end for end in self.ends if end.trip.traffic == trip.traffic and end.crosses(computers)]
-        return next((end for end in same if end.trip == trip), same[0] if same else None)
+        for trip in list_trips(self.verification, row) if self.ends else ():
+            computers = self._list_computers(trip.sender, trip.target)
+            same = [end for end in self.ends if end.trip.traffic == trip.traffic and end.crosses(computers)]
+            if same:
+                return next((end for end in same if end.trip == trip), same[0])
+        return None
 
     def _find_drop(self, check: Check, row: Row) -> Parts:
         """Find the packet filter with a rule that drops what a check has sent in vain."""
@@ -308,7 +308,12 @@ class _Diagnosis:
         return tuple(check for pair in pairs for check in self._find_successes(*pair))
 
     def successes(self, part: Part) -> int:
-        """Count successes that need a part, up to a few: first in the pairs that failed with it, then in others."""
+        """Count successes that need a part, up to a few: first in the pairs that failed with it, then in others.
+
+        Where packets were seen to end, others that got through say nothing.
+        """
+        if part in self.shown:
+            return 0
         count, enough = 0, ENOUGH if part.fault.hard else MANY
         for observer, target in dict.fromkeys(chain(self._suspect_pairs(part), self._sample_pairs(part))):
             count += self._count_needs(observer, target)[part]

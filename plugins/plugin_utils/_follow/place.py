@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
+from .._observed.outcomes import Outcome
 from .._observed.second_look import Capture, Counter, FollowedProbe, SecondLook, SentProbe
 
 MOST_HOPS = 16
@@ -42,6 +43,7 @@ class Stage(enum.Enum):
     STRANGER = "stranger"  # they leave for a hardware address that no computer of the fleet has
     HOP = "hop"  # they come in at a computer that is to pass them on, and do not leave it
     TARGET = "target"  # they come in at their target, and it does not answer
+    MUTE = "mute"  # the connection opens, and a question in it gets no answer
     REPORTED = "reported"  # a computer reports by ICMP why it passes them on no more
     UNSEEN = "unseen"  # they leave for a computer that did not listen
     ARRIVED = "arrived"  # they arrive, and so does the answer
@@ -120,7 +122,10 @@ class _Walk:
             return there
         if not self._pick(self.probe.target, ANSWER, outgoing=True):
             return replace(there, stage=Stage.TARGET, at=self.probe.target)
-        return replace(self._walk(ANSWER, route[::-1]), answer=True, first_ttl=there.first_ttl)
+        back = replace(self._walk(ANSWER, route[::-1]), answer=True, first_ttl=there.first_ttl)
+        if back.stage == Stage.ARRIVED and self.sent and self.sent.data == Outcome.NO_ANSWER:
+            return replace(back, stage=Stage.MUTE, at=self.probe.target)
+        return back
 
     def _pick(self, host: str, kind: str, outgoing: bool) -> Capture | None:
         """Return the last packet of a kind at a computer."""
@@ -192,7 +197,8 @@ def describe_probe(probe: FollowedProbe) -> str:
 
 def describe_place(place: Place, chart: Map) -> str:
     """Say what was seen last, and what was not seen."""
-    subject = f"{'the answers to ' if place.answer else ''}{describe_probe(place.probe)}"
+    answers = "the answers to " if place.answer and place.stage != Stage.MUTE else ""
+    subject = f"{answers}{describe_probe(place.probe)}"
     verb = {
         Stage.SOURCE: f"do not leave {place.at}",
         Stage.ASKED: f"do not leave {place.at}: it asks who has {place.asked}, and no computer answers",
@@ -200,6 +206,7 @@ def describe_place(place: Place, chart: Map) -> str:
         Stage.STRANGER: f"left {place.at}{_interface(place)} for{_mac(place)}, which no computer of the fleet has",
         Stage.HOP: f"came in at {place.at}{_interface(place)}, and did not leave it",
         Stage.TARGET: f"came in at {place.at}{_interface(place)}, which sent no answer",
+        Stage.MUTE: f"open at {place.at}, and a question in them gets no answer",
         Stage.REPORTED: f"end at {place.at}, which reports ICMP type {place.last and place.last.icmp_type}, "
         f"code {place.last and place.last.icmp_code}",
         Stage.UNSEEN: f"left {place.at}{_interface(place)} for {place.next}, which did not listen",

@@ -13,6 +13,7 @@ from itertools import zip_longest
 
 from .._case import needs
 from .._case.packet_filters import GROUP, ROSCORE, TRAFFIC
+from .._case.parts import Part
 from .._checks.engine import FAILED, WARNING, Row, Verification
 from .._observed.second_look import FollowedProbe
 from .place import LARGE, Trip
@@ -23,21 +24,30 @@ MOST = 12  # probes of one run
 KINDS: Mapping[str, str] = {"ping_large": LARGE}
 
 
-def find_trip(verification: Verification, row: Row) -> Trip | None:
-    """Return what a failed check has sent in vain; None where it sends nothing that can be followed."""
+def list_trips(verification: Verification, row: Row) -> list[Trip]:
+    """List what a failed check has sent in vain, as far as it can be followed: its own packets, then its questions to nodes."""
     check = next((one for one in verification.checks if one.id == row.check), None)
-    traffic = (check.carries if check else "") or KINDS.get(row.check, "")
-    if not traffic or row.verdict not in (FAILED, WARNING):
-        return None
-    if traffic == GROUP:
-        trip = Trip(traffic, row.target, row.observer)
-    elif traffic == ROSCORE:
-        robot = verification.run[row.observer].plan.robot
-        trip = Trip(traffic, row.observer, verification.ways.master(robot))
-    else:
-        trip = Trip(traffic, row.observer, row.target)
-    can_follow = trip.sender in verification.run and trip.target in verification.ways.members
-    return trip if can_follow and trip.sender != trip.target else None
+    case = verification.case(check, row.observer, row.target) if check else None
+    if check is None or case is None or row.verdict not in (FAILED, WARNING):
+        return []
+    master = case.masters[0]
+    trips = {
+        GROUP: Trip(GROUP, row.target, row.observer),
+        ROSCORE: Trip(ROSCORE, row.observer, master),
+        "": Trip("", "", ""),
+    }
+    own = check.carries or KINDS.get(row.check, "")
+    found = [trips.get(own, Trip(own, row.observer, row.target))]
+    suspects = (check.suspects or check.needs)(case)
+    if Part("roscore", master, "hung") in suspects:
+        found.append(trips[ROSCORE])
+    if Part("discovery", row.target, "hung") in suspects:
+        found.append(Trip("rpc", row.observer, row.target))
+    return [trip for trip in dict.fromkeys(found) if trip.sender != trip.target and _can_follow(verification, trip)]
+
+
+def _can_follow(verification: Verification, trip: Trip) -> bool:
+    return trip.sender in verification.run and trip.target in verification.ways.members
 
 
 def choose_probes(verification: Verification, groups: Iterable[Sequence[Row]]) -> list[FollowedProbe]:
@@ -51,11 +61,9 @@ def choose_probes(verification: Verification, groups: Iterable[Sequence[Row]]) -
 def _list_ways(verification: Verification, rows: Iterable[Row]) -> list[Trip]:
     """List one trip for each kind of packet and each two robots."""
     found: dict[tuple[str, str, str], Trip] = {}
-    for row in rows:
-        trip = find_trip(verification, row)
-        if trip:
-            robots = (verification.run[trip.sender].plan.robot, verification.ways.members[trip.target].robot)
-            found.setdefault((trip.traffic, *robots), trip)
+    for trip in (trip for row in rows for trip in list_trips(verification, row)):
+        robots = (verification.run[trip.sender].plan.robot, verification.ways.members[trip.target].robot)
+        found.setdefault((trip.traffic, *robots), trip)
     return list(found.values())
 
 

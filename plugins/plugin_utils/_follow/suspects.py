@@ -64,9 +64,8 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
         (AT, "reverse_path", ()),
         (AT, "route", ()),
         (AT, "setting", ("icmp_all",)),
-        (AT, "roscore", ("hung",)),
-        (AT, "discovery", ("hung",)),
     ),
+    Stage.MUTE: ((AT, "roscore", ("hung",)), (AT, "discovery", ("hung",))),
     Stage.REPORTED: (
         (AT, "filter", ("forward", "in", "", "pair")),
         (AT, "route", ()),
@@ -151,6 +150,15 @@ def _counts_rule(_place: Place, grown: Grown) -> bool:
     return any(RULE in name for name in grown)
 
 
+def _counts_full_queue(place: Place, grown: Grown) -> bool:
+    """Say if a program takes no connections any more, so its queue is full (listen(2))."""
+    return bool(_name_program(place)) and not grown.keys().isdisjoint(("TcpExtListenOverflows", "TcpExtListenDrops"))
+
+
+def _name_program(place: Place) -> str:
+    return {"roscore": "roscore", "rpc": "discovery"}.get(place.probe.traffic, "")
+
+
 def _make_lifetime(place: Place) -> Part:
     return Part("setting", place.probe.target if place.answer else place.probe.sender, "ttl")
 
@@ -166,6 +174,7 @@ SIGNS = (
     Sign((Stage.REPORTED,), _began_short, _make_lifetime),
     Sign((Stage.HOP, Stage.TARGET), _ends_life, _make_lifetime),
     Sign((Stage.HOP, Stage.TARGET), _counts_reverse_path, lambda place: Part("reverse_path", place.at, "strict")),
+    Sign((Stage.TARGET,), _counts_full_queue, lambda place: Part(_name_program(place), place.at, "hung")),
     Sign((Stage.HOP,), _counts_rule, lambda place: Part("filter", place.at, "forward")),
     Sign((Stage.TARGET,), _counts_rule, lambda place: _make_filter(place, "in")),
 )
