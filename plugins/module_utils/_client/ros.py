@@ -7,7 +7,6 @@ The commands are those of section 3.3 of the report. They run in the environment
 that of a person's workspace, so they are foreign code: without rights, and with a folder of their own that root never opens.
 """
 
-import re
 import shlex
 import shutil
 import time
@@ -23,7 +22,6 @@ from . import tcpros
 from .xml_rpc import ask
 
 CALLER = "/multimaster_verify"
-SHORTEST = 10  # seconds that a command of ROS may take at least: rospy alone needs several to start on a small computer
 LIST_MASTERS = "/master_discovery/list_masters"
 FAREWELL = 10  # seconds that its node has to unregister: on a busy computer Python takes its time
 NO_SCRIPT = "rostopic is no script, so the Python of ROS is not known"
@@ -63,12 +61,11 @@ class Ros:
         """Return the words that run the Python of this computer's ROS; empty where rostopic is no script. Raises RosMissing."""
         return interpreter(read_regular(self.command("rostopic"), 4096))
 
-    def run(self, name: str, arguments: typing.List[str], seconds: float) -> typing.Tuple[str, str]:
-        """Run a command of ROS; return its output and its error. At its time limit it is interrupted, so its node unregisters."""
-        return self.program(name, [self.command(name)] + arguments, max(seconds, SHORTEST))
-
     def program(self, name: str, words: typing.List[str], limit: float, given: str = "") -> typing.Tuple[str, str]:
-        """Run any program in the same way for `limit` seconds at most; its errors call it `name`, and `given` is its input."""
+        """Run a program for `limit` seconds at most; return its output and its error, which calls it `name`. `given` is its input.
+
+        At its time limit it is interrupted, so its node unregisters.
+        """
         argv = ["timeout", "--signal=INT", f"--kill-after={FAREWELL}", f"{limit:.1f}"] + words
         variables = dict(self.variables, PATH=self.variables.get("PATH", BASE_PATH), LC_ALL="C.UTF-8")
         variables.update(PYTHONUNBUFFERED="1", PYTHONDONTWRITEBYTECODE="1")
@@ -108,12 +105,14 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
     def look() -> typing.Dict[str, typing.Any]:
         try:
             ros.command("rosservice")
-            rows, error = _call_list_masters(ros, deadline)
+            uri = str(ros.ask("lookupService", LIST_MASTERS))
+            rows = tcpros.call(uri, LIST_MASTERS, tcpros.LIST_MASTERS, CALLER)
         except RosMissing as problem:
             return {"masters": [], "error": str(problem), "hopeless": True}
         except OSError as problem:
             return {"masters": [], "error": plain(problem), "hopeless": False}
-        return {"masters": rows, "error": error, "hopeless": False}
+        masters = [{key: row[key] for key in ("name", "uri", "online", "monitoruri")} for row in rows]
+        return {"masters": masters, "error": "", "hopeless": False}
 
     seen = poll(
         look,
@@ -121,37 +120,6 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
         deadline,
     )
     return {"masters": seen["masters"], "error": seen["error"], "seconds": round(time.monotonic() - began, 1)}
-
-
-def _call_list_masters(ros: Ros, deadline: float) -> typing.Tuple[typing.List[typing.Dict[str, typing.Any]], str]:
-    """Call list_masters; return its masters, and an error or ''. Raises OSError with a sentence, and RosMissing."""
-    try:
-        rows = tcpros.call(str(ros.ask("lookupService", LIST_MASTERS)), LIST_MASTERS, tcpros.LIST_MASTERS, CALLER)
-    except tcpros.UnknownType:  # of another version of multimaster_fkie; the command may know its classes
-        output, error = ros.run("rosservice", ["call", LIST_MASTERS], deadline - time.monotonic())
-        return read_masters(output), error
-    return [{key: row[key] for key in ("name", "uri", "online", "monitoruri")} for row in rows], ""
-
-
-def read_masters(output: str) -> typing.List[typing.Dict[str, typing.Any]]:
-    """Read the masters in the output of `rosservice call .../list_masters` (YAML by genpy).
-
-    The deeper lines (secs and nsecs of the times) are left out; the report's version had other fields for them.
-    """
-    rows: typing.List[typing.Dict[str, typing.Any]] = []
-    for line in output.splitlines():
-        if re.match(r"\s*-\s*$", line):
-            rows.append({"name": "", "uri": "", "online": False, "monitoruri": ""})
-        field = re.match(r" {4}(name|uri|online|monitoruri):\s*(.*?)\s*$", line)
-        if field and rows:
-            name, value = field.groups()
-            rows[-1][name] = value == "True" if name == "online" else _strip_quotes(value)
-    return rows
-
-
-def _strip_quotes(value: str) -> str:
-    """Take the quotes off a text that genpy printed; older versions print none."""
-    return value[1:-1] if len(value) > 1 and value[0] == value[-1] and value[0] in "\"'" else value
 
 
 def interpreter(script: bytes) -> typing.List[str]:

@@ -27,10 +27,6 @@ _ENTRIES = 50000  # of all lists of an answer
 Row = typing.Dict[str, typing.Any]
 
 
-class UnknownType(OSError):
-    """A service of another type than these are read of; its text says which."""
-
-
 class Reader:
     """The values of a message, one after the other. Raises ValueError where they are none."""
 
@@ -68,7 +64,7 @@ class Reader:
 def _master(reader: Reader) -> Row:
     """fkie_multimaster_msgs/ROSMaster."""
     name, uri = reader.text(), reader.text()
-    for unused in range(4):  # two times
+    for unused in range(4):  # two times of 8 bytes: numbers before 1.1, times of ROS since
         reader.number()
     return {
         "name": plain(name),
@@ -105,8 +101,12 @@ def _sync_master(reader: Reader) -> Row:
     }
 
 
-# md5 sum of a service -> how an entry of its answer is read; both services answer with one list, and ask nothing
-LIST_MASTERS = {"31a962d97ea3e3c12d428ff4786f124b": _master}
+# md5 sum of a service -> how an entry of its answer is read; both services answer with one list, and ask nothing.
+# Upstream's from 0.3.6 on, which is older than all that run where the modules do.
+LIST_MASTERS = {
+    "31a962d97ea3e3c12d428ff4786f124b": _master,  # since 1.1.0
+    "bc7525cc24dd3b880f044a2cdfb95aad": _master,  # before, as on Melodic
+}
 GET_SYNC_INFO = {"d5261ec56e202860a07fb47b41e1b2a8": _sync_master}
 
 
@@ -136,7 +136,7 @@ def call(
             if "error" in fields:
                 raise OSError(f"{service}: {quote(fields['error'])}")
             if fields.get("md5sum") not in known:
-                raise UnknownType(
+                raise OSError(
                     f"{service} is of the type {quote(fields.get('type', ''))} ({quote(fields.get('md5sum', ''))}), which is not known"
                 )
             connection.sendall(node.block(b""))

@@ -16,7 +16,7 @@ from .._client.facts import IMPORTS, SYNC_INFO
 from .._client.ros import CALLER, NO_SCRIPT, Ros
 from .._client.xml_rpc import server
 from .._machine.outcomes import Outcome, classify_error
-from .._module.plain_text import plain, quote
+from .._module.plain_text import plain
 from .._process.deadlines import call_all
 from .._process.foreign import last_line
 from .network import resolve
@@ -54,9 +54,9 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
     found.update(parts.pop("", {"topics": [], "services": []}))
     found["imports"] = [dict(part, master=master) for master, part in sorted(parts.items())]
     types_in_use = sorted({topic["type"] for topic in found["topics"] if "/" in topic["type"]})
-    answers, found["types_error"] = _ask(ros, {"types": types_in_use, "service": ""})
+    sums, found["types_error"] = _md5sums(ros, types_in_use)
     for topic in found["topics"]:
-        topic["md5sum"] = answers.get("types", {}).get(topic["type"], "")
+        topic["md5sum"] = sums.get(topic["type"], "")
     nodes = {node: uri for node, uri in uris.items() if node not in imported}
     named = {uri: node for node, uri in uris.items()}
     found["connections"], silent = _connections(ros, nodes, named, Places(members), own)
@@ -84,61 +84,35 @@ def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]
     try:
         # Any program may set a parameter. A number of some millions of digits would keep a processor for minutes as an int.
         value = json.loads(ros.ask("getParam", IMPORTS), parse_int=float)["imports"]
-        if _are_masters(value):
+        if isinstance(value, dict) and all(map(_are_texts, value.values())):
             return value
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         pass  # another implementation
     service = next((name for name in sorted(services) if name.endswith(SYNC_INFO)), None)
     if service is None:
         raise OSError(f"{ros.uri}: no master_sync tells what it has registered")
-    try:
-        return _read_sync_info(
-            tcpros.call(str(ros.ask("lookupService", service)), service, tcpros.GET_SYNC_INFO, CALLER)
-        )
-    except tcpros.UnknownType:
-        pass  # of another version of multimaster_fkie; its classes may be there
-    answers, error = _ask(ros, {"types": [], "service": service})
-    if not _are_masters(answers.get("service")):
-        raise OSError(f"{service} does not tell what is registered: {quote(error) or 'no answer'}")
-    return answers["service"]
-
-
-def _read_sync_info(hosts: typing.List[typing.Dict[str, typing.Any]]) -> typing.Dict[str, typing.Dict[str, str]]:
-    """Return {URI of a master: {node: URI}} out of the answer of get_sync_info."""
     found: typing.Dict[str, typing.Dict[str, str]] = {}
-    for host in hosts:
+    for host in tcpros.call(str(ros.ask("lookupService", service)), service, tcpros.GET_SYNC_INFO, CALLER):
         nodes = found.setdefault(host["masteruri"], {})
         for entry in host["publisher"] + host["subscriber"] + host["services"]:
             nodes[entry["node"]] = entry["nodeuri"]
     return found
 
 
-def _ask(ros: Ros, questions: typing.Dict[str, typing.Any]) -> typing.Tuple[typing.Dict[str, typing.Any], str]:
-    """Run message_types under the Python of ROS; return its answers, and an error or ''."""
+def _md5sums(ros: Ros, types: typing.List[str]) -> typing.Tuple[typing.Dict[str, str], str]:
+    """Ask the Python of ROS for the md5 sums of message types; return {type: md5 sum}, and an error or ''."""
     words = ros.python()
     if not words:
         return {}, NO_SCRIPT
     words += ["-c", inspect.getsource(message_types)]
-    output, error = ros.program("the Python of ROS", words, TYPES, json.dumps(questions))
-    answers: typing.Dict[str, typing.Any] = {}
-    for line in output.splitlines():  # among what a package prints when it is imported
-        value = last_line(line.encode()) if line.startswith("{") else None
-        if isinstance(value, dict):
-            answers.update({name: value[name] for name in ("types", "service") if _texts(value.get(name))})
-    return answers, error
+    output, error = ros.program("the Python of ROS", words, TYPES, json.dumps(types))
+    sums = last_line(output.encode())
+    return sums if _are_texts(sums) else {}, error
 
 
-def _are_masters(value: typing.Any) -> bool:
-    """Return True for {URI of a master: {node: URI}}."""
-    return _texts(value) and all(isinstance(nodes, dict) for nodes in value.values())
-
-
-def _texts(value: typing.Any) -> bool:
-    """Return True for {text: text}, or {text: {text: text}}: what the program should answer."""
-    if not isinstance(value, dict):
-        return False
-    texts = [text for entry in value.values() for text in (entry.values() if isinstance(entry, dict) else [entry])]
-    return all(isinstance(text, str) for text in texts)
+def _are_texts(value: typing.Any) -> bool:
+    """Return True for {text: text}."""
+    return isinstance(value, dict) and all(isinstance(text, str) for text in value.values())
 
 
 def _parts(

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The ROS of a computer: commands, the roscore, and the outputs of rosservice."""
+"""The ROS of a computer: commands, the roscore, and the masters that its discovery lists."""
 
 import os
 
@@ -17,26 +17,25 @@ from provider import LIST_MASTERS, answer, head, master, provider, rows
 def test_command_runs_in_the_environment_of_the_file(ros):
     made, command = ros
     command("rosservice", 'echo "$ROS_MASTER_URI $HOME $ROS_HOME $*"; touch "$ROS_HOME/log"')
-    output, error = made.run("rosservice", ["call", "/x"], 5)
+    output, error = made.program("rosservice", [made.command("rosservice"), "call", "/x"], 5)
     uri, home, *rest = output.split()
     assert (uri, rest) == ("http://127.0.0.1:1", [home, "call", "/x"]) and not error
     assert not os.path.exists(home)
 
 
-def test_command_that_never_ends_is_interrupted(ros, monkeypatch):
-    monkeypatch.setattr(probe_ros, "SHORTEST", 0)
+def test_command_that_never_ends_is_interrupted(ros):
     made, command = ros
     command("rostopic", 'trap "echo unregistered; exit 0" INT; while :; do sleep 0.1; done')
-    output, error = made.run("rostopic", ["echo", "/x"], 0.5)
+    output, error = made.program("rostopic", [made.command("rostopic")], 0.5)
     assert output == "unregistered\n" and "printed nothing within" in error
 
 
 def test_command_that_fails_or_is_not_there(ros):
     made, command = ros
     command("rostopic", "echo first >&2; echo 'ERROR: Unable to communicate with master!' >&2; exit 1")
-    assert made.run("rostopic", [], 5)[1] == "ERROR: Unable to communicate with master!"
+    assert made.program("rostopic", [made.command("rostopic")], 5)[1] == "ERROR: Unable to communicate with master!"
     with pytest.raises(probe_ros.RosMissing, match="no command roscall"):
-        made.run("roscall", [], 5)
+        made.command("roscall")
 
 
 def test_without_an_environment_there_is_a_sentence(tmp_path):
@@ -54,70 +53,8 @@ def test_master_api(roscore):
         made.ask("lookupNode", "/nobody")
 
 
-# As rosservice of ROS 1.15 prints it.
-LISTED = """masters:\x20
-  -\x20
-    name: "kobuki1computer"
-    uri: "http://kobuki1computer:11311/"
-    last_change:\x20
-      secs: 1795230710
-      nsecs: 998000144
-    last_change_local:\x20
-      secs: 1795230709
-      nsecs:         0
-    online: True
-    discoverer_name: "/master_discovery"
-    monitoruri: "http://192.168.1.229:11611"
-  -\x20
-    name: "kobuki2computer"
-    uri: "http://kobuki2computer:11311/"
-    last_change:\x20
-      secs: 0
-      nsecs:         0
-    last_change_local:\x20
-      secs: 0
-      nsecs:         0
-    online: False
-    discoverer_name: "/master_discovery"
-    monitoruri: "http://192.168.1.239:11611"
-"""
-
-
-# Fig. 8 of the report: other time fields, texts without quotes.
-OLD = """masters:
-  -
-    name: kobuki1computer
-    uri: http://kobuki1computer:11311/
-    timestamp: 1426681423.24
-    timestamp_local: 1426681423.24
-    online: True
-    discoverer_name: /master_discovery
-    monitoruri: http://192.168.1.229:11611
-"""
-
-
-def test_masters_of_today_and_of_the_report():
-    first, second = probe_ros.read_masters(LISTED)
-    assert first == {
-        "name": "kobuki1computer",
-        "uri": "http://kobuki1computer:11311/",
-        "online": True,
-        "monitoruri": "http://192.168.1.229:11611",
-    }
-    assert (second["name"], second["online"]) == ("kobuki2computer", False)
-    assert probe_ros.read_masters(OLD) == [first]
-
-
-@pytest.mark.parametrize(
-    "text", ["", "masters: []\n", "ERROR: Service [/master_discovery/list_masters] is not available.\n"]
-)
-def test_no_masters(text):
-    assert probe_ros.read_masters(text) == []
-
-
 @given(st.text(max_size=300))
 def test_any_output_is_read(text):
-    probe_ros.read_masters(text)
     probe_ros.interpreter(text.encode())
     probe_ros.environment(text)
 
@@ -152,15 +89,6 @@ def test_list_masters_is_asked_without_a_command(roscore, monkeypatch):
         found = probe_ros.list_masters(made, {"one"}, 0)
     assert [(entry["name"], entry["online"]) for entry in found["masters"]] == [("one", True), ("two", False)]
     assert not found["error"]
-
-
-def test_another_version_of_list_masters_is_asked_by_the_command(roscore, monkeypatch):
-    made, command = roscore
-    command("rosservice", f"cat <<'END'\n{OLD}END\n")
-    with provider(head(md5sum="0", type="multimaster_msgs_fkie/DiscoverMasters")) as uri:
-        monkeypatch.setattr(type(made), "ask", lambda self, method, name: uri)
-        found = probe_ros.list_masters(made, set(), 0)
-    assert [entry["name"] for entry in found["masters"]] == ["kobuki1computer"]
 
 
 def test_a_discovery_that_is_not_there_is_a_sentence(roscore):
