@@ -23,12 +23,7 @@ from .xml_rpc import ask
 
 CALLER = "/multimaster_verify"
 LIST_MASTERS = "/master_discovery/list_masters"
-FAREWELL = 10  # seconds that its node has to unregister: on a busy computer Python takes its time
-NO_SCRIPT = "rostopic is no script, so the Python of ROS is not known"
-
-
-class RosMissing(Exception):
-    """ROS is missing here; one sentence says what, and what to do."""
+KILLED = 10  # seconds after which a program is killed that does not end at its limit
 
 
 class Ros:
@@ -40,42 +35,36 @@ class Ros:
         self.variables = environment(text(environment_file)) or dict(without or {})
         self.uri = self.variables.get("ROS_MASTER_URI", "")
 
-    def command(self, name: str) -> str:
-        """The path of a command of ROS. Raises RosMissing."""
+    def problem(self, command: str = "rostopic") -> str:
+        """Say why no node can run here, by a command of ROS, or nothing: a second computer of a robot may be without ROS."""
         if not self.uri:
-            raise RosMissing(f"{self.file} has no ROS_MASTER_URI; run site.yml before the verification")
-        path = shutil.which(name, path=self.variables.get("PATH", BASE_PATH))
-        if path is None:
-            raise RosMissing(f"there is no command {name} in the PATH of {self.file}; install it")
-        return path
-
-    def problem(self) -> str:
-        """Say why no node can run here, or nothing: a second computer of a robot may be without ROS."""
-        try:
-            self.command("rostopic")
-        except RosMissing as problem:
-            return str(problem)
+            return f"{self.file} has no ROS_MASTER_URI; run site.yml before the verification"
+        if self._find(command) is None:
+            return f"there is no command {command} in the PATH of {self.file}; install it"
         return ""
 
-    def python(self) -> typing.List[str]:
-        """Return the words that run the Python of this computer's ROS; empty where rostopic is no script. Raises RosMissing."""
-        return interpreter(read_regular(self.command("rostopic"), 4096))
+    def _find(self, command: str) -> typing.Optional[str]:
+        return shutil.which(command, path=self.variables.get("PATH", BASE_PATH))
 
-    def program(self, name: str, words: typing.List[str], limit: float, given: str = "") -> typing.Tuple[str, str]:
-        """Run a program for `limit` seconds at most; return its output and its error, which calls it `name`. `given` is its input.
+    def run_python(self, program: str, limit: float, given: str) -> typing.Tuple[str, str]:
+        """Run the text of a program under the Python of this computer's ROS, which gets `given`; return its output, and an error or ''.
 
-        At its time limit it is interrupted, so its node unregisters.
+        Raises OSError.
         """
-        argv = ["timeout", "--signal=INT", f"--kill-after={FAREWELL}", f"{limit:.1f}"] + words
+        script = self._find("rostopic")
+        if script is None:
+            raise OSError(self.problem())
+        words = interpreter(read_regular(script, 4096))
+        if not words:
+            return "", "rostopic is no script, so the Python of ROS is not known"
+        argv = ["timeout", f"--kill-after={KILLED}", f"{limit:.1f}", *words, "-c", program]
         variables = dict(self.variables, PATH=self.variables.get("PATH", BASE_PATH), LC_ALL="C.UTF-8")
         variables.update(PYTHONUNBUFFERED="1", PYTHONDONTWRITEBYTECODE="1")
-        answer = foreign(argv, variables, limit + 2 * FAREWELL, given, homes=("HOME", "ROS_HOME", "ROS_LOG_DIR"))
-        output = answer.text
-        if answer.status == 0:
-            return output, ""
+        answer = foreign(argv, variables, limit + 2 * KILLED, given, homes=("HOME", "ROS_HOME", "ROS_LOG_DIR"))
         if answer.status == 124:  # timeout(1)
-            return output, f"{name} printed nothing within {limit:.0f} s"
-        return output, plain(answer.last_error or f"{name} ended with status {answer.status}")
+            return answer.text, f"the Python of ROS printed nothing within {limit:.0f} s"
+        error = answer.last_error or f"the Python of ROS ended with status {answer.status}"
+        return answer.text, plain(error) if answer.status else ""
 
     def ask(self, method: str, *arguments: typing.Any, caller: str = CALLER) -> typing.Any:
         """Call a method of the master API. Raises OSError with a sentence where the roscore gives no value."""
@@ -101,25 +90,23 @@ def roscore(ros: Ros, deadline: float) -> typing.Dict[str, str]:
 def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.Dict[str, typing.Any]:
     """Do what `rosservice call /master_discovery/list_masters` does, again until the wanted names are online."""
     began = time.monotonic()
+    missing = ros.problem("rosservice")
+    if missing:
+        return {"masters": [], "error": missing, "seconds": 0.0}
 
     def look() -> typing.Dict[str, typing.Any]:
         try:
-            ros.command("rosservice")
             uri = str(ros.ask("lookupService", LIST_MASTERS))
             rows = tcpros.call(uri, LIST_MASTERS, tcpros.LIST_MASTERS, CALLER)
-        except RosMissing as problem:
-            return {"masters": [], "error": str(problem), "hopeless": True}
         except OSError as problem:
-            return {"masters": [], "error": plain(problem), "hopeless": False}
-        masters = [{key: row[key] for key in ("name", "uri", "online", "monitoruri")} for row in rows]
-        return {"masters": masters, "error": "", "hopeless": False}
+            return {"masters": [], "error": plain(problem)}
+        return {
+            "masters": [{key: row[key] for key in ("name", "uri", "online", "monitoruri")} for row in rows],
+            "error": "",
+        }
 
-    seen = poll(
-        look,
-        lambda seen: seen["hopeless"] or wanted <= {entry["name"] for entry in seen["masters"] if entry["online"]},
-        deadline,
-    )
-    return {"masters": seen["masters"], "error": seen["error"], "seconds": round(time.monotonic() - began, 1)}
+    seen = poll(look, lambda seen: wanted <= {row["name"] for row in seen["masters"] if row["online"]}, deadline)
+    return dict(seen, seconds=round(time.monotonic() - began, 1))
 
 
 def interpreter(script: bytes) -> typing.List[str]:

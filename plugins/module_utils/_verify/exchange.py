@@ -13,7 +13,7 @@ import xmlrpc.client
 from .._client import message_types, tcpros
 from .._client.documents import NODE, STATE
 from .._client.facts import IMPORTS, SYNC_INFO
-from .._client.ros import CALLER, NO_SCRIPT, Ros
+from .._client.ros import CALLER, Ros
 from .._client.xml_rpc import server
 from .._machine.outcomes import Outcome, classify_error
 from .._module.plain_text import plain
@@ -101,11 +101,7 @@ def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]
 
 def _md5sums(ros: Ros, types: typing.List[str]) -> typing.Tuple[typing.Dict[str, str], str]:
     """Ask the Python of ROS for the md5 sums of message types; return {type: md5 sum}, and an error or ''."""
-    words = ros.python()
-    if not words:
-        return {}, NO_SCRIPT
-    words += ["-c", inspect.getsource(message_types)]
-    output, error = ros.program("the Python of ROS", words, TYPES, json.dumps(types))
+    output, error = ros.run_python(inspect.getsource(message_types), TYPES, json.dumps(types))
     sums = last_line(output.encode())
     return sums if _are_texts(sums) else {}, error
 

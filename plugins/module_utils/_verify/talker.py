@@ -13,7 +13,7 @@ import re
 import typing
 
 from .._client import node
-from .._client.ros import FAREWELL, Ros
+from .._client.ros import Ros
 from .._module.plain_text import plain
 from .._process.commands import run
 from .services import states_of
@@ -69,7 +69,7 @@ def start(ros: Ros, label: str, computer: str, lifetime: int) -> str:
     options = {
         "RuntimeMaxSec": str(lifetime),
         "KillSignal": "SIGINT",  # so that its node unregisters
-        "TimeoutStopSec": str(FAREWELL),
+        "TimeoutStopSec": "10",  # on a busy computer Python takes its time
         "SyslogLevelPrefix": "no",  # no line of it begins with a priority
         "StandardInput": "data",
         "StandardInputData": base64.b64encode(inspect.getsource(node).encode()).decode(),

@@ -14,28 +14,31 @@ from hypothesis import strategies as st
 from provider import LIST_MASTERS, answer, head, master, provider, rows
 
 
-def test_command_runs_in_the_environment_of_the_file(ros):
+def test_program_runs_in_the_environment_of_the_file(ros):
     made, command = ros
-    command("rosservice", 'echo "$ROS_MASTER_URI $HOME $ROS_HOME $*"; touch "$ROS_HOME/log"')
-    output, error = made.program("rosservice", [made.command("rosservice"), "call", "/x"], 5)
+    command("rostopic", "")
+    program = 'read given; echo "$ROS_MASTER_URI $HOME $ROS_HOME $given"; touch "$ROS_HOME/log"'
+    output, error = made.run_python(program, 5, "/x\n")
     uri, home, *rest = output.split()
-    assert (uri, rest) == ("http://127.0.0.1:1", [home, "call", "/x"]) and not error
+    assert (uri, rest) == ("http://127.0.0.1:1", [home, "/x"]) and not error
     assert not os.path.exists(home)
 
 
-def test_command_that_never_ends_is_interrupted(ros):
+def test_program_that_never_ends_is_ended(ros):
     made, command = ros
-    command("rostopic", 'trap "echo unregistered; exit 0" INT; while :; do sleep 0.1; done')
-    output, error = made.program("rostopic", [made.command("rostopic")], 0.5)
-    assert output == "unregistered\n" and "printed nothing within" in error
+    command("rostopic", "")
+    output, error = made.run_python("echo begun; while :; do sleep 0.1; done", 0.5, "")
+    assert output == "begun\n" and "the Python of ROS printed nothing within" in error
 
 
-def test_command_that_fails_or_is_not_there(ros):
+def test_program_that_fails_or_is_not_there(ros):
     made, command = ros
-    command("rostopic", "echo first >&2; echo 'ERROR: Unable to communicate with master!' >&2; exit 1")
-    assert made.program("rostopic", [made.command("rostopic")], 5)[1] == "ERROR: Unable to communicate with master!"
-    with pytest.raises(probe_ros.RosMissing, match="no command roscall"):
-        made.command("roscall")
+    with pytest.raises(OSError, match="no command rostopic"):
+        made.run_python("", 5, "")
+    command("rostopic", "")
+    failing = "echo first >&2; echo 'ERROR: Unable to communicate with master!' >&2; exit 1"
+    assert made.run_python(failing, 5, "")[1] == "ERROR: Unable to communicate with master!"
+    assert made.run_python("exit 3", 5, "")[1] == "the Python of ROS ended with status 3"
 
 
 def test_without_an_environment_there_is_a_sentence(tmp_path):
