@@ -212,8 +212,9 @@ import typing
 from ..module_utils._machine.network import is_address
 from ..module_utils._module import actions, ends
 from ..module_utils._module.module import Module
+from ..module_utils._multicast.packets import open_copies
 from ..module_utils._process.background import Visit, end_others, find_wrong_value, leave, open_door, path_of
-from ..module_utils._watch.process import heartbeats_socket, serve
+from ..module_utils._watch.process import serve
 from ..module_utils._watch.readings import Targets
 
 KIND = "watch"  # of the doors of watches
@@ -263,7 +264,7 @@ def start_watch(module: Module) -> Result:
     )
     try:
         end_others(KIND)
-        raw = heartbeats_socket(params["port"])
+        raw = open_copies(params["port"])
         door = open_door(path)
     except OSError as error:
         why = error.strerror or error

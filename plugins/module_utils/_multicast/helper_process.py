@@ -8,8 +8,6 @@ of a datagram, behind the firewall's input rules as an application's, whichever 
 itself stays as it is.
 """
 
-import contextlib
-import ctypes
 import random
 import select
 import socket
@@ -20,11 +18,10 @@ import typing
 from .._machine.outcomes import Outcome
 from .._process.background import admit, answer, open_door, remove_door
 from .helper import Address, Datagrams, Helper, Settings
-from .packets import echo_request, packet, read_echoes
+from .packets import echo_request, open_copies, read_copies, read_echoes
 
-# linux/in.h, linux/icmp.h and asm-generic/socket.h; Python does not name them in every version
+# linux/in.h and linux/icmp.h; Python does not name them in every version
 IP_PKTINFO = 8
-SO_ATTACH_FILTER = 26
 SOL_RAW = 255
 ICMP_FILTER = 1
 
@@ -48,14 +45,7 @@ class Sockets(typing.NamedTuple):
 
 def open_sockets(settings: Settings, index: int, path: str) -> Sockets:
     """Open the sockets of a helper; `index` is the number of the interface, `path` that of the door. Raises OSError."""
-    with contextlib.ExitStack() as stack:
-        sockets = Sockets(
-            stack.enter_context(_copies(settings, index)),
-            stack.enter_context(_control(settings, index)),
-            stack.enter_context(open_door(path)),
-        )
-        stack.pop_all()
-    return sockets
+    return Sockets(_copies(settings, index), _control(settings, index), open_door(path))
 
 
 def _member(group: str, address: str, index: int) -> bytes:
@@ -64,22 +54,10 @@ def _member(group: str, address: str, index: int) -> bytes:
 
 
 def _copies(settings: Settings, index: int) -> socket.socket:
-    raw = socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_UDP)
-    raw.setblocking(False)
-    filter_port(raw, settings.port)
+    raw = open_copies(settings.port)
     raw.setsockopt(socket.IPPROTO_IP, IP_PKTINFO, 1)
     raw.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _member(settings.group, settings.address, index))
     return raw
-
-
-def filter_port(raw: socket.socket, port: int) -> None:
-    """Let only UDP datagrams to port through, and 64 bytes of each: a robot's other UDP traffic costs nothing here.
-
-    The classic BPF program sees the packet from its IP header on: x = length of that header; port = 16 bits at x + 2.
-    """
-    program = ((0xB1, 0, 0, 0), (0x48, 0, 0, 2), (0x15, 0, 1, port), (0x06, 0, 0, 64), (0x06, 0, 0, 0))
-    code = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *line) for line in program))
-    raw.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, struct.pack("HP", len(program), ctypes.addressof(code)))
 
 
 def _control(settings: Settings, index: int) -> socket.socket:
@@ -154,23 +132,11 @@ def copies(
     raw: socket.socket, port: int, interfaces: typing.Dict[int, str]
 ) -> typing.Iterator[typing.Tuple[Address, str, str, int]]:
     """Yield (source, destination, interface, length of the payload) of each waiting UDP datagram for a port."""
-    for unused in range(1000):
-        try:
-            data, ancillary = raw.recvmsg(128, 64)[:2]
-        except OSError:
-            return
-        found = packet(data)
-        if found is None or len(found.body) < 8:
-            continue
-        origin, target, length = struct.unpack("!HHH", found.body[:6])
-        index = [
-            struct.unpack("i", info[:4])[0]
-            for level, kind, info in ancillary
-            if (level, kind) == (socket.IPPROTO_IP, IP_PKTINFO)
-        ]
-        if target == port and index:
-            interface = interfaces.get(index[0], str(index[0]))
-            yield (found.source, origin), found.destination, interface, length - 8
+    for found, ancillary in read_copies(raw, port):
+        for level, kind, info in ancillary:
+            if (level, kind) == (socket.IPPROTO_IP, IP_PKTINFO):
+                index = struct.unpack("i", info[:4])[0]
+                yield found.source, found.destination, interfaces.get(index, str(index)), found.length
 
 
 def datagrams(control: socket.socket) -> typing.Iterator[typing.Tuple[bytes, Address]]:

@@ -30,15 +30,6 @@ Key = typing.Tuple[str, str]  # kind and name
 Plain = typing.Dict[str, typing.Any]
 
 
-class Sender:
-    """When a sender was heard last, and how long it may be silent."""
-
-    __slots__ = ("last", "limit")
-
-    def __init__(self, last: float, limit: float) -> None:
-        self.last, self.limit = last, limit
-
-
 def silence(rate: float) -> float:
     """Return the seconds that a sender of `rate` heartbeats a second may be silent; 0 is no promise."""
     return max(QUIET, MISSED / rate) if rate > 0 else UNPROMISED
@@ -51,7 +42,7 @@ class Watch:
         self.began, self.wall = now, wall  # monotonic seconds, Unix time
         self.first: typing.Dict[Key, str] = {}
         self.lost: typing.Dict[Key, float] = {}  # -> the Unix time since when
-        self.beats: typing.Dict[Key, Sender] = {}
+        self.beats: typing.Dict[Key, typing.Tuple[float, float]] = {}  # the time of the last, seconds it may be silent
         self.events: typing.List[Plain] = []
         self.dropped = 0
 
@@ -59,15 +50,15 @@ class Watch:
         """Note a heartbeat; `rate` is what it promises, in heartbeats a second."""
         key = kind, name
         if key in self.beats or len(self.beats) < SENDERS:
-            self.beats[key] = Sender(now, silence(rate))
+            self.beats[key] = now, silence(rate)
             self.first.setdefault(key, HEARD)
 
     def beat(self, now: float, wall: float) -> bool:
         """Find the silent sources; True where one was lost just now. A loss began with the last heartbeat."""
         losses = 0
-        for key, beat in self.beats.items():
-            value = SILENT if now - beat.last > beat.limit else HEARD
-            losses += self._look(key, value, wall - (now - beat.last) if value == SILENT else wall)
+        for key, (last, limit) in self.beats.items():
+            value = SILENT if now - last > limit else HEARD
+            losses += self._look(key, value, wall - (now - last) if value == SILENT else wall)
         return bool(losses)
 
     def read(self, wall: float, values: typing.Mapping[Key, str]) -> bool:

@@ -9,6 +9,7 @@ import socket
 import sys
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import packets
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch import process, readings
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[5] / "roles/nodes/files/python"))
@@ -73,19 +74,25 @@ def packet(body, port=11511, destination="226.0.0.0"):
     )
 
 
+def rate(data):
+    found = packets.datagram(data, 11511)
+    return found and process.read_rate(found)
+
+
 @pytest.mark.parametrize("kind", heartbeat.Kind)
 def test_a_watch_reads_what_the_nodes_write(kind):
     drawn = random.Random(kind.value)
     for _turn in range(100):
         record = heartbeat.encode(heartbeat.Heartbeat(kind, drawn.randrange(1, 65536), drawn.uniform(0, 30)))
-        assert process.heartbeat(packet(record), 11511).rate == heartbeat.decode(record).rate
+        assert rate(packet(record)) == heartbeat.decode(record).rate
 
 
 def test_only_the_record_of_discovery_is_a_heartbeat():
     record = b"R\x02\x0a" + bytes(21)
-    assert process.heartbeat(packet(record), 11511) == process.Beat("192.168.1.2", "226.0.0.0", 1.0)
+    assert rate(packet(record)) == 1.0
+    assert packets.datagram(packet(record), 11511) == (("192.168.1.2", 40000), "226.0.0.0", record, 24)
     for other in (b"", record[:-1], record + b"x", b"X" + record[1:]):
-        assert process.heartbeat(packet(other), 11511) is None
-    assert process.heartbeat(packet(record, port=11512), 11511) is None
-    assert process.heartbeat(packet(record)[:30], 11511) is None
-    assert process.heartbeat(b"", 11511) is None
+        assert rate(packet(other)) is None
+    assert rate(packet(record, port=11512)) is None
+    assert rate(packet(record)[:30]) is None
+    assert rate(b"") is None
