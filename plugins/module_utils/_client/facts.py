@@ -38,14 +38,14 @@ def masters(wanted: typing.List[Row], proc: str = "/proc") -> typing.List[Row]:
 
 def _master(place: Row) -> typing.Optional[Row]:
     """Describe the roscore at a place; None where something else answers there."""
-    roscore = Roscore(_uri_at(place))
+    roscore = _uri_at(place)
     entry = _entry(place, "")
     try:
-        entry["uri"] = plain(roscore.ask("getUri"))
-        entry["pid"] = _number(roscore.ask("getPid"))
+        entry["uri"] = plain(ask(roscore, CALLER, "getUri"))
+        entry["pid"] = _number(ask(roscore, CALLER, "getPid"))
         for name in ("run_id", "rosdistro", "rosversion"):
-            entry[name] = plain(roscore.parameter("/" + name, "")).strip()
-        publishers, subscribers, services = tables = roscore.state()
+            entry[name] = plain(_parameter(roscore, "/" + name, "")).strip()
+        publishers, subscribers, services = tables = _state(roscore)
     except Strange:
         return None
     except OSError as problem:
@@ -86,48 +86,35 @@ def _providers(services: typing.Dict[str, typing.List[str]], end: str) -> typing
     return [(name, services[name][0]) for name in sorted(services) if name.endswith(end) and services[name]][:NODES]
 
 
-class Roscore:
-    """The master API of a roscore. Raises OSError where it gives no value, and Strange where it is none."""
-
-    def __init__(self, uri: str) -> None:
-        self._uri = uri
-
-    def ask(self, method: str, *arguments: typing.Any) -> typing.Any:
-        """Call a method and return its value."""
-        return ask(self._uri, CALLER, method, *arguments)
-
-    def parameter(self, name: str, default: typing.Any) -> typing.Any:
-        """Return a parameter, or the default where it gives none."""
-        try:
-            return self.ask("getParam", name)
-        except OSError:
-            return default
-
-    def state(self) -> Tables:
-        """Return publishers, subscribers and services: {name: nodes}."""
-        state = self.ask("getSystemState")
-        try:
-            return [{str(name): [str(node) for node in nodes] for name, nodes in state[part]} for part in range(3)]
-        except (LookupError, TypeError, ValueError) as problem:
-            raise Strange(f"{self._uri}: no state of a roscore") from problem
-
-    def call(self, service: str, known: typing.Any) -> typing.List[Row]:
-        """Call a service that has no questions."""
-        return tcpros.call(str(self.ask("lookupService", service)), service, known, CALLER)
+def _parameter(uri: str, name: str, default: typing.Any) -> typing.Any:
+    """Return a parameter of a roscore, or the default where it gives none."""
+    try:
+        return ask(uri, CALLER, "getParam", name)
+    except OSError:
+        return default
 
 
-def _discovery(roscore: Roscore, uri: str, service: str, node: str) -> Row:
+def _state(uri: str) -> Tables:
+    """Return publishers, subscribers and services of a roscore: {name: nodes}. Raises OSError, and Strange where it is none."""
+    state = ask(uri, CALLER, "getSystemState")
+    try:
+        return [{str(name): [str(node) for node in nodes] for name, nodes in state[part]} for part in range(3)]
+    except (LookupError, TypeError, ValueError) as problem:
+        raise Strange(f"{uri}: no state of a roscore") from problem
+
+
+def _discovery(roscore: str, uri: str, service: str, node: str) -> Row:
     """Describe a discovery node, by its list of masters and its parameters at the roscore."""
     entry: Row = {"node": plain(node), "service": plain(service), "masters": [], "error": ""}
     try:
-        entry["masters"] = roscore.call(service, tcpros.LIST_MASTERS)
+        entry["masters"] = tcpros.call_by_name(roscore, service, tcpros.LIST_MASTERS, CALLER)
     except OSError as problem:
         entry["error"] = plain(problem)
     own = [master for master in entry["masters"] if master["uri"].rstrip("/") == uri.rstrip("/")]
     entry["uri"] = own[0]["monitoruri"] if own else ""
     entry["implementation"] = _implementation(entry["uri"])
-    entry["group"] = plain(roscore.parameter(f"{node}/mcast_group", ""))
-    entry["group_port"] = _number(roscore.parameter(f"{node}/mcast_port", 0))
+    entry["group"] = plain(_parameter(roscore, f"{node}/mcast_group", ""))
+    entry["group_port"] = _number(_parameter(roscore, f"{node}/mcast_port", 0))
     return entry
 
 
@@ -144,14 +131,15 @@ def _implementation(uri: str) -> str:
         return ""
 
 
-def _sync(roscore: Roscore, service: str, node: str) -> Row:
+def _sync(roscore: str, service: str, node: str) -> Row:
     """Describe a sync node, by what it tells of its imports."""
     entry: Row = {"node": plain(node), "service": plain(service), "imports": [], "error": ""}
     try:
-        entry["imports"] = [_count_imports(host) for host in roscore.call(service, tcpros.GET_SYNC_INFO)]
+        hosts = tcpros.call_by_name(roscore, service, tcpros.GET_SYNC_INFO, CALLER)
+        entry["imports"] = [_count_imports(host) for host in hosts]
     except OSError as problem:
         entry["error"] = plain(problem)
-    entry["implementation"] = BUNDLED if roscore.parameter(IMPORTS, None) is not None else UPSTREAM
+    entry["implementation"] = BUNDLED if _parameter(roscore, IMPORTS, None) is not None else UPSTREAM
     return entry
 
 

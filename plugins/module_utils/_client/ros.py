@@ -96,8 +96,7 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
 
     def look() -> typing.Dict[str, typing.Any]:
         try:
-            uri = str(ros.ask("lookupService", LIST_MASTERS))
-            rows = tcpros.call(uri, LIST_MASTERS, tcpros.LIST_MASTERS, CALLER)
+            rows = tcpros.call_by_name(ros.uri, LIST_MASTERS, tcpros.LIST_MASTERS, CALLER)
         except OSError as problem:
             return {"masters": [], "error": plain(problem)}
         return {

@@ -17,6 +17,7 @@ import urllib.parse
 
 from .._module.plain_text import plain, quote
 from . import node
+from .xml_rpc import ask
 
 CALL = 5.0  # seconds that a call may take, from the connection to the last byte
 CONNECT = 2.0  # seconds that a connection may take before a stream
@@ -44,6 +45,10 @@ class Reader:
     def text(self) -> str:
         """A string."""
         return self._take(self.number()).decode("utf-8", "replace")
+
+    def texts(self, *names: str) -> Row:
+        """Strings, by these names."""
+        return {name: self.text() for name in names}
 
     def items(self, read: typing.Callable[["Reader"], typing.Any]) -> typing.List[typing.Any]:
         """A list of values that `read` reads."""
@@ -77,17 +82,12 @@ def _master(reader: Reader) -> Row:
 
 def _topic(reader: Reader) -> Row:
     """fkie_multimaster_msgs/SyncTopicInfo."""
-    return {"topic": reader.text(), "node": reader.text(), "nodeuri": reader.text()}
+    return reader.texts("topic", "node", "nodeuri")
 
 
 def _service(reader: Reader) -> Row:
     """fkie_multimaster_msgs/SyncServiceInfo."""
-    return {
-        "service": reader.text(),
-        "serviceuri": reader.text(),
-        "node": reader.text(),
-        "nodeuri": reader.text(),
-    }
+    return reader.texts("service", "serviceuri", "node", "nodeuri")
 
 
 def _sync_master(reader: Reader) -> Row:
@@ -145,6 +145,13 @@ def call(
         if not good:
             raise OSError(f"{service}: {quote(answer.decode('utf-8', 'replace'))}")
         return Reader(answer).items(known[fields["md5sum"]])
+
+
+def call_by_name(
+    master: str, service: str, known: typing.Mapping[str, typing.Callable[[Reader], Row]], caller: str
+) -> typing.List[Row]:
+    """Call a service where the roscore at `master` says that it is. Raises as `call` does."""
+    return call(str(ask(master, caller, "lookupService", service)), service, known, caller)
 
 
 def hear(place: typing.Tuple[str, int], topic: str, caller: str) -> typing.Tuple[str, str]:

@@ -92,7 +92,7 @@ def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]
     if service is None:
         raise OSError(f"{ros.uri}: no master_sync tells what it has registered")
     found: typing.Dict[str, typing.Dict[str, str]] = {}
-    for host in tcpros.call(str(ros.ask("lookupService", service)), service, tcpros.GET_SYNC_INFO, CALLER):
+    for host in tcpros.call_by_name(ros.uri, service, tcpros.GET_SYNC_INFO, CALLER):
         nodes = found.setdefault(host["masteruri"], {})
         for entry in host["publisher"] + host["subscriber"] + host["services"]:
             nodes[entry["node"]] = entry["nodeuri"]

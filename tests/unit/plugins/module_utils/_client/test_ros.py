@@ -7,6 +7,7 @@ import os
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import ros as probe_ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment as environment_module
 from hypothesis import given
@@ -88,7 +89,7 @@ def test_list_masters_is_asked_without_a_command(roscore, monkeypatch):
     made, command = roscore
     command("rosservice", "exit 1")
     with provider(head(md5sum=LIST_MASTERS), answer(rows(master("one"), master("two", online=False)))) as uri:
-        monkeypatch.setattr(type(made), "ask", lambda self, method, name: uri)
+        monkeypatch.setattr(tcpros, "ask", lambda master, caller, method, name: uri)
         found = probe_ros.list_masters(made, {"one"}, 0)
     assert [(entry["name"], entry["online"]) for entry in found["masters"]] == [("one", True), ("two", False)]
     assert not found["error"]
