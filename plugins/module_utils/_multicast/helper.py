@@ -95,7 +95,6 @@ class Helper:
         self.sent = 0
         self.sequence = 0
         self.rounds: typing.Optional[Steps] = None  # the measurement under way
-        self.awaited: typing.Set[Peer] = set()  # the measurement waits a while for the counts of these peers
         self.done = False
         self.due = now
         self.deadline = now + settings.lifetime
@@ -154,7 +153,6 @@ class Helper:
             peer.source = message.source
             offset = ((message.arrived - message.asked) + (message.arrived - wall)) / 2  # RFC 5905, section 8
             peer.samples.append((now - asked, offset))
-            self._on_answer(peer, now)
         return []
 
     def _peer_at(self, address: str) -> typing.Optional[Peer]:
@@ -221,17 +219,9 @@ class Helper:
         """Ask every peer how many probes it has heard, until all have answered or none is likely to."""
         for attempt in range(ATTEMPTS):
             late = [peer for peer in self.peers.values() if when not in peer.accounts]
-            self.awaited = {peer for peer in late if peer.control}
-            if not self.awaited:
+            if not any(peer.control for peer in late):
                 return
             yield PATIENCE, self._asks(late, when)
-        self.awaited = set()
-
-    def _on_answer(self, peer: Peer, now: float) -> None:
-        if peer in self.awaited:
-            self.awaited.remove(peer)
-            if not self.awaited:
-                self.due = now
 
     def _probes(self, unicast: bool) -> Datagrams:
         """Send one probe on the group, and one by unicast to each computer that is to hear that too, or can only hear that."""
