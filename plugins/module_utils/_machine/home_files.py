@@ -1,11 +1,13 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Reads files of a home folder. A process of that person runs this source alone."""
+"""A program that reads files of a home folder. A process of that person runs this source alone."""
 
 import glob
+import json
 import os
 import stat
+import sys
 
 
 def find_lines(patterns, names):
@@ -30,3 +32,7 @@ def _blank_others(lines, names):
     while lines and not lines[-1]:
         lines.pop()
     return lines
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps(find_lines(*json.load(sys.stdin))) + "\n")

@@ -99,30 +99,16 @@ def people(passwd: str) -> typing.List[Person]:
     return list(persons.values())
 
 
-# The program of a process that runs as the person.
-_READ = (
-    inspect.getsource(home_files)
-    + """
-import json, sys
-print(json.dumps(find_lines(*json.load(sys.stdin))))
-"""
-)
-
-
 def _read_as(person: Person, under: str) -> typing.List[typing.Tuple[str, str]]:
     """Read the files of a home folder as the person: (path, text), with the lines about VARIABLES alone."""
     patterns = [under + os.path.join(person.home, name)[1:] for name in _PERSONAL]
-    if person.uid == os.geteuid():
-        files = home_files.find_lines(patterns, VARIABLES)
-    else:
-        answer = run(
-            ["/usr/bin/python3", "-I", "-c", _READ],
-            given=json.dumps([patterns, VARIABLES]).encode(),
-            user=(person.uid, person.gid),
-        )
-        files = last_line(answer.output)
+    question = json.dumps([patterns, VARIABLES]).encode()
+    program = ["/usr/bin/python3", "-I", "-c", inspect.getsource(home_files)]
+    answer = run(program, given=question, user=(person.uid, person.gid))
     try:  # the person could change the process, and its answer
-        return [("/" + plain(path[len(under) :]), "\n".join(map(str, lines))) for path, lines in files]
+        return [
+            ("/" + plain(path[len(under) :]), "\n".join(map(str, lines))) for path, lines in last_line(answer.output)
+        ]
     except (TypeError, ValueError):
         return []
 
