@@ -173,7 +173,9 @@ class Node:
                 if not piece or len(link.read) > _BYTES:
                     self._leave(link)
                 elif link.stream:
-                    self._count(link, link.stream.took(len(piece)))
+                    came = link.stream.took(len(piece))
+                    if came is not None:
+                        self._say(link, message(came), True)
                 elif link.topic:
                     link.read = b""  # a subscriber says nothing after its header
                 else:
@@ -238,10 +240,6 @@ class Node:
             return
         link.stream, link.deadline = _Stream(seconds), time.monotonic() + REQUEST
         self._say(link, header({"callerid": self.name, "topic": topic, "stream": f"{link.stream.seconds:g}"}))
-
-    def _count(self, link: _Link, came: typing.Optional[str]) -> None:
-        if came is not None:
-            self._say(link, message(came), True)
 
     # Callers: http://wiki.ros.org/ROS/Slave_API
 

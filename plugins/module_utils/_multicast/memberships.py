@@ -8,7 +8,8 @@ import socket
 import sys
 import typing
 
-Membership = typing.Dict[str, typing.Any]  # interface, family, group, users and querier, as the module returns it
+Membership = typing.Dict[str, typing.Any]  # as the module returns it
+KEYS = ("interface", "family", "group", "users", "querier")
 
 
 def igmp_memberships(text: str, byteorder: typing.Any = sys.byteorder) -> typing.List[Membership]:
@@ -26,15 +27,7 @@ def igmp_memberships(text: str, byteorder: typing.Any = sys.byteorder) -> typing
             interface, querier = device.groups()
         elif group and interface:
             address = socket.inet_ntoa(int(group.group(1), 16).to_bytes(4, byteorder))
-            found.append(
-                {
-                    "interface": interface,
-                    "family": "ipv4",
-                    "group": address,
-                    "users": int(group.group(2)),
-                    "querier": querier,
-                }
-            )
+            found.append(dict(zip(KEYS, (interface, "ipv4", address, int(group.group(2)), querier))))
     return found
 
 
@@ -42,14 +35,8 @@ def igmp6_memberships(text: str) -> typing.List[Membership]:
     """Read the memberships in the content of /proc/net/igmp6; that table names no querier."""
     rows = re.findall(r"^\d+\s+(\S+)\s+([0-9a-f]{32})\s+(\d+)\s", text, re.MULTILINE)
     return [
-        {
-            "interface": interface,
-            "family": "ipv6",
-            "group": socket.inet_ntop(socket.AF_INET6, bytes.fromhex(group)),
-            "users": int(users),
-            "querier": None,
-        }
-        for interface, group, users in rows
+        dict(zip(KEYS, (name, "ipv6", socket.inet_ntop(socket.AF_INET6, bytes.fromhex(group)), int(users), None)))
+        for name, group, users in rows
     ]
 
 

@@ -7,8 +7,6 @@ import typing
 
 from .._module.plain_text import quote
 
-Entries = typing.List[typing.Dict[str, typing.Any]]
-
 
 def icmp_round(
     number: int, answered: typing.Set[str], computers: typing.Dict[str, str], own: str
@@ -63,7 +61,9 @@ def explain(result: typing.Dict[str, typing.Any], port: int) -> str:
 def _cases(result: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.List[str]]:
     """List the computers of each case of CAUSES."""
     udp, missing = result["udp"], result["missing"]
-    silent, apart = _find_silent(udp)
+    silent = [entry for entry in udp if entry["multicast"] and not entry["heard_from"]]
+    apart = [entry for entry in udp if not entry["multicast"] and not entry["unicast"]]
+    elsewhere = [(entry["name"], entry["other_interfaces"]) for entry in silent if entry["other_interfaces"]]
     cases = {
         "silent": silent,
         "deaf": [entry for entry in udp if entry["heard_by"] is False],
@@ -71,18 +71,5 @@ def _cases(result: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.List
         "unreachable": [entry for entry in silent + apart if entry["heard_by"] is None],
     }
     names = {case: [entry["name"] for entry in entries] for case, entries in cases.items()}
-    return {**names, "elsewhere": _list_interfaces(silent), "unanswered": result["unanswered"]}
-
-
-def _find_silent(udp: Entries) -> typing.Tuple[Entries, Entries]:
-    """Return the computers that are not heard on the group; and those without multicast that do not answer."""
-    return (
-        [entry for entry in udp if entry["multicast"] and not entry["heard_from"]],
-        [entry for entry in udp if not entry["multicast"] and not entry["unicast"]],
-    )
-
-
-def _list_interfaces(silent: Entries) -> typing.List[str]:
-    """List the computers that are heard on other interfaces than the planned one, with these."""
-    elsewhere = [(entry["name"], entry["other_interfaces"]) for entry in silent if entry["other_interfaces"]]
-    return [f"{name} ({', '.join(map(quote, interfaces))})" for name, interfaces in elsewhere]
+    names["elsewhere"] = [f"{name} ({', '.join(map(quote, interfaces))})" for name, interfaces in elsewhere]
+    return dict(names, unanswered=result["unanswered"])

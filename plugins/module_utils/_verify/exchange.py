@@ -59,7 +59,7 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
         topic["md5sum"] = sums.get(topic["type"], "")
     nodes = {node: uri for node, uri in uris.items() if node not in imported}
     named = {uri: node for node, uri in uris.items()}
-    found["connections"], silent = _connections(ros, nodes, named, Places(members), own)
+    found["connections"], silent = _connections(nodes, named, Places(members), own)
     found["silent"] = _drop_ended(ros, sorted(silent), nodes)
     found["silences"] = [
         {"node": node, "host": host(nodes[node]), "error": silent[node][0], "outcome": silent[node][1].value}
@@ -143,7 +143,7 @@ def _parts(
 
 
 def _connections(
-    ros: Ros, nodes: typing.Dict[str, str], named: typing.Dict[str, str], places: "Places", own: str
+    nodes: typing.Dict[str, str], named: typing.Dict[str, str], places: "Places", own: str
 ) -> typing.Tuple[typing.List[typing.Dict[str, str]], typing.Dict[str, typing.Tuple[str, Outcome]]]:
     """Ask own nodes ({node: URI}) for connections with nodes of other robots; return those, and {silent node: why, outcome}.
 
