@@ -17,8 +17,8 @@ import typing
 from .._module import trust
 from .._module.plain_text import is_plain, plain, quote
 from .._process.commands import BASE_PATH, CLEAN, run
-from .._process.foreign import foreign
-from . import fkie, imports, set_up
+from .._process.foreign import foreign, last_line
+from . import fkie, set_up
 
 PYTHON = "/usr/bin/python3"  # what ROS on Python 3 and Debian's packages are built for
 PYTHON2 = "/usr/bin/python2.7"  # what the ROS distributions before Noetic are built for
@@ -29,11 +29,25 @@ _DEBIAN = "/usr/lib/python3/dist-packages/rospy"
 _IN_A_FOLDER = ("setup.bash", "setup.sh", "devel/setup.bash", "install/setup.bash")
 _SHELLS = {".bash": "bash", ".sh": "sh", ".zsh": "zsh"}
 _SOURCING = 10.0  # seconds; catkin's own file takes 0.2 on a PC
+_IMPORTING = 60.0  # seconds; 0.4 on a PC, cold on a small robot ten
 
 _LARGEST = 64 << 10  # bytes of all variables; more than 128 KiB in one of them, and no program starts any more
 _LISTS = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
 _OF_THE_SHELL = ("PWD", "OLDPWD", "SHLVL", "_", "HOME", "LC_ALL")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+_VERSION = re.compile(r"[23]\.[0-9]{1,3}\.[0-9]{1,3}")
+_IMPORT = """
+import importlib, json, sys
+missing = []
+for name in sys.argv[1:]:
+    try:
+        importlib.import_module(name)
+    except Exception:
+        missing.append(name)
+print()
+print(json.dumps({"version": "%d.%d.%d" % sys.version_info[:3], "missing": missing}))
+"""
 
 _CLOSED = """
 import os, sys
@@ -250,24 +264,35 @@ def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
         return {
             "problem": f"The rospy of {where} is made for Python 2, but there is no {python}; install it (python2.7)."
         }
-    trial = imports.attempt(python, MODULES, full(environment))
-    if not trial.version:
-        return {"problem": f"The modules of {where} cannot be imported: {quote(trial.error)}."}
-    result = {
-        "python": python,
-        "python_version": trial.version,
-        "missing": trial.missing,
-        "rospy": "rospy" not in trial.missing,
-    }
-    if trial.missing:
+    version, missing, error = try_import(python, MODULES, full(environment))
+    if not version:
+        return {"problem": f"The modules of {where} cannot be imported: {quote(error)}."}
+    result = {"python": python, "python_version": version, "missing": missing, "rospy": "rospy" not in missing}
+    if missing:
         folders = [item for item in environment.get("PYTHONPATH", "").split(":") if os.path.isabs(item)]
-        packages = ", ".join("python3-" + name.replace("_", "-") for name in trial.missing)
+        packages = ", ".join("python3-" + name.replace("_", "-") for name in missing)
         advice = "install what is missing" if setup else f"install {packages}"
         result["problem"] = (
             explain_closed(folders)
-            or f"{python} cannot import {', '.join(map(quote, trial.missing))} out of {where}; {advice}."
+            or f"{python} cannot import {', '.join(map(quote, missing))} out of {where}; {advice}."
         )
     return result
+
+
+def try_import(
+    python: str, modules: typing.Sequence[str], environment: typing.Dict[str, str]
+) -> typing.Tuple[str, typing.List[str], str]:
+    """Let a user without rights import modules, as the services do; return the version of Python, the missing ones, and an error.
+
+    The version is empty where there is no answer.
+    """
+    answer = foreign([python, "-c", _IMPORT, *modules], environment, _IMPORTING)
+    result = last_line(answer.output)
+    result = result if isinstance(result, dict) else {}
+    version, missing = result.get("version"), result.get("missing")
+    if not isinstance(version, str) or not _VERSION.fullmatch(version) or not isinstance(missing, list):
+        return "", [], plain(answer.last_error or "no answer")
+    return version, [name for name in modules if name in missing], ""
 
 
 def explain_closed(paths: typing.Iterable[str]) -> str:

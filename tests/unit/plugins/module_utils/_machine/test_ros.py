@@ -10,6 +10,7 @@ import tempfile
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie, ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 
 MODULE = "class Anything: pass\n"
 pytestmark = pytest.mark.skipif(not os.path.exists(ros.PYTHON), reason=f"there is no {ros.PYTHON}")
@@ -374,3 +375,52 @@ def test_packages_of_this_machine(tmp_path):
 
 def test_no_wanted_packages_are_no_question(tmp_path):
     assert fkie.packages([], str(tmp_path / "nothing")) == []
+
+
+# A trial import by a user without rights, whose answer is that of a stranger
+
+
+@pytest.fixture(name="package")
+def fixture_package():
+    """A module that others may read; its code says what is tried."""
+    folder = pathlib.Path(tempfile.mkdtemp())
+    folder.chmod(0o755)
+    package = folder / "rospy"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    yield package
+    shutil.rmtree(folder)
+
+
+def tried(package, *modules):
+    environment = {"PYTHONPATH": str(package.parent), "PATH": "/usr/bin:/bin", "PYTHONDONTWRITEBYTECODE": "1"}
+    return ros.try_import(ros.PYTHON, modules or ("rospy",), environment)
+
+
+def test_modules_that_are_there(package):
+    version, missing, error = tried(package, "rospy", "json")
+    assert (missing, error) == ([], "") and version.startswith("3.")
+
+
+def test_a_module_that_fails_is_missing(package):
+    (package / "__init__.py").write_text("import nothing\n")
+    assert tried(package, "rospy", "json", "not_there")[1] == ["rospy", "not_there"]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can lose its rights")
+def test_no_code_of_it_runs_as_root(package):
+    (package / "__init__.py").write_text("import os\nassert os.getuid() != 0 and os.geteuid() != 0\n")
+    assert tried(package)[1] == []
+
+
+def test_what_it_prints_is_not_the_answer(package):
+    (package / "__init__.py").write_text('print(\'{"version": "3.1.1", "missing": []}\')\nimport nothing\n')
+    assert tried(package)[1] == ["rospy"]
+
+
+@pytest.mark.parametrize(
+    "answer", [b"", b"[]", b'{"version": 3, "missing": []}', b'{"version": "3.9\\n", "missing": []}']
+)
+def test_no_answer_is_said(package, monkeypatch, answer):
+    monkeypatch.setattr(ros, "foreign", lambda *words: Answer(1, answer, "what\nit said \x1b[0m"))
+    assert tried(package) == ("", [], "it said \\x1b[0m")
