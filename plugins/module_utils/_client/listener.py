@@ -105,16 +105,12 @@ class Listener:
             if topic not in self._open or uri not in self._publishers[topic]:
                 continue
             try:
-                self._hear(topic, *self._ask(topic, uri))
+                self._hear(topic, *tcpros.hear(place_of(topic, uri, self.name), topic, self.name))
             except Exception as problem:  # whatever a stranger answers
                 self.errors[topic] = f"{quote(uri)}: {quote(problem)}"
                 again = threading.Timer(AGAIN, self._due.put, ((topic, uri),))
                 again.daemon = True
                 again.start()
-
-    def _ask(self, topic: str, uri: str) -> typing.Tuple[str, str]:
-        """Ask a publisher for its topic; return its message, and its node. Raises as place_of does."""
-        return tcpros.hear(place_of(topic, uri, self.name), topic, self.name)
 
     def _hear(self, topic: str, text: str, publisher: str) -> None:
         """Note what was said; an older talker may come first."""

@@ -8,7 +8,7 @@ import typing
 from urllib.parse import urlsplit
 
 from .._client.listener import Listener, Message, listener_of
-from .._client.ros import Ros
+from .._client.ros import Ros, roscore
 from .._machine.outcomes import Outcome, connect
 from .._module.plain_text import plain, quote
 from .._process.deadlines import PAUSE, call_all, poll
@@ -26,7 +26,7 @@ def topics(
     """Hear the topics of all talkers with one node, and look up the registered publishers of each."""
     if not talkers or ros.problem():
         return []
-    poll(lambda: _answers(ros), bool, deadline)
+    roscore(ros, deadline)  # it may start only now
     heard, errors, listened = listen(ros, talkers, label, own, deadline)
     settled = time.monotonic() + REGISTERING
     try:
@@ -97,13 +97,6 @@ def _read_publishers(ros: Ros) -> typing.Dict[str, typing.List[str]]:
     return dict(ros.ask("getSystemState")[0])
 
 
-def _answers(ros: Ros) -> bool:
-    try:
-        return bool(ros.ask("getUri"))
-    except OSError:
-        return False
-
-
 def listen(
     ros: Ros, talkers: typing.List[str], label: str, own: str, deadline: float
 ) -> typing.Tuple[typing.Dict[str, Message], typing.Dict[str, str], bool]:
@@ -125,10 +118,11 @@ def _uri(ros: Ros, node: str, end: float) -> str:
 
     Beside upstream's nodes, publishers that were heard were not registered for a moment. Why is not known.
     """
-    while True:
+
+    def look() -> str:
         try:
             return str(ros.ask("lookupNode", node))
         except OSError:
-            if time.monotonic() > end:
-                return ""  # it ended since
-            time.sleep(PAUSE)
+            return ""  # it ended since
+
+    return str(poll(look, bool, end))

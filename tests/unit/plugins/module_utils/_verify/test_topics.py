@@ -8,6 +8,7 @@ import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import deadlines
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
 from talking import Roscore, served, talking, until
 
@@ -68,7 +69,7 @@ def test_a_uri_that_is_none_is_not_reached(uri):
 
 def test_a_registration_that_is_away_for_a_moment_is_waited_for(monkeypatch):
     """Seen beside upstream's nodes, with publishers that were heard."""
-    monkeypatch.setattr(topics, "PAUSE", 0.0)
+    monkeypatch.setattr(deadlines, "PAUSE", 0.0)
     answers = [OSError("unknown node"), OSError("unknown node"), "http://b:40000/"]
 
     class Forgetful:
