@@ -101,6 +101,8 @@ def _sync_master(reader: Reader) -> Row:
     }
 
 
+Types = typing.Mapping[str, typing.Callable[[Reader], Row]]
+
 # md5 sum of a service -> how an entry of its answer is read; both services answer with one list, and ask nothing.
 # Upstream's from 0.3.6 on, which is older than all that run where the modules do.
 LIST_MASTERS = {
@@ -121,9 +123,7 @@ def _explain(late: str, strange: str) -> typing.Iterator[None]:
         raise OSError(f"{strange}: {quote(problem)}") from None
 
 
-def call(
-    uri: str, service: str, known: typing.Mapping[str, typing.Callable[[Reader], Row]], caller: str
-) -> typing.List[Row]:
+def call(uri: str, service: str, known: Types, caller: str) -> typing.List[Row]:
     """Call a service at its URI (rosrpc://host:port) and read the list in its answer. Raises OSError with a sentence."""
     deadline = time.monotonic() + CALL
     with _explain(f"{service} gave no answer within {CALL:g} s", f"{service} gave an answer that is none"):
@@ -147,9 +147,7 @@ def call(
         return Reader(answer).items(known[fields["md5sum"]])
 
 
-def call_by_name(
-    master: str, service: str, known: typing.Mapping[str, typing.Callable[[Reader], Row]], caller: str
-) -> typing.List[Row]:
+def call_by_name(master: str, service: str, known: Types, caller: str) -> typing.List[Row]:
     """Call a service where the roscore at `master` says that it is. Raises as `call` does."""
     return call(str(ask(master, caller, "lookupService", service)), service, known, caller)
 

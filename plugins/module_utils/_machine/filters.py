@@ -19,6 +19,7 @@ MOST_RULES = 2000  # of one chain, with those of the chains that it jumps to
 DEEPEST = 8
 
 Words = typing.Dict[str, typing.Any]
+Rules = typing.Dict[typing.Tuple[str, str, str], typing.List[typing.List[Words]]]  # (family, table, chain) -> rules
 Reader = typing.Callable[[typing.Any], Words]
 VERDICTS = ("accept", "drop", "reject", "masquerade")
 ANSWERS = {"established", "related"}
@@ -45,7 +46,7 @@ def filters() -> Words:
 def chains(ruleset: Words) -> typing.List[Words]:
     """The chains at HOOKS, in the order in which a packet meets them, out of the output of `nft -j list ruleset`."""
     entries = ruleset["nftables"]
-    rules: typing.Dict[typing.Tuple[str, str, str], typing.List[typing.List[Words]]] = {}
+    rules: Rules = {}
     for entry in entries:
         if "rule" in entry:
             rule = entry["rule"]
@@ -66,9 +67,7 @@ def chains(ruleset: Words) -> typing.List[Words]:
 class _Reader:
     """Reads one chain, and puts the rules of the chains that it jumps to in its place."""
 
-    def __init__(
-        self, family: str, table: str, rules: typing.Dict[typing.Tuple[str, str, str], typing.List[typing.List[Words]]]
-    ) -> None:
+    def __init__(self, family: str, table: str, rules: Rules) -> None:
         self.family, self.table, self.rules = family, table, rules
         self.flat: typing.List[Words] = []
         self.unread = 0
