@@ -69,8 +69,8 @@ def exports(root: str = "/") -> Rows:
         if path not in _OURS
         for entry in assignments(text(under + path[1:]))
     ]
-    for person in people(text(under + "etc/passwd")):
-        for path, content in _read_as(person, under):
+    for home, user in people(text(under + "etc/passwd")).items():
+        for path, content in _read_as(user, home, under):
             rows += [dict(entry, file=path) for entry in assignments(content)]
     return rows
 
@@ -79,32 +79,24 @@ def _expand(under: str, patterns: typing.Iterable[str]) -> typing.List[str]:
     return ["/" + path[len(under) :] for pattern in patterns for path in sorted(glob.glob(under + pattern[1:]))]
 
 
-class Person(typing.NamedTuple):
-    """An account whose shells read files of its home folder."""
-
-    home: str
-    uid: int
-    gid: int
-
-
-def people(passwd: str) -> typing.List[Person]:
-    """List root and the persons in the text of /etc/passwd, one for each home folder."""
-    persons: typing.Dict[str, Person] = {}
+def people(passwd: str) -> typing.Dict[str, typing.Tuple[int, int]]:
+    """Read {home folder: (uid, gid)} of root and the persons in the text of /etc/passwd, whose shells read files there."""
+    persons: typing.Dict[str, typing.Tuple[int, int]] = {}
     for line in passwd.splitlines():
         fields = line.split(":")
         if len(fields) != 7 or not (fields[2] + fields[3]).isdigit() or os.path.basename(fields[6]) in _NO_LOGIN:
             continue
         if (int(fields[2]) >= 1000 or fields[2] == "0") and os.path.isabs(fields[5]):
-            persons.setdefault(fields[5], Person(fields[5], int(fields[2]), int(fields[3])))
-    return list(persons.values())
+            persons.setdefault(fields[5], (int(fields[2]), int(fields[3])))
+    return persons
 
 
-def _read_as(person: Person, under: str) -> typing.List[typing.Tuple[str, str]]:
-    """Read the files of a home folder as the person: (path, text), with the lines about VARIABLES alone."""
-    patterns = [under + os.path.join(person.home, name)[1:] for name in _PERSONAL]
+def _read_as(user: typing.Tuple[int, int], home: str, under: str) -> typing.List[typing.Tuple[str, str]]:
+    """Read the files of a home folder as its person: (path, text), with the lines about VARIABLES alone."""
+    patterns = [under + os.path.join(home, name)[1:] for name in _PERSONAL]
     question = json.dumps([patterns, VARIABLES]).encode()
     program = ["/usr/bin/python3", "-I", "-c", inspect.getsource(home_files)]
-    answer = run(program, given=question, user=(person.uid, person.gid))
+    answer = run(program, given=question, user=user)
     try:  # the person could change the process, and its answer
         return [
             ("/" + plain(path[len(under) :]), "\n".join(map(str, lines))) for path, lines in last_line(answer.output)

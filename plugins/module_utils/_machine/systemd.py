@@ -30,6 +30,12 @@ def show(units: typing.Sequence[str], properties: typing.Sequence[str], limit: f
     return UnitProperties(parse(answer.text), error)
 
 
+def states(units: typing.Sequence[str], properties: typing.Sequence[str]) -> typing.List[Properties]:
+    """Ask systemd for properties of units; empty ones where it does not answer."""
+    found = show(units, properties).units if units else []
+    return found if len(found) == len(units) else [{} for unit in units]
+
+
 def parse(output: str) -> typing.List[Properties]:
     """Split the output of `systemctl show`: one block of NAME=VALUE for each unit, and an empty line between blocks."""
     blocks = [block for block in output.strip("\n").split("\n\n") if block]

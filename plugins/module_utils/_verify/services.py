@@ -27,7 +27,7 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
     """Look at services of the collection: their state, and the variables that differ from the environment file."""
     found = []
     units = [f"multimaster-{name}.service" for name in names]
-    for name, unit, seen in zip(names, units, states_of(units)):
+    for name, unit, seen in zip(names, units, systemd.states(units, _PROPERTIES)):
         entry: typing.Dict[str, typing.Any] = {
             "name": name,
             "unit": unit,
@@ -49,12 +49,6 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             entry["drop_ins"] = [path for path in seen.get("DropInPaths", "").split() if sets_environment(path)]
         found.append(entry)
     return found
-
-
-def states_of(units: typing.Sequence[str]) -> typing.List[typing.Dict[str, str]]:
-    """Read the properties of units; empty ones where systemd does not answer."""
-    shown = systemd.show(units, _PROPERTIES).units if units else []
-    return shown if len(shown) == len(units) else [{} for unit in units]
 
 
 def sets_environment(path: str) -> bool:

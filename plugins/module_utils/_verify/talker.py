@@ -14,9 +14,9 @@ import typing
 
 from .._client import node
 from .._client.ros import Ros
+from .._machine import systemd
 from .._module.plain_text import plain
 from .._process.commands import run
-from .services import states_of
 
 TALKER = "multimaster-verify-talker.service"
 PYTHON = "/usr/bin/python3"
@@ -92,7 +92,7 @@ def stop() -> None:
 
 def state() -> typing.Dict[str, typing.Any]:
     """Say if the talker runs, and the last line that it wrote where it does not."""
-    state = states_of([TALKER])[0].get("ActiveState", "")
+    state = systemd.states([TALKER], ["ActiveState"])[0].get("ActiveState", "")
     if state == "active":
         return {"running": True, "error": ""}
     answer = run(["journalctl", "--quiet", "--no-pager", "--output=cat", "--lines=5", "--unit=" + TALKER])

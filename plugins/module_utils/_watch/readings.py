@@ -86,14 +86,10 @@ def setting(name: str) -> str:
 
 def services(units: typing.Sequence[str], before: "LastLook") -> Values:
     """Read the state of units, and whether they were started again."""
-    if not units:
-        return {}
-    shown = systemd.show(units, ("ActiveState", "MainPID"))
-    if shown.error or len(shown.units) != len(units):
-        return {}  # a busy systemd is no loss
     return {
         ("service", unit): before.service(unit, seen.get("ActiveState", ""), seen.get("MainPID", ""))
-        for unit, seen in zip(units, shown.units)
+        for unit, seen in zip(units, systemd.states(units, ("ActiveState", "MainPID")))
+        if seen  # a busy systemd is no loss
     }
 
 

@@ -20,7 +20,7 @@ def test_differing_names_what_the_process_lacks():
 )
 def test_a_service_without_the_environment_file_is_the_same(monkeypatch, files, differing):
     seen = {"ActiveState": "active", "MainPID": str(os.getpid()), "EnvironmentFiles": files}
-    monkeypatch.setattr(services, "states_of", lambda units: [seen for unit in units])
+    monkeypatch.setattr(services.systemd, "states", lambda units, properties: [seen for unit in units])
     assert services.services(["connections"], {"NOT_HERE": "1"})[0]["differing"] == differing
 
 
@@ -29,6 +29,6 @@ def test_a_drop_in_file_with_other_variables_is_named(monkeypatch, tmp_path):
         (tmp_path / f"{name}.conf").write_text(text)
     paths = " ".join(str(tmp_path / f"{name}.conf") for name in "abc")
     seen = {"MainPID": str(os.getpid()), "EnvironmentFiles": "one", "DropInPaths": paths}
-    monkeypatch.setattr(services, "states_of", lambda units: [seen for unit in units])
+    monkeypatch.setattr(services.systemd, "states", lambda units, properties: [seen for unit in units])
     assert services.services(["sync"], {"NOT_HERE": "1"})[0]["drop_ins"] == [str(tmp_path / "a.conf")]
     assert services.services(["sync"], {})[0]["drop_ins"] == []
