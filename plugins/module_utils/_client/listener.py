@@ -58,9 +58,7 @@ class Listener:
     def run(self, deadline: float) -> None:
         """Listen until everything is heard, or until the deadline (monotonic seconds). Raises OSError without a roscore."""
         for work in [self.node.serve] + [self._work] * min(WORKERS, len(self.wanted)):
-            thread = threading.Thread(target=work)
-            thread.daemon = True
-            thread.start()
+            threading.Thread(target=work, daemon=True).start()
         topics: typing.List[str] = []
         try:
             for topic in self.wanted:

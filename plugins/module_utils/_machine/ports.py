@@ -81,8 +81,6 @@ def _owners(
     """
     owners: typing.Dict[str, int] = {}
     unreadable: typing.Dict[int, typing.List[int]] = {}
-    if not inodes:
-        return owners, unreadable
     for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
         try:
             own = list_inodes(pid, proc)

@@ -3,6 +3,7 @@
 
 """The content of a robot's roscore: own registrations, those for other masters, and connections with other robots."""
 
+import collections
 import inspect
 import json
 import re
@@ -117,26 +118,19 @@ def _parts(
     services: Names,
     types: typing.Dict[str, str],
     imported: typing.Dict[str, str],
-) -> typing.Dict[str, typing.Dict[str, typing.List[typing.Dict[str, typing.Any]]]]:
+) -> typing.Dict[str, typing.Dict[str, typing.Any]]:
     """Split the registrations: {URI of a master, or '' for the own one: its topics and services}."""
-    topics: typing.Dict[typing.Tuple[str, str], typing.Dict[str, typing.Any]] = {}
-    parts: typing.Dict[str, typing.Dict[str, typing.List[typing.Dict[str, typing.Any]]]] = {}
-
-    def part(node: str) -> typing.Dict[str, typing.List[typing.Dict[str, typing.Any]]]:
-        return parts.setdefault(imported.get(node, ""), {"topics": [], "services": []})
-
+    parts: typing.Dict[str, typing.Any] = collections.defaultdict(lambda: {"topics": {}, "services": []})
     for kind, table in (("publishers", publishers), ("subscribers", subscribers)):
         for name, nodes in sorted(table.items()):
+            topic = {"name": name, "type": types.get(name, "")}
             for node in sorted(nodes):
-                key = imported.get(node, ""), name
-                if key not in topics:
-                    topics[key] = {"name": name, "type": types.get(name, ""), "publishers": [], "subscribers": []}
-                    part(node)["topics"].append(topics[key])
-                topics[key][kind].append(node)
+                topics = parts[imported.get(node, "")]["topics"]
+                topics.setdefault(name, dict(topic, publishers=[], subscribers=[]))[kind].append(node)
     for name, nodes in sorted(services.items()):
         for node in nodes:
-            part(node)["services"].append({"name": name, "node": node})
-    return parts
+            parts[imported.get(node, "")]["services"].append({"name": name, "node": node})
+    return {master: dict(part, topics=list(part["topics"].values())) for master, part in parts.items()}
 
 
 # Connections

@@ -98,16 +98,14 @@ def members(
         usual = user_addresses([member["name"] for member in others])
     else:
         resolved, usual = [([], "not looked up")] * len(others), {}
-    found = []
-    asked = []
-    for member, (addresses, error) in zip(others, resolved):
-        entry = {"name": member["name"], "address": member["address"], "addresses": addresses, "resolve_error": error}
-        entry["user_addresses"] = usual.get(member["name"])
-        found.append(entry)
-        if member["name"] != own:
-            asked += [member["address"]] + addresses[:1]
-    pings = ping(asked)
+    found = [
+        {"name": member["name"], "address": member["address"], "addresses": addresses, "resolve_error": error}
+        for member, (addresses, error) in zip(others, resolved)
+    ]
+    for entry in found:
+        entry["user_addresses"] = usual.get(entry["name"])
     strange = [entry for entry in found if entry["name"] != own]
+    pings = ping(address for entry in strange for address in [entry["address"], *entry["addresses"][:1]])
     _add_routes(strange, {member["name"]: member.get("discovery_address") or "" for member in others})
     for entry in strange:
         unknown = Answer(Outcome.UNKNOWN_NAME)
