@@ -17,16 +17,6 @@ from .._verify.network import forwarding
 MOST_TABLES = 32  # other tables of routes that are read
 
 
-def interfaces() -> typing.List[typing.Dict[str, typing.Any]]:
-    """List the network interfaces as plain data."""
-    return [interface.plain() for interface in network.interfaces()]
-
-
-def ways(destinations: typing.Iterable[str]) -> typing.List[typing.Dict[str, typing.Any]]:
-    """List the routes to these addresses as plain data."""
-    return [route.plain() for route in network.routes_to(destinations)]
-
-
 def routing() -> typing.Dict[str, typing.Any]:
     """Read the main table, the rules that lead to other tables, and these tables."""
     rules = network.policy_rules()
@@ -82,8 +72,8 @@ NO_SSHD = {
 PARTS = (
     Part("system", system.system, 10, NO_SYSTEM),
     Part("owned", record.records, 5, []),
-    Part("interfaces", interfaces, 15, []),
-    Part("ways", ways, 15, [], options=("destinations",)),
+    Part("interfaces", lambda: [interface.plain() for interface in network.interfaces()], 15, []),
+    Part("ways", lambda wanted: [way.plain() for way in network.routes_to(wanted)], 15, [], options=("destinations",)),
     Part("routing", routing, 15, {"routes": [], "rules": [], "tables": []}),
     Part("forwarding", forwarding, 10, {"ip_forward": None, "interfaces": []}),
     Part("filters", filters.filters, 15, {"readable": False, "chains": []}),
