@@ -73,7 +73,9 @@ PARTS = (
     Part("system", system.system, 10, NO_SYSTEM),
     Part("owned", record.records, 5, []),
     Part("interfaces", lambda: [interface.plain() for interface in network.interfaces()], 15, []),
-    Part("ways", lambda wanted: [way.plain() for way in network.routes_to(wanted)], 15, [], options=("destinations",)),
+    Part(
+        "ways", lambda wanted: [network.route_to(place).plain() for place in wanted], 15, [], options=("destinations",)
+    ),
     Part("routing", routing, 15, {"routes": [], "rules": [], "tables": []}),
     Part("forwarding", forwarding, 10, {"ip_forward": None, "interfaces": []}),
     Part("filters", filters.filters, 15, {"readable": False, "chains": []}),

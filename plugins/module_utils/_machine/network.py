@@ -13,7 +13,7 @@ import re
 import typing
 
 from .._module.plain_text import quote
-from .._process.commands import Answer, run
+from .._process.commands import run
 
 
 class Address(typing.NamedTuple):
@@ -110,32 +110,12 @@ def from_json(output: str) -> typing.List[Interface]:
 
 def route_to(destination: str) -> RouteTo:
     """Read the route that the kernel takes to an IPv4 address (ip-route(8), get)."""
-    return routes_to([destination])[0]
-
-
-def routes_to(destinations: typing.Iterable[str]) -> typing.List[RouteTo]:
-    """Read the routes that the kernel takes to IPv4 addresses, with one process (ip(8), -batch)."""
-    places = list(destinations)
-    addresses = list(dict.fromkeys(filter(is_address, places)))  # ip gives up at anything else
-    lines = "".join(f"route get {address}\n" for address in addresses)
-    answer = run(["ip", "-4", "-oneline", "-force", "-batch", "-"], given=lines.encode())
-    routes = routes_from_batch(answer, addresses)
-    return [routes.get(place) or RouteTo(place, error="this is no IPv4 address") for place in places]
-
-
-def routes_from_batch(answer: Answer, addresses: typing.Sequence[str]) -> typing.Dict[str, RouteTo]:
-    """Read {address: route}. A route is a line of output; for the Nth address without one, `Command failed -:N` is an error."""
-    failed = {
-        addresses[int(number) - 1]: why.replace("RTNETLINK answers: ", "").strip()
-        for why, number in re.findall(r"([^\n]*)\n?Command failed -:(\d+)", answer.error)
-        if 0 < int(number) <= len(addresses)
-    }
-    lines = answer.text.splitlines()
-    reached = [address for address in addresses if address not in failed]
-    if len(lines) != len(reached):
-        return {address: RouteTo(address, error=answer.error or "ip gave no answer") for address in addresses}
-    routes = {address: route_from_text(line, address) for address, line in zip(reached, lines)}
-    return {**routes, **{address: RouteTo(address, error=why or "no route") for address, why in failed.items()}}
+    if not is_address(destination):
+        return RouteTo(destination, error="this is no IPv4 address")
+    answer = run(["ip", "-4", "-oneline", "route", "get", destination])
+    if answer.status != 0:
+        return RouteTo(destination, error=answer.last_error.replace("RTNETLINK answers: ", "") or "no route")
+    return route_from_text(answer.text, destination)
 
 
 def is_address(text: str) -> bool:

@@ -122,7 +122,7 @@ def members(
 def _add_routes(strange: typing.List[typing.Dict[str, typing.Any]], second: typing.Dict[str, str]) -> None:
     """Add the route to each computer, and to the second address of those that have one."""
     asked = [address for entry in strange for address in (entry["address"], second[entry["name"]]) if address]
-    found = {route.destination: route_to_plain(route) for route in machine.routes_to(asked)}
+    found = {address: route_to_plain(machine.route_to(address)) for address in asked}
     for entry in strange:
         address, other = entry["address"], second[entry["name"]]
         entry.update(route=found[address], discovery_route=found[other] if other not in ("", address) else None)

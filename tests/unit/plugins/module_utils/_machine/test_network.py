@@ -72,7 +72,7 @@ def test_a_route_from_text(output, expected):
 
 
 def test_routes_of_this_machine():
-    near, wrong = network.routes_to(["127.0.0.1", "no address"])
+    near, wrong = map(network.route_to, ("127.0.0.1", "no address"))
     assert (near.device, near.source, near.gateway, near.error) == ("lo", "127.0.0.1", None, "")
     assert wrong.error and wrong.plain() == {
         "destination": "no address",
@@ -83,30 +83,23 @@ def test_routes_of_this_machine():
     }
 
 
-def test_the_routes_of_many_addresses_are_asked_of_one_process(monkeypatch):
-    asked = []
-    output = b"10.0.0.2 via 10.0.0.1 dev eth0 src 10.0.0.3 uid 0 \\    cache \nlocal 127.0.0.1 dev lo src 127.0.0.1 \\    cache <local>\n"
-    error = "RTNETLINK answers: No route to host\nCommand failed -:2\nCommand failed -:3"
-
-    def answered(argv, given):
-        asked.append((argv[-2:], given))
-        return commands.Answer(1, output, error)
-
-    monkeypatch.setattr(network, "run", answered)
-    wanted = ["10.0.0.2", "9.9.9.9", "evil\nroute flush", "9.9.9.8", "127.0.0.1", "10.0.0.2"]
-    far, none, evil, silent, near, again = network.routes_to(wanted)
-    lines = b"route get 10.0.0.2\nroute get 9.9.9.9\nroute get 9.9.9.8\nroute get 127.0.0.1\n"
-    assert asked == [(["-batch", "-"], lines)], "each address once, and nothing that is none"
-    assert far == again == RouteTo("10.0.0.2", "10.0.0.1", "eth0", "10.0.0.3")
-    assert near == RouteTo("127.0.0.1", None, "lo", "127.0.0.1")
-    assert (none.error, silent.error) == ("No route to host", "no route")
-    assert evil == RouteTo("evil\nroute flush", error="this is no IPv4 address")
+@pytest.mark.parametrize(
+    ("error", "expected"),
+    [
+        ("RTNETLINK answers: No route to host", "No route to host"),
+        ("", "no route"),
+        ("ip gave no answer within 5 s", "ip gave no answer within 5 s"),
+    ],
+)
+def test_a_route_that_is_not_there_is_an_error(monkeypatch, error, expected):
+    monkeypatch.setattr(network, "run", lambda _argv: commands.Answer(2, b"", error))
+    assert network.route_to("9.9.9.9") == RouteTo("9.9.9.9", error=expected)
 
 
-@pytest.mark.parametrize("output", [b"", b"one\ntwo\nthree\n"])
-def test_answers_that_are_not_one_for_each_address_are_no_routes(monkeypatch, output):
-    monkeypatch.setattr(network, "run", lambda argv, given: commands.Answer(-1, output, "no answer within 5 s"))
-    assert [route.error for route in network.routes_to(["10.0.0.2", "10.0.0.3"])] == ["no answer within 5 s"] * 2
+def test_what_is_no_address_is_not_asked(monkeypatch):
+    monkeypatch.setattr(network, "run", None)
+    for text in ("evil\nroute flush", "table", "::1", ""):
+        assert network.route_to(text) == RouteTo(text, error="this is no IPv4 address")
 
 
 def test_default_routes(monkeypatch):
