@@ -150,11 +150,11 @@ def _connections(
         if error:
             silent[node] = error, outcome
         for link in links(answer):
-            link = link._replace(peer=named.get(link.peer, link.peer))
-            other = places.robot(link.host)
-            if other in ("", robot) or (link.peer in nodes and places.robot(host(nodes[link.peer])) == other):
+            peer = named.get(link["peer"], link["peer"])
+            other = places.robot(link["host"])
+            if other in ("", robot) or (peer in nodes and places.robot(host(nodes[peer])) == other):
                 continue
-            found.append(dict(link._asdict(), node=node, robot=other))
+            found.append(dict(link, peer=peer, node=node, robot=other))
     return found, silent
 
 
@@ -198,17 +198,11 @@ class Places:
         return self._robots.get(host, "")
 
 
-class Link(typing.NamedTuple):
-    """A connection of a node, as its getBusInfo tells it."""
+def links(entries: typing.Any) -> typing.List[typing.Dict[str, str]]:
+    """Read the connections in an answer to getBusInfo (ROS Slave API); the last element, a text, is missing before kinetic.
 
-    direction: str  # "in" from a publisher, "out" to a subscriber
-    topic: str
-    peer: str  # the URI of the publisher, or the name of the subscriber
-    host: str  # of the peer
-
-
-def links(entries: typing.Any) -> typing.List[Link]:
-    """Read an answer to getBusInfo (ROS Slave API); the last element, a text, is missing before kinetic."""
+    Each has its direction ("in" from a publisher), topic, peer (the publisher's URI, or the subscriber's name), and the peer's host.
+    """
     found = []
     for entry in entries if isinstance(entries, list) else []:
         if not isinstance(entry, list) or len(entry) < 5 or not all(isinstance(text, str) for text in entry[1:5]):
@@ -216,11 +210,8 @@ def links(entries: typing.Any) -> typing.List[Link]:
         peer, inward = entry[1], entry[2] == "i"
         text = entry[6] if len(entry) > 6 else ""
         end = re.search(r" to \[(.+):\d+ on socket", text if isinstance(text, str) else "")
-        found.append(
-            Link(
-                "in" if inward else "out", entry[4], peer, end.group(1).lower() if end else host(peer if inward else "")
-            )
-        )
+        place = end.group(1).lower() if end else host(peer if inward else "")
+        found.append({"direction": "in" if inward else "out", "topic": entry[4], "peer": peer, "host": place})
     return found
 
 

@@ -282,7 +282,7 @@ BUS_INFO = [
 
 
 def test_links_of_a_node():
-    assert exchange.links(BUS_INFO) == [
+    assert [tuple(link.values()) for link in exchange.links(BUS_INFO)] == [
         ("in", "/goal", "http://kobuki2computer:41233/", "kobuki2computer"),
         ("out", "/odom", "/planner", "192.168.1.239"),
         ("in", "/old", "http://Kobuki2Computer:41233/", "kobuki2computer"),
