@@ -49,7 +49,8 @@ DOORS = {
         "deprecate": set(),
         "print": set(),
         "write to a standard stream": {  # JSON for the module that runs them, which reads and ends with it
-            "module_utils/_client/message_types.py"
+            "module_utils/_client/message_types.py",
+            "module_utils/_machine/home_files.py",
         },
         "display": {
             "action/fleet_bundle.py",
