@@ -3,18 +3,17 @@
 
 """The kernel's routing tables: the types of routes, the reader of `ip route show`, and the commands that change them.
 
-The reader takes `ip -json -details route show`. Before iproute2 4.16 there is no JSON, and it takes the text of the same
-command.
+The reader takes the text of `ip -oneline -details route show`. Before iproute2 4.16 there is no JSON of it, and the JSON of
+later ones does not say which metrics are locked.
 """
 
 import ipaddress
-import json
 import re
 import typing
 
 from .._module.plain_text import quote
 from .._module.problem import Problem
-from .._process.commands import Answer, run
+from .._process.commands import run
 
 MAIN = 254  # the table main, linux/rtnetlink.h
 DEFAULTS = {4: "0.0.0.0/0", 6: "::/0"}
@@ -26,7 +25,7 @@ _LIMIT = 30.0  # seconds; a command takes a few milliseconds on a machine that i
 
 PATH = ("mtu", "advmss", "initcwnd")  # metrics of the path that a user can ask for
 
-Raw = typing.Dict[str, typing.Any]  # one route in the form of `ip -json -details route show`
+Fields = typing.Dict[str, typing.Any]  # the fields of a route or of one of its next hops, as `ip route show` names them
 Key = typing.Tuple[int, str, int, int]  # version, destination, table, metric
 
 
@@ -102,6 +101,10 @@ class KernelRoute(typing.NamedTuple):
 
 def to_words(route: Route) -> typing.List[str]:
     """The words behind `ip route replace` that make a route."""
+    return _words_of(route, PATH)
+
+
+def _words_of(route: Route, metrics: typing.Iterable[str]) -> typing.List[str]:
     words = [] if route.type == "unicast" else [route.type]
     words.append("default" if route.destination in DEFAULTS.values() else route.destination)
     if route.gateway:
@@ -109,7 +112,7 @@ def to_words(route: Route) -> typing.List[str]:
     if route.device:
         words += ["dev", route.device]
     words += ["proto", PROTOCOL] + (["scope", route.scope] if route.scope else []) + _option_words(route)
-    return words + [word for name in PATH if getattr(route, name) for word in (name, str(getattr(route, name)))]
+    return words + [word for name in metrics if getattr(route, name) for word in (name, str(getattr(route, name)))]
 
 
 def _option_words(route: Route) -> typing.List[str]:
@@ -126,24 +129,10 @@ def _option_words(route: Route) -> typing.List[str]:
 
 def format_route(route: Route) -> str:
     """A route of ours as `ip route` will write it, in the form of KernelRoute.text."""
-    version, length = route.version, "/128" if route.version == 6 else "/32"
-    raw = {
-        "type": route.type,
-        "dst": "default" if route.destination == DEFAULTS[version] else _strip_end(route.destination, length),
-        "gateway": route.gateway,
-        "dev": route.device,
-        "protocol": PROTOCOL,
-        "scope": route.scope or usual_scope(route.type, route.gateway),
-        "prefsrc": route.source,
-        "metric": route.metric,
-        "flags": ["onlink"] if route.on_link else [],
-        "metrics": [{name: getattr(route, name) for name in PATH if getattr(route, name)}],
-    }
-    return parse_route(raw, version, route.table).text
-
-
-def _strip_end(text: str, end: str) -> str:
-    return text[: -len(end)] if text.endswith(end) else text
+    scope = route.scope or usual_scope(route.type, route.gateway)
+    unsaid = scope == "global" or route.version == 6 or route.type in NO_WAY
+    destination = re.sub("/128$" if route.version == 6 else "/32$", "", route.destination)
+    return " ".join(_words_of(route._replace(destination=destination, scope="" if unsaid else scope), sorted(PATH)))
 
 
 def format_destination(destination: str) -> str:
@@ -158,53 +147,75 @@ def build_command(verb: str, version: int, words: typing.Iterable[str]) -> typin
 
 # From the output of `ip` to routes
 
-_FLAGS = ("onlink", "linkdown", "dead", "pervasive", "offload", "offload_failed", "trap", "rt_offload", "rt_trap")
+_FLAGS = (
+    ("onlink", "linkdown", "dead", "pervasive", "offload", "offload_failed", "trap", "rt_offload", "rt_trap")
+    + ("notify", "unresolved", "rt_offload_failed")
+)  # fmt: skip
 _KNOWN = {
-    "type", "dst", "gateway", "via", "dev", "protocol", "scope", "prefsrc", "metric", "table", "flags", "metrics",
+    "type", "dst", "gateway", "via", "dev", "proto", "scope", "src", "metric", "table", "flags", "metrics",
     "pref", "nexthops", "error", "weight",
 }  # fmt: skip
-_PATH_METRICS = ("mtu", "advmss", "window", "rtt", "rttvar", "cwnd", "initcwnd", "initrwnd", "ssthresh", "hoplimit")
+_PATH_METRICS = (
+    "mtu",
+    "advmss",
+    "window",
+    "rtt",
+    "rttvar",
+    "cwnd",
+    "initcwnd",
+    "initrwnd",
+    "ssthresh",
+    "hoplimit",
+    "rto_min",
+)
+_NUMBER = re.compile(r"(lock )?[0-9]+$")  # locked: not to be changed by what the kernel finds out
 
 
-def parse_route(raw: Raw, version: int, table: int) -> KernelRoute:
-    """A route in the form of `ip -json`, read."""
-    route = _parse_fields(raw, version, table)
-    protocol = raw.get("protocol", "boot")
+def parse_route(line: str, version: int, table: int) -> KernelRoute:
+    """A route in a line of `ip -oneline -details route show`, read."""
+    fields = _read_line(line)
+    route = _parse_fields(fields, version, table)
+    protocol = fields.get("proto", "boot")
     words = [] if route.type == "unicast" else [route.type]
-    words.append(raw["dst"])
+    words.append(fields["dst"])
     if route.type not in NO_WAY:
-        words += _hop_words(raw)
+        words += _hop_words(fields)
     words += ["proto", protocol]
-    if version == 4 and route.type not in NO_WAY and raw.get("scope", "global") != "global":
-        words += ["scope", raw["scope"]]
+    if version == 4 and route.type not in NO_WAY and fields.get("scope", "global") != "global":
+        words += ["scope", fields["scope"]]
     words += _option_words(route)
-    metrics, inexpressible = _metric_words(raw)
-    words += metrics
-    if raw.get("pref", "medium") != "medium":
-        words += ["pref", raw["pref"]]
-    for hop in raw.get("nexthops", []):
-        words += ["nexthop", *_hop_words(hop), "weight", str(hop.get("weight", 1))]
-        words += ["onlink"] if "onlink" in hop.get("flags", []) else []
+    inexpressible = sorted(set(fields) - _KNOWN)
+    for name, value in sorted(fields["metrics"].items()):
+        if _NUMBER.match(value):
+            words += [name, *value.split()]
+        else:
+            inexpressible.append(name)
+    if fields.get("pref", "medium") != "medium":
+        words += ["pref", fields["pref"]]
+    for hop in fields.get("nexthops", []):
+        words += ["nexthop", *_hop_words(hop), "weight", hop.get("weight", "1")]
+        words += ["onlink"] if "onlink" in hop["flags"] else []
         inexpressible += sorted(set(hop) - _KNOWN)
-    return KernelRoute(route, protocol, tuple(words), tuple(sorted(set(raw) - _KNOWN) + inexpressible))
+    return KernelRoute(route, protocol, tuple(words), tuple(inexpressible))
 
 
-def _parse_fields(raw: Raw, version: int, table: int) -> Route:
-    """The fields of a route in the form of `ip -json`."""
-    kind = raw.get("type", "unicast")
-    metrics = {name: value for group in raw.get("metrics", []) for name, value in group.items()}
-    destination = DEFAULTS[version] if raw["dst"] == "default" else raw["dst"]
+def _parse_fields(fields: Fields, version: int, table: int) -> Route:
+    kind, gateway = fields["type"], fields.get("via", [""])[-1]
+    destination = DEFAULTS[version] if fields["dst"] == "default" else fields["dst"]
+    # With IPv6, several next hops, and without a way, a scope says nothing: NetworkManager gives a blackhole another one than ip.
+    scope = "" if version == 6 or "nexthops" in fields or kind in NO_WAY else fields.get("scope", "")
+    numbers = {name: fields["metrics"].get(name, "0") for name in PATH}
     return Route(
         destination=str(ipaddress.ip_network(destination)),
-        gateway=raw.get("gateway") or raw.get("via", {}).get("host", ""),
-        device="" if kind in NO_WAY else raw.get("dev", ""),  # IPv6 names lo for a blackhole
-        metric=raw.get("metric", 0),
+        gateway=gateway,
+        device="" if kind in NO_WAY else fields.get("dev", ""),  # IPv6 names lo for a blackhole
+        metric=int(fields.get("metric", 0)),
         table=table,
-        source=raw.get("prefsrc", ""),
-        on_link="onlink" in raw.get("flags", []),
+        source=fields.get("src", ""),
+        on_link="onlink" in fields["flags"],
         type=kind,
-        scope=_read_scope(raw, version, kind),
-        **{name: metrics.get(name, 0) for name in PATH},
+        scope="" if scope == usual_scope(kind, gateway) else scope,
+        **{name: int(value) if value.isdigit() else value for name, value in numbers.items()},
     )
 
 
@@ -213,96 +224,35 @@ def usual_scope(kind: str, gateway: str) -> str:
     return "link" if kind == "unicast" and not gateway else "global"
 
 
-def _read_scope(raw: Raw, version: int, kind: str) -> str:
-    """The scope of a route, "" for the usual one, and where it says nothing: with IPv6, several next hops, and without a way.
-
-    (NetworkManager gives a blackhole another scope than ip does.)
-    """
-    if version == 6 or "nexthops" in raw or kind in NO_WAY:
-        return ""
-    scope = raw.get("scope", "")
-    return "" if scope == usual_scope(kind, raw.get("gateway") or raw.get("via", {}).get("host", "")) else scope
-
-
-def _hop_words(raw: Raw) -> typing.List[str]:
+def _hop_words(fields: Fields) -> typing.List[str]:
     """The words for the gateway and the device of a route or of one of its next hops."""
-    words = []
-    if "via" in raw:
-        words += ["via", raw["via"]["family"], raw["via"]["host"]]
-    elif raw.get("gateway"):
-        words += ["via", raw["gateway"]]
-    if raw.get("dev"):
-        words += ["dev", raw["dev"]]
-    return words
+    words = ["via", *fields["via"]] if "via" in fields else []
+    return words + (["dev", fields["dev"]] if fields.get("dev") else [])
 
 
-def _metric_words(raw: Raw) -> typing.Tuple[typing.List[str], typing.List[str]]:
-    """The words for the metrics of the path, such as `mtu`, and the names of those without words."""
-    words, inexpressible = [], []
-    for metrics in raw.get("metrics", []):
-        for name, value in sorted(metrics.items()):
-            if name in _PATH_METRICS and _NUMBER.match(str(value)):
-                words += [name, *str(value).split()]
-            else:
-                inexpressible.append(name)
-    return words, inexpressible
-
-
-_NUMBER = re.compile(r"(lock )?[0-9]+$")  # locked: not to be changed by what the kernel finds out
-_NAMES = {"proto": "protocol", "src": "prefsrc"}
-_NUMBERS = ("metric", "weight", "error")
-
-
-def from_text(output: str) -> typing.List[Raw]:
-    """The routes in the text of `ip -oneline -details route show`, in the form of `ip -json`."""
-    return [_parse_line(line) for line in output.splitlines() if line.strip()]
-
-
-def _parse_line(line: str) -> Raw:
-    head, *hops = [part.split() for part in line.replace("\\", " ").split("nexthop ")]
-    raw: Raw = {"type": head[0], "dst": head[1], "flags": []}
-    _read_pairs(head[2:], raw)
-    for words in hops:
-        hop: Raw = {"flags": []}
-        _read_pairs(words, hop)
-        raw.setdefault("nexthops", []).append(hop)
-    return raw
-
-
-def _read_pairs(words: typing.List[str], raw: Raw) -> None:
-    """Read names and values into `raw`."""
-    words = list(words)
+def _read_line(line: str) -> Fields:
+    """The fields of a route in a line of `ip`, with those of its next hops."""
+    kind, destination, *words = line.replace("\\", " ").split()
+    route: Fields = {"type": kind, "dst": destination, "flags": [], "metrics": {}}
+    fields = route
     while words:
         name = words.pop(0)
-        if name in _FLAGS:
-            raw["flags"].append(name)
-        elif name == "via" and words[0] in ("inet", "inet6"):
-            raw["via"] = {"family": words.pop(0), "host": words.pop(0)}
-        elif not words:
-            raw[name] = ""
-        elif name in _PATH_METRICS:
-            value = words.pop(0)
-            value = f"lock {words.pop(0)}" if value == "lock" and words else value
-            raw.setdefault("metrics", [{}])[0][name] = int(value) if value.isdigit() else value
+        if name == "nexthop":
+            fields = {"flags": [], "metrics": {}}
+            route.setdefault("nexthops", []).append(fields)
+        elif name in _FLAGS:
+            fields["flags"].append(name)
         else:
-            value = words.pop(0)
-            name = "gateway" if name == "via" else _NAMES.get(name, name)
-            raw[name] = int(value) if name in _NUMBERS else value
-
-
-def _add_locks(raws: typing.List[Raw], answer: Answer) -> None:
-    """Add what only the text says: metrics that are locked."""
-    lines = from_text(answer.text)
-    same = len(lines) == len(raws) and all(
-        line["dst"] == raw.get("dst") and line.get("metric", 0) == raw.get("metric", 0)
-        for line, raw in zip(lines, raws)
-    )
-    for raw in raws if not same else ():
-        if "metrics" in raw:
-            raw["metrics"] = [*raw["metrics"], {"metrics that are changing": None}]
-    for line, raw in zip(lines, raws) if same else ():
-        if "metrics" in line:
-            raw["metrics"] = line["metrics"]
+            # A gateway of the other version has its family before it, and a metric that is locked this word.
+            more = (
+                words[:1] in (["inet"], ["inet6"]) if name == "via" else name in _PATH_METRICS and words[:1] == ["lock"]
+            )
+            value, words = words[: 1 + more], words[1 + more :]
+            if name in _PATH_METRICS:
+                fields["metrics"][name] = " ".join(value)
+            else:
+                fields[name] = value if name == "via" else " ".join(value)
+    return route
 
 
 # The kernel
@@ -310,23 +260,17 @@ def _add_locks(raws: typing.List[Raw], answer: Answer) -> None:
 
 def read_routes(version: int, table: int) -> typing.List[KernelRoute]:
     """The routes of a table. Raises Problem where they cannot be read."""
-    show = ["-details", f"-{version}", "route", "show", "table", str(table)]
-    answer = run(["ip", "-json", *show], limit=_LIMIT)
+    show = ["-oneline", "-details", f"-{version}", "route", "show", "table", str(table)]
+    answer = run(["ip", *show], limit=_LIMIT)
     if "table does not exist" in answer.error:
         return []
-    try:
-        if answer.status != 0:
-            raise ValueError  # perhaps ip does not know the option -json; the command for text decides
-        raws = json.loads(answer.output.decode("utf-8") or "[]")
-        if any("metrics" in raw for raw in raws):
-            _add_locks(raws, run(["ip", "-oneline", *show], limit=_LIMIT))
-    except ValueError:
-        answer = run(["ip", "-oneline", *show], limit=_LIMIT)
-        raws = from_text(answer.text)
     if answer.status != 0:
         raise Problem(f"routes: the kernel's routes cannot be read ({quote(answer.error)}), expected the command ip.")
+    # A line of its own begins with a tab: it repeats a next hop that the route names by a number. Behind it the route goes on.
+    lines = re.sub(r"\n\t[^\\\n]*", "", answer.text).split("\n")
+    kernel_routes = [parse_route(line, version, table) for line in lines if line]
     # Routes for one kind of service, or for some senders only, have other keys for the kernel. They are never ours.
-    return [parse_route(raw, version, table) for raw in raws if "dst" in raw and not {"tos", "from"} & set(raw)]
+    return [entry for entry in kernel_routes if not {"tos", "from"} & set(entry.inexpressible)]
 
 
 def change_route(verb: str, version: int, words: typing.Iterable[str]) -> None:

@@ -19,8 +19,7 @@ def route(destination, gateway="", device="eth0", metric=None, **more):
 
 
 def held(text, version=4, table=254):
-    raw = kernel.from_text(text)[0]
-    return kernel.parse_route(raw, version, table)
+    return kernel.parse_route(text, version, table)
 
 
 def holding(*texts):
