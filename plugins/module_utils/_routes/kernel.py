@@ -140,11 +140,6 @@ def format_destination(destination: str) -> str:
     return "default" if destination == DEFAULTS[4] else destination
 
 
-def build_command(verb: str, version: int, words: typing.Iterable[str]) -> typing.List[str]:
-    """The command for a change. `verb` is replace, append or del."""
-    return ["ip", f"-{version}", "route", verb, *words]
-
-
 # From the output of `ip` to routes
 
 _FLAGS = (
@@ -273,9 +268,8 @@ def read_routes(version: int, table: int) -> typing.List[KernelRoute]:
     return [entry for entry in kernel_routes if not {"tos", "from"} & set(entry.inexpressible)]
 
 
-def change_route(verb: str, version: int, words: typing.Iterable[str]) -> None:
-    """Make one change. Raises Problem with the kernel's own words."""
-    argv = build_command(verb, version, words)
+def change_route(argv: typing.Sequence[str]) -> None:
+    """Make one change by a command. Raises Problem with the kernel's own words."""
     answer = run(argv, limit=_LIMIT)
     if answer.status != 0:
         message = " ".join(answer.error.split()).replace("RTNETLINK answers: ", "").replace("Error: ", "").rstrip(".")

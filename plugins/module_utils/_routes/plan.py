@@ -12,7 +12,7 @@ import shlex
 import typing
 
 from .._module.plain_text import quote
-from .kernel import DEFAULTS, MAIN, NO_WAY, KernelRoute, Key, Route, build_command, format_route, to_words
+from .kernel import DEFAULTS, NO_WAY, KernelRoute, Key, Route, format_route, to_words
 
 Current = typing.Dict[Key, typing.List[KernelRoute]]  # the kernel's routes
 
@@ -31,9 +31,14 @@ class Change(typing.NamedTuple):
     """One change of the kernel's routes."""
 
     verb: str  # replace, append or del
-    version: int  # 4 or 6
+    key: Key
     words: typing.Tuple[str, ...]
     may_fail: bool = False  # the state may be as wanted already
+
+    @property
+    def command(self) -> typing.List[str]:
+        """The command that makes the change."""
+        return ["ip", f"-{self.key[0]}", "route", self.verb, *self.words]
 
 
 class RouteResult(typing.NamedTuple):
@@ -124,7 +129,7 @@ def _plan_listed(route: Route, kernel_routes: typing.List[KernelRoute], entry: E
     after = same[0].text if same else format_route(route)
     superfluous = others if same else others[1:]  # our route replaces the first of several
     part = KeyPlan(
-        adds=[] if same else [Change("replace", route.version, tuple(to_words(route)))],
+        adds=[] if same else [Change("replace", route.key, tuple(to_words(route)))],
         removals=[remove(kernel_route) for kernel_route in superfluous],
         after=[after],
         result=RouteResult(before, after, state, problem),
@@ -242,32 +247,20 @@ def _state(
 
 def _make_again(key: Key, words: typing.Tuple[str, ...], first: bool) -> Change:
     """One of several routes of a key: the first replaces what is there, the others are added to it."""
-    return Change("replace" if first else "append", key[0], words, may_fail=not first)
+    return Change("replace" if first else "append", key, words, may_fail=not first)
 
 
 def remove(kernel_route: KernelRoute) -> Change:
     """The removal of one route; the others with its key stay."""
     # The kernel does not tell routes of IPv6 apart by their type, but it does by their device.
     lo = ("dev", "lo") if kernel_route.route.version == 6 and kernel_route.route.type in NO_WAY else ()
-    return Change("del", kernel_route.route.version, kernel_route.words + lo, may_fail=True)
+    return Change("del", kernel_route.route.key, kernel_route.words + lo, may_fail=True)
 
 
 def _links_first(changes: typing.List[Change]) -> typing.List[Change]:
     """The changes with networks on a link before the routes behind them. Within a key the order stays."""
-    behind: typing.Dict[typing.Tuple[int, str], bool] = {}
-    for change in changes:
-        place = _place(change)
-        behind[place] = behind.get(place, False) or bool({"via", "nexthop"} & set(change.words))
-    return sorted(changes, key=lambda change: behind[_place(change)])
-
-
-def _place(change: Change) -> typing.Tuple[int, str]:
-    """The part of the key that stands in the words of a change."""
-    words = [word for word in change.words if word not in NO_WAY]
-    return (
-        change.version,
-        " ".join([words[0]] + [_find_word_after(name, words) or "" for name in ("metric", "table")]),
-    )
+    behind = {change.key for change in changes if {"via", "nexthop"} & set(change.words)}
+    return sorted(changes, key=lambda change: change.key in behind)
 
 
 def _find_word_after(name: str, words: typing.Sequence[str]) -> typing.Optional[str]:
@@ -293,23 +286,20 @@ def _undo(
         ]
         if not kernel_routes:
             removals += [
-                Change("del", key[0], tuple(to_words(route)), may_fail=True) for route in routes if route.key == key
+                Change("del", key, tuple(to_words(route)), may_fail=True) for route in routes if route.key == key
             ]
     return _links_first(adds) + removals
 
 
 def build_undo_command(change: Change) -> typing.List[str]:
     """A change of `Plan.undo` as a command. It fails only where the former state does not come back."""
-    argv = build_command(change.verb, change.version, change.words)
+    words = change.words
     if change.verb != "del":
-        return ["sh", "-c", f"{_join_words(argv)} || :"] if change.may_fail else argv
-    words = list(change.words)
+        return ["sh", "-c", f"{_join_words(change.command)} || :"] if change.may_fail else change.command
     filters = [word for name in ("via", "dev") if name in words for word in (name, _find_word_after(name, words) or "")]
-    destination = next(word for word in words if word not in NO_WAY)
-    exact = DEFAULTS[change.version] if destination == "default" else destination
-    show = ["ip", f"-{change.version}", "route", "show"]
-    show += ["table", _find_word_after("table", words) or str(MAIN), "exact", exact, *filters]
-    return ["sh", "-c", f'{_join_words(argv)} 2>/dev/null || test -z "$({_join_words(show)} 2>/dev/null)"']
+    version, destination, table, _metric = change.key
+    show = ["ip", f"-{version}", "route", "show", "table", str(table), "exact", destination, *filters]
+    return ["sh", "-c", f'{_join_words(change.command)} 2>/dev/null || test -z "$({_join_words(show)} 2>/dev/null)"']
 
 
 def _join_words(argv: typing.Iterable[str]) -> str:

@@ -28,7 +28,6 @@ from .kernel import (
     PATH,
     KernelRoute,
     Route,
-    build_command,
     change_route,
     format_route,
     read_routes,
@@ -356,12 +355,12 @@ class Run(ModuleRun):
             try:
                 self._change_route(change)
             except Problem:
-                failures.append(f"'{' '.join(build_command(change.verb, change.version, change.words))}'")
+                failures.append(f"'{' '.join(change.command)}'")
         return failures
 
     def _change_route(self, change: plan.Change) -> None:
         try:
-            change_route(change.verb, change.version, change.words)
+            change_route(change.command)
         except Problem:
             if not change.may_fail:
                 raise
@@ -400,7 +399,7 @@ class Run(ModuleRun):
         for key, kernel_routes in before.items():
             for kernel_route in kernel_routes:
                 if kernel_route.protocol not in _RETURNING and key not in after:
-                    self._change_route(plan.Change("replace", key[0], kernel_route.words))
+                    self._change_route(plan.Change("replace", key, kernel_route.words))
         self._check_kernel()
 
 

@@ -466,7 +466,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.run i
 run = Run(json.load(sys.stdin))
 for half in range(len(run.plan.changes) + 1):
     for change in run.plan.changes[:half]:
-        change_route(change.verb, change.version, change.words)
+        change_route(change.command)
     for argv in run.undo_commands():
         subprocess.run(argv, check=True)
 """
