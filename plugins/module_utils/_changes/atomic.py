@@ -118,16 +118,22 @@ def remove(path: str) -> None:
         return
 
 
-def make_folders(path: str) -> typing.List[str]:
-    """Make a folder (mode 0755) and its missing parents; returns the folders that it made, outermost first."""
+def missing_folders(path: str) -> typing.List[str]:
+    """The folders on the way to a folder, and itself, that are not there, outermost first."""
     missing = []
     while path and not os.path.isdir(path):
         missing.append(path)
         path = os.path.dirname(path)
-    for folder in reversed(missing):
+    return missing[::-1]
+
+
+def make_folders(path: str) -> typing.List[str]:
+    """Make a folder (mode 0755) and its missing parents; returns the folders that it made, outermost first."""
+    missing = missing_folders(path)
+    for folder in missing:
         os.mkdir(folder, 0o755)
         os.chmod(folder, 0o755)
-    return missing[::-1]
+    return missing
 
 
 def remove_folder_if_empty(path: str) -> bool:
