@@ -14,7 +14,8 @@ from .kernel import Route, format_route
 from .managers.contract import Machine, PlannedTexts
 from .managers.table import AUTO, BACKENDS, NONE
 from .options import RouteRequest
-from .record import BootRecord, Place
+from .plan import Entries
+from .record import Place, RoutesRecord
 
 
 def _check_expressible(name: str, inexpressible: typing.Tuple[str, ...], routes: typing.List[Route]) -> None:
@@ -35,36 +36,29 @@ Choice = typing.Dict[str, typing.Dict[str, typing.List[Route]]]
 class Boot:
     """The places of the boot part: their contents now, and their wanted contents."""
 
-    def __init__(self, machine: Machine, root: str, record: BootRecord) -> None:
+    def __init__(self, machine: Machine, root: str, record: RoutesRecord) -> None:
         """Read the places; changes nothing. Raises Problem where something in a place of ours is not ours."""
         self.root = root
-        self.recorded = record.places
-        self.pending = record.pending
+        self.recorded = record
         self.folders = list(record.folders)
         self.backends = collections.OrderedDict(
             (name, kind(machine, root, self._list_texts(name))) for name, kind in BACKENDS.items()
         )
-        self.before = {name: backend.read() for name, backend in self.backends.items()}
-        self.owned: typing.Dict[str, typing.Set[str]] = {}
-        self.wanted: typing.Dict[str, PlannedTexts] = {}
+        self.before = {place: text for backend in self.backends.values() for place, text in backend.read().items()}
+        self.wanted: PlannedTexts = {}
         self.modes: typing.Dict[str, int] = {}  # of our files whose mode was changed by hand
         #: back end -> its places that change, or that a killed run has written before its manager read them
         self.changes: typing.Dict[str, typing.List[str]] = {}
-        self.routes: typing.Dict[str, typing.List[Route]] = {}
+        self.places: typing.Dict[str, Place] = {}  # the record of the places after the change
 
     def _list_texts(self, backend: str) -> typing.Dict[str, typing.List[str]]:
-        return {name: place.texts for name, place in self.recorded.items() if place.backend == backend}
+        return {name: place.texts for name, place in self.recorded.places.items() if place.backend == backend}
 
     # The back end of a route
 
     def find_owner(self, interface: str) -> str:
         """The back end that owns an interface, "" for none."""
-        for name, backend in self.backends.items():
-            if name not in self.owned:
-                self.owned[name] = backend.list_interfaces()
-            if interface in self.owned[name]:
-                return name
-        return ""
+        return next((name for name, backend in self.backends.items() if interface in backend.list_interfaces()), "")
 
     def choose_backend(self, item: RouteRequest, overrides: typing.Mapping[str, str]) -> str:
         """The back end of a route: its own, else that of its interface (`overrides`), else the owner.
@@ -91,91 +85,69 @@ class Boot:
     def plan(self, choice: Choice) -> None:
         """Plan the places for these routes. Raises Problem where a manager's own tool refuses a change."""
         for name, backend in self.backends.items():
-            routes_by_interface = choice.get(name, {})
-            wanted: PlannedTexts = dict.fromkeys(self.before[name])
-            if routes_by_interface or wanted:
-                wanted.update(backend.render(routes_by_interface))
-            self.wanted[name] = wanted
-            for interface, routes in routes_by_interface.items():
-                _check_expressible(name, backend.inexpressible, routes)
-                self.routes.setdefault(backend.find_place(interface), []).extend(routes)
-        self._compare()
-        for name in self.changes:
-            self.backends[name].check(self.wanted[name])
+            wanted = backend.render(choice.get(name, {}))
+            routes: typing.Dict[str, typing.List[Route]] = {}
+            for interface, interface_routes in choice.get(name, {}).items():
+                _check_expressible(name, backend.inexpressible, interface_routes)
+                routes.setdefault(backend.find_place(interface), []).extend(interface_routes)
+            differing = set(self.recorded.pending.get(name, []))
+            for place, text in wanted.items():
+                mode = None if text is None else backend.find_wrong_mode(place)
+                if mode is not None:
+                    self.modes[place] = mode
+                if mode is not None or text != self.before.get(place):
+                    differing.add(place)
+                if text is not None:
+                    self.places[place] = Place(name, [text], routes.get(place, []))
+            if differing:
+                backend.check(wanted)
+                self.changes[name] = sorted(differing)
+            self.wanted.update(wanted)
         self.folders += [folder for folder in self._find_missing_folders() if folder not in self.folders]
-
-    def _compare(self) -> None:
-        """Find the places that change."""
-        for name, wanted in self.wanted.items():
-            modes = {
-                place: self.backends[name].find_wrong_mode(place) for place, text in wanted.items() if text is not None
-            }
-            self.modes.update({place: mode for place, mode in modes.items() if mode is not None})
-            before = self.before[name]
-            differ = {place for place, text in wanted.items() if text != before.get(place) or place in self.modes}
-            places = sorted(differ | set(self.pending.get(name, [])))
-            if places:
-                self.changes[name] = places
 
     def is_new(self, backend: str, place: typing.Optional[str], route: Route) -> bool:
         """True where a route is new at its place, or the place was changed by hand."""
         if place is None or place not in self.changes.get(backend, []):
             return False
-        recorded = self.recorded.get(place, Place(backend, [], []))
-        untouched = self.before[backend].get(place) in recorded.texts
+        recorded = self.recorded.places.get(place, Place(backend, [], []))
+        untouched = self.before.get(place) in recorded.texts
         return not untouched or place in self.modes or route not in recorded.routes
 
     @property
     def difference(self) -> typing.List[typing.Dict[str, str]]:
         """The places whose text or mode changes, for `diff`."""
-
-        def content(text: typing.Optional[str]) -> typing.Optional[bytes]:
-            return None if text is None else text.encode("utf-8")
-
         differences = []
         for name, place in [(name, place) for name, places in self.changes.items() for place in places]:
-            before, after = self.before[name].get(place), self.wanted[name].get(place)
+            before, after = self.before.get(place), self.wanted.get(place)
             if before != after:
-                differences.append(difference(place, content(before), content(after)))
+                differences.append(difference(place, before, after))
             elif place in self.modes:
                 differences.append(mode_difference(place, self.modes[place], self.backends[name].mode))
         return differences
 
     def _find_missing_folders(self) -> typing.List[str]:
-        """The missing folders of the wanted files, outermost first."""
-        missing: typing.List[str] = []
-        for wanted in self.wanted.values():
-            for place in (place for place, text in wanted.items() if text is not None and place.startswith("/")):
-                folder, new = os.path.dirname(place), []
-                while not os.path.isdir(self._path(folder)):
-                    new.append(folder)
-                    folder = os.path.dirname(folder)
-                missing += [folder for folder in reversed(new) if folder not in missing]
-        return missing
+        """The missing folders of the wanted files, as the machine sees them, each outermost first."""
+        files = [place for place in self.places if place.startswith("/")]
+        missing = [path for place in files for path in atomic.missing_folders(os.path.dirname(self._path(place)))]
+        return ["/" + os.path.relpath(path, self.root) for path in dict.fromkeys(missing)]
 
     # The record
 
-    def interim_record(self) -> BootRecord:
+    def interim_record(self, entries: Entries) -> RoutesRecord:
         """The record before the change. It has both texts of every place, since a killed run leaves either."""
-        places = dict(self.recorded)
+        places = dict(self.recorded.places)
         for name, changed in self.changes.items():
             for place in changed:
                 entry = places.get(place, Place(name, [], []))
-                texts = [self.before[name].get(place), self.wanted[name].get(place)]
+                texts = [self.before.get(place), self.wanted.get(place)]
                 new = [text for text in texts if text is not None and text not in entry.texts]
                 places[place] = entry._replace(texts=entry.texts + new)
-        return BootRecord(places, self.changes, self.folders)
+        return RoutesRecord(entries, places, self.changes, self.folders)
 
-    def final_record(self) -> BootRecord:
+    def final_record(self, entries: Entries) -> RoutesRecord:
         """The record after the change."""
-        places = {
-            place: Place(name, [text], self.routes.get(place, []))
-            for name, wanted in self.wanted.items()
-            for place, text in wanted.items()
-            if text is not None
-        }
-        folders = [folder for folder in self.folders if any(place.startswith(folder + "/") for place in places)]
-        return BootRecord(places, {}, folders)
+        folders = [folder for folder in self.folders if any(place.startswith(folder + "/") for place in self.places)]
+        return RoutesRecord(entries, self.places, {}, folders)
 
     # The change
 
@@ -191,23 +163,19 @@ class Boot:
             return [str(problem)]
         return []
 
-    def _write(self, texts: typing.Mapping[str, typing.Mapping[str, typing.Optional[str]]]) -> None:
+    def _write(self, texts: typing.Mapping[str, typing.Optional[str]]) -> None:
+        """Write the changed places, and remove the folders of ours that are empty then."""
+        kept = [place for place, text in texts.items() if text is not None]
         for name, places in self.changes.items():
-            backend = self.backends[name]
             for place in places:
-                text = texts[name].get(place)
-                if text is not None and place.startswith("/"):
+                if place in kept and place.startswith("/"):
                     atomic.make_folders(os.path.dirname(self._path(place)))
-                backend.write(place, text)
-            self._remove_folders(kept=[place for place, text in texts[name].items() if text is not None])
-            backend.activate(places)
-
-    def _remove_folders(self, kept: typing.List[str]) -> None:
-        """Remove the folders of ours that are empty, except those of the kept places."""
-        for folder in reversed(self.folders):
-            path = self._path(folder)
-            if os.path.isdir(path) and not any(place.startswith(folder + "/") for place in kept):
-                atomic.remove_folder_if_empty(path)
+                self.backends[name].write(place, texts.get(place))
+            for folder in reversed(self.folders):
+                path = self._path(folder)
+                if os.path.isdir(path) and not any(place.startswith(folder + "/") for place in kept):
+                    atomic.remove_folder_if_empty(path)
+            self.backends[name].activate(places)
 
     def _path(self, place: str) -> str:
         return os.path.join(self.root, place.lstrip("/"))

@@ -28,27 +28,13 @@ class Place(typing.NamedTuple):
     routes: typing.List[Route]
 
 
-class BootRecord(typing.NamedTuple):
-    """The boot part of the record."""
-
-    places: typing.Dict[str, Place]
-    pending: typing.Dict[str, typing.List[str]]  # back end -> places that its manager has not been told about
-    folders: typing.List[str]  # those that we made, outermost first
-
-    def to_json(self) -> Data:
-        """The boot part as JSON holds it; empty parts are left out."""
-        places = {
-            name: dict(place._asdict(), routes=[_route_to_json(route) for route in place.routes])
-            for name, place in self.places.items()
-        }
-        return _drop_empty(places=places, pending=self.pending, folders=self.folders)
-
-
 class RoutesRecord(typing.NamedTuple):
     """The whole record."""
 
     entries: Entries
-    boot: BootRecord
+    places: typing.Dict[str, Place]
+    pending: typing.Dict[str, typing.List[str]]  # back end -> places that its manager has not been told about
+    folders: typing.List[str]  # those that we made, outermost first
 
     def to_json(self) -> Data:
         """The record as JSON holds it; empty parts are left out."""
@@ -59,7 +45,11 @@ class RoutesRecord(typing.NamedTuple):
             }
             for key, entry in sorted(self.entries.items())
         ]
-        return _drop_empty(routes=routes, boot=self.boot.to_json())
+        places = {
+            name: dict(place._asdict(), routes=[_route_to_json(route) for route in place.routes])
+            for name, place in self.places.items()
+        }
+        return _drop_empty(routes=routes, boot=_drop_empty(places=places, pending=self.pending, folders=self.folders))
 
 
 def read_record(data: Data) -> RoutesRecord:
@@ -76,13 +66,11 @@ def read_record(data: Data) -> RoutesRecord:
     ]
     boot = data.get("boot", {})
     places = {
-        name: Place(place["backend"], list(place["texts"]), [Route(**fields) for fields in place["routes"]])
+        name: Place(place["backend"], place["texts"], [Route(**fields) for fields in place["routes"]])
         for name, place in boot.get("places", {}).items()
     }
-    return RoutesRecord(
-        {entry.made[0].key: entry for entry in entries},
-        BootRecord(places, dict(boot.get("pending", {})), list(boot.get("folders", []))),
-    )
+    by_key = {entry.made[0].key: entry for entry in entries}
+    return RoutesRecord(by_key, places, boot.get("pending", {}), boot.get("folders", []))
 
 
 def _route_to_json(route: Route) -> Data:

@@ -10,10 +10,10 @@ on disk before both: after a killed run, the next run knows our routes and repai
 import os
 import typing
 
-from .._changes import atomic, writable
+from .._changes import writable
 from .._changes.module import ModuleRun
 from .._changes.record import RECORDS, Record
-from .._changes.transaction import Step, carry_out
+from .._changes.transaction import Step, carry_out, intent, outcome
 from .._module.difference import difference
 from .._module.plain_text import quote
 from .._module.problem import Problem
@@ -34,7 +34,6 @@ from .kernel import (
 )
 from .managers import contract
 from .managers.table import CHOICES, NONE
-from .record import RoutesRecord
 from .tables import read_tables
 
 RUN_TIME = "routes at run time"
@@ -110,7 +109,7 @@ class Run(ModuleRun):
         replace = options["on_conflict"] == "replace"
         self.plan = plan.plan_routes(self.routes, self.current, self.recorded.entries, replace, self.machine.interfaces)
         self.taken_back = self.plan.taken_back
-        self.boot = Boot(self.machine, options["root"], self.recorded.boot)
+        self.boot = Boot(self.machine, options["root"], self.recorded)
         self.items = self._plan_boot([self._choose_boot_device(item, requests) for item in requests])
         self.changed = bool(self.plan.changes or self.boot.changes)
 
@@ -295,7 +294,7 @@ class Run(ModuleRun):
     @property
     def memory(self) -> Data:
         """The record as it must be while the change is on its way: for the run that confirms `apply_runtime`."""
-        return RoutesRecord(self.plan.interim, self.recorded.boot).to_json()
+        return self.recorded._replace(entries=self.plan.interim).to_json()
 
     def undo_commands(self) -> typing.List[typing.List[str]]:
         """The commands that restore the kernel's routes as this run found them, also from half way."""
@@ -309,34 +308,17 @@ class Run(ModuleRun):
 
     def apply(self) -> None:
         """Make everything as planned. Raises Problem, with everything as it was before."""
-        steps = [
-            Step(
-                f"the record {self.record.path}",
-                do=self._announce,
-                undo=lambda: self._save(self.stored),
-                only_if_all_undone=True,  # else the next run needs the record of the change to repair it
-            ),
-            self._kernel_step(),
-        ]
+        # Where something is left of a change of the kernel, the next run needs the record of the change to repair it.
+        planned = self.memory if self.plan.changes else self.stored
+        steps = [intent(self.record, planned, self.stored, "the record {what} ({reason})"), self._kernel_step()]
         if self.boot.changes:
-            interim = RoutesRecord(self.plan.interim, self.boot.interim_record())
-            steps.append(Step(self.record.path, do=lambda: self._save(interim.to_json())))
             before: plan.Current = {}
-            steps.append(Step(RUN_TIME, do=lambda: before.update(self._read_kernel())))
-            steps.append(Step("the boot part", do=lambda: self._change_boot(before), undo=self.boot.undo))
-        final = RoutesRecord(self.plan.final, self.boot.final_record())
-        steps.append(Step(self.record.path, do=lambda: self._save(final.to_json())))
-        carry_out(steps)
-
-    def _announce(self) -> None:
-        """Save what is about to change before the first change."""
-        if self.plan.changes:
-            self._save(self.memory)
-
-    def _save(self, data: Data) -> None:
-        atomic.remove_leftovers(self.record.path)
-        if data != self.record.load():
-            self.record.save(data)
+            steps += [
+                outcome(self.record, self.boot.interim_record(self.plan.interim).to_json()),
+                Step(RUN_TIME, do=lambda: before.update(self._read_kernel())),
+                Step("the boot part", do=lambda: self._change_boot(before), undo=self.boot.undo),
+            ]
+        carry_out([*steps, outcome(self.record, self.boot.final_record(self.plan.final).to_json())])
 
     def _kernel_step(self) -> Step:
         return Step(RUN_TIME, do=self._change_kernel, undo=self._restore_kernel)

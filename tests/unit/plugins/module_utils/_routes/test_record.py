@@ -37,4 +37,4 @@ def test_the_parts_have_types():
     found = record.read_record(RECORD)
     ours = Route("0.0.0.0/0", "192.168.11.101", "eth0")
     assert found.entries[ours.key].made == (ours,)
-    assert found.boot.places[HOOK].routes == [ours]
+    assert found.places[HOOK].routes == [ours]
