@@ -132,6 +132,13 @@ class BackEnd:
             "set backend to none for the routes that belong there."
         )
 
+    def refuse_shared(self, interface: str, sharers: typing.Iterable[str], what: str, whose: str, thing: str) -> None:
+        """Raises Problem where other interfaces share what would get the routes of this one; `whose` has a place for their names."""
+        others = sorted(name for name in sharers if name != interface)
+        if others:
+            names = whose.format(", ".join(map(quote, others)))
+            raise Problem(f"{what} {names}, which would get the same routes: give {interface} {thing} of its own.")
+
     def find_wrong_mode(self, place: str) -> typing.Optional[int]:
         """The mode of a file of ours that is not as it was written, else None: run-parts(8) passes over a hook that is not executable."""
         path = self.path(place)

@@ -59,16 +59,10 @@ class BackEnd(contract.BackEnd):
 
     def __init__(self, machine: contract.Machine, root: str, recorded: contract.RecordedTexts) -> None:
         super().__init__(machine, root, recorded)
-        self._cache: typing.Optional[typing.Dict[str, Definition]] = None
+        # by the interface on which they are in effect
+        self._definitions = dict([*self._read_networkmanager(), *self._read_networkd()])
 
     # The definition of an interface
-
-    def _definitions(self) -> typing.Dict[str, Definition]:
-        """The definitions by the interface on which they are in effect."""
-        if self._cache is None:
-            self._cache = dict(self._read_networkmanager())
-            self._cache.update(self._read_networkd())
-        return self._cache
 
     def _read_networkd(self) -> typing.Iterator[typing.Tuple[str, Definition]]:
         manager = networkd.BackEnd(self.machine, self.root, {})
@@ -94,28 +88,23 @@ class BackEnd(contract.BackEnd):
 
     def list_interfaces(self) -> typing.Set[str]:
         """The interfaces that netplan configures, by what it has generated for the manager behind it."""
-        return set(self._definitions())
+        return set(self._definitions)
 
     def read(self) -> contract.Places:
         text = self.read_own_text(FILE)
         return {} if text is None else {FILE: text}
 
     def find_place(self, interface: str) -> str:
-        definition = self._definitions().get(interface)
+        definition = self._definitions.get(interface)
         where = f"routes: {interface} shall have its routes by netplan, and"
         if definition is None:
             raise Problem(
                 f"{where} nothing that netplan has generated configures it, expected a definition of it in effect: write one "
                 "and apply it, or choose another backend."
             )
-        others = [
-            name for name, other in sorted(self._definitions().items()) if other == definition and name != interface
-        ]
-        if others:
-            raise Problem(
-                f"{where} its definition {quote(definition.name)} is that of {', '.join(map(quote, others))} too, which would get the same routes: "
-                f"give {interface} a definition of its own."
-            )
+        sharers = [name for name, other in self._definitions.items() if other == definition]
+        what = f"{where} its definition {quote(definition.name)}"
+        self.refuse_shared(interface, sharers, what, "is that of {} too", "a definition")
         return FILE
 
     # Our file
@@ -125,7 +114,7 @@ class BackEnd(contract.BackEnd):
         for interface, interface_routes in sorted(routes.items()):
             if interface_routes:
                 self.find_place(interface)
-                definition = self._definitions()[interface]
+                definition = self._definitions[interface]
                 lines = [line for route in interface_routes for line in _render_route(route)]
                 sections.setdefault(definition.section, {}).setdefault(definition.name, []).extend(lines)
         if not sections:
@@ -176,7 +165,7 @@ class BackEnd(contract.BackEnd):
             raise Problem(
                 f"routes: 'netplan generate' failed ({quote(_read_error(answer), LINE)}), expected it to work."
             )
-        files = [definition.file for definition in self._definitions().values()]
+        files = [definition.file for definition in self._definitions.values()]
         if any(file.startswith(networkmanager.NETPLANS) for file in files):
             # A definition of a wifi has one profile per access point.
             profiles = sorted(glob.glob(networkmanager.NETPLANS + "*"))

@@ -57,14 +57,9 @@ class BackEnd(contract.BackEnd):
             raise Problem(
                 f"{where} {quote(file)} is written by netplan, which may give it another name: choose the backend netplan."
             )
-        others = sorted(
-            name for name in self.machine.interfaces if name != interface and self.network_file(name) == file
-        )
-        if others:
-            raise Problem(
-                f"routes: {interface} is configured by {quote(file)}, and so is {', '.join(map(quote, others))}, which would get the same routes: "
-                f"give {interface} a .network file of its own."
-            )
+        sharers = [name for name in self.machine.interfaces if self.network_file(name) == file]
+        what = f"routes: {interface} is configured by {quote(file)},"
+        self.refuse_shared(interface, sharers, what, "and so is {}", "a .network file")
         return f"{FOLDER}/{os.path.basename(file)}.d/{DROP_IN}"
 
     def render(self, routes: contract.RoutesByInterface) -> contract.PlannedTexts:

@@ -78,23 +78,17 @@ class BackEnd(contract.BackEnd):
 
     def __init__(self, machine: contract.Machine, root: str, recorded: contract.RecordedTexts) -> None:
         super().__init__(machine, root, recorded)
-        self._known: typing.Optional[typing.Dict[str, Active]] = None
-        self._profiles: typing.Dict[str, typing.Optional[Profile]] = {}
+        self._active = active_profiles() if machine.booted else {}
         self._ours = {place: set("".join(texts).splitlines()) for place, texts in recorded.items()}
 
     # The profile of an interface
 
-    def _active(self) -> typing.Dict[str, Active]:
-        if self._known is None:
-            self._known = active_profiles() if self.machine.booted else {}
-        return self._known
-
     def list_interfaces(self) -> typing.Set[str]:
         """The interfaces on which NetworkManager has activated a profile, other than netplan's."""
-        return {name for name, active in self._active().items() if not active.external and not active.netplan}
+        return {name for name, active in self._active.items() if not active.external and not active.netplan}
 
     def find_place(self, interface: str) -> str:
-        active = self._active().get(interface)
+        active = self._active.get(interface)
         where = f"routes: {interface} shall have its routes by NetworkManager, and"
         if active is None:
             raise Problem(
@@ -116,28 +110,17 @@ class BackEnd(contract.BackEnd):
                 f"/etc/NetworkManager/system-connections: save it (nmcli connection modify {active.uuid} "
                 "connection.autoconnect yes)."
             )
-        others = sorted(
-            name for name, other in self._active().items() if name != interface and other.uuid == active.uuid
-        )
-        if others:
-            raise Problem(
-                f"{where} its profile {active.uuid} is active on {', '.join(map(quote, others))} too, which would get the same routes: "
-                f"give {interface} a profile of its own."
-            )
+        sharers = [name for name, other in self._active.items() if other.uuid == active.uuid]
+        what = f"{where} its profile {active.uuid}"
+        self.refuse_shared(interface, sharers, what, "is active on {} too", "a profile")
         return PREFIX + active.uuid
 
     # Our routes in a profile
 
-    def _profile(self, place: str) -> typing.Optional[Profile]:
-        """A profile as it was when this run first looked, None where it is gone."""
-        if place not in self._profiles:
-            self._profiles[place] = _read_profile(place)
-        return self._profiles[place]
-
     def read(self) -> contract.Places:
         texts = {}
         for place in sorted(self.recorded) if self.machine.booted else []:
-            profile = self._profile(place)
+            profile = _read_profile(place)
             text = _join_lines(line for line in profile.lines if line in self._ours[place]) if profile else None
             if text is not None:
                 texts[place] = text
@@ -147,7 +130,7 @@ class BackEnd(contract.BackEnd):
         wanted: contract.PlannedTexts = dict.fromkeys(self.read())
         for interface, interface_routes in routes.items():
             place = self.find_place(interface)
-            profile = self._profile(place)
+            profile = _read_profile(place)
             if profile is None:
                 raise Problem(f"routes: the profile {place} of {interface} is gone: run again.")
             # Routes that the profile had before are not ours, so they are never removed from it.
@@ -159,7 +142,7 @@ class BackEnd(contract.BackEnd):
     def check(self, wanted: contract.PlannedTexts) -> None:
         """Raises Problem where other settings of a profile prevent its routes at boot. (nmcli checks the routes in `write`.)"""
         for place, text in wanted.items():
-            profile = self._profile(place)
+            profile = _read_profile(place)
             if text is None or profile is None:
                 continue
             if not profile.autoconnect:

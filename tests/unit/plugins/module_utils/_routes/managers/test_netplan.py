@@ -88,7 +88,7 @@ def test_the_definition_behind_a_profile_of_networkmanager(tmp_path, monkeypatch
     monkeypatch.setattr(nm, "NETPLANS", start)
     monkeypatch.setattr(nm, "active_profiles", lambda: {"eth0": nm.Active("1-2", False, start + "x.nmconnection")})
     end = netplan.BackEnd(contract.Machine({"eth0": Interface("eth0", 99999)}, booted=True), str(tmp_path), {})
-    assert end._definitions() == {"eth0": netplan.Definition(section, name, start + "x.nmconnection")}
+    assert end._definitions == {"eth0": netplan.Definition(section, name, start + "x.nmconnection")}
 
 
 def test_the_file_says_what_netplan_reads(tmp_path):

@@ -141,14 +141,14 @@ def test_place_of_an_active_profile(daemon):
 )
 def test_a_profile_that_brings_nothing_back_is_named(active, words):
     end = back_end()
-    end._known = {} if active is None else {"eth0": active}
+    end._active = {} if active is None else {"eth0": active}
     with pytest.raises(Problem, match="eth0 .*" + words):
         end.find_place("eth0")
 
 
 def test_a_profile_of_two_interfaces_is_refused():
     end = back_end()
-    end._known = {"eth0": nm.Active(UUID, False, FILE), "wlan0": nm.Active(UUID, False, FILE)}
+    end._active = {"eth0": nm.Active(UUID, False, FILE), "wlan0": nm.Active(UUID, False, FILE)}
     with pytest.raises(Problem, match="active on wlan0 too"):
         end.find_place("eth0")
 
