@@ -122,14 +122,9 @@ def find_side_effects(key: str, value: str, values: typing.Mapping[str, str]) ->
     return changes
 
 
-def changes_others(key: str) -> bool:
-    """True where the kernel changes other keys beside this one."""
-    return bool(rules_of(key))
-
-
 def changes_others_first(keys: typing.Iterable[str]) -> typing.List[str]:
     """The keys in the order in which they are written: those that change others come first, else as given."""
-    return sorted(keys, key=lambda key: not changes_others(key))
+    return sorted(keys, key=lambda key: not rules_of(key))
 
 
 # Values that the kernel is known to refuse
@@ -171,30 +166,6 @@ _SENTENCES = {
     "give a value that it accepts.",
     "changed": "{name}: the kernel was given {wanted} and holds {found}, expected the same: write the value as the kernel says it.",
 }
-
-
-def refusal(path: str, setting: Setting, value: typing.Optional[str], number: int) -> typing.Tuple[str, str]:
-    """The state and the sentence for a setting that the kernel refuses with this errno, or (0) turns into another value.
-
-    `value`: the present one, None for no key.
-    """
-    state = _STATES.get(number, "invalid")
-    if state == "missing" and value is not None:
-        state = "invalid"  # the key is there, and the kernel knows nothing of the name that the value is
-    capability = "the capability NET_ADMIN" if setting.key.startswith("net/") else "some capabilities of root"
-    kind = state if number else "changed"
-    if state == "denied" and os.geteuid() == 0:
-        all_there = rights.may_change_network() if setting.key.startswith("net/") else rights.has_all_rights()
-        kind = "denied to root" if all_there else "denied without a capability"
-    return state, _SENTENCES[kind].format(
-        name=name_of(setting.key),
-        path=path,
-        wanted=setting.value,
-        found="nothing that can be read" if value is None else quote(value),
-        reason=os.strerror(number),
-        user=os.geteuid(),
-        capability=capability,
-    )
 
 
 # The kernel
@@ -239,6 +210,29 @@ class Kernel:
         guarded = self.proc == PROC and any(matches(one, key) for one in _FOR_NET_ADMIN)
         return KeyState(value, errno.EPERM if guarded and not rights.may_change_network() else 0)
 
+    def refusal(self, setting: Setting, value: typing.Optional[str], number: int) -> typing.Tuple[str, str]:
+        """The state and the sentence for a setting that the kernel refuses with this errno, or (0) turns into another value.
+
+        `value`: the present one, None for no key.
+        """
+        state = _STATES.get(number, "invalid")
+        if state == "missing" and value is not None:
+            state = "invalid"  # the key is there, and the kernel knows nothing of the name that the value is
+        capability = "the capability NET_ADMIN" if setting.key.startswith("net/") else "some capabilities of root"
+        kind = state if number else "changed"
+        if state == "denied" and os.geteuid() == 0:
+            all_there = rights.may_change_network() if setting.key.startswith("net/") else rights.has_all_rights()
+            kind = "denied to root" if all_there else "denied without a capability"
+        return state, _SENTENCES[kind].format(
+            name=name_of(setting.key),
+            path=self.path(setting.key),
+            wanted=setting.value,
+            found="nothing that can be read" if value is None else quote(value),
+            reason=os.strerror(number),
+            user=os.geteuid(),
+            capability=capability,
+        )
+
     def keys(self, pattern: str) -> typing.List[str]:
         """The keys of this kernel that a pattern matches; `*` stands for one whole level."""
         folder, star, rest = pattern.partition("/*/")
@@ -278,13 +272,7 @@ class Kernel:
         return {}
 
     def _wrong(self, goals: typing.Mapping[str, str]) -> typing.List[str]:
-        def holds(key: str) -> typing.Optional[str]:
-            try:
-                return self.read(key)
-            except OSError:
-                return None
-
-        return [key for key in goals if holds(key) != goals[key]]
+        return [key for key in goals if self.look(key).value != goals[key]]
 
     def restore(self, values: Values) -> typing.List[str]:
         """Restore these values; returns a text for each that could not be restored."""

@@ -15,7 +15,7 @@ import typing
 
 from .._module.problem import Problem
 from .boot import SYSCTL_FOLDERS, key_of, name_of, normal, variable_of
-from .kernel import Setting, Values, changes_others, find_side_effects, followers, keeps_deviations
+from .kernel import Setting, Values, find_side_effects, followers, keeps_deviations, rules_of
 from .record import Data, Entry, SettingsRecord
 
 HEADER = "# Managed by Ansible: rosfleet.multimaster.sysctl writes this whole file, so changes here do not last.\n"
@@ -52,7 +52,7 @@ def settings_of(items: typing.Iterable[typing.Mapping[str, typing.Any]]) -> typi
                 "one value for it: remove one of them."
             )
     # The order holds for the drop-in, too: a key that changes others must not have the last word over them.
-    return sorted((setting for name, setting in settings.values()), key=lambda setting: not changes_others(setting.key))
+    return sorted((setting for name, setting in settings.values()), key=lambda setting: not rules_of(setting.key))
 
 
 def optional_of(items: typing.Iterable[typing.Mapping[str, typing.Any]]) -> typing.FrozenSet[str]:
@@ -185,7 +185,7 @@ class _Simulation:
 def _find_removals(record: SettingsRecord, kept: typing.Set[str]) -> typing.List[Entry]:
     """The entries of the record without a listed setting, the last one first; keys that change others before all."""
     entries = [record.settings[variable] for variable in reversed(list(record.settings)) if variable not in kept]
-    return sorted(entries, key=lambda entry: not changes_others(entry.key))
+    return sorted(entries, key=lambda entry: not rules_of(entry.key))
 
 
 def _take_back(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> Data:
@@ -227,9 +227,9 @@ def _plan_entries(
 ) -> typing.Tuple[Entry, Entry]:
     """The record of a listed setting: on the way, when either value may be there, and afterwards."""
     entry = owned.get(variable_of(setting.key)) or _new_entry(setting.key, start, owned)
-    earlier = tuple(value for value in entry.set if value != setting.value)
-    interim = entry._replace(key=setting.key, set=earlier + (setting.value,))
-    return interim, interim._replace(set=(setting.value,))
+    earlier = [value for value in entry.set if value != setting.value]
+    interim = entry._replace(key=setting.key, set=[*earlier, setting.value])
+    return interim, interim._replace(set=[setting.value])
 
 
 def _new_entry(key: str, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]) -> Entry:

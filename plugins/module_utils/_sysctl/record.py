@@ -22,12 +22,8 @@ class Entry(typing.NamedTuple):
 
     key: str
     before: typing.Optional[str]  # the value before our first run
-    set: typing.Tuple[str, ...] = ()  # the values that we have set: two after a killed run
+    set: typing.Sequence[str] = ()  # the values that we have set: two after a killed run
     beside: typing.Mapping[str, str] = {}  # the values before, of the keys that did not follow this key
-
-    def plain(self) -> Data:
-        """The entry as JSON holds it."""
-        return {"key": self.key, "before": self.before, "set": list(self.set), "beside": dict(self.beside)}
 
 
 class SettingsRecord(typing.NamedTuple):
@@ -41,7 +37,7 @@ class SettingsRecord(typing.NamedTuple):
         """The record as JSON holds it; an empty record holds nothing."""
         if not any(self):
             return {}
-        settings = {variable: entry.plain() for variable, entry in self.settings.items()}
+        settings = {variable: dict(entry._asdict()) for variable, entry in self.settings.items()}
         data = {"drop_ins": list(self.drop_ins), "folders": list(self.folders), "settings": settings}
         order = list(self.settings)
         return data if order == _usual(order) else {**data, "order": order}
@@ -57,7 +53,7 @@ def read(data: Data) -> SettingsRecord:
     stored = data.get("settings", {})
     order = data.get("order") or _usual(stored)
     settings = collections.OrderedDict(
-        (variable, Entry(entry["key"], entry["before"], tuple(entry["set"]), entry["beside"]))
+        (variable, Entry(entry["key"], entry["before"], entry["set"], entry["beside"]))
         for variable in [*order, *sorted(set(stored) - set(order))]
         for entry in [stored[variable]]
     )

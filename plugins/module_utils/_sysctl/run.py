@@ -83,7 +83,12 @@ class Run(ModuleRun):
         self.states = self.kernel.read_with_others(keys + owned)
         self.current = {key: state.value for key, state in self.states.items()}
         self.plan = plan.plan(
-            self.settings, self.current, self.recorded, self.drop_in, self._find_missing_folders(), self.optional
+            self.settings,
+            self.current,
+            self.recorded,
+            self.drop_in,
+            atomic.missing_folders(os.path.dirname(self.file)),
+            self.optional,
         )
         self.items = self._items()
         self.wrong_mode = self._wrong_mode()
@@ -142,14 +147,6 @@ class Run(ModuleRun):
         texts = {path: self.tree.read(path) for path in others if not os.path.islink(self._place(path))}
         return {path: text for path, text in texts.items() if text.startswith(plan.HEADER)}
 
-    def _find_missing_folders(self) -> typing.List[str]:
-        """The folders to be made for the drop-in, outermost first."""
-        missing, folder = [], os.path.dirname(self.file)
-        while not os.path.isdir(folder):
-            missing.append(folder)
-            folder = os.path.dirname(folder)
-        return missing[::-1]
-
     # The result per setting
 
     def _items(self) -> typing.List[Data]:
@@ -184,7 +181,7 @@ class Run(ModuleRun):
         """The state and the sentence for a setting that cannot be set, as far as that is known before; "" and None else."""
         present = self.states[setting.key]
         if present.value is None or (writes and present.refusal):
-            state, problem = kernel.refusal(self.kernel.path(setting.key), setting, present.value, present.refusal)
+            state, problem = self.kernel.refusal(setting, *present)
             return state, None if state == "missing" and setting.key in self.optional else problem
         if writes and kernel.is_unfit(setting):
             return "invalid", (
@@ -213,8 +210,7 @@ class Run(ModuleRun):
         keys = {setting.key for setting in self.settings}
         for write in self.plan.writes:
             if write.key not in keys and self.states[write.key].refusal:
-                path, present = self.kernel.path(write.key), self.states[write.key]
-                sentences.append("Taking back " + kernel.refusal(path, write, present.value, present.refusal)[1])
+                sentences.append("Taking back " + self.kernel.refusal(write, *self.states[write.key])[1])
         return sentences
 
     @property
@@ -238,11 +234,9 @@ class Run(ModuleRun):
 
         outcomes = trial.try_values(self.kernel, writes)
         refusals = [
-            kernel.refusal(
-                self.kernel.path(key), kernel.Setting(key, writes[key]), self.current[key] if number else value, number
-            )[1]
-            for key, (number, value) in outcomes.items()
-            if (number, value) != (0, writes[key])
+            self.kernel.refusal(kernel.Setting(key, writes[key]), self.current[key] if number else value, number)[1]
+            for key, (value, number) in outcomes.items()
+            if (value, number) != (writes[key], 0)
         ]
         open_ = [key for key in writes if key not in outcomes and not _alike(writes[key], self.current[key])]
         names = ", ".join(f"{boot.name_of(key)} = {writes[key]}" for key in open_)
@@ -258,13 +252,13 @@ class Run(ModuleRun):
         """The files and the kernel's values that change, for `diff`."""
         files = [(self.drop_in, self.before, self.plan.text)]
         files += [(path, text, None) for path, text in self.stale.items()]
-        entries = [difference(path, _encode(old), _encode(new)) for path, old, new in files if old != new]
+        entries = [difference(path, old, new) for path, old, new in files if old != new]
         if self.wrong_mode is not None and self.before == self.plan.text:
             entries.append(mode_difference(self.drop_in, self.wrong_mode, _MODE))
         keys = sorted({write.key for write in self.plan.writes})
         if keys:
             before, after = (
-                _encode("".join(f"{boot.name_of(key)} = {values[key]}\n" for key in keys))
+                "".join(f"{boot.name_of(key)} = {values[key]}\n" for key in keys)
                 for values in (self.current, self.plan.after)
             )
             entries.append(difference(f"{self.kernel.proc} (values at run time)", before, after))
@@ -332,22 +326,16 @@ class Run(ModuleRun):
 
     def apply(self) -> None:
         """Make everything as planned. Raises Problem; then all is as it was, or the sentence says what is not."""
-        steps = [transaction.Step("leftovers of a killed run", do=self._remove_leftovers)]
+        steps = [transaction.Step("leftovers of a killed run", lambda: atomic.remove_leftovers(self.file))]
         if self.changed:
+            before = {**self.stale, self.drop_in: self.before}
+            after = {self.drop_in: self.plan.text, **dict.fromkeys(self.stale, None)}
             steps += [
                 transaction.intent(self.record, self.plan.interim.plain(), self.stored),
                 self._kernel_step(),
-                transaction.Step(self.drop_in, do=self._write_files, undo=self._restore_files),
-                transaction.outcome(self.record, self.plan.final.plain()),
+                transaction.Step(self.drop_in, lambda: self._put_texts(after), lambda: self._put_texts(before)),
             ]
-        self._carry_out(steps)
-
-    def _remove_leftovers(self) -> None:
-        """Remove the temporary files of a killed run."""
-        for path in (self.record.path, self.file):
-            atomic.remove_leftovers(path)
-        if not self.stored:
-            self.record.save({})
+        self._carry_out([*steps, transaction.outcome(self.record, self.plan.final.plain())])
 
     def _kernel_step(self) -> transaction.Step:
         what = f"the values in {self.kernel.proc}"
@@ -365,16 +353,14 @@ class Run(ModuleRun):
         for key, number in wrong.items():
             setting = kernel.Setting(key, self.plan.goals[key])
             if setting not in self.settings:
-                _state, text = kernel.refusal(self.kernel.path(key), setting, self.current[key], number or errno.EINVAL)
+                _state, text = self.kernel.refusal(setting, self.current[key], number or errno.EINVAL)
                 raise Problem("Taking back " + text)
             raise self._refusal_of(setting, 0)
 
     def _refusal_of(self, setting: kernel.Setting, number: int) -> Problem:
         """Note in the item that the kernel refuses a listed value, or (0) holds another; returns the problem that ends the run."""
         # Read again: an interface may have gone with its keys.
-        state, text = kernel.refusal(
-            self.kernel.path(setting.key), setting, self.kernel.look(setting.key).value, number
-        )
+        state, text = self.kernel.refusal(setting, self.kernel.look(setting.key).value, number)
         self.items[self.settings.index(setting)].update(state=state, problem=text, changed=False)
         return Problem(text)
 
@@ -394,43 +380,24 @@ class Run(ModuleRun):
             text = f"{sentence(problem.cause)} The values are as they were before, but {end} {', '.join(self.lost)}."
             raise transaction.StepFailure(problem.cause, problem.left, text) from problem
 
-    def _write_files(self) -> None:
-        text = self.plan.text
-        if text is not None and (text != self.before or self.wrong_mode is not None):
-            atomic.make_folders(os.path.dirname(self.file))
-            atomic.write_by_rename(self.file, text.encode("utf-8", "surrogateescape"))
-        for path in self.stale:
-            atomic.remove(self._place(path))
-        if text is None:
-            atomic.remove(self.file)
-            self._remove_folders()
-
-    def _restore_files(self) -> None:
-        before: typing.Dict[str, typing.Optional[str]] = {**self.stale, self.drop_in: self.before}
-        for path, text in before.items():
-            place = self._place(path)
+    def _put_texts(self, texts: typing.Mapping[str, typing.Optional[str]]) -> None:
+        """Give drop-ins these texts, None for no file; without our drop-in, its folders go where we made them."""
+        for path, text in texts.items():
+            place, content = self._place(path), (text or "").encode("utf-8", "surrogateescape")
             if text is None:
                 atomic.remove(place)
-            elif atomic.read_bytes(place) != text.encode("utf-8", "surrogateescape"):
+            elif atomic.read_bytes(place) != content or (path == self.drop_in and self.wrong_mode is not None):
                 atomic.make_folders(os.path.dirname(place))
-                atomic.write_by_rename(place, text.encode("utf-8", "surrogateescape"))
-        if self.before is None:
-            self._remove_folders()
-
-    def _remove_folders(self) -> None:
-        """Remove the folders that we made for the drop-in and that are empty."""
-        for folder in reversed(self.plan.interim.folders):
-            atomic.remove_folder_if_empty(folder)
+                atomic.write_by_rename(place, content)
+        if texts[self.drop_in] is None:
+            for folder in reversed(self.plan.interim.folders):
+                atomic.remove_folder_if_empty(folder)
 
 
 def _alike(value: str, current: typing.Optional[str]) -> bool:
     """True if both texts hold whole numbers alone, equally many."""
     forms = [[bool(re.fullmatch(r"-?[0-9]+", word)) for word in (text or "").split()] for text in (value, current)]
     return forms[0] == forms[1] and all(forms[0])
-
-
-def _encode(text: typing.Optional[str]) -> typing.Optional[bytes]:
-    return None if text is None else text.encode("utf-8", "surrogateescape")
 
 
 def _sentence(item: Data) -> str:

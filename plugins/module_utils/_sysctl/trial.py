@@ -16,7 +16,7 @@ import re
 import signal
 import typing
 
-from .kernel import Kernel
+from .kernel import Kernel, KeyState
 
 _NEW = 0x10000000 | 0x40000000  # CLONE_NEWUSER | CLONE_NEWNET (unshare(2))
 _INTERFACE = re.compile(r"(net/ipv[46]/(?:conf|neigh))/(?!all/|default/)[^/]+/")
@@ -27,14 +27,7 @@ _LIMIT = 10  # seconds; it takes some hundredths
 Values = typing.Mapping[str, str]
 
 
-class Outcome(typing.NamedTuple):
-    """The kernel's answer to a value."""
-
-    number: int  # the errno with which it refuses it, 0 for none
-    value: str  # the value that it holds then
-
-
-def try_values(kernel: Kernel, wanted: Values) -> typing.Dict[str, Outcome]:
+def try_values(kernel: Kernel, wanted: Values) -> typing.Dict[str, KeyState]:
     """Try values in a new network namespace that has this machine's other values. Keys without a known outcome are left out."""
     wanted = {key: value for key, value in wanted.items() if key.startswith("net/")}
     if not wanted:
@@ -53,7 +46,7 @@ def try_values(kernel: Kernel, wanted: Values) -> typing.Dict[str, Outcome]:
     with os.fdopen(reader, "rb") as stream:
         answer = stream.read()
     os.waitpid(child, 0)
-    return {key: Outcome(*outcome) for key, outcome in json.loads(answer.decode("utf-8")).items()} if answer else {}
+    return {key: KeyState(*outcome) for key, outcome in json.loads(answer.decode("utf-8")).items()} if answer else {}
 
 
 def _namespace_key(key: str) -> str:
@@ -75,20 +68,20 @@ def _read_neighbours(kernel: Kernel, wanted: Values) -> typing.Dict[str, str]:
     return values
 
 
-def _try_in_namespace(kernel: Kernel, wanted: Values, neighbours: Values) -> typing.Dict[str, Outcome]:
+def _try_in_namespace(kernel: Kernel, wanted: Values, neighbours: Values) -> typing.Dict[str, KeyState]:
     """Write the values, in the namespace."""
     for key, value in neighbours.items():
         _try_value(kernel, key, value)
-    outcomes: typing.Dict[str, Outcome] = {}
+    outcomes: typing.Dict[str, KeyState] = {}
     for _pass in range(2):  # the kernel refuses some values while another key has its present one
         for key, value in wanted.items():
             outcome = _try_value(kernel, key, value)
-            if outcome is not None and not (key in outcomes and outcomes[key] == Outcome(0, value)):
+            if outcome is not None and not (key in outcomes and outcomes[key] == KeyState(value, 0)):
                 outcomes[key] = outcome
     return outcomes
 
 
-def _try_value(kernel: Kernel, key: str, value: str) -> typing.Optional[Outcome]:
+def _try_value(kernel: Kernel, key: str, value: str) -> typing.Optional[KeyState]:
     """Write one value and read it again; None where that says nothing about it."""
     number = 0
     try:
@@ -96,6 +89,6 @@ def _try_value(kernel: Kernel, key: str, value: str) -> typing.Optional[Outcome]
     except OSError as problem:
         number = problem.errno or errno.EIO
     try:
-        return None if number in _UNKNOWN else Outcome(number, kernel.read(_namespace_key(key)))
+        return None if number in _UNKNOWN else KeyState(kernel.read(_namespace_key(key)), number)
     except OSError:
         return None

@@ -42,8 +42,8 @@ def test_the_first_value_from_before_stays_in_the_record():
     first = plan(settings_of(ip_forward="1"), {FORWARD: "0"})
     second = plan(settings_of(ip_forward="2"), {FORWARD: "1"}, first.final)
     assert second.final.settings[FORWARD].before == "0"
-    assert second.interim.settings[FORWARD].set == ("1", "2")  # either may be there if the run is killed
-    assert second.final.settings[FORWARD].set == ("2",)
+    assert second.interim.settings[FORWARD].set == ["1", "2"]  # either may be there if the run is killed
+    assert second.final.settings[FORWARD].set == ["2"]
 
 
 def test_taking_back_restores_a_value_of_ours():

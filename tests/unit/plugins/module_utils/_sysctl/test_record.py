@@ -21,4 +21,4 @@ def test_a_record_is_written_as_it_was_read(data):
 
 
 def test_the_entries_have_types():
-    assert record.read(RECORD).settings[FORWARD].set == ("1",)
+    assert record.read(RECORD).settings[FORWARD].set == ["1"]
