@@ -14,7 +14,7 @@ from .._changes import writable
 from .._changes.module import ModuleRun
 from .._changes.record import RECORDS, Record
 from .._changes.transaction import Step, carry_out, intent, outcome
-from .._module.difference import difference
+from .._module.difference import difference_of_lines
 from .._module.plain_text import quote
 from .._module.problem import Problem
 from .._process.rights import may_change_network
@@ -241,9 +241,7 @@ class Run(ModuleRun):
             ]
             before += texts
             after += self.plan.after.get(key, texts)
-        lines = [("".join(f"{line}\n" for line in sorted(texts))).encode("utf-8") for texts in (before, after)]
-        routes = [difference(RUN_TIME, lines[0], lines[1])] if lines[0] != lines[1] else []
-        return routes + self.boot.difference
+        return difference_of_lines(RUN_TIME, sorted(before), sorted(after)) + self.boot.difference
 
     def result(self) -> Data:
         """The return values of the module."""

@@ -16,7 +16,7 @@ import typing
 from .._changes import atomic, transaction, writable
 from .._changes.module import Forecast, ModuleRun
 from .._changes.record import RECORDS, Record
-from .._module.difference import difference, mode_difference
+from .._module.difference import difference, difference_of_lines, mode_difference
 from .._module.plain_text import quote
 from .._module.problem import Problem, sentence
 from . import boot, kernel, plan, record
@@ -256,13 +256,10 @@ class Run(ModuleRun):
         if self.wrong_mode is not None and self.before == self.plan.text:
             entries.append(mode_difference(self.drop_in, self.wrong_mode, _MODE))
         keys = sorted({write.key for write in self.plan.writes})
-        if keys:
-            before, after = (
-                "".join(f"{boot.name_of(key)} = {values[key]}\n" for key in keys)
-                for values in (self.current, self.plan.after)
-            )
-            entries.append(difference(f"{self.kernel.proc} (values at run time)", before, after))
-        return entries
+        before, after = (
+            [f"{boot.name_of(key)} = {values[key]}" for key in keys] for values in (self.current, self.plan.after)
+        )
+        return entries + difference_of_lines(f"{self.kernel.proc} (values at run time)", before, after)
 
     def result(self) -> Data:
         """The return values of the module."""
