@@ -7,6 +7,7 @@ The record names the files and the back ends before the first change. Our rules 
 After a killed run, the next run finds them by this mark.
 """
 
+import functools
 import os
 import re
 import typing
@@ -14,8 +15,8 @@ import typing
 from .._changes import files
 from .._changes.module import Fields, ModuleRun
 from .._changes.record import RECORDS
-from .._changes.transaction import Data, Step, carry_out, do_nothing, intent, outcome
-from .._module.difference import difference
+from .._changes.transaction import Data, Step, carry_out, intent, outcome
+from .._module.difference import difference_of_lines
 from .._module.plain_text import quote
 from .._module.problem import Problem, unreadable
 from . import access
@@ -66,21 +67,20 @@ class Run(ModuleRun):
         self.back_end = self._choose_back_end(options["backend"], back_ends)
         try:
             self.rulesets = [self._plan_ruleset(back_end) for back_end in back_ends]
-            self.record = files.record_of("files", "firewall", options["records"])
-            self.remembered = self.record.load()
             own_files = self.back_end.plan_files(self.packet_filter) if self.back_end and self.packet_filter else []
-            wanted_files = files.parse_files(own_files)
-            self.machine = files.read(wanted_files, self.remembered, self.record)
-            self.plan = files.plan_files(wanted_files, self.remembered, self.machine)
+            self.files = files.FileBundle("firewall", options["records"], own_files)
         except OSError as problem:
             raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
         self.record_after = self._plan_record()
+        self.removed = [
+            ruleset.back_end.name for ruleset in self.rulesets if ruleset.before and ruleset.packet_filter is None
+        ]
         ready_for_boot = all(ruleset.back_end.is_ready_for_boot(ruleset.packet_filter) for ruleset in self.rulesets)
         self.changed = bool(
             self.runtime_changes
-            or files.changes(self.plan)
+            or self.files.changed
             or not ready_for_boot
-            or self.record_after != self.remembered
+            or self.record_after != self.files.remembered
         )
 
     def _choose_back_end(self, name: str, back_ends: typing.Iterable[BackEnd]) -> typing.Optional[BackEnd]:
@@ -103,7 +103,7 @@ class Run(ModuleRun):
 
     def _plan_record(self) -> Data:
         """The record after the run, empty where nothing of ours is left."""
-        record = dict(self.plan.after, back_ends=[self.back_end.name] if self.back_end else [])
+        record = dict(self.files.plan.after, back_ends=[self.back_end.name] if self.back_end else [])
         return record if any(record.values()) else {}
 
     # For the shell of the modules
@@ -120,13 +120,9 @@ class Run(ModuleRun):
         """The rules at run time and the files that change, for `diff`."""
         differences = []
         for ruleset in self.rulesets:
-            if ruleset.changes:
-                texts = [
-                    ("".join(f"{line}\n" for line in lines)).encode("utf-8")
-                    for lines in (ruleset.before, ruleset.after)
-                ]
-                differences.append(difference(f"{ruleset.back_end.name} (our rules at run time)", texts[0], texts[1]))
-        return differences + files.differences(self.plan, self.machine)
+            header = f"{ruleset.back_end.name} (our rules at run time)"
+            differences += difference_of_lines(header, ruleset.before, ruleset.after)
+        return differences + self.files.differences()
 
     def result(self) -> Fields:
         """The return values of the module."""
@@ -141,9 +137,7 @@ class Run(ModuleRun):
             ]
             if self.packet_filter
             else [],
-            "removed": [
-                ruleset.back_end.name for ruleset in self.rulesets if ruleset.before and ruleset.packet_filter is None
-            ],
+            "removed": self.removed,
             "notes": self._notes(),
         }
 
@@ -159,13 +153,13 @@ class Run(ModuleRun):
         return {"address": address, "changed": address not in before, "state": "ok" if address in before else "changed"}
 
     def _notes(self) -> typing.List[str]:
-        names = self.remembered.get("back_ends", [])
+        names = self.files.remembered.get("back_ends", [])
         lost = [
             ruleset.back_end.name
             for ruleset in self.rulesets
             if ruleset.packet_filter and not ruleset.before and ruleset.back_end.name in names
         ]
-        return [f"Our rules in {name} had been removed by hand since." for name in lost] + self.plan.notes
+        return [f"Our rules in {name} had been removed by hand since." for name in lost] + self.files.plan.notes
 
     def failure(self, problem: Problem) -> Fields:
         """The return values beside the sentence: those of a success."""
@@ -174,11 +168,7 @@ class Run(ModuleRun):
     def summary(self, check_mode: bool) -> str:
         """The sentences of `msg`."""
         be = "would be" if check_mode else "were"
-        sentences = [
-            f"Our rules in {ruleset.back_end.name} {be} removed."
-            for ruleset in self.rulesets
-            if ruleset.before and ruleset.packet_filter is None
-        ]
+        sentences = [f"Our rules in {name} {be} removed." for name in self.removed]
         if self.back_end and self.packet_filter:
             state = f"{be} changed" if self.changed else "were right"
             sentences.append(
@@ -230,39 +220,32 @@ class Run(ModuleRun):
 
     def apply(self) -> None:
         """Make everything as planned. Raises Problem, with everything as it was before."""
+        record, remembered = self.files.record, self.files.remembered
         if not self.changed:
-            if not self.remembered:
-                self.record.tidy()
+            if not remembered:
+                record.tidy()
             return
-        names = {*self.remembered.get("back_ends", []), *self.record_after.get("back_ends", [])}
-        steps = [intent(self.record, dict(self.plan.intent, back_ends=sorted(names)), self.remembered)]
-        # These steps do nothing. They are undone last, when the files are as before.
-        steps += [self._rules_step(ruleset, lambda _filter: None) for ruleset in self._rulesets_to_apply]
-        steps += [self._prepare_step(ruleset) for ruleset in self._rulesets_to_apply]
-        steps += files.steps(self.plan, self.machine)
-        steps += [self._load_step(ruleset) for ruleset in self._rulesets_to_apply]
-        carry_out([*steps, outcome(self.record, self.record_after)])
-
-    @property
-    def _rulesets_to_apply(self) -> typing.List[Ruleset]:
-        """The rulesets with something to do, that of the chosen back end first."""
-        names = self.remembered.get("back_ends", [])
+        names = {*remembered.get("back_ends", []), *self.record_after.get("back_ends", [])}
         touched = [
             ruleset
-            for ruleset in self.rulesets
-            if ruleset.packet_filter or ruleset.changes or ruleset.back_end.name in names
+            for ruleset in sorted(self.rulesets, key=lambda ruleset: ruleset.packet_filter is None)
+            if ruleset.packet_filter or ruleset.changes or ruleset.back_end.name in remembered.get("back_ends", [])
         ]
-        return sorted(touched, key=lambda ruleset: ruleset.packet_filter is None)
+        steps = [intent(record, dict(self.files.plan.intent, back_ends=sorted(names)), remembered)]
+        # These steps do nothing. They are undone last, when the files are as before.
+        steps += [self._rules_step(ruleset, lambda _filter: None) for ruleset in touched]
+        for back_end, _before, _after, packet_filter in touched:
+            steps.append(Step(back_end.name, functools.partial(back_end.prepare, packet_filter)))
+        steps += files.steps(self.files.plan, self.files.machine)
+        for ruleset in touched:
+            steps.append(
+                Step(f"the rules of {ruleset.back_end.name}", functools.partial(self._load_and_check, ruleset))
+            )
+        carry_out([*steps, outcome(record, self.record_after)])
 
     def _rules_step(self, ruleset: Ruleset, do: typing.Callable[[typing.Optional[PacketFilter]], None]) -> Step:
         name = f"the rules of {ruleset.back_end.name}"
         return Step(name, lambda: do(ruleset.packet_filter), lambda: ruleset.back_end.restore(ruleset.before))
-
-    def _prepare_step(self, ruleset: Ruleset) -> Step:
-        return Step(ruleset.back_end.name, lambda: ruleset.back_end.prepare(ruleset.packet_filter), do_nothing)
-
-    def _load_step(self, ruleset: Ruleset) -> Step:
-        return Step(f"the rules of {ruleset.back_end.name}", lambda: self._load_and_check(ruleset), do_nothing)
 
     def _load_and_check(self, ruleset: Ruleset) -> None:
         """Load the rules, and check that the back end has them. Raises Problem."""

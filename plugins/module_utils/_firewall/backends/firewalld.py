@@ -135,14 +135,9 @@ class BackEnd(contract.BackEnd):
         """Reload with the files of the plan. Then restore the former files, for the next boot."""
         before = self.undo_files()
         try:
-            planned = (
-                {}
-                if packet_filter is None
-                else {file["path"]: file["content"] for file in self.plan_files(packet_filter)}
-            )
-            _write_files(
-                [(path, planned[path].encode("utf-8") if path in planned else None) for path, _content in before]
-            )
+            files = self.plan_files(packet_filter) if packet_filter else []
+            planned = {file["path"]: file["content"].encode("utf-8") for file in files}
+            _write_files([(path, planned.get(path)) for path, _content in before])
             contract.run_or_fail(["firewall-cmd", "--reload"])
         finally:
             _write_files(before)
