@@ -13,7 +13,6 @@ The script and the confirmation exclude each other by renaming one file (rename(
 
 import json
 import os
-import re
 import shlex
 import time
 import typing
@@ -21,7 +20,7 @@ import typing
 from .._module import ends
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem
-from .._process import commands
+from .._process import commands, processes
 from . import atomic
 
 FOLDER = "/run/rosfleet-multimaster"
@@ -31,8 +30,6 @@ OPTIONS = {
 }
 
 _LIMIT = 60  # seconds for systemd, and for the script; both need a few hundredths
-# The processes that serve one connection: sshd(8), sshd-session since OpenSSH 9.8, dropbear(8).
-_SERVERS = ("sshd", "sshd-session", "dropbear")
 # The states, each the name of a file; the last two are ends.
 _MARKS = ("armed", "undoing", "rolled_back", "confirmed")
 
@@ -61,17 +58,8 @@ def connection(proc: str = "/proc") -> str:
     Sessions over one kept connection have the same text. A new TCP connection has a new one. The text is empty without
     ssh, as in a container. (The environment is no help: sudo(8) removes SSH_CONNECTION.)
     """
-    pid = os.getppid()
-    while pid > 0:
-        # proc(5): pid (name) state parent ... start; a name may hold blanks and brackets
-        match = re.match(r"\d+ \((.*)\) \S (\d+) (?:\S+ ){17}(\d+) ", commands.text(f"{proc}/{pid}/stat"), re.S)
-        if match is None:
-            return ""
-        name, parent, start = match.groups()
-        if name in _SERVERS:
-            return f"{pid}-{start}"
-        pid = int(parent)
-    return ""
+    found = processes.ancestors(proc)
+    return next((f"{pid}-{start}" for pid, name, start in found if name in processes.SSH_SERVERS), "")
 
 
 class Timer:

@@ -16,12 +16,11 @@ import typing
 from .._machine import ports, systemd
 from .._module.plain_text import quote
 from .._process.commands import text
+from .._process.processes import SSH_SERVERS, ancestors
 from .packet_filter import FIRST, PacketFilter
 
-_SERVERS = ("sshd", "sshd-session", "dropbear")  # processes that serve ssh
 _SOCKETS = ("ssh.socket", "sshd.socket")  # units of systemd that listen for one
 _NUMBER = re.compile(r"[0-9]{1,5}\Z")
-_MOST_ANCESTORS = 64
 
 
 class Session(typing.NamedTuple):
@@ -69,7 +68,7 @@ def read_access(proc: str = "/proc") -> Access:
     connections = [entry for entry in sockets if entry.state == ports.ESTABLISHED]
     sessions = _find_sessions(connections, listening, proc)
     ssh = _find_ssh_servers({port for port in listening if port >= FIRST}, proc)
-    ssh |= {session.port for session in sessions if session.program in _SERVERS} | _find_systemd_ports()
+    ssh |= {session.port for session in sessions if session.program in SSH_SERVERS} | _find_systemd_ports()
     # What SSH_CONNECTION names counts where root alone listens.
     ssh |= _read_ssh_connection(connections) & (listening - {entry.port for entry in listeners if entry.uid != 0})
     return Access(sorted(port for port in ssh if port >= FIRST), sessions)
@@ -81,23 +80,13 @@ def _find_sessions(
     """The connections that this process's ancestors serve, of those to ports where a program listens."""
     by_inode = {connection.inode: connection for connection in connections if connection.port in listening}
     sessions: typing.List[Session] = []
-    for pid, name in _list_ancestors(proc):
+    for pid, name, _start in ancestors(proc):
+        if pid <= 1:  # the first process serves nobody
+            break
         with contextlib.suppress(OSError):  # the process has ended, or root in a container may not look
             served = [by_inode.pop(inode) for inode in ports.list_inodes(pid, proc) if inode in by_inode]
             sessions += [Session(connection.port, connection.peer, name) for connection in served]
     return sessions
-
-
-def _list_ancestors(proc: str) -> typing.Iterator[typing.Tuple[int, str]]:
-    """This process's ancestors, without the first process: their numbers and names."""
-    pid = os.getppid()
-    for _generation in range(_MOST_ANCESTORS):
-        # proc(5): pid (name) state parent ...; a name may hold blanks and brackets
-        fields = re.match(r"\d+ \((.*)\) \S (\d+) ", text(f"{proc}/{pid}/stat"), re.S)
-        if fields is None or pid <= 1:
-            return
-        yield pid, fields.group(1)
-        pid = int(fields.group(2))
 
 
 def _find_ssh_servers(candidates: typing.Set[int], proc: str) -> typing.Set[int]:
@@ -106,7 +95,7 @@ def _find_ssh_servers(candidates: typing.Set[int], proc: str) -> typing.Set[int]
     return {
         holder["port"]
         for holder in (ports.holders(queries, proc) if queries else [])
-        if holder["user"] == "root" and holder["pid"] and _read_process_name(holder["pid"], proc) in _SERVERS
+        if holder["user"] == "root" and holder["pid"] and _read_process_name(holder["pid"], proc) in SSH_SERVERS
     }
 
 

@@ -1,11 +1,30 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The readers of a process's environment and of its start."""
+"""The readers of a process's environment and of its start, and the processes above this one."""
 
 import os
+import re
 import time
 import typing
+
+from .commands import text
+
+SSH_SERVERS = ("sshd", "sshd-session", "dropbear")  # sshd(8), sshd-session since OpenSSH 9.8, dropbear(8)
+_MOST_ANCESTORS = 64
+
+
+def ancestors(proc: str = "/proc") -> typing.Iterator[typing.Tuple[int, str, str]]:
+    """This process's ancestors, the nearest first: their numbers, names and starts."""
+    pid = os.getppid()
+    for _generation in range(_MOST_ANCESTORS):
+        # proc(5): pid (name) state parent ... start; a name may hold blanks and brackets
+        fields = re.match(r"\d+ \((.*)\) \S (\d+) (?:\S+ ){17}(\d+) ", text(f"{proc}/{pid}/stat"), re.S)
+        if fields is None:
+            return
+        name, parent, start = fields.groups()
+        yield pid, name, start
+        pid = int(parent)
 
 
 def environment(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Dict[str, str]:

@@ -19,6 +19,7 @@ import types
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.processes import SSH_SERVERS
 
 HOUR = 3600
 
@@ -225,7 +226,7 @@ def test_killed_while_arming_at_any_moment(tmp_path, timer):
 def asking(tmp_path):
     """A program that prints its connection, and a shell under a name of a server's."""
     shell = shutil.which("dash") or shutil.which("bash")
-    for name in (*deadman._SERVERS, "other"):
+    for name in (*SSH_SERVERS, "other"):
         shutil.copy(shell, tmp_path / name)
     ask = tmp_path / "ask"
     paths = os.pathsep.join(path for path in sys.path if path)
@@ -243,7 +244,7 @@ def asking(tmp_path):
     return lines
 
 
-@pytest.mark.parametrize("server", deadman._SERVERS)
+@pytest.mark.parametrize("server", SSH_SERVERS)
 def test_two_runs_over_one_connection_and_over_two(asking, server):
     first, second = asking(server), asking(server)
     assert len(set(first)) == len(set(second)) == 1
