@@ -10,7 +10,7 @@ import stat
 import time
 import typing
 
-from .._changes import atomic, transaction
+from .._changes import atomic
 from .._changes.record import Record
 from .._module.problem import Problem
 from .bindings import Binding
@@ -86,32 +86,21 @@ class HostsFile:
     def _replace_in_place(self, content: bytes) -> None:
         before = self.content or b""
         texts = {"before": before.decode("latin-1"), "after": content.decode("latin-1")}
-        stuck: typing.List[str] = []  # why the old content could not be written again
-
         with open(self.path, "r+b", buffering=0) as stream:
-
-            def restore() -> typing.List[str]:
+            self.record.save_if_changed(self._record_with(texts))
+            try:
+                _overwrite(stream, content)
+            except OSError as problem:
                 try:
                     _overwrite(stream, before)
-                except OSError as problem:
-                    stuck.append(str(problem.strerror))
-                return stuck
-
-            try:
-                transaction.carry_out(
-                    [
-                        transaction.intent(self.record, self._record_with(texts), self._record_with(None)),
-                        transaction.Step(self.path, lambda: _overwrite(stream, content), restore),
-                    ]
-                )
-            except transaction.StepFailure as problem:
-                if not stuck:
-                    raise problem.cause from problem
-                raise Problem(
-                    f"{self.path} could neither be written in place nor given its old content again ({stuck[0]}); "
-                    "expected a file system with room: make room and run again, which repairs the file. "
-                    f"The old content is kept in {self.record.path}."
-                ) from problem
+                except OSError as stuck:
+                    raise Problem(
+                        f"{self.path} could neither be written in place nor given its old content again ({stuck.strerror}); "
+                        "expected a file system with room: make room and run again, which repairs the file. "
+                        f"The old content is kept in {self.record.path}."
+                    ) from problem
+                self.record.save_if_changed(self._record_with(None))
+                raise
         if atomic.read_bytes(self.path) != content:
             raise Problem(
                 f"{self.path} does not read back as it was written in place; expected the new content: look for what "
