@@ -3,7 +3,6 @@
 
 """The boot part of all routes as one change: the back end of each route, the places that change, and their record."""
 
-import collections
 import os
 import typing
 
@@ -41,9 +40,7 @@ class Boot:
         self.root = root
         self.recorded = record
         self.folders = list(record.folders)
-        self.backends = collections.OrderedDict(
-            (name, kind(machine, root, self._list_texts(name))) for name, kind in BACKENDS.items()
-        )
+        self.backends = {name: kind(machine, root, self._list_texts(name)) for name, kind in BACKENDS.items()}
         self.before = {place: text for backend in self.backends.values() for place, text in backend.read().items()}
         self.wanted: PlannedTexts = {}
         self.modes: typing.Dict[str, int] = {}  # of our files whose mode was changed by hand

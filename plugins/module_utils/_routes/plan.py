@@ -7,7 +7,6 @@ Each listed route is planned by itself, and so is each route that is taken back.
 of ip-route(8) is one step of the kernel, and removals come after all additions.
 """
 
-import collections
 import shlex
 import typing
 
@@ -91,8 +90,7 @@ def plan_routes(
         for key, entry in sorted(entries.items())
         if key not in wanted
     }
-    parts = collections.OrderedDict([*wanted.items(), *taken_back.items()])
-    after = {key: part.after for key, part in parts.items()}
+    after = {key: part.after for key, part in [*wanted.items(), *taken_back.items()]}
     replaced = [changes for part in wanted.values() for changes in (part.adds, part.removals)]
     returns = _flat(part.adds for part in taken_back.values())
     changes = _flat(replaced) + _links_first(returns) + _flat(part.removals for part in taken_back.values())
@@ -315,9 +313,4 @@ def find_other_defaults(
     """The default routes of others beside a wanted one, in the same table. `kernel_routes`: those that stay."""
     wanted = [route for route in routes if route.destination in DEFAULTS.values() and route.type == "unicast"]
     places = {(route.destination, route.table) for route in wanted}
-    keys = {route.key for route in wanted}
-    return [
-        other
-        for other in kernel_routes
-        if (other.route.destination, other.route.table) in places and other.route.key not in keys
-    ]
+    return [other for other in kernel_routes if (other.route.destination, other.route.table) in places]

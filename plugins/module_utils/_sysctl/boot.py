@@ -7,7 +7,6 @@ This file only reads. A key is its path below /proc/sys (net/ipv4/ip_forward). U
 (net.ipv4.ip_forward).
 """
 
-import collections
 import errno
 import fnmatch
 import json
@@ -112,7 +111,7 @@ def last_write(assignments: typing.Iterable[Assignment], names: typing.Collectio
     are those of systemd-sysctl: a later assignment replaces an earlier one of the same key and is then applied later,
     unless both have the same value. A pattern does not apply to a key that is listed itself.
     """
-    options: typing.Dict[str, Assignment] = collections.OrderedDict()
+    options: typing.Dict[str, Assignment] = {}
     for assignment in assignments:
         earlier = options.get(assignment.key)
         if earlier is None or earlier.value != assignment.value:
@@ -271,7 +270,8 @@ def networkd(tree: Tree) -> typing.List[Assignment]:
 def _read_network_files(tree: Tree) -> typing.List[Assignment]:
     assignments = []
     for file in configuration_files(tree, _NETWORK_FOLDERS, ".network"):
-        files = _find_parts(tree, file)
+        folders = [f"{folder}/{os.path.basename(file)}.d" for folder in _NETWORK_FOLDERS]
+        files = [file, *configuration_files(tree, folders)]  # its drop-ins are read after it
         # A plain yes means both families to the first, and IPv4 alone to the second.
         for option, yes in (("IPForward", ("ipv4", "ipv6")), ("IPMasquerade", ("ipv4",))):
             value, path, line = _ini(tree, files, option)
@@ -336,12 +336,6 @@ def _shell_variable(text: str, name: str) -> str:
         except ValueError:
             value = ""
     return value
-
-
-def _find_parts(tree: Tree, file: str) -> typing.List[str]:
-    """A file of networkd and the drop-ins in its NAME.network.d folders, which are read after it."""
-    folders = [f"{folder}/{os.path.basename(file)}.d" for folder in _NETWORK_FOLDERS]
-    return [file] + configuration_files(tree, folders)
 
 
 def _ini(tree: Tree, files: typing.Iterable[str], option: str) -> typing.Tuple[str, str, int]:

@@ -8,7 +8,6 @@ some values while another key has its present one. Then the listed settings are 
 keys that the kernel changes beside others.
 """
 
-import collections
 import os
 import re
 import typing
@@ -133,8 +132,8 @@ def plan(
         if setting.key in kernel.values:
             kernel.write(setting.key, setting.value)
 
-    interim: typing.Dict[str, Entry] = collections.OrderedDict()
-    final: typing.Dict[str, Entry] = collections.OrderedDict()
+    interim: typing.Dict[str, Entry] = {}
+    final: typing.Dict[str, Entry] = {}
     for setting in settings:
         variable = variable_of(setting.key)
         if setting.key in start or variable in record.settings:
@@ -161,7 +160,7 @@ class _Simulation:
     def __init__(self, values: typing.Mapping[str, str]) -> None:
         self.values = dict(values)
         self.writes: typing.List[Setting] = []
-        self.goals: typing.Dict[str, str] = collections.OrderedDict()
+        self.goals: typing.Dict[str, str] = {}
 
     def write(self, key: str, value: str) -> None:
         """Plan a write, unless the key has the value already."""

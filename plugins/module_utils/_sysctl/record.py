@@ -3,7 +3,6 @@
 
 """The record of the module sysctl: the values from before its settings, its drop-ins and its folders."""
 
-import collections
 import typing
 
 from .kernel import changes_others_first
@@ -52,9 +51,9 @@ def read(data: Data) -> SettingsRecord:
     """The record in the data of its file."""
     stored = data.get("settings", {})
     order = data.get("order") or _usual(stored)
-    settings = collections.OrderedDict(
-        (variable, Entry(entry["key"], entry["before"], entry["set"], entry["beside"]))
+    settings = {
+        variable: Entry(entry["key"], entry["before"], entry["set"], entry["beside"])
         for variable in [*order, *sorted(set(stored) - set(order))]
         for entry in [stored[variable]]
-    )
+    }
     return SettingsRecord(data.get("drop_ins", []), data.get("folders", []), settings)

@@ -3,7 +3,6 @@
 
 """The table of the back ends. A new back end is one file in this folder and one row here."""
 
-import collections
 import typing
 
 from . import contract, firewalld, nftables, ufw
@@ -15,6 +14,6 @@ _ROWS = (
     nftables.BackEnd,
 )
 
-BACKENDS: typing.Dict[str, typing.Type[contract.BackEnd]] = collections.OrderedDict((row.name, row) for row in _ROWS)
+BACKENDS: typing.Dict[str, typing.Type[contract.BackEnd]] = {row.name: row for row in _ROWS}
 AUTO = "auto"  # the first that is active
 CHOICES = [AUTO, *BACKENDS]

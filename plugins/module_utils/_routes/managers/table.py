@@ -3,7 +3,6 @@
 
 """The table of the back ends. A new back end is one file in this folder and one row here."""
 
-import collections
 import typing
 
 from . import contract, ifupdown, netplan, networkd, networkmanager
@@ -17,7 +16,7 @@ _ROWS = (
     ifupdown.BackEnd,
 )
 
-BACKENDS: typing.Dict[str, typing.Type[contract.BackEnd]] = collections.OrderedDict((row.name, row) for row in _ROWS)
+BACKENDS: typing.Dict[str, typing.Type[contract.BackEnd]] = {row.name: row for row in _ROWS}
 AUTO = "auto"  # the back end that owns the interface
 NONE = "none"  # no back end: the route is made at run time only
 CHOICES = [AUTO, *BACKENDS, NONE]
