@@ -95,9 +95,8 @@ class Run(ModuleRun):
         self.options = options
         self.machine = contract.read_machine(options["root"])
         self.overrides = _check_overrides(options["backends"] or {}, self.machine.interfaces)
-        self._main: typing.Dict[int, typing.List[KernelRoute]] = {}
         requests = route_options.parse_routes(
-            options["routes"], self.machine.interfaces, read_tables(options["root"]), self._read_main_table
+            options["routes"], self.machine.interfaces, read_tables(options["root"]), _read_main_table
         )
         self.routes = [item.route for item in requests]
         self.record = Record("routes", options["records"], record.SHAPE)
@@ -113,17 +112,11 @@ class Run(ModuleRun):
         self.items = self._plan_boot([self._choose_boot_device(item, requests) for item in requests])
         self.changed = bool(self.plan.changes or self.boot.changes)
 
-    def _read_main_table(self, version: int) -> typing.List[Route]:
-        """The routes of the table main, as this run first saw them."""
-        if version not in self._main:
-            self._main[version] = read_routes(version, MAIN)
-        return [kernel_route.route for kernel_route in self._main[version]]
-
     def _list_near_routes(self) -> typing.List[Route]:
         """The kernel's routes that may lead to a gateway: those of our tables, and of main for the other tables."""
         versions = {route.version for route in self.routes if route.gateway and route.table != MAIN}
         return [kernel_route.route for kernel_route in _flatten(self.current)] + [
-            route for version in sorted(versions) for route in self._read_main_table(version)
+            route for version in sorted(versions) for route in _read_main_table(version)
         ]
 
     def _read_kernel(self) -> plan.Current:
@@ -381,6 +374,10 @@ class Run(ModuleRun):
                 if kernel_route.protocol not in _RETURNING and key not in after:
                     self._change_route(plan.Change("replace", key, kernel_route.words))
         self._check_kernel()
+
+
+def _read_main_table(version: int) -> typing.List[Route]:
+    return [kernel_route.route for kernel_route in read_routes(version, MAIN)]
 
 
 def _flatten(current: plan.Current) -> typing.List[KernelRoute]:

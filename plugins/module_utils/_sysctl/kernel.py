@@ -247,9 +247,7 @@ class Kernel:
         """The values of these keys, and of the keys that the kernel changes beside them."""
         rules = [rule for key in keys for rule in rules_of(key)]
         others = [other for rule in rules for other in self.keys(rule.others) if rule.changes(other)]
-        states = {key: self.look(key) for key in keys}
-        states.update((key, self.look(key)) for key in others if key not in states)
-        return states
+        return {key: self.look(key) for key in dict.fromkeys([*keys, *others])}
 
     def settle(self, goals: typing.Mapping[str, str]) -> typing.Dict[str, int]:
         """Bring these keys to these values, and write only what differs; returns the errno for each key that stays otherwise.

@@ -162,7 +162,7 @@ class Run(ModuleRun):
             state, problem = self._refusal(setting, writes)
             changes = problem is None and (writes or lines.get(setting.key) != setting.value)
             boot_value = None if decides is None or decides.value is None else boot.normal(decides.value)
-            item = {
+            item: Data = {
                 "name": boot.name_of(setting.key),
                 "value": setting.value,
                 "runtime_before": present.value,
@@ -172,8 +172,17 @@ class Run(ModuleRun):
                 "changed": changes,
                 "state": state or ("changed" if changes else "ok"),
                 "problem": problem,
-                "conflict": None if boot_value == setting.value else _conflict(boot_value, decides, hidden),
+                "conflict": None,
             }
+            if (
+                boot_value != setting.value
+            ):  # the file that gives it another value, or keeps our drop-in from being read
+                item["conflict"] = {
+                    "file": decides.file if decides else hidden,
+                    "line": decides.line if decides else 0,
+                    "value": boot_value,
+                    "masks": hidden is not None,
+                }
             items.append(item)
         return items
 
@@ -400,18 +409,6 @@ def _alike(value: str, current: typing.Optional[str]) -> bool:
 def _sentence(item: Data) -> str:
     values = {when: quote(item[when]) for when in ("runtime_after", "expected")}
     return _REMOVALS[item["state"]].format(name=item["name"], **values)
-
-
-def _conflict(
-    boot_value: typing.Optional[str], decides: typing.Optional[boot.Assignment], hidden: typing.Optional[str]
-) -> Data:
-    """The file that gives a setting another value at boot. `hidden`: the file that keeps our drop-in from being read."""
-    return {
-        "file": decides.file if decides else hidden,
-        "line": decides.line if decides else 0,
-        "value": boot_value,
-        "masks": hidden is not None,
-    }
 
 
 def _conflict_sentence(item: Data, drop_in: str) -> str:
