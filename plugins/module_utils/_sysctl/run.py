@@ -90,6 +90,8 @@ class Run(ModuleRun):
             atomic.missing_folders(os.path.dirname(self.file)),
             self.optional,
         )
+        self.texts_before = {self.drop_in: self.before, **self.stale}
+        self.texts_after = {self.drop_in: self.plan.text, **dict.fromkeys(self.stale, None)}
         self.items = self._items()
         self.wrong_mode = self._wrong_mode()
         # Anything to do: in the kernel, in the drop-ins, or in the record.
@@ -150,9 +152,7 @@ class Run(ModuleRun):
     # The result per setting
 
     def _items(self) -> typing.List[Data]:
-        planned: typing.Dict[str, typing.Optional[str]] = dict.fromkeys(self.stale, None)
-        planned[self.drop_in] = self.plan.text
-        after = boot.Tree(self.tree.root, planned)
+        after = boot.Tree(self.tree.root, self.texts_after)
         deciding = boot.find_boot_assignments(after, [setting.key for setting in self.settings])
         hidden = boot.find_hiding_file(after, self.drop_in)
         lines = {line.key: line.value for line in boot.parse(self.before or "", self.drop_in)}
@@ -174,9 +174,8 @@ class Run(ModuleRun):
                 "problem": problem,
                 "conflict": None,
             }
-            if (
-                boot_value != setting.value
-            ):  # the file that gives it another value, or keeps our drop-in from being read
+            if boot_value != setting.value:
+                # The file that gives it another value at boot, or keeps our drop-in from being read.
                 item["conflict"] = {
                     "file": decides.file if decides else hidden,
                     "line": decides.line if decides else 0,
@@ -259,16 +258,13 @@ class Run(ModuleRun):
     @property
     def difference(self) -> typing.List[typing.Dict[str, str]]:
         """The files and the kernel's values that change, for `diff`."""
-        files = [(self.drop_in, self.before, self.plan.text)]
-        files += [(path, text, None) for path, text in self.stale.items()]
-        entries = [difference(path, old, new) for path, old, new in files if old != new]
+        after = self.texts_after
+        entries = [difference(path, old, after[path]) for path, old in self.texts_before.items() if old != after[path]]
         if self.wrong_mode is not None and self.before == self.plan.text:
             entries.append(mode_difference(self.drop_in, self.wrong_mode, _MODE))
         keys = sorted({write.key for write in self.plan.writes})
-        before, after = (
-            [f"{boot.name_of(key)} = {values[key]}" for key in keys] for values in (self.current, self.plan.after)
-        )
-        return entries + difference_of_lines(f"{self.kernel.proc} (values at run time)", before, after)
+        lines = ([f"{boot.name_of(key)} = {values[key]}" for key in keys] for values in (self.current, self.plan.after))
+        return entries + difference_of_lines(f"{self.kernel.proc} (values at run time)", *lines)
 
     def result(self) -> Data:
         """The return values of the module."""
@@ -334,12 +330,14 @@ class Run(ModuleRun):
         """Make everything as planned. Raises Problem; then all is as it was, or the sentence says what is not."""
         steps = [transaction.Step("leftovers of a killed run", lambda: atomic.remove_leftovers(self.file))]
         if self.changed:
-            before = {**self.stale, self.drop_in: self.before}
-            after = {self.drop_in: self.plan.text, **dict.fromkeys(self.stale, None)}
             steps += [
                 transaction.intent(self.record, self.plan.interim.plain(), self.stored),
                 self._kernel_step(),
-                transaction.Step(self.drop_in, lambda: self._put_texts(after), lambda: self._put_texts(before)),
+                transaction.Step(
+                    self.drop_in,
+                    lambda: self._put_texts(self.texts_after),
+                    lambda: self._put_texts(self.texts_before),
+                ),
             ]
         self._carry_out([*steps, transaction.outcome(self.record, self.plan.final.plain())])
 
