@@ -54,8 +54,8 @@ class ModuleRun:
         raise NotImplementedError
 
     def failure(self, problem: Problem) -> Fields:
-        """The return values beside `msg` where the run ends with this problem."""
-        return {}
+        """The return values beside `msg` where the run ends with this problem: by default those of a success."""
+        return self.result()
 
     def summary(self, check_mode: bool) -> str:
         """The sentences of `msg`."""

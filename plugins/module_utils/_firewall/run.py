@@ -161,10 +161,6 @@ class Run(ModuleRun):
         ]
         return [f"Our rules in {name} had been removed by hand since." for name in lost] + self.files.plan.notes
 
-    def failure(self, problem: Problem) -> Fields:
-        """The return values beside the sentence: those of a success."""
-        return self.result()
-
     def summary(self, check_mode: bool) -> str:
         """The sentences of `msg`."""
         be = "would be" if check_mode else "were"

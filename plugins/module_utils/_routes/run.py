@@ -245,10 +245,6 @@ class Run(ModuleRun):
             "other_defaults": self.foreign_defaults,
         }
 
-    def failure(self, problem: Problem) -> Data:
-        """The return values beside the sentence: those of a success."""
-        return self.result()
-
     def summary(self, check_mode: bool) -> str:
         """The sentences of `msg`."""
         changed = sum(item["changed"] for item in self.items)
