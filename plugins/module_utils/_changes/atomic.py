@@ -118,7 +118,7 @@ def remove(path: str) -> None:
         return
 
 
-def missing_folders(path: str) -> typing.List[str]:
+def find_missing_folders(path: str) -> typing.List[str]:
     """The folders on the way to a folder, and itself, that are not there, outermost first."""
     missing = []
     while path and not os.path.isdir(path):
@@ -129,7 +129,7 @@ def missing_folders(path: str) -> typing.List[str]:
 
 def make_folders(path: str) -> typing.List[str]:
     """Make a folder (mode 0755) and its missing parents; returns the folders that it made, outermost first."""
-    missing = missing_folders(path)
+    missing = find_missing_folders(path)
     for folder in missing:
         os.mkdir(folder, 0o755)
         os.chmod(folder, 0o755)

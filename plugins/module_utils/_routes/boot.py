@@ -125,7 +125,7 @@ class Boot:
     def _find_missing_folders(self) -> typing.List[str]:
         """The missing folders of the wanted files, as the machine sees them, each outermost first."""
         files = [place for place in self.places if place.startswith("/")]
-        missing = [path for place in files for path in atomic.missing_folders(os.path.dirname(self._path(place)))]
+        missing = [path for place in files for path in atomic.find_missing_folders(os.path.dirname(self._path(place)))]
         return ["/" + os.path.relpath(path, self.root) for path in dict.fromkeys(missing)]
 
     # The record

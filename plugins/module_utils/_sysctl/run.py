@@ -87,7 +87,7 @@ class Run(ModuleRun):
             self.current,
             self.recorded,
             self.drop_in,
-            atomic.missing_folders(os.path.dirname(self.file)),
+            atomic.find_missing_folders(os.path.dirname(self.file)),
             self.optional,
         )
         self.texts_before = {self.drop_in: self.before, **self.stale}
@@ -335,8 +335,8 @@ class Run(ModuleRun):
                 self._kernel_step(),
                 transaction.Step(
                     self.drop_in,
-                    lambda: self._put_texts(self.texts_after),
-                    lambda: self._put_texts(self.texts_before),
+                    lambda: self._write_texts(self.texts_after),
+                    lambda: self._write_texts(self.texts_before),
                 ),
             ]
         self._carry_out([*steps, transaction.outcome(self.record, self.plan.final.plain())])
@@ -384,7 +384,7 @@ class Run(ModuleRun):
             text = f"{sentence(problem.cause)} The values are as they were before, but {end} {', '.join(self.lost)}."
             raise transaction.StepFailure(problem.cause, problem.left, text) from problem
 
-    def _put_texts(self, texts: typing.Mapping[str, typing.Optional[str]]) -> None:
+    def _write_texts(self, texts: typing.Mapping[str, typing.Optional[str]]) -> None:
         """Give drop-ins these texts, None for no file; without our drop-in, its folders go where we made them."""
         for path, text in texts.items():
             place, content = self._place(path), (text or "").encode("utf-8", "surrogateescape")
