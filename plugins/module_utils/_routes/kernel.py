@@ -56,14 +56,9 @@ class Route(typing.NamedTuple):
         return (self.version, self.destination, self.table, self.metric)
 
     @property
-    def way(self) -> typing.Tuple[typing.Any, ...]:
-        """The key and the way. It is without `on_link`, which only allows a gateway that the kernel would refuse."""
-        return self.key + (self.type, self.gateway, self.device, self.source, *self.refinements)
-
-    @property
-    def refinements(self) -> typing.Tuple[typing.Any, ...]:
-        """The fields that the kernel fills in itself where they are empty."""
-        return (self.scope, *(getattr(self, name) for name in PATH))
+    def way(self) -> "Route":
+        """The route without `on_link`, which only allows a gateway that the kernel would refuse."""
+        return self._replace(on_link=False)
 
     def describe(self) -> typing.Dict[str, typing.Any]:
         """The fields by which all results of the module name a route."""
@@ -76,10 +71,9 @@ class Route(typing.NamedTuple):
         }
 
     def fits(self, other: "Route") -> bool:
-        """True where the other route goes this way. Where this route has no refinements, the other one may have any."""
-        return self.way == other.way or (
-            not any(self.refinements) and self.way == other._replace(scope="", mtu=0, advmss=0, initcwnd=0).way
-        )
+        """True where the other route goes this way. What this one leaves to the kernel may be anything in the other one."""
+        plain = other._replace(scope="", mtu=0, advmss=0, initcwnd=0)
+        return self.way in (other.way, plain.way)
 
 
 class KernelRoute(typing.NamedTuple):
@@ -99,12 +93,8 @@ class KernelRoute(typing.NamedTuple):
 # From a route to the words of `ip`
 
 
-def to_words(route: Route) -> typing.List[str]:
-    """The words behind `ip route replace` that make a route."""
-    return _words_of(route, PATH)
-
-
-def _words_of(route: Route, metrics: typing.Iterable[str]) -> typing.List[str]:
+def to_words(route: Route, metrics: typing.Iterable[str] = PATH) -> typing.List[str]:
+    """The words behind `ip route replace` that make a route, with these metrics of its path in this order."""
     words = [] if route.type == "unicast" else [route.type]
     words.append("default" if route.destination in DEFAULTS.values() else route.destination)
     if route.gateway:
@@ -132,7 +122,7 @@ def format_route(route: Route) -> str:
     scope = route.scope or usual_scope(route.type, route.gateway)
     unsaid = scope == "global" or route.version == 6 or route.type in NO_WAY
     destination = re.sub("/128$" if route.version == 6 else "/32$", "", route.destination)
-    return " ".join(_words_of(route._replace(destination=destination, scope="" if unsaid else scope), sorted(PATH)))
+    return " ".join(to_words(route._replace(destination=destination, scope="" if unsaid else scope), sorted(PATH)))
 
 
 def format_destination(destination: str) -> str:

@@ -161,7 +161,7 @@ def _on_link(kernel_route: KernelRoute, route: Route, entry: Entry) -> bool:
     return route.on_link or (kernel_route.route.on_link and not made)
 
 
-def _ways(entry: Entry) -> typing.Set[typing.Tuple[typing.Any, ...]]:
+def _ways(entry: Entry) -> typing.Set[Route]:
     """The ways of the routes that we made."""
     return {route.way for route in entry.made}
 
