@@ -173,7 +173,7 @@ class Roscore:
         more = {"rosfleetChanges": self._changes.answer, **core_services.roslaunch_methods(self._rosout)}
         try:
             uri, listening = master.serve(self._master, self._options.port, sockets, more)
-        except OSError as problem:
+        except (OSError, ValueError, OverflowError) as problem:  # also of a wrong ROS_IP, or of no port
             raise program.Fatal(f"the roscore cannot listen at port {self._options.port}: {problem}") from None
         if listening not in sockets:
             systemd.store_socket(SOCKET, listening)

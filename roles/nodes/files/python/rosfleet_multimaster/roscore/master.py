@@ -8,7 +8,6 @@ changes of one call are handed on together before the caller has its answer.
 
 import json
 import logging
-import socket
 import sys
 import threading
 from functools import partial
@@ -23,6 +22,7 @@ from rosmaster import master_api, paramserver, registrations
 
 from ..edge import addresses
 from ..edge.clock import monotonic
+from ..edge.loop import start_thread
 from ..edge.roscore import TOGETHER
 from ..protocol import imports, json_text
 from ..protocol.plain_text import plain, quote
@@ -695,45 +695,29 @@ def copy_tree(value: Any) -> Any:
 
 
 def serve(
-    master: Master, port: int, sockets: List[socket.socket], more: Mapping[str, Callable[..., Any]]
-) -> Tuple[str, socket.socket]:
+    master: Master, port: int, sockets: List[Socket], more: Mapping[str, Callable[..., Any]]
+) -> Tuple[str, Socket]:
     """Answer calls from now on; the URI and the socket. A fitting one of these open sockets is used. Raises OSError."""
     master.more.update(more)
-    problems: List[Exception] = []
-    event = threading.Event()
-
-    def on_failure(problem: Exception) -> None:
-        problems.append(problem)
-        event.set()
-
-    def on_ready(uri: str) -> None:
-        master.uri = uri
-        event.set()
-
-    _Server.door, _Server.sockets = Door(master.answer, master.callbacks.on_refusal, master.calls), sockets
-    rosgraph.xmlrpc.ThreadingXMLRPCServer = _Server
-    master._ready = on_ready  # rosgraph calls it
-    node = rosgraph.xmlrpc.XmlRpcNode(port, master, on_failure)
-    node.start()
-    event.wait()
-    if problems:
-        raise problems[0] if isinstance(problems[0], OSError) else OSError(str(problems[0]))
-    return str(node.uri), node.server.socket
+    door = Door(master.answer, master.callbacks.on_refusal, master.calls)
+    server = _Server(door, sockets, (rosgraph.network.get_bind_address(), port))
+    master.uri = rosgraph.network.create_local_xmlrpc_uri(server.server_address[1])
+    start_thread("server", server.serve_forever)
+    return str(master.uri), server.socket
 
 
 class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):  # type: ignore[misc]
     """rosgraph's server, on a socket that systemd may have held."""
 
-    door: Door
-    sockets: List[Socket] = []
     socket: Socket
     server_address: Any
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def __init__(self, door: Door, sockets: List[Socket], address: Tuple[str, int]) -> None:
+        self.door, self.sockets = door, sockets
+        super().__init__(address)
         base = rosgraph.xmlrpc.SilenceableXMLRPCRequestHandler
         version = getattr(base, "protocol_version", "HTTP/1.0")  # rosgraph knows which kernels are slow
-        self.RequestHandlerClass = type("_Handler", (Handler,), {"door": self.door, "protocol_version": version})
+        self.RequestHandlerClass = type("_Handler", (Handler,), {"door": door, "protocol_version": version})
 
     def server_bind(self) -> None:
         """Take the socket that systemd held, or open one."""
