@@ -20,7 +20,10 @@ class Roscore:
         self.registry, self.lock, self.away = Registry(), threading.RLock(), False
         self.caller = types.SimpleNamespace(is_own=own, has_left=lambda: self.away)
         self.feed = module.Changes(
-            "now", self.lock, lambda: [*self.registry.records(), ["parameter", "/watched", None]], lambda: self.caller
+            "now",
+            self.lock,
+            lambda: [*self.registry.facts.values(), ["parameter", "/watched", None]],
+            lambda: self.caller,
         )
 
     def change(self, *records):
@@ -147,4 +150,4 @@ def test_who_follows_has_the_state_of_the_roscore():
             for record in records:
                 if record[0] == "publisher":
                     (mirror.add if record[3] else mirror.discard)(record[1])
-            assert mirror == set(roscore.registry.publishers)
+            assert mirror == {record[1] for record in roscore.registry.facts.values()}

@@ -70,26 +70,26 @@ class Roscore:
         self.call("setParam", "/master_sync", imports.IMPORTS, record)
         self.call("registerPublisher", name, "/image", "x/Y", uri)
 
-    def without_order(self):
+    def now(self):
         """What there is now, read from the tables themselves."""
         found = Registry()
         for part in self.master.parts():
             for record in part:
                 found.apply(record)
-        return plain(found)
+        return found
+
+    def without_order(self):
+        return plain(self.now())
 
 
 def plain(registry):
     """A registry that can be compared whatever came first."""
-    return json.loads(json.dumps({name: _sorted(value) for name, value in vars(registry).items()}, sort_keys=True))
+    return sorted(map(str, registry.facts.values())), json.dumps(registry.parameters, sort_keys=True, default=str)
 
 
-def _sorted(value):
-    if isinstance(value, dict):
-        return {
-            str(key): sorted(map(str, part)) if isinstance(part, dict) else str(part) for key, part in value.items()
-        }
-    return value
+def names(registry, *kinds):
+    """The topics, services or parameters in the records of these kinds."""
+    return [record[1] for record in registry.facts.values() if record[0] in kinds]
 
 
 @pytest.fixture
@@ -182,7 +182,8 @@ def test_an_own_node_takes_the_name_of_an_import_which_lives_on(roscore):
     roscore.call("registerPublisher", "/camera", "/image", "x/Y", NEW)
     assert [call for call in roscore.told.since() if call[1] == "shutdown"] == []
     assert [record[:3] for record in roscore.handed if record[0] == "refused"] == [["refused", "/camera", FAR]]
-    assert roscore.registry.publishers["/image"] == {("/camera", NEW): None}
+    (publisher,) = (record for record in roscore.registry.facts.values() if record[0] == "publisher")
+    assert publisher == ["publisher", "/image", "/camera", NEW, True]
 
 
 def test_an_import_never_takes_the_name_of_an_own_node(roscore):
@@ -221,7 +222,7 @@ def later(roscore):
     """A roscore that has what another one had."""
     found = Roscore()
     registry = Registry()
-    for record in roscore.registry.records():
+    for record in (["set", "/", roscore.registry.parameters], *roscore.registry.facts.values()):
         registry.apply(json.loads(json.dumps(record)))
     found.master.restore(registry)
     found.registry = roscore.registry
@@ -248,8 +249,8 @@ def test_a_dead_node_goes_with_all_but_its_later_words(roscore):
     second.master.end_node("/b", B)
     assert second.master.call("lookupNode", "/test", "/b")[0] == -1
     second.master.end_node("/a", A)
-    left = second.without_order()
-    assert list(left["publishers"]) == ["/news"] and not left["services"] and not left["listeners"]
+    left = second.now()
+    assert names(left, "publisher") == ["/news"] and not names(left, "service", "listener")
 
 
 def test_a_node_that_has_another_uri_by_now_is_not_ended(roscore):
@@ -278,9 +279,8 @@ def test_after_a_boot_a_node_is_registered_and_hears_again(roscore):
     second.call("registerSubscriber", "/viewer", "/chatter", "x/Y", NEW)
     second.call("setParam", "/viewer", "/speed", {"most": 7})
     second.master.readmit(roscore.registry)
-    assert second.registry.publishers == roscore.registry.publishers
-    assert second.registry.services == roscore.registry.services
-    assert second.registry.listeners == roscore.registry.listeners
+    had = {key: record for key, record in roscore.registry.facts.items() if record[0] != "subscriber"}
+    assert had.items() <= second.registry.facts.items() and len(had) == 6
     assert (A, "/a") not in second.registry.parameters.items() and second.registry.parameters == {"speed": {"most": 7}}
     told = second.told.since()
     assert (NEW, "publisherUpdate", "/chatter", [A]) in told and (B, "publisherUpdate", "/chatter", [A]) in told
@@ -294,8 +294,8 @@ def test_after_a_boot_names_that_others_have_by_now_stay_theirs(roscore):
     second.call("registerService", "/c", "/serve", "rosrpc://c:5", NEW)
     second.master.readmit(roscore.registry)
     assert second.master.call("lookupNode", "/test", "/a")[2] == NEW
-    assert second.registry.services["/serve"].uri == "rosrpc://c:5"
-    assert list(second.registry.publishers) == ["/own"] and list(second.registry.subscribers) == ["/chatter"]
+    assert second.registry.is_known(["service", "/serve", "/c", "rosrpc://c:5", NEW, True])
+    assert names(second.registry, "publisher", "subscriber") == ["/own", "/chatter"]
     assert not any(call[1] == "shutdown" for call in second.told.since())
 
 
@@ -308,7 +308,7 @@ def test_a_node_with_parameters_alone_is_looked_after(roscore):
     assert roscore.left == [("/b", B)] and roscore.master.call("lookupNode", "/test", "/b")[0] == 1
     roscore.master.bury("/b", B)
     assert roscore.master.call("lookupNode", "/test", "/b")[0] == -1
-    assert plain(roscore.registry) == roscore.without_order() and not roscore.registry.listeners
+    assert plain(roscore.registry) == roscore.without_order() and not names(roscore.registry, "listener")
 
 
 def test_a_service_that_another_node_has_taken_keeps_no_name(roscore):
@@ -318,7 +318,7 @@ def test_a_service_that_another_node_has_taken_keeps_no_name(roscore):
     assert roscore.left == [("/a", A)]
     roscore.master.bury("/a", A)
     assert roscore.master.call("lookupNode", "/test", "/a")[0] == -1
-    assert roscore.registry.services["/serve"].node == "/b"
+    assert roscore.registry.is_known(["service", "/serve", "/b", "rosrpc://b:5", B, True])
 
 
 def test_a_node_that_has_something_is_not_buried(roscore):
@@ -481,7 +481,7 @@ def test_types_of_unknown_topics_go_when_room_is_short(roscore, monkeypatch):
         roscore.call("unregisterPublisher", "/a", f"/topic_{number}", A)
     monkeypatch.setitem(bounds.BOUNDS, "registrations", bounds.Limit(roscore.master.usage.registrations, "bytes"))
     roscore.call("registerPublisher", "/a", "/new", "x/Y", A)
-    assert set(roscore.master.topics_types) == set(roscore.registry.types) == {"/new"}
+    assert set(roscore.master.topics_types) == set(roscore.registry.values("type")) == {"/new"}
 
 
 # The name of the collection

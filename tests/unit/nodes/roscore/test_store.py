@@ -27,7 +27,7 @@ class Roscore:
 
     def parts(self):
         with self.lock:
-            records = list(self.registry.records())
+            records = [["set", "/", self.registry.parameters], *self.registry.facts.values()]
         for at in range(0, len(records), 2):
             yield records[at : at + 2]
 

@@ -11,7 +11,6 @@ from rosfleet_multimaster.discovery.rpc_server import RpcServer
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.roscore import survivors as module
 from rosfleet_multimaster.roscore.core.registry import Registry
-from rosfleet_multimaster.roscore.survivors import Endpoints, State
 
 
 @pytest.fixture
@@ -34,45 +33,47 @@ def node():
         server.stop()
 
 
-def had(publishes=("/out",), subscribes=("/in",), services=()):
-    return Endpoints({"publisher": set(publishes), "subscriber": set(subscribes)}, dict(services))
+def had(publishes=("/out",), subscribes=("/in",), services=(), uri="http://robot:1/"):
+    """The records of the node /a."""
+    kinds = (("publisher", publishes), ("subscriber", subscribes))
+    topics = [[kind, topic, "/a", uri, True] for kind, names in kinds for topic in names]
+    return topics + [["service", name, "/a", where, uri, True] for name, where in services]
 
 
 def test_a_node_that_has_what_it_had(node):
-    assert module.ask("/a", node(), had()) == (State.ALIVE, [])
+    assert module.ask("/a", node(), had()) == []
 
 
 def test_a_node_that_has_less(node):
-    uri = node()
-    found = module.ask("/a", uri, had(["/out", "/gone"], ["/in", "/past"]))
-    assert found == (State.ALIVE, [["publisher", "/gone", "/a", uri], ["subscriber", "/past", "/a", uri]])
+    found = module.ask("/a", node(), had(["/out", "/gone"], ["/in", "/past"]))
+    assert found == had(["/gone"], ["/past"])
 
 
 def test_a_node_that_is_dead():
-    assert module.ask("/a", "http://127.0.0.1:1/", had()).state is State.GONE
+    assert module.ask("/a", "http://127.0.0.1:1/", had()) is None
 
 
 def test_another_node_at_the_same_port(node):
-    assert module.ask("/a", node(["/other"], ["/others"]), had()).state is State.GONE
+    assert module.ask("/a", node(["/other"], ["/others"]), had()) is None
 
 
 def test_another_program_at_the_same_port(node):
-    assert module.ask("/a", node(more={"getPid": lambda _caller: 1 / 0}.items()), had()).state is State.GONE
+    assert module.ask("/a", node(more={"getPid": lambda _caller: 1 / 0}.items()), had()) is None
 
 
 def test_a_node_that_does_not_tell_its_topics_is_believed(node):
     silent = {"getPublications": lambda _caller: [-1, "", 0], "getSubscriptions": lambda _caller: 1 / 0}
-    assert module.ask("/a", node(more=silent.items()), had()) == (State.ALIVE, [])
+    assert module.ask("/a", node(more=silent.items()), had()) == []
 
 
 def test_a_node_with_parameters_only(node):
-    assert module.ask("/a", node([], []), had([], [])).state is State.ALIVE
+    assert module.ask("/a", node([], []), had([], [])) == []
 
 
 def test_a_node_that_says_nothing(monkeypatch):
     monkeypatch.setattr(module, "TIMEOUT", 0.2)
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        assert module.ask("/a", f"http://127.0.0.1:{listener.getsockname()[1]}/", had()).state is State.SILENT
+    with socket.create_server(("127.0.0.1", 0)) as listener, pytest.raises(OSError):
+        module.ask("/a", f"http://127.0.0.1:{listener.getsockname()[1]}/", had())
 
 
 @pytest.mark.parametrize("provided", ["/a", "/other", "", ConnectionRefusedError(), OSError("late")])
@@ -83,10 +84,10 @@ def test_a_service_is_asked_whose_it_is(node, monkeypatch, provided):
         return provided
 
     monkeypatch.setattr(module, "provider", provider)
-    uri = node()
-    found = module.ask("/a", uri, had(services={"/stop": "rosrpc://robot:3"}.items()))
+    service = [("/stop", "rosrpc://robot:3")]
+    found = module.ask("/a", node(), had(services=service))
     stays = provided == "/a" or isinstance(provided, OSError)
-    assert found == (State.ALIVE, [] if stays else [["service", "/stop", "/a", "rosrpc://robot:3", uri]])
+    assert found == ([] if stays else had([], [], service))
 
 
 def registry(**uris):
@@ -148,7 +149,9 @@ def test_all_are_asked_and_a_silent_one_again(node, survey):
     found.apply(["publisher", "/rosout", "/less", uris["less"], True])
     threading.Timer(0.6, slow.close).start()
     done = survey(lambda survivors: survivors.begin(found), lambda survivors, _done: not survivors._silent)
-    assert sorted(done.ended) == ["/dead", "/slow"] and done.removed == [["publisher", "/out", "/less", uris["less"]]]
+    assert sorted(done.ended) == ["/dead", "/slow"] and done.removed == [
+        ["publisher", "/out", "/less", uris["less"], True]
+    ]
 
 
 def test_a_silent_node_stays_as_long_as_it_is_registered(survey, caplog):
@@ -169,9 +172,14 @@ def test_a_silent_node_stays_as_long_as_it_is_registered(survey, caplog):
 def test_after_a_boot_a_node_comes_back_when_it_answers(node, survey, monkeypatch):
     monkeypatch.setattr(module, "provider", lambda uri, _service, _timeout: "/late" if uri.endswith(":1") else "/x")
     uris = {"dead": "http://127.0.0.1:1/", "late": node()}
-    answers = iter([module.Answer(State.SILENT)] * 2)
-    ask = module.ask
-    monkeypatch.setattr(module, "ask", lambda *of: "late" in of[0] and next(answers, None) or ask(*of))
+    silences, ask = [OSError("late")] * 2, module.ask
+
+    def ask_late(name, *of):
+        if "late" in name and silences:
+            raise silences.pop()
+        return ask(name, *of)
+
+    monkeypatch.setattr(module, "ask", ask_late)
     found = registry(**uris)
     found.apply(["publisher", "/gone", "/late", uris["late"], True])
     found.apply(["listener", "/speed", "/late", uris["late"], True])
@@ -179,8 +187,9 @@ def test_after_a_boot_a_node_comes_back_when_it_answers(node, survey, monkeypatc
         found.apply(["service", f"/serve_{number}", "/late", f"rosrpc://robot:{number}", uris["late"], True])
     done = survey(lambda survivors: survivors.wait_for(found), lambda _survivors, roscore: roscore.back)
     (back,) = done.back
-    assert back.nodes == {"/late": uris["late"]} and list(back.services) == ["/serve_1"]
-    assert (list(back.publishers), list(back.listeners)) == (["/out"], ["/speed"])
+    assert back.values("node") == {"/late": uris["late"]}
+    left = [record[:2] for record in back.facts.values() if record[0] != "node"]
+    assert left == [["publisher", "/out"], ["listener", "/speed"], ["service", "/serve_1"]]
     assert done.ended == [] == done.removed
 
 

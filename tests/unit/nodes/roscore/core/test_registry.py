@@ -26,14 +26,10 @@ def made(*records):
     return registry
 
 
-def same(one, other):
-    return vars(one) == vars(other)
-
-
 def test_its_records_make_the_same_registry():
     registry = made(*SOME)
-    assert same(made(*registry.records()), registry)
-    assert list(registry.publishers["/chatter"]) == [A, B] and registry.services["/stop"].node == "/a"
+    assert vars(made(*registry.facts.values(), ["set", "/", registry.parameters])) == vars(registry)
+    assert list(registry.facts.values()) == SOME[:-1] and registry.parameters == {"speed": 3}
 
 
 def test_what_is_taken_back_is_gone():
@@ -48,18 +44,21 @@ def test_what_is_taken_back_is_gone():
         ["delete", "/speed"],
     ]
     left = made(*SOME, *gone)
-    assert not left.nodes and not left.publishers and not left.subscribers and not left.listeners
-    assert not left.services and not left.parameters and left.types == {"/chatter": "std_msgs/String"}
+    assert list(left.facts.values()) == [["type", "/chatter", "std_msgs/String"]] and not left.parameters
+    assert left.values("type") == {"/chatter": "std_msgs/String"} and left.values("node") == {}
 
 
 def test_a_service_that_another_node_has_by_now_stays():
     taken = ["service", "/stop", "/b", "rosrpc://robot:4", "http://robot:2/", True]
     late = ["service", "/stop", "/a", "rosrpc://robot:3", "", False]
-    assert made(*SOME, taken, late).services["/stop"].node == "/b"
+    registry = made(*SOME, taken)
+    assert registry.is_known(late) and not registry.is_known(SOME[-2])
+    registry.apply(late)
+    assert [record for record in registry.facts.values() if record[0] == "service"] == [taken]
 
 
 def test_nothing_is_registered_twice():
-    assert made(*SOME, ["publisher", "/chatter", *A, True]).publishers == {"/chatter": {A: None, B: None}}
+    assert vars(made(*SOME, ["publisher", "/chatter", *A, True])) == vars(made(*SOME))
 
 
 @pytest.mark.parametrize(
@@ -85,15 +84,15 @@ def test_a_record_that_says_nothing_is_an_error(record):
 
 def test_a_registry_without_some_nodes():
     left = made(*SOME).exclude(lambda name, _uri: name == "/a")
-    assert left.publishers == {"/chatter": {B: None}} and not left.services and list(left.nodes) == ["/b"]
-    assert left.parameters == {"speed": 3} and left.types
+    assert list(left.facts.values()) == [SOME[at] for at in (1, 2, 4, 5, 6)]
+    assert left.parameters == {"speed": 3}
 
 
 def test_the_feed_has_no_topic_uris_and_few_parameters():
     assert to_feed([["publisher", "/chatter", *A, True]]) == [["publisher", "/chatter", "/a", True]]
     assert to_feed([["service", "/stop", "/a", "rosrpc://robot:3", "", False]]) == [["service", "/stop", "/a", ""]]
     assert to_feed([["set", "/speed", 3], ["listener", "/speed/", *B, True]]) == []
-    whole = to_feed([*made(*SOME).records(), ["parameter", "/speed", 3], ["parameter", "/none", None]])
+    whole = to_feed([*SOME, ["parameter", "/speed", 3], ["parameter", "/none", None]])
     assert ["parameter", "/speed", 3] in whole and ["parameter", "/none", None] in whole
     assert ["subscriber", "/chatter", "/b", True] in whole and ["node", "/a", "http://robot:1/"] in whole
 

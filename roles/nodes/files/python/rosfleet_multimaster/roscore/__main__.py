@@ -156,7 +156,7 @@ class Roscore:
         There may be no network yet: a node that answers later is registered again then.
         """
         claims = imports.read(registry.parameter(imports.IMPORTS)).claims
-        here = addresses.local_uris(registry.nodes.values(), BOOT_PATIENCE)
+        here = addresses.local_uris(registry.values("node").values(), BOOT_PATIENCE)
         others = registry.exclude(lambda node, uri: (node, uri) in claims or uri in here)
         alive = find_alive(others, BOOT_PATIENCE)
         self._late = others.exclude(lambda node, uri: (node, uri) in alive)

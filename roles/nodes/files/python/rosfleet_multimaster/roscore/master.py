@@ -13,7 +13,7 @@ import threading
 from functools import partial
 from itertools import chain, islice
 from socket import socket as Socket
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Set, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Set, Tuple
 
 import rosgraph.names
 import rosgraph.network
@@ -30,7 +30,7 @@ from . import programs
 from .core.bounds import BOUNDS, Refusal, Usage, check_names, is_writable, refuse, weigh, weigh_parameter
 from .core.name_guard import NameGuard
 from .core.notifications import Call
-from .core.registry import NodeKey, Record, Registry, split_name, touches
+from .core.registry import Record, Registry, node_of, split_name, touches
 from .door import Caller, Door, Handler, multicall
 from .notifier import Notifier
 
@@ -60,6 +60,12 @@ PART = 200  # records that are read at once
 TYPES_AGAIN = 5.0  # seconds until types are looked through again
 MOST_ENDERS = 1000  # nodes to be ended
 RESOLVE = 2.0  # seconds to find the addresses of a node
+_LISTS = {  # of a node in rosmaster
+    "publisher": "topic_publications",
+    "subscriber": "topic_subscriptions",
+    "listener": "param_subscriptions",
+    "service": "services",
+}
 _UNREGISTER = {
     "publisher": "unregister_publisher",
     "subscriber": "unregister_subscriber",
@@ -535,31 +541,29 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         """Take the knowledge of an earlier life. Call it before the first request."""
         manager = self.reg_manager
         with self._lock:
-            for name, uri in registry.nodes.items():
-                manager.nodes[name] = registrations.NodeRef(name, uri)
-            self.topics_types.update(registry.types)
-            for topic in registry.publishers:  # rosmaster lists no topics where one of them has no type
-                self.topics_types.setdefault(topic, "*")
+            for node in registry.values("node").items():
+                self._node(*node)
             self.param_server.parameters.update(registry.parameters)  # it has none yet
-            for table, users_of, attribute in (
-                (self.publishers, registry.publishers, "topic_publications"),
-                (self.subscribers, registry.subscribers, "topic_subscriptions"),
-                (self.param_subscribers, registry.listeners, "param_subscriptions"),
-            ):
-                for key, users in users_of.items():
-                    table.map[key] = list(users)  # as its method does, without a search for each
-                    for name, uri in users:
-                        getattr(self._node(name, uri), attribute).append(key)
-                        self._restored[table.kind, key, name, uri] = None
-            for key, service in registry.services.items():
-                self.services.register(key, service.node, service.node_uri, service.uri)
-                self._node(service.node, service.node_uri).services.append(key)
-                self._restored["service", key, service.node, service.uri] = None
+            tables = {table.kind: table for table in (self.publishers, self.subscribers, self.param_subscribers)}
+            for record in registry.facts.values():
+                kind, key, *rest = record
+                if kind == "type":
+                    self.topics_types[key] = rest[0]
+                elif kind != "node":
+                    name, uri = node_of(record)
+                    if kind == "service":
+                        self.services.register(key, name, uri, rest[1])
+                    else:  # as its method does, without a search for each
+                        tables[kind].map.setdefault(key, []).append((name, uri))
+                    getattr(self._node(name, uri), _LISTS[kind]).append(key)
+                    self._restored[_registration_key(record)] = None
+            for topic in self.publishers.map:  # rosmaster lists no topics where one of them has no type
+                self.topics_types.setdefault(topic, "*")
             for watched in self._last:
                 self._last[watched] = self._value(watched)
             self.guard.set_imports(imports.read(self._last[imports.IMPORTS]).claims)
-            for name, uri in registry.nodes.items():
-                self.guard.judge(name, "", uri, monotonic())
+            for name, node in manager.nodes.items():
+                self.guard.judge(name, "", node.api, monotonic())
             self._records.clear()
             self.usage = Usage()
             self.usage.parameters = weigh(registry.parameters)
@@ -584,24 +588,23 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def readmit(self, registry: Registry) -> None:
         """Register nodes as if they did it themselves, and tell them the answers. A name that is taken stays with its node."""
         with self._lock:
-            for topic, users in registry.publishers.items():
-                for name, uri in self._filter_free(users):
-                    self.call("registerPublisher", name, topic, registry.types.get(topic, "*"), uri)
-            for topic, users in registry.subscribers.items():
-                for name, uri in self._filter_free(users):
-                    uris = self.call("registerSubscriber", name, topic, registry.types.get(topic, "*"), uri)[2]
-                    self._notifier.tell(uri, "publisherUpdate", topic, (topic, uris))
-            for key, service in registry.services.items():
-                if key not in self.services.map and list(self._filter_free([(service.node, service.node_uri)])):
-                    self.call("registerService", service.node, key, service.uri, service.node_uri)
-            for key, users in registry.listeners.items():
-                for name, uri in self._filter_free(users):
+            types = registry.values("type")
+            for record in registry.facts.values():
+                kind, key = record[:2]
+                if kind == "type":
+                    continue
+                name, uri = node_of(record)
+                if name in self.reg_manager.nodes and not self.has(name, uri):
+                    continue
+                if kind in ("publisher", "subscriber"):
+                    uris = self.call(f"register{kind.capitalize()}", name, key, types.get(key, "*"), uri)[2]
+                    if kind == "subscriber":
+                        self._notifier.tell(uri, "publisherUpdate", key, (key, uris))
+                elif kind == "service" and key not in self.services.map:
+                    self.call("registerService", name, key, record[3], uri)
+                elif kind == "listener":
                     value = self.call("subscribeParam", name, uri, key)[2]
                     self._notifier.tell(uri, "paramUpdate", key, (key, value))
-
-    def _filter_free(self, users: Iterable[NodeKey]) -> Iterator[NodeKey]:
-        """The nodes whose name is free, or theirs."""
-        return (node for node in users if node[0] not in self.reg_manager.nodes or self.has(*node))
 
     def has(self, name: str, uri: str) -> bool:
         """True while this node has the name."""

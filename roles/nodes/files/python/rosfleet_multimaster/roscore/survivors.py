@@ -9,18 +9,17 @@ answer are compared with those that the node had registered.
 After a boot of the computer a node of another computer counts only from its first answer on.
 """
 
-import enum
 import logging
 import xmlrpc.client
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import closing
 from functools import partial
-from typing import TYPE_CHECKING, Callable, Dict, List, NamedTuple, Optional, Set
+from typing import TYPE_CHECKING, Callable, Dict, List, Optional, Sequence, Set
 
-from ..edge.clock import monotonic
-from ..edge.loop import Loop, Workers, run_later
+from ..edge.loop import Workers, run_later
 from ..edge.rpc_client import Rpc
 from ..protocol.xml_rpc import NODE
-from .core.registry import NodeKey, Record, Registry
+from .core.registry import NodeKey, Record, Registry, node_of
 from .tcpros import provider
 
 if TYPE_CHECKING:  # it needs rosmaster
@@ -35,70 +34,38 @@ CALLER = "/master"
 LINES = 100  # of the log, about nodes one by one
 
 
-class State(enum.Enum):
-    """The state of a node."""
-
-    ALIVE = "alive"
-    GONE = "gone"
-    SILENT = "silent"
+Judge = Callable[[Optional[List[Record]], Optional[Exception]], bool]  # of an answer of `ask`, or of its problem
 
 
-class Answer(NamedTuple):
-    """The answer of a node."""
-
-    state: State
-    ended: List[Record] = []  # registrations that it does not have any more
-
-
-class Endpoints(NamedTuple):
-    """The registrations of a node."""
-
-    topics: Dict[str, Set[str]]  # "publisher" and "subscriber" -> topics
-    services: Dict[str, str]  # service -> its URI
-
-
-def collect_endpoints(registry: Registry) -> Dict[NodeKey, Endpoints]:
-    """The registrations of each node, by name and URI."""
-    nodes = {node: Endpoints({"publisher": set(), "subscriber": set()}, {}) for node in registry.nodes.items()}
-    for kind, table in (("publisher", registry.publishers), ("subscriber", registry.subscribers)):
-        for topic, users in table.items():
-            for node in users:
-                if node in nodes:
-                    nodes[node].topics[kind].add(topic)
-    for name, service in registry.services.items():
-        if (service.node, service.node_uri) in nodes:
-            nodes[service.node, service.node_uri].services[name] = service.uri
+def group_by_node(registry: Registry) -> Dict[NodeKey, List[Record]]:
+    """The publishers, subscribers and services of each node, by name and URI."""
+    nodes: Dict[NodeKey, List[Record]] = {node: [] for node in registry.values("node").items()}
+    for record in registry.facts.values():
+        if record[0] in ("service", *_LISTS) and node_of(record) in nodes:
+            nodes[node_of(record)].append(record)
     return nodes
 
 
-def ask(name: str, uri: str, endpoints: Endpoints) -> Answer:
-    """Ask a node what it has."""
+def ask(name: str, uri: str, records: Sequence[Record]) -> Optional[List[Record]]:
+    """Ask a node what it has: those of its records that are not true any more; None where it is gone.
+
+    Raises OSError where it says nothing.
+    """
+    has: Dict[str, Set[str]] = {}  # kind -> topics, as far as it tells them
     try:
         with closing(Rpc(uri, TIMEOUT, NODE)) as rpc:
             rpc.call("getPid", CALLER)
-            has = {kind: _topics(rpc, method) for kind, method in _LISTS.items()}
-    except ConnectionRefusedError:
-        return Answer(State.GONE)
-    except OSError as problem:
-        _log.debug("%s at %s: %s", name, uri, problem)
-        return Answer(State.SILENT)
-    except (ValueError, xmlrpc.client.Fault):
-        return Answer(State.GONE)  # another program has the port
-    if None not in has.values() and any(endpoints.topics.values()):
-        if not any(endpoints.topics[kind] & (has[kind] or set()) for kind in has):
-            return Answer(State.GONE)
-    ended = [
-        [kind, topic, name, uri]
-        for kind, topics in has.items()
-        if topics is not None
-        for topic in sorted(endpoints.topics[kind] - topics)
-    ]
-    ended += [
-        ["service", service, name, at, uri]
-        for service, at in endpoints.services.items()
-        if not _provides(name, service, at)
-    ]
-    return Answer(State.ALIVE, ended)
+            for kind, method in _LISTS.items():
+                topics = _topics(rpc, method)
+                has.update({} if topics is None else {kind: topics})
+    except (ConnectionRefusedError, ValueError, xmlrpc.client.Fault):  # no program has the port, or another one
+        return None
+    used = [record for record in records if record[0] in _LISTS]
+    if used and len(has) == len(_LISTS) and not any(record[1] in has[record[0]] for record in used):
+        return None
+    ended = [record for record in used if record[0] in has and record[1] not in has[record[0]]]
+    services = [record for record in records if record[0] == "service"]
+    return ended + [record for record in services if not _provides(name, record[1], record[3])]
 
 
 _LISTS = {"publisher": "getPublications", "subscriber": "getSubscriptions"}
@@ -143,47 +110,50 @@ class Survivors:
 
     def begin(self, registry: Registry) -> None:
         """Ask registered nodes: each stays until it is known to have ended."""
-        self._silent = set(registry.nodes.items())
-        for node, endpoints in collect_endpoints(registry).items():
-            self._ask(node, endpoints, partial(self._judge, node))
+        nodes = group_by_node(registry)
+        self._silent = set(nodes)
+        for node, records in nodes.items():
+            self._ask(node, records, partial(self._judge, node))
 
     def wait_for(self, registry: Registry) -> None:
         """Ask nodes that are not registered: each is registered again when it answers."""
-        for node, endpoints in collect_endpoints(registry).items():
-            self._ask(node, endpoints, partial(self._welcome, node, registry))
+        for node, records in group_by_node(registry).items():
+            self._ask(node, records, partial(self._welcome, node, registry))
 
     def look_after(self, name: str, uri: str) -> None:
         """Ask a node that has withdrawn everything, until it has ended or has something again."""
         node = (name, uri)
         if node not in self._leaving:
             self._leaving.add(node)
-            run_later(AGAIN, partial(self._ask, node, Endpoints({}, {}), partial(self._bury, node)))
+            run_later(AGAIN, partial(self._ask, node, [], partial(self._bury, node)))
 
-    def _ask(self, node: NodeKey, endpoints: Endpoints, judge: Callable[[Answer], bool], pause: float = AGAIN) -> None:
-        def on_answer(answer: Optional[Answer], _problem: Optional[Exception]) -> None:
-            if judge(Answer(State.SILENT) if answer is None else answer):
-                run_later(pause, partial(self._ask, node, endpoints, judge, min(2 * pause, LATEST)))
+    def _ask(self, node: NodeKey, records: Sequence[Record], judge: Judge, pause: float = AGAIN) -> None:
+        def on_answer(ended: Optional[List[Record]], problem: Optional[Exception]) -> None:
+            if problem is not None:
+                _log.debug("%s at %s: %s", *node, problem)
+            if judge(ended, problem):
+                run_later(pause, partial(self._ask, node, records, judge, min(2 * pause, LATEST)))
 
-        self._workers.submit(partial(ask, *node, endpoints), on_answer)
+        self._workers.submit(partial(ask, *node, records), on_answer)
 
-    def _judge(self, node: NodeKey, answer: Answer) -> bool:
+    def _judge(self, node: NodeKey, ended: Optional[List[Record]], problem: Optional[Exception]) -> bool:
         """Act on the answer of a registered node. True where the node is to be asked again."""
         name, uri = node
-        if answer.state is State.SILENT and self._roscore.has(name, uri):
+        if problem is not None and self._roscore.has(name, uri):
             if node not in self._warned:
                 self._warned.add(node)
                 self._say(_log.warning, "%s at %s does not answer: it stays registered, and is asked again", name, uri)
             return True
         self._silent.discard(node)
-        if answer.state is State.GONE:
+        if ended is not None:
+            self._alive += 1
+            for record in ended:
+                if self._roscore.end_registration(record):
+                    _log.info("%s does not have the %s %s any more", name, record[0], record[1])
+        elif problem is None:
             self._gone += 1
             self._say(_log.info, "%s at %s has ended meanwhile", name, uri)
             self._roscore.end_node(name, uri)
-        elif answer.state is State.ALIVE:
-            self._alive += 1
-            for record in answer.ended:
-                if self._roscore.end_registration(record):
-                    _log.info("%s does not have the %s %s any more", name, record[0], record[1])
         if not self._silent:
             _log.info("of the nodes from before, %d are still there and %d have ended", self._alive, self._gone)
         return False
@@ -196,43 +166,35 @@ class Survivors:
         elif self._lines == LINES + 1:
             _log.info("what became of further nodes is not logged one by one")
 
-    def _bury(self, node: NodeKey, answer: Answer) -> bool:
+    def _bury(self, node: NodeKey, ended: Optional[List[Record]], problem: Optional[Exception]) -> bool:
         """End the rest of a node if it is dead. True where the node is to be asked again."""
-        if answer.state is not State.GONE and self._roscore.has(*node) and self._roscore.has_ended(node[0]):
+        gone = ended is None and problem is None
+        if not gone and self._roscore.has(*node) and self._roscore.has_ended(node[0]):
             return True
         self._leaving.discard(node)
-        if answer.state is State.GONE:
+        if gone:
             self._roscore.bury(*node)
         return False
 
-    def _welcome(self, node: NodeKey, registry: Registry, answer: Answer) -> bool:
+    def _welcome(
+        self, node: NodeKey, registry: Registry, ended: Optional[List[Record]], problem: Optional[Exception]
+    ) -> bool:
         """Register a node again if it lives. True where the node is to be asked again."""
-        if answer.state is State.ALIVE:
+        if ended is not None:
             _log.info("%s at %s is still there: it is registered again", *node)
             back = registry.exclude(lambda *other: other != node)
-            for record in answer.ended:
-                back.apply([*record, False])
+            for record in ended:
+                back.apply([*record[:-1], False])
             self._roscore.readmit(back)
-        return answer.state is State.SILENT
+        return problem is not None
 
 
 def find_alive(registry: Registry, seconds: float) -> Set[NodeKey]:
     """The nodes of a registry, by name and URI, that answer within this time."""
-    loop, nodes, alive = Loop(), collect_endpoints(registry), set()
-    left, end = set(nodes), monotonic() + seconds
-
-    def on_answer(node: NodeKey, answer: Optional[Answer], _problem: Optional[Exception]) -> None:
-        left.discard(node)
-        if answer is not None and answer.state is State.ALIVE:
-            alive.add(node)
-
-    def tick(now: float) -> float:
-        if not left or now >= end:
-            loop.stop()
-        return end
-
-    workers = Workers(loop, min(THREADS, len(nodes)), len(nodes) + 1)
-    for node, endpoints in nodes.items():
-        workers.submit(partial(ask, *node, endpoints), partial(on_answer, node))
-    loop.run(tick)
-    return alive
+    pool = ThreadPoolExecutor(THREADS)
+    jobs = {pool.submit(ask, *node, records): node for node, records in group_by_node(registry).items()}
+    answers, late = wait(jobs, seconds)
+    for job in late:
+        job.cancel()
+    pool.shutdown(wait=False)
+    return {jobs[job] for job in answers if job.exception() is None and job.result() is not None}

@@ -136,7 +136,7 @@ def _apply_one(registry: Registry, usage: Usage, record: Record) -> None:
         usage.parameters -= weigh_parameter(registry.parameters, name)
     else:
         check_names(record[1:], whole=True)
-        if record == registry.current(record):
+        if registry.is_known(record):
             return
         if record[-1] and usage.is_full(*[part for part in record[1:] if isinstance(part, str)]):
             raise refuse("registrations", name)
