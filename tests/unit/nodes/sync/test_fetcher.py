@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A state that cannot be had: the sentence in the log; and a master that became another program."""
+"""A state that cannot be had: the sentence in the log; and a master that lists what it has."""
 
 import threading
 from types import SimpleNamespace
@@ -37,7 +37,7 @@ def test_a_state_that_cannot_be_had_is_one_sentence(problem, end):
 
 @pytest.fixture(name="other_program")
 def fixture_other_program():
-    """Another program where a master was that told its changes: it answers the same method with something else."""
+    """A program that answers the method of changes with something else, and does not list it."""
     document = [
         "1.0",
         "1.0",
@@ -63,10 +63,10 @@ def fixture_other_program():
         thread.join()
 
 
-def test_a_master_that_is_a_new_program_is_asked_from_the_start(other_program):
+def test_a_master_is_asked_for_what_it_lists_alone(other_program):
     uri, asked = other_program
-    fetch = SimpleNamespace(uri="http://b:11311/", monitor_uri=uri, quick=True)
+    fetch = SimpleNamespace(uri="http://b:11311/", monitor_uri=uri)
     states = SimpleNamespace(rules=[], limit=lambda state, before: state, places=lambda state: None)
-    found = _fetch(fetch, None, states, True, PACKED)
-    assert asked == [PACKED, "masterInfoFiltered"]
-    assert (found.state.name, found.method, found.follower) == ("b", "", None)
+    found = _fetch(fetch, None, states, True)
+    assert asked == ["masterInfoFiltered"]
+    assert (found.state.name, found.follower) == ("b", None)

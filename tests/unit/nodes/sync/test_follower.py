@@ -76,7 +76,7 @@ class Here:
 def test_a_change_is_told_at_once_and_alone(there):
     there.has({"/a": "/one"})
     here = Here(there)
-    assert sorted(here.found.state.publishers) == ["/a"] and here.found.method == PACKED
+    assert sorted(here.found.state.publishers) == ["/a"] and here.found.follower._method == PACKED
     time.sleep(0.05)
     began = time.monotonic()
     there.has({"/a": "/one", "/b": "/two"})
@@ -120,28 +120,25 @@ def test_what_becomes_secret_is_gone_at_once(there):
 
 
 @pytest.mark.parametrize("has", [PACKED, DIFFERENCES, ""])
-def test_each_way_is_asked_for_once(there, has):
-    """Also where another program has come in its place, which has not that way."""
+def test_the_best_way_that_it_has_is_taken(there, has):
     there.has({"/a": "/one"})
-    asked, methods = [], there.server.methods
+    methods = there.server.methods
     names = sorted(set(methods) - {PACKED, DIFFERENCES} | {has})
-    methods["system.listMethods"] = lambda: asked.append(1) or names
+    methods["system.listMethods"] = lambda: names
     for gone in {PACKED, DIFFERENCES} - {has}:
         del methods[gone]
-    for known, times in (("", 1), (PACKED, has != PACKED), (has, not has)):
-        fetch = Fetch(URI, there.uri, Filters({}).rules("robot2"))
-        view = StateFilter(fetch, "http://own:11311/", False, Members(), LocalNetworkCache())
-        asked.clear()
-        found = fetcher._fetch(fetch, None, view, True, known)
-        assert sorted(found.state.publishers) == ["/a"] and found.method == has and len(asked) == times
-        assert (found.follower is None) == (not has)
+    here = Here(there)
+    assert sorted(here.found.state.publishers) == ["/a"] and (here.found.follower is None) == (not has)
+    if has:
+        assert here.found.follower._method == has
+        here.found.follower.stop()
 
 
 def test_a_large_state_travels_as_xml_and_is_followed(there, monkeypatch):
     monkeypatch.setattr(json_text, "MOST", 1000)
     there.has({f"/a/{number}": "/one" for number in range(100)})
     here = Here(there)
-    assert len(here.found.state.publishers) == 100 and here.found.method == PACKED
+    assert len(here.found.state.publishers) == 100 and here.found.follower._method == PACKED
     there.has({"/b": "/one"})
     assert here.topics() == ["/b"]
     here.found.follower.stop()
@@ -151,7 +148,7 @@ def test_where_the_quick_way_is_off_the_whole_is_fetched():
     there = Discovery(told=False, is_here=lambda address: False)
     there.has({"/a": "/one"})
     here = Here(there)
-    assert sorted(here.found.state.publishers) == ["/a"] and not here.found.method and here.found.follower is None
+    assert sorted(here.found.state.publishers) == ["/a"] and here.found.follower is None
     there.server.stop()
 
 

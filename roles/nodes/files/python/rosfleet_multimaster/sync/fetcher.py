@@ -28,7 +28,6 @@ class FetchResult(NamedTuple):
 
     state: State
     places: Places
-    method: str  # the method that tells the master's changes, "" without one
     follower: Optional[Follower]
 
 
@@ -53,7 +52,6 @@ class Fetcher:
         self._differences = differences
         self._followers: Dict[str, Follower] = {}
         self._networks = LocalNetworkCache()
-        self._methods: Dict[str, str] = {}  # master -> the method that told its changes
         self.states = self.changes = 0  # received
 
     def tick(self, now: float) -> Optional[float]:
@@ -62,23 +60,17 @@ class Fetcher:
             self._stop(uri)
         for fetch in self._core.due(now):
             self._stop(fetch.uri)
-            self._methods = {uri: method for uri, method in self._methods.items() if uri in self._core.remotes}
             before = self._core.remotes[fetch.uri].state
             core = self._core
             states = StateFilter(fetch, core.own_uri, core.sync_remote_nodes, core.members, self._networks)
             quick = self._differences and len(self._followers) < MOST_FOLLOWED
-            job = partial(_fetch, fetch, before, states, quick, self._methods.get(fetch.uri, ""))
-            self._workers.submit(job, partial(self._on_fetch, fetch))
+            self._workers.submit(partial(_fetch, fetch, before, states, quick), partial(self._on_fetch, fetch))
         return self._core.next_due()
 
     def _on_fetch(self, fetch: Fetch, result: Optional[FetchResult], problem: Optional[Exception]) -> None:
-        state, places, method, follower = result or FetchResult(None, None, "", None)  # type: ignore[arg-type]
+        state, places, follower = result or (None, None, None)
         before = self._core.selection(fetch.uri)
-        taken = self._core.take_fetch(
-            fetch, state, monotonic(), places, quick=bool(method), following=follower is not None
-        )
-        if result is not None:
-            self._methods[fetch.uri] = method
+        taken = self._core.take_fetch(fetch, state, monotonic(), places, following=follower is not None)
         if follower is not None and taken:
             self._followers[fetch.uri] = follower
             follower.start(
@@ -122,15 +114,12 @@ def _advice(problem: Exception) -> str:
     return "; nothing new of it is taken, what was registered stays: leave out there what nobody needs, by multimaster_exports"
 
 
-def _fetch(fetch: Fetch, before: Optional[State], states: StateFilter, quick: bool, known: str = "") -> FetchResult:
-    """The part of a master's state that is taken. The master filters it, if it can.
-
-    `known`: the method that told its changes before. There may be a new program by now.
-    """
+def _fetch(fetch: Fetch, before: Optional[State], states: StateFilter, quick: bool) -> FetchResult:
+    """The part of a master's state that is taken. The master filters it, if it can. `quick`: its changes may be followed."""
     rpc = Rpc(fetch.monitor_uri, TIMEOUT, STATE)
     follower: Optional[Follower] = None
     try:
-        method = (known or _method(rpc)) if quick and fetch.quick else ""
+        method = _method(rpc) if quick else ""
         if method:
             answer, state = rpc.call(method, states.rules, "", 0, 0, read=_read_answer)
             part = states.limit(state, before)
@@ -138,18 +127,12 @@ def _fetch(fetch: Fetch, before: Optional[State], states: StateFilter, quick: bo
                 follower = Follower(rpc, method, fetch, states, answer, state, part)
         else:
             part = _fetch_whole(rpc, states.rules, lambda value: states.limit(parse(value), before))
-        return FetchResult(part, states.places(part), method, follower)
-    except Fault:
-        if not known:
-            raise
+        return FetchResult(part, states.places(part), follower)
     except InvalidDocument as problem:
-        if not known:
-            raise ValueError(f"it sends no state of a master: {problem}") from None
+        raise ValueError(f"it sends no state of a master: {problem}") from None
     finally:
         if follower is None:
             rpc.close()
-    # There is a new program. Its answer is gone with the error: one large answer at a time is enough.
-    return _fetch(fetch, before, states, quick)
 
 
 def _read_answer(value: Any) -> Any:

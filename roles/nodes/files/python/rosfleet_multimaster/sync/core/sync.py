@@ -260,7 +260,6 @@ class Fetch(NamedTuple):
     uri: str
     monitor_uri: str
     rules: Rules
-    quick: bool = True  # it may tell its changes
 
 
 @dataclass
@@ -282,7 +281,6 @@ class Remote:
     vain: bool = False  # the last fetch brought nothing new
     following: bool = False  # its changes are followed
     lapsed: bool = False  # they were followed, and must be fetched again
-    quick: bool = True  # False if it does not tell its changes
     misplaced: Mapping[str, str] = field(default_factory=dict)  # URI of a node or service -> why it is refused
     selected: Dict[Registration, str] = field(default_factory=dict)  # wanted registration -> type of the topic
 
@@ -339,14 +337,14 @@ class Sync:
             remote = self.remotes[master.uri] = Remote(master, *self._rules(master))
         elif master.name != remote.announced.name or master.discoverer != remote.announced.discoverer:
             remote.rules, remote.parameter_rules = self._rules(master)
-            remote.state, remote.quick = None, True
+            remote.state = None
         before, remote.announced = remote.announced, master
         remote.missing_since = None
         if not master.online:
             remote.offline_since = now if remote.offline_since is None else remote.offline_since
             return
         if self._is_expired(remote, now):
-            remote.state, remote.quick = None, True
+            remote.state = None
         remote.offline_since = None
         if not self._is_outdated(remote):
             if remote.following:
@@ -372,7 +370,7 @@ class Sync:
             if remote.due is not None and remote.due <= now and not remote.fetching:
                 remote.fetching, remote.due, remote.asking_for = True, None, remote.announced.local_stamp
                 remote.began, remote.following = now, False
-                fetches.append(Fetch(uri, remote.announced.monitor_uri, remote.rules, remote.quick))
+                fetches.append(Fetch(uri, remote.announced.monitor_uri, remote.rules))
         return fetches
 
     def next_due(self) -> Optional[float]:
@@ -389,12 +387,11 @@ class Sync:
         now: float,
         places: Optional[Places] = None,
         *,
-        quick: bool = True,
         following: bool = False,
     ) -> bool:
         """Take the result of a fetch: a state, or None. True for a new state; without one the old is kept.
 
-        `places`: of the master's nodes; None for anywhere. `quick`: it tells its changes; `following`: we follow them.
+        `places`: of the master's nodes; None for anywhere. `following`: its changes are followed.
         """
         remote = self.remotes.get(fetch.uri)
         if remote is None:
@@ -408,7 +405,7 @@ class Sync:
             remote.state, remote.answered_for, remote.failures = state, remote.asking_for, 0
             remote.misplaced = {} if places is None else places.objections(state)
             remote.selected = self._select(remote, state)
-            remote.quick, remote.following, remote.lapsed = quick, following, False
+            remote.following, remote.lapsed = following, False
             if self._is_outdated(remote):  # it has changed again
                 remote.due = _soon(remote, now, following)
         elif remote.announced.online:
