@@ -8,7 +8,6 @@ import xmlrpc.client
 import pytest
 from rosfleet_multimaster.protocol.json_text import pack_rows
 from rosfleet_multimaster.protocol.mirror import CHANGES
-from rosfleet_multimaster.sync import roscore_graph as module
 from rosfleet_multimaster.sync.roscore_graph import RoscoreGraph
 
 WHOLE = [
@@ -60,13 +59,6 @@ class Roscore:
         return [VALUES[call[0]] if call[0] in VALUES else LOOKUPS.get(call[1]) for call in calls]
 
 
-@pytest.fixture(name="clock", autouse=True)
-def _clock(monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr(module, "monotonic", lambda: now[0])
-    return now
-
-
 def everything(view):
     return ["/a"], ["/a/ask"]
 
@@ -94,13 +86,10 @@ def test_a_feed_and_whole_states_show_the_same():
 
 
 @pytest.mark.parametrize("answer", [xmlrpc.client.Fault(1, "8 callers"), ["e", 3, True, [["publisher"]]], ["e"], 7])
-def test_one_run_does_all_when_nothing_waits(clock, answer):
+def test_a_roscore_that_tells_nothing_is_read_as_a_whole(answer):
     roscore = Roscore([answer, ["e", 3, True, WHOLE]])
     graph = RoscoreGraph(roscore)
     assert shown(graph.read(everything)) == shown(graph.read(everything))
-    assert roscore.asked.count("has") == 1
-    clock[0] += module.KNOWN
-    graph.read(everything)
     assert roscore.asked[-2:] == ["has", ("", 0, 0)]
 
 

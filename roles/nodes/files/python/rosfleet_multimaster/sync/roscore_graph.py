@@ -8,8 +8,8 @@ With 3,000 topics, to read everything takes longer than all other work of master
 from typing import Any, Callable, List, Optional, Sequence, Tuple
 from xmlrpc.client import Fault
 
-from ..edge.clock import monotonic
-from ..edge.roscore import KNOWN, Roscore
+from ..edge.roscore import Roscore
+from ..protocol.graph import graph_of
 from ..protocol.json_text import unpack_rows
 from ..protocol.mirror import CHANGES, Mirror
 from .core.sync import View
@@ -24,7 +24,6 @@ class RoscoreGraph:
         self.roscore = roscore
         self._mirror: Optional[Mirror] = None
         self._epoch, self._revision = "", 0
-        self._ask_again = 0.0  # until then the roscore is not asked whether it tells changes
 
     @property
     def guards_names(self) -> bool:
@@ -36,15 +35,15 @@ class RoscoreGraph:
 
         `look_up(view)`: the nodes and the services whose URIs are needed, of a view that has none yet.
         """
-        if self._tells():
-            try:
+        try:
+            if self._mirror is not None or self.roscore.has(CHANGES):
                 return self._read_changes()
-            except (ValueError, TypeError, Fault):  # it tells us no changes
-                pass
-            except Exception:
-                self._forget(0.0)  # the next one may be another roscore
-                raise
-        self._forget(self._ask_again)
+        except (ValueError, TypeError, Fault):  # it tells us no changes
+            pass
+        except Exception:
+            self._mirror = None  # the next one may be another roscore
+            raise
+        self._mirror = None
         return self._read_whole(look_up)
 
     def carry_out(self, calls: Sequence[Tuple[Any, ...]]) -> List[Any]:
@@ -54,23 +53,15 @@ class RoscoreGraph:
         try:
             return self.roscore.together(calls)
         except Exception:
-            self._forget(0.0)  # the next one may be another roscore
+            self._mirror = None  # the next one may be another roscore
             raise
 
-    def _tells(self) -> bool:
-        if self._mirror is None and monotonic() >= self._ask_again:
-            self._ask_again = monotonic() + KNOWN
-            if self.roscore.has(CHANGES):
-                self._mirror, self._epoch, self._revision = Mirror("", ""), "", 0
-        return self._mirror is not None
-
-    def _forget(self, ask_again: float) -> None:
-        self._mirror, self._ask_again = None, ask_again
-
     def _read_changes(self) -> View:
+        if self._mirror is None:
+            self._mirror, self._epoch, self._revision = Mirror("", ""), "", 0
         mirror = self._mirror
         answer = self.roscore.rpc.call(CHANGES, self.roscore.caller, self._epoch, self._revision, 0, True)
-        if mirror is None or not isinstance(answer, list) or len(answer) != 3 or answer[0] != 1:
+        if not isinstance(answer, list) or len(answer) != 3 or answer[0] != 1:
             raise ValueError("the roscore does not tell its changes")
         self._epoch, self._revision, whole, records = answer[2]
         if whole or records:
@@ -82,8 +73,7 @@ class RoscoreGraph:
         types, system = self.roscore.ask(("getTopicTypes",), ("getSystemState",))
         if types is None or system is None:
             raise OSError("the roscore does not tell its state")
-        publishers, subscribers, services = ({name: tuple(nodes) for name, nodes in part} for part in system)
-        view = View(publishers, subscribers, services, dict(types))
+        view = View(*graph_of(system, types))
         nodes, names = look_up(view)
         answers = self.roscore.ask(
             *[("lookupNode", node) for node in nodes], *[("lookupService", name) for name in names]
