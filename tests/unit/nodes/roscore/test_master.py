@@ -375,19 +375,16 @@ def test_programs_of_another_computer_make_no_changes_together(roscore):
     assert roscore.master.call("rosfleetTogether", "/me", ["[]"])[0] == -1
 
 
-def test_the_lock_may_be_taken_again_by_its_holder():
-    seen = []
-    lock = module.Lock(lambda: seen.append("changed"))
-    with lock:
-        with lock:
-            pass
-        assert seen == []
-    assert seen == ["changed"]
-    lock = module.Lock(lambda: 1 / 0)
+def test_changes_within_changes_are_handed_on_at_their_end(roscore):
+    with roscore.master._changing():
+        some(roscore)
+        assert roscore.handed == []
+    assert len(roscore.handed) == 8
+    roscore.hear(on_changes=lambda _records: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        lock.release() if lock.acquire() else None
+        roscore.call("registerPublisher", "/a", "/other", "x/Y", A)
     taken = []
-    thread = threading.Thread(target=lambda: taken.append(lock._lock.acquire(timeout=1)))
+    thread = threading.Thread(target=lambda: taken.append(roscore.master.ps_lock.acquire(timeout=1)))
     thread.start()
     thread.join()
     assert taken == [True], "what goes wrong does not keep it"

@@ -6,6 +6,7 @@ Its lock, its tables of registrations and its pool of workers are ours here. So 
 changes of one call are handed on together before the caller has its answer.
 """
 
+import contextlib
 import json
 import logging
 import sys
@@ -74,35 +75,6 @@ _UNREGISTER = {
 }
 
 Note = Callable[[Record], None]
-
-
-class Lock:
-    """The lock of the registrations. Its holder may take it again. Changes are handed on before it is free."""
-
-    def __init__(self, commit: Callable[[], None]) -> None:
-        self._lock, self._depth, self._commit = threading.RLock(), 0, commit
-
-    def acquire(self) -> bool:
-        """Take it."""
-        self._lock.acquire()
-        self._depth += 1
-        return True
-
-    def release(self) -> None:
-        """Give it back."""
-        try:
-            if self._depth == 1:
-                self._commit()
-        finally:
-            self._depth -= 1
-            self._lock.release()
-
-    def __enter__(self) -> "Lock":
-        self.acquire()
-        return self
-
-    def __exit__(self, *_problem: Any) -> None:
-        self.release()
 
 
 class _Table(registrations.Registrations):  # type: ignore[misc]  # rosmaster has no types
@@ -246,7 +218,8 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
         self.usage = Usage()
         self.thread_pool = _Pool(self._notifier, self._is_spared)
-        self.ps_lock = self._lock = Lock(self._commit)
+        self.ps_lock = threading.RLock()  # of the registrations
+        self._depth = 0  # how often its holder changes something, one within the other
         self.reg_manager = _Manager(self.thread_pool, self._note, self._confirm, self._tell_topics)
         self.publishers, self.subscribers = self.reg_manager.publishers, self.reg_manager.subscribers
         self.services, self.param_subscribers = self.reg_manager.services, self.reg_manager.param_subscribers
@@ -278,10 +251,10 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         if name not in self._known:
             raise Exception(f'method "{name}" is not supported')  # in the words of the standard library
         if name in CHANGES:
-            with self._lock:
+            with self._changing():
                 return self._change(name, arguments)
         if name == "getParam":
-            with self._lock:  # its answer is a part of the tree, which changes while it is written
+            with self.ps_lock:  # its answer is a part of the tree, which changes while it is written
                 code, text, value = getattr(self, name)(*arguments)
                 return code, text, copy_tree(value)
         return getattr(self, name)(*arguments)
@@ -304,7 +277,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def _run_calls(self, calls: List[Any]) -> List[Any]:
         """The results; of a call that fails, a text that says why."""
         results: List[Any] = []
-        with self._lock:
+        with self._changing():
             for name, *arguments in calls:
                 try:
                     if name not in CHANGES:
@@ -488,6 +461,18 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         if self._restored:
             self._restored.pop(_registration_key(record), None)
 
+    @contextlib.contextmanager
+    def _changing(self) -> Iterator[None]:
+        """Hold the lock. What was changed is handed on before it is free."""
+        with self.ps_lock:
+            self._depth += 1
+            try:
+                yield
+            finally:
+                self._depth -= 1
+                if not self._depth:
+                    self._commit()
+
     def _commit(self) -> None:
         """Hand on the changes; the lock is about to be free."""
         if self._records:
@@ -529,7 +514,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         """
         records = chain([["set", "/", {}]], _list_records("", self.param_server.parameters), self.records())
         while True:
-            with self._lock:
+            with self.ps_lock:
                 part = list(islice(records, PART))
             if not part:
                 return
@@ -540,7 +525,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def restore(self, registry: Registry) -> None:
         """Take the knowledge of an earlier life. Call it before the first request."""
         manager = self.reg_manager
-        with self._lock:
+        with self._changing():
             for node in registry.values("node").items():
                 self._node(*node)
             self.param_server.parameters.update(registry.parameters)  # it has none yet
@@ -578,7 +563,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def tell_all(self) -> None:
         """Tell every node what it may have missed: the queue of the earlier life is lost."""
-        with self._lock:
+        with self.ps_lock:
             self._tell_topics(list(self.subscribers.map))
             for key, users in self.param_subscribers.map.items():
                 value = self._value(key)
@@ -587,7 +572,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def readmit(self, registry: Registry) -> None:
         """Register nodes as if they did it themselves, and tell them the answers. A name that is taken stays with its node."""
-        with self._lock:
+        with self._changing():
             types = registry.values("type")
             for record in registry.facts.values():
                 kind, key = record[:2]
@@ -613,7 +598,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def end_node(self, name: str, uri: str) -> None:
         """End a node that is dead, or whose port has another owner. What it registered since the restart stays."""
-        with self._lock:
+        with self._changing():
             if not self.has(name, uri):
                 return
             for key in [key for key in self._restored if key[2] == name]:
@@ -634,7 +619,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def bury(self, name: str, uri: str) -> None:
         """End a dead node that had withdrawn everything."""
-        with self._lock:
+        with self._changing():
             if self.has(name, uri) and self.has_ended(name):
                 node = self.reg_manager.nodes[name]
                 for key in list(node.param_subscriptions):
@@ -645,7 +630,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def end_registration(self, record: Record) -> bool:
         """End a restored registration, unless it was made again since. Whether it was there."""
         kind, key, name, uri = record[:4]
-        with self._lock:
+        with self._changing():
             if _registration_key(record) not in self._restored:
                 return False
             del self._restored[_registration_key(record)]
