@@ -37,7 +37,7 @@ def test_leftovers_wait_from_the_first_pass_of_the_loop(monkeypatch, after, kept
     now[0] += 10.0  # a busy computer: rospy makes the node meanwhile
     made.tick(now[0])
     view = View({"/chatter": ("/talker",)}, {}, {}, {"/chatter": "std_msgs/String"}, dict([TALKER]), {})
-    todo = made._plan(module.Snapshot([], view, dict(made.claims), set()), now[0] + after)
+    todo = made._plan(set(), set(), view, now[0] + after)
     assert bool(todo.held) is kept
 
 

@@ -8,6 +8,7 @@ round needs no repair: the next one sees its effects.
 
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 from typing import AbstractSet, Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault
@@ -41,15 +42,6 @@ OF_STATES = ("place", "limit")  # kinds of refusals that depend on the state of 
 
 class NameTaken(Exception):
     """A name is not free any more, or a node has moved."""
-
-
-class Snapshot(NamedTuple):
-    """The part of the own roscore that a round needs, and the state of master_sync when the round began."""
-
-    wanted: Set[Registration]
-    view: View
-    claims: Claims
-    met: AbstractSet[str]  # URIs of the masters whose state had come
 
 
 class Callbacks(NamedTuple):
@@ -162,25 +154,24 @@ class Rounds:
         self.working, self._began = True, monotonic()
         self._due = self._regular = self._unsettled = None
         self._touched, self._view = set(), None
-        claims, met = dict(self.claims), frozenset(self.met)
-        self._calls.submit(lambda: self._read(wanted, claims, met), self._on_snapshot)
-
-    def _read(self, wanted: List[Candidate], claims: Claims, met: AbstractSet[str]) -> Snapshot:
-        """Ask the roscore; in its thread."""
-        claimed = {node for node, _uri in claims}
-        view = self._graph.read(lambda view: _list_needed(wanted, claimed, view))
-        return Snapshot({item.registration for item in wanted}, view, claims, met)
+        claimed, asked = {node for node, _uri in self.claims}, {item.registration for item in wanted}
+        self._calls.submit(
+            lambda: self._graph.read(lambda view: _list_needed(wanted, claimed, view)),
+            partial(self._on_view, asked, frozenset(self.met)),
+        )
 
     # Plan
 
-    def _on_snapshot(self, snapshot: Optional[Snapshot], problem: Optional[Exception]) -> None:
-        if snapshot is None:
+    def _on_view(
+        self, asked: Set[Registration], met: AbstractSet[str], view: Optional[View], problem: Optional[Exception]
+    ) -> None:
+        """Plan. `asked`: the roscore was asked about these; `met`: the masters whose state had come by then."""
+        if view is None:
             self._end(problem)
             return
-        todo = self._plan(snapshot, monotonic())
-        view, claims = snapshot.view, snapshot.claims
+        todo = self._plan(asked, met, view, monotonic())
         # Reported before it is visible in the roscore, so that discovery never takes it for the robot's own.
-        self.held = {**{item: claims[item.node_key] for item in view.registrations(claims)}, **todo.held}
+        self.held = {**{item: self.claims[item.node_key] for item in view.registrations(self.claims)}, **todo.held}
         self._last_refused = todo.refused
 
         def on_results(results: Optional[List[Any]], why: Optional[Exception]) -> None:
@@ -189,9 +180,9 @@ class Rounds:
             self._rest = now + min(self.took * REST, LONGEST_REST)
             if results is not None:
                 self._view = apply_plan(todo, view)
-            self._on_results(todo, claims, results, why)
+            self._on_results(todo, results, why)
 
-        self._calls.submit(lambda: self._write(todo, claims), on_results)
+        self._calls.submit(lambda: self._write(todo), on_results)
 
     # A step: a few registrations, without reading the roscore
 
@@ -204,11 +195,11 @@ class Rounds:
         if not todo.register and not todo.unregister:
             return
         self.working = True
-        before, claims = self.held, self.claims
+        before = self.held
         self.held = {**before, **todo.held}  # as above: reported before it is visible
-        condition = names(todo, claims, self._graph.guards_names)
+        condition = names(todo, self.claims, self._graph.guards_names)
         self._calls.submit(
-            lambda: self._write(todo, claims, condition),
+            lambda: self._write(todo, condition),
             lambda results, why: self._on_step_results(todo, before, results, why),
         )
 
@@ -229,19 +220,19 @@ class Rounds:
             self.working, self.held = False, before
             self.soon(monotonic())
             return
-        view, claims = self._view, self.claims
+        view = self._view
         self._view = apply_plan(todo, view) if view is not None and results is not None else None
-        if todo.claims != claims and self._view is not None:
+        if todo.claims != self.claims and self._view is not None:
             self._disconnector.note_registrations(todo.held, self._view, todo.claims, monotonic())
-        self._on_results(todo, claims, results, problem)
+        self._on_results(todo, results, problem)
 
-    def _plan(self, snapshot: Snapshot, now: float) -> Plan:
-        view, claims = snapshot.view, snapshot.claims
+    def _plan(self, asked: Set[Registration], met: AbstractSet[str], view: View, now: float) -> Plan:
+        claims = self.claims
         wanted = [] if self._withdrawn else self._core.candidates(now, view.local_nodes(claims))
         # New candidates are for the next round: whether their names are free is not known.
-        wanted = [item for item in wanted if item.registration in snapshot.wanted]
+        wanted = [item for item in wanted if item.registration in asked]
         if not self._withdrawn and (now - self._started < LEFTOVERS or not self._callbacks.has_list()):
-            wanted += _leftovers(snapshot)
+            wanted += _leftovers(view, claims, met)
         verdict = self._questions.guard.judge(wanted, view, claims, self._core.stamps(), now)
         for question in verdict.questions:
             self._questions.ask(question)
@@ -252,7 +243,7 @@ class Rounds:
 
     # Write
 
-    def _write(self, todo: Plan, claims: Claims, condition: Optional[Names] = None) -> List[Any]:
+    def _write(self, todo: Plan, condition: Optional[Names] = None) -> List[Any]:
         """Make all calls in one request, the record of imports first; in the thread of the roscore. Raises NameTaken."""
         if condition is not None and any(condition):
             free, same = condition
@@ -260,7 +251,7 @@ class Rounds:
             if any(uris[: len(free)]) or uris[len(free) :] != list(same.values()):
                 raise NameTaken
         record: List[Tuple[Any, ...]] = []
-        if todo.claims != claims:
+        if todo.claims != self.claims:
             record = [("setParam", imports.IMPORTS, self._record(todo.claims))]
         results = self._graph.carry_out([(call[0], self._node[0], *call[1:]) for call in record] + calls(todo))
         return results[len(record) :]
@@ -268,10 +259,9 @@ class Rounds:
     def _record(self, claims: Claims) -> str:
         return imports.write(*self._node, claims)
 
-    def _on_results(
-        self, todo: Plan, claims: Claims, results: Optional[List[Any]], problem: Optional[Exception]
-    ) -> None:
-        self.claims = todo.claims  # also after a failure: the plan may be carried out, as the next round will see
+    def _on_results(self, todo: Plan, results: Optional[List[Any]], problem: Optional[Exception]) -> None:
+        # Also after a failure: the plan may be carried out, as the next round will see.
+        claims, self.claims = self.claims, todo.claims
         if results is None:
             self._end(problem)
             return
@@ -349,10 +339,10 @@ class Rounds:
         )
 
 
-def _leftovers(snapshot: Snapshot) -> List[Candidate]:
+def _leftovers(view: View, claims: Claims, met: AbstractSet[str]) -> List[Candidate]:
     """Registrations of an earlier life whose masters have not come back yet."""
-    masters = {key: uri for key, uri in snapshot.claims.items() if uri not in snapshot.met}
-    items = sorted(snapshot.view.registrations(masters))
+    masters = {key: uri for key, uri in claims.items() if uri not in met}
+    items = sorted(view.registrations(masters))
     return [Candidate(item, masters[item.node_key], masters[item.node_key]) for item in items]
 
 
