@@ -84,9 +84,7 @@ class Losses:
         for item, uri in held.items():
             nodes.setdefault(uri, set()).add(item.node_key)
             own = users.get(item.name, ()) if item.kind != "service" else ()
-            sharing.setdefault(uri, set()).update(
-                (node, view.node_uris[node]) for node in own if node in view.node_uris
-            )
+            sharing.setdefault(uri, set()).update(node for node in own if node[1])
         for uri in nodes.keys() | self._masters.keys():
             master = self._masters.setdefault(uri, _Master())
             if master.lost is None:

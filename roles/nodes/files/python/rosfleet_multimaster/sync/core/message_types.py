@@ -10,7 +10,7 @@ Free of sockets, threads and clocks.
 """
 
 import math
-from typing import Dict, FrozenSet, Generic, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, TypeVar
+from typing import AbstractSet, Dict, Generic, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, TypeVar
 
 from ...protocol.filters import UNKNOWN_TYPES
 from ...protocol.messages import NodeKey
@@ -20,6 +20,7 @@ from .sync import Candidate, Refusal, View
 MOST = 500  # types of one question
 AGAIN = 60.0  # seconds until the same is asked again: no event tells of a new answer
 Key = TypeVar("Key")
+Users = Mapping[NodeKey, None]  # own nodes on a topic, in their order
 
 
 class Question(NamedTuple):
@@ -27,7 +28,7 @@ class Question(NamedTuple):
 
     node: Optional[NodeKey]
     master: str = ""
-    types: FrozenSet[str] = frozenset()
+    types: AbstractSet[str] = frozenset()
 
 
 class Verdict(NamedTuple):
@@ -43,10 +44,10 @@ class _Book(Generic[Key]):
 
     def __init__(self) -> None:
         self.answers: Dict[Key, Mapping[str, str]] = {}
-        self._asked: Dict[Key, Tuple[FrozenSet[str], float, float]] = {}  # names, stamp, valid until
+        self._asked: Dict[Key, Tuple[AbstractSet[str], float, float]] = {}  # names, stamp, valid until
         self._open: Set[Key] = set()
 
-    def open(self, names: Mapping[Key, FrozenSet[str]], stamps: Mapping[Key, float], now: float) -> List[Key]:
+    def open(self, names: Mapping[Key, AbstractSet[str]], stamps: Mapping[Key, float], now: float) -> List[Key]:
         """Open the questions for these names that are due, and forget all other keys. The keys to ask now."""
         asked = [key for key in names if self._open_one(key, names[key], stamps.get(key, 0.0), now)]
         for key in (self.answers.keys() | self._asked.keys()) - names.keys():
@@ -54,7 +55,7 @@ class _Book(Generic[Key]):
             self._asked.pop(key, None)
         return asked
 
-    def _open_one(self, key: Key, names: FrozenSet[str], stamp: float, now: float) -> bool:
+    def _open_one(self, key: Key, names: AbstractSet[str], stamp: float, now: float) -> bool:
         """True where these names must be asked now: a name or the stamp is new."""
         asked, before, until = self._asked.get(key, (frozenset(), stamp, -math.inf))
         if key in self._open:
@@ -103,11 +104,14 @@ class TypeGuard:
         """
         users = view.local_nodes(claims)
         shared = [item for item in wanted if _type(item) and item.registration.name in users]
-        nodes = _group_by_node(shared, users, view)
+        nodes: Dict[NodeKey, Set[str]] = {}  # own nodes that share topics -> these topics
+        topics = {item.registration.name for item in shared}
+        for topic in topics:
+            for node in users[topic]:
+                if node[1]:
+                    nodes.setdefault(node, set()).add(topic)
         questions = [Question(node) for node in self._nodes.open(nodes, {}, now)]
-        named = {
-            topic: self._types_of_users(topic, users[topic], view) for topics in nodes.values() for topic in topics
-        }
+        named = {topic: self._types_of_users(topic, users[topic]) for topic in topics}
         types = _group_by_master(shared, named)
         questions += [Question(None, master, types[master]) for master in self._masters.open(types, stamps, now)]
         held, conflicts = view.registrations(claims), self._conflicts(shared, users, named, view)
@@ -118,7 +122,7 @@ class TypeGuard:
                 return True
             if (topic, item.master) in conflicts:
                 return False
-            return item.registration in held or not self._waits(item, users[topic], named.get(topic, {}), view)
+            return item.registration in held or not self._waits(item, users[topic], named[topic])
 
         refused = [Refusal("type", topic, master, *sides) for (topic, master), sides in conflicts.items()]
         return Verdict([item for item in wanted if is_ready(item)], refused, questions)
@@ -134,19 +138,19 @@ class TypeGuard:
         self._masters.answer(master, there, now)
         self._own_md5.update(here)
 
-    def _types_of_users(self, topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
+    def _types_of_users(self, topic: str, users: Users) -> Dict[str, str]:
         """Type -> the own node that has the topic with it."""
         types: Dict[str, str] = {}
         for node in users:
-            kind = self._nodes.answers.get((node, view.node_uris.get(node, "")), {}).get(topic, "")
+            kind = self._nodes.answers.get(node, {}).get(topic, "")
             if kind not in UNKNOWN_TYPES:
-                types.setdefault(kind, node)
+                types.setdefault(kind, node[0])
         return types
 
     def _conflicts(
         self,
         shared: Sequence[Candidate],
-        users: Mapping[str, Sequence[str]],
+        users: Mapping[str, Users],
         named: Mapping[str, Dict[str, str]],
         view: View,
     ) -> Dict[Tuple[str, str], Tuple[str, str]]:
@@ -156,7 +160,7 @@ class TypeGuard:
             there.setdefault((item.registration.name, item.master), []).append(item)
         conflicts = {}
         for (topic, master), items in there.items():
-            here = named.get(topic) or self._roscore_type(topic, users[topic], view)
+            here = named[topic] or self._roscore_type(topic, users[topic], view)
             if not here:
                 continue
             nodes = ", ".join(quote(node) for node in sorted({item.registration.node for item in items})[:3])
@@ -165,29 +169,30 @@ class TypeGuard:
             if kind not in here:
                 own_kind, node = next(iter(here.items()))
                 conflicts[topic, master] = f"{quote(kind)} (of {nodes})", f"{quote(own_kind)} (of {quote(node)})"
-            elif theirs and ours and theirs != ours and kind in named.get(topic, {}):
+            elif theirs and ours and theirs != ours and kind in named[topic]:
                 conflicts[topic, master] = (
                     f"{quote(kind)} with the md5 sum {quote(theirs)} (of {nodes})",
                     f"{quote(kind)} with {quote(ours)} (of {quote(here[kind])})",
                 )
         return conflicts
 
-    def _roscore_type(self, topic: str, users: Sequence[str], view: View) -> Dict[str, str]:
+    def _roscore_type(self, topic: str, users: Users, view: View) -> Dict[str, str]:
         """The type in the roscore, where no own node names one. A node that takes any type conflicts with no other."""
-        answers = (self._nodes.answers.get((node, view.node_uris.get(node, "")), {}) for node in users)
         kind = view.types.get(topic, "")
-        if kind in UNKNOWN_TYPES or self._silent(topic, users, view) or any(topic in answer for answer in answers):
+        if kind in UNKNOWN_TYPES or self._silent(topic, users):
             return {}
-        return {kind: users[0]}
+        if any(topic in self._nodes.answers.get(node, {}) for node in users):
+            return {}
+        return {kind: next(iter(users))[0]}
 
-    def _waits(self, item: Candidate, users: Sequence[str], named: Mapping[str, str], view: View) -> bool:
-        if self._silent(item.registration.name, users, view):
+    def _waits(self, item: Candidate, users: Users, named: Mapping[str, str]) -> bool:
+        if self._silent(item.registration.name, users):
             return True
         return item.type in named and self._masters.waits(item.master_uri, item.type)
 
-    def _silent(self, topic: str, users: Sequence[str], view: View) -> bool:
+    def _silent(self, topic: str, users: Users) -> bool:
         """True where an own node has not yet told its type of the topic."""
-        return any(self._nodes.waits((node, view.node_uris.get(node, "")), topic) for node in users)
+        return any(self._nodes.waits(node, topic) for node in users)
 
 
 def _type(item: Candidate) -> str:
@@ -195,22 +200,10 @@ def _type(item: Candidate) -> str:
     return "" if item.registration.kind == "service" or item.type in UNKNOWN_TYPES else item.type
 
 
-def _group_by_node(
-    shared: Sequence[Candidate], users: Mapping[str, Sequence[str]], view: View
-) -> Dict[NodeKey, FrozenSet[str]]:
-    """The own nodes that share topics -> these topics."""
-    topics: Dict[NodeKey, Set[str]] = {}
-    for topic in {item.registration.name for item in shared}:
-        for node in users[topic]:
-            if node in view.node_uris:
-                topics.setdefault((node, view.node_uris[node]), set()).add(topic)
-    return {node: frozenset(names) for node, names in topics.items()}
-
-
-def _group_by_master(shared: Sequence[Candidate], named: Mapping[str, Mapping[str, str]]) -> Dict[str, FrozenSet[str]]:
+def _group_by_master(shared: Sequence[Candidate], named: Mapping[str, Mapping[str, str]]) -> Dict[str, Set[str]]:
     """Master -> those of its types that an own node has, too. A type that only others have is never imported."""
     groups: Dict[str, Set[str]] = {}
     for item in shared:
-        if item.type in named.get(item.registration.name, {}):
+        if item.type in named[item.registration.name]:
             groups.setdefault(item.master_uri, set()).add(item.type)
-    return {master: frozenset(sorted(types)[:MOST]) for master, types in groups.items()}
+    return {master: set(sorted(types)[:MOST]) for master, types in groups.items()}

@@ -15,7 +15,7 @@ from typing import AbstractSet, Any, Dict, Iterable, Iterator, List, Mapping, Na
 
 from ...protocol.differences import changes, excerpt, names_of
 from ...protocol.filters import UNKNOWN_TYPES, Filters, Pattern, Rules
-from ...protocol.graph import LOCAL, Endpoints, State
+from ...protocol.graph import LOCAL, State
 from ...protocol.imports import Claims
 from ...protocol.members import Members
 from ...protocol.messages import Master, NodeKey, Registration
@@ -29,7 +29,7 @@ DOUBT = 10.0  # seconds between two fetches of a followed master that told no ch
 MISSING = 15.0  # seconds that a master may be missing in the list (of a discovery node that has just started)
 
 LONG_AGO = float("-inf")
-KINDS = ("publisher", "service", "subscriber")  # each has a table in a State and in a View, under its plural
+KINDS = ("publisher", "subscriber", "service")  # each has a table in a State and in a View, under its plural
 
 Row = Tuple[str, str, str]  # kind, topic or service, node
 
@@ -50,23 +50,24 @@ class View:
     node_uris: Mapping[str, str] = field(default_factory=dict)
     service_uris: Mapping[str, str] = field(default_factory=dict)
 
-    def registrations(self, claims: Iterable[NodeKey]) -> Set[Registration]:
+    def registrations(self, claims: Mapping[NodeKey, str]) -> Set[Registration]:
         """Everything that the claimed nodes have registered."""
-        claimed = {node: uri for node, uri in claims if self.node_uris.get(node) == uri}
         return {
-            Registration(kind, name, node, claimed[node], self.service_uris.get(name, "") if kind == "service" else "")
-            for kind, name, node in rows(self)
-            if node in claimed
+            Registration(kind, name, *node, self.service_uris.get(name, "") if kind == "service" else "")
+            for kind, name, node in self._rows()
+            if node in claims
         }
 
-    def local_nodes(self, claims: Iterable[NodeKey]) -> Dict[str, List[str]]:
-        """Topic -> the nodes on it that are not claimed: this robot's own."""
-        claimed = {node for node, uri in claims if self.node_uris.get(node) == uri}
-        users: Dict[str, Dict[str, None]] = {}
-        for kind, topic, node in rows(self):
-            if kind != "service" and node not in claimed:
+    def local_nodes(self, claims: Mapping[NodeKey, str]) -> Dict[str, Dict[NodeKey, None]]:
+        """Topic -> the nodes on it that are not claimed: this robot's own. "" is an unknown URI."""
+        users: Dict[str, Dict[NodeKey, None]] = {}
+        for kind, topic, node in self._rows():
+            if kind != "service" and node not in claims:
                 users.setdefault(topic, {})[node] = None
-        return {topic: list(nodes) for topic, nodes in users.items()}
+        return users
+
+    def _rows(self) -> Iterator[Tuple[str, str, NodeKey]]:
+        return ((kind, name, (node, self.node_uris.get(node, ""))) for kind, name, node in rows(self))
 
 
 def rows(registrations: object) -> Iterator[Row]:
@@ -209,12 +210,19 @@ def _call(verb: str, item: Registration, kind: str = "*") -> Tuple[Any, ...]:
 
 def select(state: State, rules: Rules, own_uri: str, sync_remote_nodes: bool) -> List[Registration]:
     """The wanted registrations of a master: of its own nodes, and not filtered."""
-    uris = master_nodes(state, own_uri, sync_remote_nodes)
-    return [
-        *_topics(state, rules, uris, "publisher", state.publishers),
-        *_topics(state, rules, uris, "subscriber", state.subscribers),
-        *_services(state, rules, uris),
-    ]
+    uris, selected = master_nodes(state, own_uri, sync_remote_nodes), []
+    for kind, name, node in rows(state):
+        if node not in uris:
+            continue
+        if kind == "service":
+            provider = state.providers.get(name)
+            if provider is not None and provider.uri and rules.service(node, name):
+                selected.append(Registration(kind, name, node, uris[node], provider.uri))
+            continue
+        type_name, publishes = state.types.get(name, ""), kind == "publisher"
+        if not (publishes and type_name in UNKNOWN_TYPES) and rules.topic(node, name, type_name, publishes):
+            selected.append(Registration(kind, name, node, uris[node]))
+    return selected
 
 
 def master_nodes(state: State, own_uri: str, sync_remote_nodes: bool) -> Dict[str, str]:
@@ -226,29 +234,6 @@ def master_nodes(state: State, own_uri: str, sync_remote_nodes: bool) -> Dict[st
         and node.origin != own_uri
         and (node.locality == LOCAL or (sync_remote_nodes and node.origin == state.uri))
     }
-
-
-def _topics(
-    state: State, rules: Rules, uris: Mapping[str, str], kind: str, endpoints: Endpoints
-) -> Iterator[Registration]:
-    publisher = kind == "publisher"
-    for topic, nodes in endpoints.items():
-        type_name = state.types.get(topic, "")
-        if publisher and type_name in UNKNOWN_TYPES:
-            continue
-        for node in nodes:
-            if node in uris and rules.topic(node, topic, type_name, publisher):
-                yield Registration(kind, topic, node, uris[node])
-
-
-def _services(state: State, rules: Rules, uris: Mapping[str, str]) -> Iterator[Registration]:
-    for service, nodes in state.services.items():
-        provider = state.providers.get(service)
-        if provider is None or not provider.uri:
-            continue
-        for node in nodes:
-            if node in uris and rules.service(node, service):
-                yield Registration("service", service, node, uris[node], provider.uri)
 
 
 # The other masters
@@ -504,12 +489,10 @@ class Sync:
                 continue
             master = remote.announced.name
             for item in select(remote.state, remote.rules, self.own_uri, self.sync_remote_nodes):
-                if item.node_uri in remote.misplaced:
-                    why = remote.misplaced[item.node_uri]
-                    refusals[Refusal("place", item.node, master, item.node_uri, why)] = None
-                elif item.service_uri in remote.misplaced:
-                    why = remote.misplaced[item.service_uri]
-                    refusals[Refusal("place", item.name, master, item.service_uri, why)] = None
+                here = item.node_uri in remote.misplaced
+                name, uri = (item.node, item.node_uri) if here else (item.name, item.service_uri)
+                if uri in remote.misplaced:
+                    refusals[Refusal("place", name, master, uri, remote.misplaced[uri])] = None
         return list(refusals)
 
     def stamps(self) -> Dict[str, float]:
