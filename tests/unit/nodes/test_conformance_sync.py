@@ -184,7 +184,7 @@ def test_15_6_a_state_that_comes_during_a_round_waits(lab):
 
     lab.roscore.call = slow
     lab.start()
-    until(lambda: lab.program.refused)
+    until(lambda: lab.program.refusals)
     assert waited
     assert [call[2] for call in lab.roscore.made("/talker")] == ["/mine"]
 

@@ -218,7 +218,7 @@ def test_any_difference_is_a_state_of_its_master_or_malformed(told_rows, gone):
     except InvalidDocument:
         return
     assert state.uri == URI
-    core = Sync(Filters({}), OWN, "/master_sync", False, False, None)
+    core = Sync(Filters({}), OWN, "/master_sync", False, False, 0.0)
     core.take_announcement(Master("robot2", URI, "http://robot2:11611/", "/d", 1.0, 1.0, True), 0.0)
     (fetch,) = core.due(1.0)
     core.take_fetch(fetch, TRUE, 1.0)

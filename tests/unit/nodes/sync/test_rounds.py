@@ -12,7 +12,7 @@ from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.messages import Registration
 from rosfleet_multimaster.sync import rounds as module
 from rosfleet_multimaster.sync.core.message_types import TypeGuard
-from rosfleet_multimaster.sync.core.sync import Candidate, Refusal, Sync, View
+from rosfleet_multimaster.sync.core.sync import NEVER, Candidate, Refusal, Sync, View
 
 CALLBACKS = module.Callbacks(lambda: True, lambda refused: None, lambda problem: None)
 OTHER, TALKER = "http://robot2:11311/", ("/talker", "http://robot2:40000/")
@@ -24,7 +24,7 @@ def test_leftovers_wait_from_the_first_pass_of_the_loop(monkeypatch, after, kept
     monkeypatch.setattr(module, "monotonic", lambda: now[0])
     loop, limited = Loop(), program.LimitedLog()
     roscore = types.SimpleNamespace(ask=lambda *calls: [record if calls[0][0] == "getParam" else 0])
-    core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, None)
+    core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, NEVER)
     workers = Workers(loop, 1)
     graph, disconnector = (
         types.SimpleNamespace(roscore=roscore),
@@ -114,7 +114,7 @@ def rounds_of(begun, last):
     graph = types.SimpleNamespace(
         roscore=roscore, guards_names=True, read=read, carry_out=lambda calls: [[1, "", 0] for _call in calls]
     )
-    core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, None)
+    core = Sync(Filters(), "http://own:11311/", "/master_sync", False, False, NEVER)
     node = ("/master_sync", "http://own:1/")
     disconnector, questions = (
         types.SimpleNamespace(note_registrations=lambda *news: None),

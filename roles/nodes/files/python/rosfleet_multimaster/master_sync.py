@@ -21,7 +21,7 @@ from .protocol.members import Members
 from .protocol.messages import Master, Registration
 from .protocol.plain_text import quote
 from .sync.core import report
-from .sync.core.sync import Refusal, Sync
+from .sync.core.sync import NEVER, Refusal, Sync
 from .sync.disconnector import Disconnector
 from .sync.fetcher import Fetcher
 from .sync.finder import Finder
@@ -41,8 +41,7 @@ class MasterSync:
         values, loop, self.limited = start.values, start.loop, program.LimitedLog()
         self.loop, self.ended = loop, start.ended
         self.uri, self.node_name = start.uri, start.name
-        self.refused: Set[Refusal] = set()
-        self.refusals: List[Refusal] = []  # the same in order
+        self.refusals: List[Refusal] = []  # in force
         self.refused_total: Counter[str] = Counter()  # kind -> how many since the start
         self.ready = False
         self.status, self.status_stale = "", False
@@ -167,17 +166,16 @@ class MasterSync:
     # What people see
 
     def _report(self, refused: List[Refusal]) -> None:
-        now_refused = set(refused)
-        new = [item for item in refused if item not in self.refused]
+        before, self.refusals = set(self.refusals), refused
+        new = [item for item in refused if item not in before]
         for item in new[:LINES]:
             program.LOG.warning("%s", report.describe_refusal(item))
         if len(new) > LINES:
             program.LOG.warning("... and %d more refusals, see /diagnostics", len(new) - LINES)
-        for item in self.refused - now_refused:
+        for item in before.difference(refused):
             program.LOG.info("%s", report.describe_refusal_end(item))
         self.refused_total.update(item.kind for item in new)
-        before, self.refused, self.refusals = self.refused, now_refused, refused
-        if now_refused != before:
+        if before != set(refused):
             self.display.mark_stale()
             self.display.look(self.diagnostics)
 
@@ -196,7 +194,7 @@ class MasterSync:
                 round_failures_total=rounds.failures,
             ),
             "registration_changes_total": {(what,): rounds.made[what] for what in metrics.CHANGES},
-            **report.refusal_samples(self.refused, self.refused_total),
+            **report.refusal_samples(set(self.refusals), self.refused_total),
             **report.registration_samples(names, dict(rounds.held)),
         }
 
@@ -226,8 +224,8 @@ class MasterSync:
             for uri, remote in remotes
         )
         text = "; ".join(shares) or "no other master"
-        refused = sorted({item.name for item in self.refused if item.kind != "limit"})
-        limited = sorted(item.master for item in self.refused if item.kind == "limit")
+        refused = sorted({item.name for item in self.refusals if item.kind != "limit"})
+        limited = sorted({item.master for item in self.refusals if item.kind == "limit"})
         text += f"; refused: {', '.join(map(quote, refused))}" if refused else ""
         text += f"; not all of {', '.join(limited)}: too many" if limited else ""
         if text != self.status:
@@ -253,7 +251,7 @@ class MasterSync:
 
 def _core(start: local_roscore.Start) -> Sync:
     values = start.values
-    keep = values["resync_on_reconnect_timeout"] if values["resync_on_reconnect"] else None
+    keep = values["resync_on_reconnect_timeout"] if values["resync_on_reconnect"] else NEVER
     remote, on_demand = values["sync_remote_nodes"], values["sync_topics_on_demand"]
     return Sync(Filters(values), start.uri, start.name, remote, on_demand, keep, Members.from_parameters(values))
 

@@ -28,7 +28,7 @@ PATIENCE = 1.0  # seconds from the announcement of a change until a followed mas
 DOUBT = 10.0  # seconds between two fetches of a followed master that told no change: anyone can write a stamp
 MISSING = 15.0  # seconds that a master may be missing in the list (of a discovery node that has just started)
 
-LONG_AGO = float("-inf")
+LONG_AGO, NEVER = float("-inf"), float("inf")
 KINDS = ("publisher", "subscriber", "service")  # each has a table in a State and in a View, under its plural
 
 Row = Tuple[str, str, str]  # kind, topic or service, node
@@ -258,8 +258,8 @@ class Remote:
     due: Optional[float] = None
     fetching: bool = False
     failures: int = 0
-    offline_since: Optional[float] = None
-    missing_since: Optional[float] = None
+    offline_since: float = NEVER  # NEVER: it is online
+    missing_since: float = NEVER  # in the list of discovery
     asking_for: float = 0.0  # the announced local stamp when the present fetch began
     answered_for: float = 0.0  # the same of the last successful fetch
     began: float = LONG_AGO  # when the last fetch began
@@ -280,10 +280,10 @@ class Sync:
         own_node: str,
         sync_remote_nodes: bool,
         on_demand: bool,
-        keep_offline: Optional[float],
+        keep_offline: float,
         members: Optional[Members] = None,
     ) -> None:
-        """`keep_offline`: seconds that the registrations of an offline master are kept, None for ever."""
+        """`keep_offline`: seconds that the registrations of an offline master are kept."""
         self.members = Members() if members is None else members
         self.filters, self.own_uri, self.own_node = filters, own_uri, own_node
         self.sync_remote_nodes, self.on_demand, self.keep_offline = sync_remote_nodes, on_demand, keep_offline
@@ -299,11 +299,8 @@ class Sync:
                 self.take_announcement(master, now)
         present = {master.uri for master in masters} | newer
         for uri, remote in list(self.remotes.items()):
-            if uri in present:
-                remote.missing_since = None
-            elif remote.missing_since is None:
-                remote.missing_since = now
-            elif now - remote.missing_since >= MISSING:
+            remote.missing_since = NEVER if uri in present else min(now, remote.missing_since)
+            if now - remote.missing_since >= MISSING:
                 del self.remotes[uri]
 
     def remove(self, uri: str) -> None:
@@ -324,13 +321,13 @@ class Sync:
             remote.rules, remote.parameter_rules = self._rules(master)
             remote.state = None
         before, remote.announced = remote.announced, master
-        remote.missing_since = None
+        remote.missing_since = NEVER
         if not master.online:
-            remote.offline_since = now if remote.offline_since is None else remote.offline_since
+            remote.offline_since = min(now, remote.offline_since)
             return
         if self._is_expired(remote, now):
             remote.state = None
-        remote.offline_since = None
+        remote.offline_since = NEVER
         if not self._is_outdated(remote):
             if remote.following:
                 remote.due = None  # an earlier announcement was wrong
@@ -524,21 +521,11 @@ class Sync:
 
     def next_expiry(self, now: float) -> Optional[float]:
         """The time at which the registrations of an offline master end."""
-        if self.keep_offline is None:
-            return None
-        times = [
-            remote.offline_since + self.keep_offline
-            for remote in self.remotes.values()
-            if remote.offline_since is not None
-        ]
-        return min((time for time in times if time > now), default=None)
+        times = (remote.offline_since + self.keep_offline for remote in self.remotes.values())
+        return min((time for time in times if now < time < NEVER), default=None)
 
     def _is_expired(self, remote: Remote, now: float) -> bool:
-        return (
-            remote.offline_since is not None
-            and self.keep_offline is not None
-            and now >= remote.offline_since + self.keep_offline
-        )
+        return now >= remote.offline_since + self.keep_offline
 
     def _is_outdated(self, remote: Remote) -> bool:
         """True where a newer state was announced. A state fetched after an announcement counts as the announced one."""
