@@ -11,12 +11,12 @@ After a boot of the computer a node of another computer counts only from its fir
 
 import logging
 import xmlrpc.client
-from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import closing
 from functools import partial
 from typing import TYPE_CHECKING, Callable, Dict, List, Optional, Sequence, Set
 
-from ..edge.loop import Workers, run_later
+from ..edge.clock import monotonic
+from ..edge.loop import Loop, Workers, run_later
 from ..edge.rpc_client import Rpc
 from ..protocol.xml_rpc import NODE
 from .core.registry import NodeKey, Record, Registry, node_of
@@ -191,10 +191,21 @@ class Survivors:
 
 def find_alive(registry: Registry, seconds: float) -> Set[NodeKey]:
     """The nodes of a registry, by name and URI, that answer within this time."""
-    pool = ThreadPoolExecutor(THREADS)
-    jobs = {pool.submit(ask, *node, records): node for node, records in group_by_node(registry).items()}
-    answers, late = wait(jobs, seconds)
-    for job in late:
-        job.cancel()
-    pool.shutdown(wait=False)
-    return {jobs[job] for job in answers if job.exception() is None and job.result() is not None}
+    loop, nodes, alive = Loop(), group_by_node(registry), set()
+    left, end = set(nodes), monotonic() + seconds
+
+    def on_answer(node: NodeKey, ended: Optional[List[Record]], _problem: Optional[Exception]) -> None:
+        left.discard(node)
+        if ended is not None:
+            alive.add(node)
+
+    def tick(now: float) -> float:
+        if not left or now >= end:
+            loop.stop()
+        return end
+
+    workers = Workers(loop, min(THREADS, len(nodes)), len(nodes) + 1)
+    for node, records in nodes.items():
+        workers.submit(partial(ask, *node, records), partial(on_answer, node))
+    loop.run(tick)
+    return alive
