@@ -376,7 +376,7 @@ def test_programs_of_another_computer_make_no_changes_together(roscore):
 
 
 def test_changes_within_changes_are_handed_on_at_their_end(roscore):
-    with roscore.master._changing():
+    with roscore.master._collect_changes():
         some(roscore)
         assert roscore.handed == []
     assert len(roscore.handed) == 8

@@ -251,7 +251,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         if name not in self._known:
             raise Exception(f'method "{name}" is not supported')  # in the words of the standard library
         if name in CHANGES:
-            with self._changing():
+            with self._collect_changes():
                 return self._change(name, arguments)
         if name == "getParam":
             with self.ps_lock:  # its answer is a part of the tree, which changes while it is written
@@ -277,7 +277,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def _run_calls(self, calls: List[Any]) -> List[Any]:
         """The results; of a call that fails, a text that says why."""
         results: List[Any] = []
-        with self._changing():
+        with self._collect_changes():
             for name, *arguments in calls:
                 try:
                     if name not in CHANGES:
@@ -462,7 +462,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             self._restored.pop(_registration_key(record), None)
 
     @contextlib.contextmanager
-    def _changing(self) -> Iterator[None]:
+    def _collect_changes(self) -> Iterator[None]:
         """Hold the lock. What was changed is handed on before it is free."""
         with self.ps_lock:
             self._depth += 1
@@ -525,7 +525,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def restore(self, registry: Registry) -> None:
         """Take the knowledge of an earlier life. Call it before the first request."""
         manager = self.reg_manager
-        with self._changing():
+        with self._collect_changes():
             for node in registry.values("node").items():
                 self._node(*node)
             self.param_server.parameters.update(registry.parameters)  # it has none yet
@@ -572,7 +572,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def readmit(self, registry: Registry) -> None:
         """Register nodes as if they did it themselves, and tell them the answers. A name that is taken stays with its node."""
-        with self._changing():
+        with self._collect_changes():
             types = registry.values("type")
             for record in registry.facts.values():
                 kind, key = record[:2]
@@ -598,7 +598,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def end_node(self, name: str, uri: str) -> None:
         """End a node that is dead, or whose port has another owner. What it registered since the restart stays."""
-        with self._changing():
+        with self._collect_changes():
             if not self.has(name, uri):
                 return
             for key in [key for key in self._restored if key[2] == name]:
@@ -619,7 +619,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def bury(self, name: str, uri: str) -> None:
         """End a dead node that had withdrawn everything."""
-        with self._changing():
+        with self._collect_changes():
             if self.has(name, uri) and self.has_ended(name):
                 node = self.reg_manager.nodes[name]
                 for key in list(node.param_subscriptions):
@@ -630,7 +630,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def end_registration(self, record: Record) -> bool:
         """End a restored registration, unless it was made again since. Whether it was there."""
         kind, key, name, uri = record[:4]
-        with self._changing():
+        with self._collect_changes():
             if _registration_key(record) not in self._restored:
                 return False
             del self._restored[_registration_key(record)]
