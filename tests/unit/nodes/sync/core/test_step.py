@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosfleet_multimaster.protocol.messages import Registration
-from rosfleet_multimaster.sync.core.step import Knowledge, apply_plan, names, step
+from rosfleet_multimaster.sync.core.step import Knowledge, apply_plan, condition_of, step
 from rosfleet_multimaster.sync.core.sync import Candidate, View, plan
 
 MASTER, THIRD = "http://robot2:11311/", "http://robot3:11311/"
@@ -67,7 +67,7 @@ def test_a_step_is_what_a_round_would_do(before, now, own):
         Knowledge(view, first.claims, first.held, {refusal.name for refusal in first.refused}),
         lambda name, master: False,
     )
-    if found is None or any(node == "/own" and own for _call, node in names(found, first.claims, False).free):
+    if found is None or any(node == "/own" and own for _call, node in condition_of(found, first.claims, False)):
         return  # it takes a round; or what is asked before it is written says so
     whole = plan(wanted, view, first.claims)
     assert (found.register, found.unregister, found.held) == (whole.register, whole.unregister, whole.held)
@@ -90,16 +90,16 @@ def stepped(item, view=EMPTY, claims=(), held=(), refused=(), contested=False):
 def test_what_is_simple_is_planned_and_its_names_are_asked_for():
     found = stepped(ONE)
     assert found.register == [ONE] and found.claims == {ONE.node_key: MASTER} and found.types == {ONE: "std_msgs/Int32"}
-    assert names(found, {}, False).free == [("lookupNode", "/a")] and not names(found, {}, False).same
-    known = names(stepped(ONE, claims=[(ONE.node_key, MASTER)]), {ONE.node_key: MASTER}, False)
-    assert not known.free and known.same == {"/a": ONE.node_uri}
-    assert names(stepped(SERVICE), {}, False).free == [("lookupNode", "/a"), ("lookupService", "/get")]
+    assert condition_of(found, {}, False) == {("lookupNode", "/a"): None}
+    known = condition_of(stepped(ONE, claims=[(ONE.node_key, MASTER)]), {ONE.node_key: MASTER}, False)
+    assert known == {("lookupNode", "/a"): ONE.node_uri}
+    assert condition_of(stepped(SERVICE), {}, False) == dict.fromkeys([("lookupNode", "/a"), ("lookupService", "/get")])
 
 
 def test_a_roscore_that_guards_names_is_asked_for_services_alone():
-    assert not any(names(stepped(ONE), {}, True))
-    assert not any(names(stepped(ONE, claims=[(ONE.node_key, MASTER)]), {ONE.node_key: MASTER}, True))
-    assert names(stepped(SERVICE), {}, True) == ([("lookupService", "/get")], {})
+    assert not condition_of(stepped(ONE), {}, True)
+    assert not condition_of(stepped(ONE, claims=[(ONE.node_key, MASTER)]), {ONE.node_key: MASTER}, True)
+    assert condition_of(stepped(SERVICE), {}, True) == {("lookupService", "/get"): None}
 
 
 @pytest.mark.parametrize(

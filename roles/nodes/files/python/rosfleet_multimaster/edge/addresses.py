@@ -8,8 +8,8 @@ import socket
 import struct
 from functools import partial
 from typing import Dict, Iterable, Iterator, List, NamedTuple, Set, Tuple
-from urllib.parse import urlsplit
 
+from ..protocol.members import host_of
 from .patience import run_with_limit
 
 # linux/netlink.h
@@ -171,11 +171,3 @@ def local_uris(uris: Iterable[str], seconds: float) -> Set[str]:
         known = {}
     own |= {host for host in others if host.startswith("127.") or known.get(host) in own}
     return {uri for uri, host in hosts.items() if host in own}
-
-
-def host_of(uri: str) -> str:
-    """The host in a URI; "" where there is none."""
-    try:
-        return urlsplit(uri).hostname or ""
-    except ValueError:  # [ without ]
-        return ""

@@ -7,7 +7,9 @@
 """
 
 import ipaddress
+from functools import lru_cache
 from typing import Any, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional
+from urllib.parse import urlsplit
 
 from .plain_text import quote
 
@@ -122,6 +124,15 @@ class Members:
 def normalize_uri(uri: str) -> str:
     """A URI of a master in one spelling: case and the slash at its end do not matter."""
     return uri.lower().rstrip("/")
+
+
+@lru_cache(4096)  # used with each news of a master
+def host_of(uri: str) -> str:
+    """The host of a URI; empty where it has none."""
+    try:
+        return urlsplit(uri).hostname or ""
+    except ValueError:  # [ without ]
+        return ""
 
 
 def port_of(uri: str) -> int:

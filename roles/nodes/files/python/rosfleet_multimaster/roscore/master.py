@@ -26,6 +26,7 @@ from ..edge.clock import monotonic
 from ..edge.loop import start_thread
 from ..edge.roscore import TOGETHER
 from ..protocol import imports, json_text
+from ..protocol.members import host_of
 from ..protocol.plain_text import plain, quote
 from . import programs
 from .core.bounds import BOUNDS, Refusal, Usage, check_names, is_writable, refuse, weigh, weigh_parameter
@@ -417,7 +418,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         callers = self._enders.get((call.uri, call.key[1]), set())
         if any(own for _address, own in callers) and addresses.local_uris([call.uri], RESOLVE):
             return True
-        host = addresses.host_of(call.uri)
+        host = host_of(call.uri)
         if addresses.addresses_of_all([host]).get(host) in {address for address, _own in callers}:
             return True
         self.callbacks.on_spared_node(call.key[1], call.uri)

@@ -4,12 +4,12 @@
 
 import logging
 import threading
-import urllib.parse
 from contextlib import closing
 from typing import Any, Callable, Optional, Tuple
 
 from ..edge.clock import monotonic
 from ..edge.rpc_client import Rpc
+from ..protocol.members import host_of
 from .core.notifications import WORKERS, Call, Notifications
 
 _log = logging.getLogger("rosfleet.notifier")
@@ -29,12 +29,8 @@ class Notifier:
 
     def tell(self, uri: str, method: str, name: str, arguments: Tuple[Any, ...]) -> None:
         """Queue a call of a node. It replaces the waiting one of the same method and name."""
-        try:
-            host = urllib.parse.urlsplit(uri).hostname or ""
-        except ValueError:
-            host = ""
         with self._wake:
-            self._plan.add(uri, host, method, name, arguments)
+            self._plan.add(uri, host_of(uri), method, name, arguments)
             self._call_worker()
 
     def _call_worker(self) -> None:

@@ -10,7 +10,6 @@ from collections import Counter
 from dataclasses import replace
 from functools import partial
 from typing import AbstractSet, Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
-from urllib.parse import urlsplit
 from xmlrpc.client import Fault
 
 from ..edge.clock import monotonic
@@ -19,10 +18,11 @@ from ..edge.process import program
 from ..edge.rpc_client import Rpc
 from ..protocol import imports
 from ..protocol.imports import Claims
+from ..protocol.members import host_of
 from ..protocol.messages import Registration
 from ..protocol.plain_text import quote
 from .core import limits
-from .core.step import Knowledge, Names, apply_plan, names, step
+from .core.step import Condition, Knowledge, apply_plan, condition_of, step
 from .core.sync import Candidate, Plan, Refusal, Sync, View, calls, nodes_of, plan
 from .disconnector import Disconnector
 from .roscore_graph import RoscoreGraph
@@ -197,7 +197,7 @@ class Rounds:
         self.working = True
         before = self.held
         self.held = {**before, **todo.held}  # as above: reported before it is visible
-        condition = names(todo, self.claims, self._graph.guards_names)
+        condition = condition_of(todo, self.claims, self._graph.guards_names)
         self._calls.submit(
             lambda: self._write(todo, condition),
             lambda results, why: self._on_step_results(todo, before, results, why),
@@ -243,13 +243,10 @@ class Rounds:
 
     # Write
 
-    def _write(self, todo: Plan, condition: Optional[Names] = None) -> List[Any]:
+    def _write(self, todo: Plan, condition: Optional[Condition] = None) -> List[Any]:
         """Make all calls in one request, the record of imports first; in the thread of the roscore. Raises NameTaken."""
-        if condition is not None and any(condition):
-            free, same = condition
-            uris = self._roscore.ask(*free, *(("lookupNode", node) for node in same))
-            if any(uris[: len(free)]) or uris[len(free) :] != list(same.values()):
-                raise NameTaken
+        if condition and self._roscore.ask(*condition) != list(condition.values()):
+            raise NameTaken
         record: List[Tuple[Any, ...]] = []
         if todo.claims != self.claims:
             record = [("setParam", imports.IMPORTS, self._record(todo.claims))]
@@ -288,7 +285,7 @@ class Rounds:
 
     def _name(self, master: str) -> str:
         remote = self._core.remotes.get(master)
-        return remote.announced.name if remote is not None else urlsplit(master).hostname or master
+        return remote.announced.name if remote is not None else host_of(master) or master
 
     def _tell_publishers(self, item: Registration, master: str, publishers: List[str]) -> None:
         """Tell a subscriber on another robot its publishers: a roscore tells only the caller."""

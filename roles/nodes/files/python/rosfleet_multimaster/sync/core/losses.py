@@ -13,15 +13,12 @@ Free of sockets, threads and clocks.
 """
 
 import re
-import urllib.parse
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Set, Tuple
 
-from ...protocol.members import Members
+from ...protocol.members import Members, host_of, port_of
 from ...protocol.messages import NodeKey, Registration
 from .permission import LOWEST, ports
-from .places import PARSED, host_of
 from .sync import View
 
 FORGET = 930.0  # seconds after a loss: by then TCP itself has given up (net.ipv4.tcp_retries2)
@@ -140,8 +137,8 @@ class Losses:
         believed = self._robot_addresses(uri)
         endpoints: Set[Tuple[str, int]] = set()
         for node in master.nodes:
-            port = _port(node)
-            if port >= LOWEST and port not in self._ports:
+            port = port_of(node[1])
+            if LOWEST <= port < 1 << 16 and port not in self._ports:
                 endpoints.update((address, port) for address in self._host_addresses(host_of(node[1])) & believed)
         return endpoints
 
@@ -175,11 +172,3 @@ def _hosts(uri: str, master: _Master) -> Set[str]:
         if master.nodes
         else set()
     )
-
-
-@lru_cache(PARSED)
-def _port(node: NodeKey) -> int:
-    try:
-        return urllib.parse.urlsplit(node[1]).port or 0
-    except ValueError:
-        return 0

@@ -8,18 +8,16 @@ leads to them. An allowed stranger has its own address, those in networks of thi
 second master on this computer has nodes here.
 """
 
-from functools import lru_cache
 from typing import Container, Dict, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional, Set
 from urllib.parse import urlsplit
 
 from ...protocol.graph import State
-from ...protocol.members import Member, Members
+from ...protocol.members import Member, Members, host_of
 from ...protocol.plain_text import quote
 from .permission import LOWEST
 
 LOCAL_NAMES = ("", "localhost", "localhost.localdomain", "ip6-localhost")
 MAX_NAMES = 16  # hosts of one state that are looked up
-PARSED = 4096  # parsed URIs that are kept: they are used with each news of a master
 
 
 class LocalNetwork(NamedTuple):
@@ -95,15 +93,6 @@ def names_to_resolve(state: State, members: Members) -> List[str]:
     known = member.hosts if member is not None else frozenset()
     hosts: Set[str] = {host_of(uri).lower() for uri in uris(state)}
     return sorted(host for host in hosts if host and host not in known and not _is_address(host))[:MAX_NAMES]
-
-
-@lru_cache(PARSED)
-def host_of(uri: str) -> str:
-    """The host of a URI; empty where it has none."""
-    try:
-        return urlsplit(uri).hostname or ""
-    except ValueError:
-        return ""
 
 
 def uris(state: State) -> Iterable[str]:

@@ -5,7 +5,7 @@
 A round reads the whole roscore, and all registrations of all masters. With 3,000 topics, or where twenty robots meet,
 that takes longer than everything else. Most changes are simple: a node of another robot has one topic more or less, or a
 robot comes with topics that no other robot has. `step` plans only these, and gives the same plan as a round. Before
-anything is written, the roscore is asked whether the names are still free (`names`). Free of sockets, threads and clocks.
+anything is written, the roscore is asked whether the names are still free (`condition_of`). Free of sockets, threads and clocks.
 """
 
 from dataclasses import replace
@@ -26,11 +26,7 @@ class Knowledge(NamedTuple):
     refused: Container[str]  # names of nodes, services and topics with a refusal
 
 
-class Names(NamedTuple):
-    """Names that must be free, and nodes that must be where they were."""
-
-    free: List[Tuple[str, ...]]  # calls of the roscore that must fail
-    same: Dict[str, str]  # node -> URI
+Condition = Dict[Tuple[str, str], Optional[str]]  # call of the roscore -> the URI that it must answer; None: no URI
 
 
 def step(
@@ -104,17 +100,18 @@ def _names_of(masters: Mapping[Registration, str]) -> Set[Tuple[str, str]]:
     return nodes | {(item.name, master) for item, master in masters.items() if item.kind == "service"}
 
 
-def names(todo: Plan, claims: Mapping[NodeKey, str], guarded: bool) -> Names:
-    """The condition for a plan: its names have not been taken meanwhile.
+def condition_of(todo: Plan, claims: Mapping[NodeKey, str], guarded: bool) -> Condition:
+    """The condition for a plan: its names have not been taken meanwhile, and its nodes are where they were.
 
     `guarded`: the roscore itself guards the names of nodes.
     """
-    free: Set[Tuple[str, ...]] = {("lookupService", item.name) for item in todo.register if item.kind == "service"}
+    services: Condition = {("lookupService", item.name): None for item in todo.register if item.kind == "service"}
     if guarded:
-        return Names(sorted(free), {})
-    same = {item.node: item.node_uri for item in todo.register if item.node_key in claims}
-    free.update(("lookupNode", item.node) for item in todo.register if item.node not in same)
-    return Names(sorted(free), same)
+        return services
+    nodes: Condition = {
+        ("lookupNode", item.node): item.node_uri if item.node_key in claims else None for item in todo.register
+    }
+    return {**services, **nodes}
 
 
 def apply_plan(todo: Plan, view: View) -> View:
