@@ -30,7 +30,7 @@ def test_leftovers_wait_from_the_first_pass_of_the_loop(monkeypatch, after, kept
         types.SimpleNamespace(roscore=roscore),
         types.SimpleNamespace(note_registrations=lambda *news: None),
     )
-    questions = types.SimpleNamespace(guard=TypeGuard())
+    questions = types.SimpleNamespace(guard=TypeGuard(), ask=lambda verdict: None)
     node = ("/master_sync", "http://own:1/")
     made = module.Rounds(graph, node, core, questions, disconnector, workers, workers, limited, CALLBACKS)
     made.take_over()
@@ -118,7 +118,7 @@ def rounds_of(begun, last):
     node = ("/master_sync", "http://own:1/")
     disconnector, questions = (
         types.SimpleNamespace(note_registrations=lambda *news: None),
-        types.SimpleNamespace(guard=TypeGuard()),
+        types.SimpleNamespace(guard=TypeGuard(), ask=lambda verdict: None),
     )
     return module.Rounds(graph, node, core, questions, disconnector, workers, workers, program.LimitedLog(), CALLBACKS)
 

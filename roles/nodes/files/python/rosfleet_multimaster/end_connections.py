@@ -9,6 +9,7 @@ root alone, and without ROS.
 
 import json
 import logging
+from functools import partial
 from typing import Any, List
 
 from .edge import connections
@@ -18,38 +19,26 @@ from .edge.journal import plain_streams, say
 from .edge.process.systemd import notify, watchdog
 from .protocol.members import Members
 from .sync.connection_ender import Outcome, Pair, open_listener, serve_one
-from .sync.core.permission import Permission
+from .sync.core.permission import find_refusal
 
 PER_SECOND = 256  # connections that are ended in a second; a request counts as one at least
 IDLE = 10.0  # seconds between two signs of life without a watchdog
 
 
-class Ender:
-    """Answers requests."""
-
-    def __init__(self, permission: Permission, problem: str) -> None:
-        """`problem`: why nothing can be ended here; empty where it can."""
-        self._permission, self._problem = permission, problem
-
-    def answer(self, asked: List[Pair]) -> Outcome:
-        """End those of these connections that may be ended."""
-        if self._problem or not asked:
-            return Outcome([], self._problem)
-        try:
-            own = network().own
-            refused = {pair: self._permission.refusal(*pair, own) for pair in asked}
-            wanted = {pair for pair, refusal in refused.items() if not refusal}
-            ended = connections.end_all(lambda found: (found.local, found.remote) in wanted) if wanted else []
-        except OSError as problem:
-            return Outcome([], str(problem))
-        for found in ended:
-            say(
-                f"the connection from port {found.local[1]} to {found.remote[0]}:{found.remote[1]} is ended",
-                logging.INFO,
-            )
-        return Outcome(
-            [(found.local, found.remote) for found in ended], "; ".join(sorted(set(refused.values()) - {""}))
-        )
+def answer(members: Members, problem: str, asked: List[Pair]) -> Outcome:
+    """End those of these connections that may be ended. `problem`: why nothing can be; empty where it can."""
+    if problem or not asked:
+        return Outcome([], problem)
+    try:
+        own = network().own
+        refused = {pair: find_refusal(members, *pair, own) for pair in asked}
+        wanted = {pair for pair, refusal in refused.items() if not refusal}
+        ended = connections.end_all(lambda found: (found.local, found.remote) in wanted) if wanted else []
+    except OSError as error:
+        return Outcome([], str(error))
+    for found in ended:
+        say(f"the connection from port {found.local[1]} to {found.remote[0]}:{found.remote[1]} is ended", logging.INFO)
+    return Outcome([(found.local, found.remote) for found in ended], "; ".join(sorted(set(refused.values()) - {""})))
 
 
 def main(parameters: str, path: str) -> None:
@@ -58,13 +47,13 @@ def main(parameters: str, path: str) -> None:
     with open(parameters, encoding="utf-8") as file:
         given: Any = json.load(file)
     problem = _problem()
-    ender = Ender(Permission(Members.from_parameters(given)), problem)
+    members = Members.from_parameters(given)
     patience = min(IDLE, (watchdog() or IDLE) / 4)
     with open_listener(path) as listener:
         notify("READY=1", f"STATUS={problem or 'connections with lost robots are ended'}")
         while True:
             notify("WATCHDOG=1")
-            count = serve_one(listener, patience, ender.answer)
+            count = serve_one(listener, patience, partial(answer, members, problem))
             sleep(max(1, count) / PER_SECOND)
 
 

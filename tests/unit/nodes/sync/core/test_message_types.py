@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import pytest
 from rosfleet_multimaster.protocol.messages import Registration
-from rosfleet_multimaster.sync.core.message_types import AGAIN, Question, TypeGuard
+from rosfleet_multimaster.sync.core.message_types import AGAIN, TypeGuard
 from rosfleet_multimaster.sync.core.sync import Candidate, View
 
 R2, R3 = "http://robot2:11311/", "http://robot3:11311/"
@@ -41,19 +41,19 @@ class Robot:
 
     def judge(self, wanted, view, claims=None, stamps=None, answer=True):
         verdict = self.guard.judge(wanted, view, claims or {}, stamps or STAMPS, self.now)
-        self.asked += verdict.questions
-        for question in verdict.questions if answer else ():
-            if question.node:
-                self.guard.take_node_types(question.node, self.own and {TOPIC: self.own}, self.now)
-            else:
-                sums = dict.fromkeys(question.types, self.there) if self.there else None
-                self.guard.take_md5sums(question.master, sums, dict.fromkeys(question.types, self.here), self.now)
+        self.asked += [*verdict.nodes, *verdict.masters.items()]
+        for node in verdict.nodes if answer else ():
+            self.guard.take_node_types(node, self.own and {TOPIC: self.own}, self.now)
+        for master, types in verdict.masters.items() if answer else ():
+            sums = dict.fromkeys(types, self.there) if self.there else None
+            self.guard.take_md5sums(master, sums, dict.fromkeys(types, self.here), self.now)
         return verdict
 
     def settled(self, wanted, view, claims=None, stamps=None):
-        while self.judge(wanted, view, claims, stamps).questions:
-            pass
-        return self.judge(wanted, view, claims, stamps)
+        verdict = self.judge(wanted, view, claims, stamps)
+        while verdict.nodes or verdict.masters:
+            verdict = self.judge(wanted, view, claims, stamps)
+        return verdict
 
 
 def test_a_topic_without_own_nodes_is_nobodys_business():
@@ -68,7 +68,7 @@ def test_a_shared_topic_is_registered_when_both_types_are_known():
     assert robot.judge([want(STRING)], view, answer=False).wanted == []
     robot = Robot()
     assert robot.settled([want(STRING)], view).wanted == [want(STRING)]
-    assert robot.asked == [Question(OWN), Question(None, R2, frozenset([STRING]))]
+    assert robot.asked == [OWN, (R2, {STRING})]
 
 
 @pytest.mark.parametrize("own", ["publishers", "subscribers"])
@@ -108,10 +108,10 @@ def test_an_own_node_without_an_answer_is_asked_again_later():
     robot = Robot(own=None)
     assert robot.settled([want(STRING)], roscore()).wanted == [want(STRING)]
     assert robot.settled([want(INT)], roscore()).refused
-    assert robot.asked == [Question(OWN)]  # and no class is imported for a type that no own node has named
+    assert robot.asked == [OWN]  # and no class is imported for a type that no own node has named
     robot.now += AGAIN
     robot.judge([want(STRING)], roscore())
-    assert robot.asked == [Question(OWN)] * 2
+    assert robot.asked == [OWN] * 2
 
 
 def test_only_the_conflicting_master_is_refused():

@@ -4,7 +4,7 @@
 
 import pytest
 from rosfleet_multimaster.protocol.members import Members
-from rosfleet_multimaster.sync.core.permission import Permission
+from rosfleet_multimaster.sync.core.permission import find_refusal
 
 ROBOT2 = {
     "robot": "robot2",
@@ -14,9 +14,7 @@ ROBOT2 = {
     "addresses": ["192.168.1.2"],
     "hosts": ["robot2", "192.168.1.2", "robot2-arm", "192.168.12.7"],
 }
-PERMISSION = Permission(
-    Members.from_parameters({"members": [ROBOT2], "strangers": "allow", "allow": ["192.168.1.96/29"]})
-)
+MEMBERS = Members.from_parameters({"members": [ROBOT2], "strangers": "allow", "allow": ["192.168.1.96/29"]})
 HERE, OWN = ("192.168.1.1", 41000), {"192.168.1.1", "127.0.0.1", "192.168.1.97"}
 
 
@@ -39,8 +37,8 @@ HERE, OWN = ("192.168.1.1", 41000), {"192.168.1.1", "127.0.0.1", "192.168.1.97"}
     ],
 )
 def test_connections_with_computers_of_the_fleet_may_be_ended(local, remote, why):
-    assert PERMISSION.refusal(local, remote, OWN) == why
+    assert find_refusal(MEMBERS, local, remote, OWN) == why
 
 
 def test_without_members_nothing_may_be_ended():
-    assert "no computer of the fleet" in Permission(Members()).refusal(HERE, ("192.168.1.2", 40000), OWN)
+    assert "no computer of the fleet" in find_refusal(Members(), HERE, ("192.168.1.2", 40000), OWN)

@@ -234,8 +234,7 @@ class Rounds:
         if not self._withdrawn and (now - self._started < LEFTOVERS or not self._callbacks.has_list()):
             wanted += _leftovers(view, claims, met)
         verdict = self._questions.guard.judge(wanted, view, claims, self._core.stamps(), now)
-        for question in verdict.questions:
-            self._questions.ask(question)
+        self._questions.ask(verdict)
         todo = plan(verdict.wanted, view, claims)
         todo.refused += verdict.refused + self._state_refusals()
         self._disconnector.note_registrations(todo.held, view, claims, now)

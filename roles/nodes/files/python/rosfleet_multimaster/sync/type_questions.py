@@ -11,7 +11,7 @@ from ..edge.loop import Loop, Workers
 from ..edge.rpc_client import Rpc
 from ..protocol.messages import NodeKey
 from ..protocol.xml_rpc import NODE
-from .core.message_types import Question, TypeGuard
+from .core.message_types import TypeGuard, Verdict
 
 TYPES = 200  # types in one question to another master: the answer must fit
 TIMEOUT = 2.0  # seconds for the answer of an own node or of another master
@@ -35,15 +35,13 @@ class TypeQuestions:
         self.guard = TypeGuard()
         self._monitor_of, self._md5sum, self._on_answer = monitor_of, md5sum, on_answer
 
-    def ask(self, question: Question) -> None:
-        """Ask, and hand the answer to the guard later."""
-        if question.node is not None:
-            self._workers.submit(partial(_types_of, question.node[1]), partial(self._take_types, question.node))
-            return
-        monitor, types = self._monitor_of(question.master), sorted(question.types)
-        self._workers.submit(
-            partial(_md5sums, monitor, types, self._md5sum), partial(self._take_md5sums, question.master)
-        )
+    def ask(self, verdict: Verdict) -> None:
+        """Ask what is to be asked, and hand the answers to the guard later."""
+        for node in verdict.nodes:
+            self._workers.submit(partial(_types_of, node[1]), partial(self._take_types, node))
+        for master, types in verdict.masters.items():
+            job = partial(_md5sums, self._monitor_of(master), sorted(types), self._md5sum)
+            self._workers.submit(job, partial(self._take_md5sums, master))
 
     def _take_types(self, node: NodeKey, types: Optional[Dict[str, str]], _problem: Optional[Exception]) -> None:
         self.guard.take_node_types(node, types, monotonic())

@@ -23,20 +23,13 @@ Key = TypeVar("Key")
 Users = Mapping[NodeKey, None]  # own nodes on a topic, in their order
 
 
-class Question(NamedTuple):
-    """A question to an own node for the types of its topics, or (without `node`) to a master for md5 sums of types."""
-
-    node: Optional[NodeKey]
-    master: str = ""
-    types: AbstractSet[str] = frozenset()
-
-
 class Verdict(NamedTuple):
     """The candidates to register now, the conflicts, and the questions to ask."""
 
     wanted: List[Candidate]
     refused: List[Refusal]
-    questions: List[Question]
+    nodes: List[NodeKey]  # own nodes to be asked for the types of their topics
+    masters: Mapping[str, AbstractSet[str]]  # master to be asked -> types whose md5 sums are wanted
 
 
 class _Book(Generic[Key]):
@@ -110,10 +103,10 @@ class TypeGuard:
             for node in users[topic]:
                 if node[1]:
                     nodes.setdefault(node, set()).add(topic)
-        questions = [Question(node) for node in self._nodes.open(nodes, {}, now)]
+        asked_nodes = self._nodes.open(nodes, {}, now)
         named = {topic: self._types_of_users(topic, users[topic]) for topic in topics}
         types = _group_by_master(shared, named)
-        questions += [Question(None, master, types[master]) for master in self._masters.open(types, stamps, now)]
+        asked_masters = {master: types[master] for master in self._masters.open(types, stamps, now)}
         held, conflicts = view.registrations(claims), self._conflicts(shared, users, named, view)
 
         def is_ready(item: Candidate) -> bool:
@@ -125,7 +118,7 @@ class TypeGuard:
             return item.registration in held or not self._waits(item, users[topic], named[topic])
 
         refused = [Refusal("type", topic, master, *sides) for (topic, master), sides in conflicts.items()]
-        return Verdict([item for item in wanted if is_ready(item)], refused, questions)
+        return Verdict([item for item in wanted if is_ready(item)], refused, asked_nodes, asked_masters)
 
     def take_node_types(self, node: NodeKey, types: Optional[Mapping[str, str]], now: float) -> None:
         """Take the answer of an own node: topic -> type; None where it does not answer."""

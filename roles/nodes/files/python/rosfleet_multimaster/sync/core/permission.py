@@ -14,26 +14,18 @@ LOWEST = 1024  # ports below it are of ssh and the like, never of a node
 Endpoint = Tuple[str, int]
 
 
-class Permission:
-    """The permission to end connections, from the members of the fleet."""
-
-    def __init__(self, members: Members) -> None:
-        self._hosts = frozenset(host for robot in members.robots for host in robot.hosts)
-        self._allow = members.allow
-        self._ports = ports(members)
-
-    def refusal(self, local: Endpoint, remote: Endpoint, own: Collection[str]) -> str:
-        """Why this connection may not be ended; empty where it may. `own`: the addresses of this computer."""
-        if remote[0] in own:
-            return f"{remote[0]} is this computer"
-        if remote[0] not in self._hosts and remote[0] not in self._allow:
-            return f"{remote[0]} is no computer of the fleet"
-        for _address, port in (local, remote):
-            if port < LOWEST:
-                return f"port {port} is below {LOWEST}"
-            if port in self._ports:
-                return f"port {port} is that of a roscore or of discovery"
-        return ""
+def find_refusal(members: Members, local: Endpoint, remote: Endpoint, own: Collection[str]) -> str:
+    """Why this connection may not be ended; empty where it may. `own`: the addresses of this computer."""
+    if remote[0] in own:
+        return f"{remote[0]} is this computer"
+    if not members.knows(remote[0]):
+        return f"{remote[0]} is no computer of the fleet"
+    for _address, port in (local, remote):
+        if port < LOWEST:
+            return f"port {port} is below {LOWEST}"
+        if port in ports(members):
+            return f"port {port} is that of a roscore or of discovery"
+    return ""
 
 
 def ports(members: Members) -> FrozenSet[int]:
