@@ -43,7 +43,7 @@ class Roscore:
         self._workers = Workers(self._loop, THREADS, 1 << 16)
         callbacks = master.Callbacks(
             self._on_changes,
-            self._on_leaving,
+            lambda *node: self._survivors.look_after(*node),
             lambda refusal: self._refusals.add(refusal.bound, str(refusal)),
             self._on_spared_node,
             self._wait,
@@ -121,9 +121,6 @@ class Roscore:
     def _wait(self) -> None:
         if self._store is not None and not self._store.wait():
             raise refuse("under way", "what is changed now, with what others change,")
-
-    def _on_leaving(self, name: str, uri: str) -> None:
-        self._survivors.look_after(name, uri)
 
     def _on_spared_node(self, name: str, uri: str) -> None:
         text = f"{quote(name)} at {quote(uri)} is not told to end: neither it nor its successor was registered from its computer"

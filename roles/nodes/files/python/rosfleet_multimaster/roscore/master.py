@@ -51,11 +51,11 @@ CHANGES = {
     "setParam": 0,
     "deleteParam": 0,
 }
-_REGISTERS = {
-    "registerPublisher": "publishers",
-    "registerSubscriber": "subscribers",
-    "registerService": "services",
-    "subscribeParam": "param_subscribers",
+_REGISTERS = {  # method that registers something -> the kind of its record
+    "registerPublisher": "publisher",
+    "registerSubscriber": "subscriber",
+    "registerService": "service",
+    "subscribeParam": "listener",
 }
 _RESERVED = "/" + imports.IMPORTS.split("/")[1]  # what is below it is set by the collection alone
 PART = 200  # records that are read at once
@@ -67,12 +67,6 @@ _LISTS = {  # of a node in rosmaster
     "subscriber": "topic_subscriptions",
     "listener": "param_subscriptions",
     "service": "services",
-}
-_UNREGISTER = {
-    "publisher": "unregister_publisher",
-    "subscriber": "unregister_subscriber",
-    "listener": "unregister_param_subscriber",
-    "service": "unregister_service",
 }
 
 Note = Callable[[Record], None]
@@ -224,6 +218,8 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         self.reg_manager = _Manager(self.thread_pool, self._note, self._confirm, self._tell_topics)
         self.publishers, self.subscribers = self.reg_manager.publishers, self.reg_manager.subscribers
         self.services, self.param_subscribers = self.reg_manager.services, self.reg_manager.param_subscribers
+        tables = (self.publishers, self.subscribers, self.param_subscribers, self.services)
+        self._tables = {table.kind: table for table in tables}
         self.topics_types = _Values("type", self._note)
         self.param_server = paramserver.ParamDictionary(self.reg_manager)
         self._known = {
@@ -305,8 +301,9 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         at = CHANGES[name]
         check_names(arguments[:-1] if name == "setParam" else arguments)
         self._check_bounds(name, arguments)
-        arguments = self._protect(name, arguments)
-        growth = self._find_growth(name, arguments)
+        key = _find_parameter(name, arguments)
+        arguments = self._protect(name, key, arguments)
+        growth = self._find_growth(name, key, arguments)
         texts = len(arguments) > max(at, 1) and all(isinstance(arguments[place], str) for place in (0, at))
         if at and texts:
             refusal = self._refusal(arguments[0], arguments[at])
@@ -318,23 +315,22 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             self._spare = False
         if code == 1:
             self.usage.parameters += growth
-            self._note_change(name, arguments)
+            self._note_change(name, key, arguments)
         elif code == 0 and growth:  # rosmaster failed half way
             self.usage.parameters = weigh(self.param_server.parameters)
         return code, text, copy_tree(value)
 
-    def _note_change(self, name: str, arguments: Tuple[Any, ...]) -> None:
-        """Note what a call has changed."""
-        if name in ("setParam", "deleteParam"):
-            self._note_parameter(name, arguments)
+    def _note_change(self, name: str, key: str, arguments: Tuple[Any, ...]) -> None:
+        """Note what a call has changed. `key`: the parameter that it has set or deleted, or ""."""
+        if key:
+            self._note_parameter(key, ["set", key, arguments[2]] if name == "setParam" else ["delete", key])
         elif name in _REGISTERS:
             self._note_caller(arguments[0])
         if name.startswith("unregister") and self.has_ended(arguments[0]):
             self.callbacks.on_leaving(arguments[0], self.reg_manager.nodes[arguments[0]].api)
 
-    def _find_growth(self, name: str, arguments: Tuple[Any, ...]) -> int:
+    def _find_growth(self, name: str, key: str, arguments: Tuple[Any, ...]) -> int:
         """How much heavier the parameters get by a call. Raises Refusal. rosmaster answers wrong arguments."""
-        key = _find_parameter(name, arguments)
         if not key:
             return 0
         if name == "deleteParam":
@@ -353,16 +349,15 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         kind, at = _REGISTERS.get(name), CHANGES[name]
         if kind is None or len(arguments) <= at or not all(isinstance(text, str) for text in arguments):
             return
-        node, uri, key = arguments[0], arguments[at], arguments[2 if kind == "param_subscribers" else 1]
-        key = rosgraph.names.resolve_name(key, node) + ("/" if kind == "param_subscribers" else "")
-        users = getattr(self, kind).map.get(key, ())
-        texts = [text for text in arguments if isinstance(text, str)]
-        full = self.usage.is_full(*texts)
-        if (full or len(users) >= BOUNDS["users"].most) and (node, uri) not in users:
+        node, uri, key = arguments[0], arguments[at], arguments[2 if kind == "listener" else 1]
+        key = rosgraph.names.resolve_name(key, node) + ("/" if kind == "listener" else "")
+        users = self._tables[kind].map.get(key, ())
+        many = kind != "service" and len(users) >= BOUNDS["users"].most
+        if (many or self.usage.is_full(*arguments)) and (node, uri) not in users:
             self._forget_types()
-            if self.usage.is_full(*texts):
+            if self.usage.is_full(*arguments):
                 raise refuse("registrations", key)
-            if kind != "services" and len(users) >= BOUNDS["users"].most:
+            if many:
                 raise refuse("users", key)
 
     def _forget_types(self) -> None:
@@ -374,9 +369,8 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             if topic not in self.publishers.map and topic not in self.subscribers.map:
                 del self.topics_types[topic]
 
-    def _protect(self, name: str, arguments: Tuple[Any, ...]) -> Tuple[Any, ...]:
+    def _protect(self, name: str, key: str, arguments: Tuple[Any, ...]) -> Tuple[Any, ...]:
         """The arguments, with what is below the collection's own name as it is: others may not set it. Raises Refusal."""
-        key = _find_parameter(name, arguments)
         if not key or not touches(key, _RESERVED) or self._is_own_program():
             return arguments
         own = self._value(_RESERVED)
@@ -436,10 +430,9 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             return f"refused: {verdict.refusal}"
         return ""
 
-    def _note_parameter(self, name: str, arguments: Tuple[Any, ...]) -> None:
+    def _note_parameter(self, key: str, record: Record) -> None:
         """Note that a parameter was set or deleted."""
-        key = _find_parameter(name, arguments)
-        self._records.append(["set", key, arguments[2]] if name == "setParam" else ["delete", key])
+        self._records.append(record)
         for watched, last in self._last.items():
             if touches(key, watched):
                 value = self._value(watched)
@@ -460,7 +453,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def _confirm(self, record: Record) -> None:
         """Note that a registration was made, or made again by its node."""
         if self._restored:
-            self._restored.pop(_registration_key(record), None)
+            self._restored.pop(tuple(record[:4]), None)
 
     @contextlib.contextmanager
     def _collect_changes(self) -> Iterator[None]:
@@ -530,7 +523,6 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             for node in registry.values("node").items():
                 self._node(*node)
             self.param_server.parameters.update(registry.parameters)  # it has none yet
-            tables = {table.kind: table for table in (self.publishers, self.subscribers, self.param_subscribers)}
             for record in registry.facts.values():
                 kind, key, *rest = record
                 if kind == "type":
@@ -540,9 +532,9 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                     if kind == "service":
                         self.services.register(key, name, uri, rest[1])
                     else:  # as its method does, without a search for each
-                        tables[kind].map.setdefault(key, []).append((name, uri))
+                        self._tables[kind].map.setdefault(key, []).append((name, uri))
                     getattr(self._node(name, uri), _LISTS[kind]).append(key)
-                    self._restored[_registration_key(record)] = None
+                    self._restored[tuple(record[:4])] = None
             for topic in self.publishers.map:  # rosmaster lists no topics where one of them has no type
                 self.topics_types.setdefault(topic, "*")
             for watched in self._last:
@@ -632,10 +624,11 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         """End a restored registration, unless it was made again since. Whether it was there."""
         kind, key, name, uri = record[:4]
         with self._collect_changes():
-            if _registration_key(record) not in self._restored:
+            if (kind, key, name, uri) not in self._restored:
                 return False
-            del self._restored[_registration_key(record)]
-            getattr(self.reg_manager, _UNREGISTER[kind])(key, name, uri)
+            del self._restored[kind, key, name, uri]
+            ends = (None, uri) if kind == "service" else (uri,)  # of the node, and of the service
+            self.reg_manager._unregister(self._tables[kind], key, name, *ends)
             if kind == "publisher":
                 self._tell_topics([key])
         return True
@@ -660,10 +653,6 @@ def _find_parameter(name: str, arguments: Tuple[Any, ...]) -> str:
     if not all(isinstance(text, str) for text in arguments[:2]) or not arguments[1]:
         return ""
     return str(rosgraph.names.resolve_name(arguments[1], arguments[0]))
-
-
-def _registration_key(record: Record) -> Tuple[Any, ...]:
-    return tuple(record[:4])
 
 
 def _list_records(name: str, tree: Dict[str, Any]) -> Iterator[Record]:
