@@ -45,7 +45,6 @@ class MasterSync:
         self.refused_total: Counter[str] = Counter()  # kind -> how many since the start
         self.ready = False
         self.status, self.status_stale = "", False
-        self.farewell = ""
         self.own_local_stamp = 0.0
         self.news: Dict[str, float] = {}  # URI of a master -> when discovery told of it, since the last list
         roscore_calls = Workers(loop, 1)  # everything that is asked of the own roscore, one after the other
@@ -87,7 +86,6 @@ class MasterSync:
         program.on_signals(self.loop, self._end)
         notify("STATUS=looking for master_discovery")
         self.loop.run(self._tick)
-        program.LOG.info("%s", self.farewell)
         ros.stop("the service ends")
         return 0
 
@@ -207,7 +205,7 @@ class MasterSync:
 
     def _say_status(self) -> None:
         """Tell systemd what is registered. It takes a look at all of it, so not after each change of a busy fleet."""
-        if not self.finder.listed_once or not self.status_stale:
+        if not self.finder.listed_once:
             return
         self.status_stale = False
         topics: Dict[str, Set[str]] = {}
@@ -244,8 +242,8 @@ class MasterSync:
         self.rounds.withdraw(self._on_withdrawal)
 
     def _on_withdrawal(self, farewell: str) -> None:
-        self.farewell = farewell
         self.display.end()
+        program.LOG.info("%s", farewell)
         self.loop.stop()
 
 
