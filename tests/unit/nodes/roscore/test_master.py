@@ -19,6 +19,7 @@ from rosfleet_multimaster.protocol import imports  # noqa: E402
 from rosfleet_multimaster.roscore import master as module  # noqa: E402
 from rosfleet_multimaster.roscore.core import bounds  # noqa: E402
 from rosfleet_multimaster.roscore.core.registry import Registry  # noqa: E402
+from rosfleet_multimaster.roscore.refusals import Refusals  # noqa: E402
 
 A, B, FAR, NEW = (f"http://{host}:1234/" for host in ("a", "b", "far", "new"))
 
@@ -44,8 +45,8 @@ def ignore(*_what):
 class Roscore:
     def __init__(self):
         self.registry, self.handed, self.left = Registry(), [], []
-        heard = module.Callbacks(self.keep, lambda *of: self.left.append(of), ignore, ignore, ignore)
-        self.master = module.Master((imports.IMPORTS, "/watched"), heard)
+        heard = module.Callbacks(self.keep, lambda *of: self.left.append(of), ignore)
+        self.master = module.Master((imports.IMPORTS, "/watched"), heard, Refusals(ignore))
         self.told = self.master._notifier = Told()
         self.master.thread_pool._notifier = self.told
 
@@ -335,7 +336,7 @@ def test_a_node_that_has_something_is_not_buried(roscore):
 
 
 def test_others_can_call_no_other_names(roscore):
-    methods = roscore.master._methods()
+    methods = roscore.master.call("system.listMethods")
     assert {"registerPublisher", "getSystemState", "system.multicall"} <= set(methods)
     for name in ("_ready", "call", "restore", "end_node", "bury", "param_update_task", "nonsense", "__init__"):
         assert name not in methods
@@ -434,8 +435,6 @@ def test_a_port_that_is_taken_is_an_error(roscore):
 
 def test_what_is_beyond_a_bound_is_refused_and_changes_nothing(roscore):
     some(roscore)
-    counted = []
-    roscore.hear(on_refusal=lambda problem: counted.append(problem.bound))
     before = roscore.without_order()
     deep = 1
     for _level in range(70):
@@ -452,7 +451,7 @@ def test_what_is_beyond_a_bound_is_refused_and_changes_nothing(roscore):
         code, text, _value = roscore.master.answer(*[call[0], call[1:]])
         assert code == -1 and "more than the roscore takes" in text
     assert roscore.without_order() == before
-    assert counted == ["depth", "parameter", "watched", "name", "name", "name", "name"]
+    assert roscore.master.refusals._counts == {"depth": 1, "parameter": 1, "watched": 1, "name": 4}
 
 
 def test_registrations_are_bounded_and_may_be_repeated(roscore, monkeypatch):

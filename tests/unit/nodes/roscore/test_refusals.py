@@ -5,6 +5,7 @@
 from rosfleet_multimaster.discovery.core.report import roscore
 from rosfleet_multimaster.protocol.diagnosis import OK
 from rosfleet_multimaster.protocol.mirror import REFUSED, Mirror
+from rosfleet_multimaster.roscore.core.bounds import Refusal
 from rosfleet_multimaster.roscore.refusals import Refusals
 
 
@@ -14,9 +15,9 @@ def test_the_counts_are_told_and_shown(caplog):
     refusals.tick(1.0)
     assert told == [] and refusals.records() == []
     for bound in ("depth", "depth", ""):
-        refusals.add(bound, "too much\nof it")
+        refusals.add(Refusal("too much\nof it", bound))
     refusals.tick(1.0)
-    refusals.add("depth", "too much")
+    refusals.add(Refusal("too much", "depth"))
     refusals.tick(2.0)
     assert told == [[["parameter", REFUSED, {"depth": 2, "value": 1}]]]
     refusals.tick(3.1)

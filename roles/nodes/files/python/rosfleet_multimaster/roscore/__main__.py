@@ -41,14 +41,9 @@ class Roscore:
     def __init__(self, options: argparse.Namespace) -> None:
         self._options, self._loop = options, Loop()
         self._workers = Workers(self._loop, THREADS, 1 << 16)
-        callbacks = master.Callbacks(
-            self._on_changes,
-            lambda *node: self._survivors.look_after(*node),
-            lambda refusal: self._refusals.add(refusal.bound, str(refusal)),
-            self._on_spared_node,
-            self._wait,
-        )
-        self._master = master.Master(WATCHED, callbacks)
+        self._refusals = Refusals(self._tell)
+        callbacks = master.Callbacks(self._on_changes, lambda *node: self._survivors.look_after(*node), self._wait)
+        self._master = master.Master(WATCHED, callbacks, self._refusals)
         self._changes = Changes(
             uuid.uuid4().hex,
             self._master.ps_lock,
@@ -63,7 +58,6 @@ class Roscore:
         self._late: Optional[Registry] = None  # nodes of other computers, which may have survived a boot of this one
         self._uri, self._shown = "", ""
         self._settled = False
-        self._refusals = Refusals(self._tell)
 
     def run(self) -> None:
         """Serve until a signal."""
@@ -121,10 +115,6 @@ class Roscore:
     def _wait(self) -> None:
         if self._store is not None and not self._store.wait():
             raise refuse("under way", "what is changed now, with what others change,")
-
-    def _on_spared_node(self, name: str, uri: str) -> None:
-        text = f"{quote(name)} at {quote(uri)} is not told to end: neither it nor its successor was registered from its computer"
-        self._refusals.say("end", text)
 
     def _tell(self, records: List[Record]) -> None:
         """Tell the followers something that is no change of the registrations."""

@@ -35,6 +35,7 @@ from .core.notifications import Call
 from .core.registry import Record, Registry, node_of, split_name, touches
 from .door import Caller, Door, Handler, multicall
 from .notifier import Notifier
+from .refusals import Refusals
 
 _log = logging.getLogger("rosfleet.master")
 
@@ -179,8 +180,6 @@ class Callbacks(NamedTuple):
 
     on_changes: Callable[[List[Record]], None]  # the changes of a call; the lock of the registrations is held
     on_leaving: Callable[[str, str], None]  # a node, by name and URI, has withdrawn everything
-    on_refusal: Callable[[Refusal], None]
-    on_spared_node: Callable[[str, str], None]  # a node, by name and URI, is not told to end
     wait: Callable[[], None]  # before a change; raises Refusal where there is no room for it now
 
 
@@ -191,6 +190,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         self,
         watched: Tuple[str, ...],
         callbacks: Callbacks,
+        refusals: Refusals,
     ) -> None:
         """`watched`: parameters whose changes are told; IMPORTS is one of them."""
         super().__init__(0)
@@ -204,9 +204,9 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         # (URI, name) of a node to be ended -> addresses of callers, and whether they are own ones
         self._enders: Dict[Tuple[str, str], Set[Tuple[str, bool]]] = {}
         self._types_due = 0.0
-        self.callbacks = callbacks
+        self.callbacks, self.refusals = callbacks, refusals
         self.more: Dict[str, Callable[..., Any]] = {
-            "system.listMethods": self._methods,
+            "system.listMethods": lambda: sorted([*self._known, *self.more]),
             "system.multicall": partial(multicall, self.answer),
             TOGETHER: self._run_together,
         }
@@ -238,7 +238,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 self.callbacks.wait()
             return self.call(name, *arguments)
         except Refusal as problem:
-            self.callbacks.on_refusal(problem)
+            self.refusals.add(problem)
             return -1, str(problem), 0
 
     def call(self, name: str, *arguments: Any) -> Any:
@@ -281,14 +281,11 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                         raise ValueError(f"{name} changes nothing")
                     results.append(self.call(name, *arguments))
                 except Refusal as refusal:
-                    self.callbacks.on_refusal(refusal)
+                    self.refusals.add(refusal)
                     results.append((-1, str(refusal), 0))
                 except Exception as problem:  # as in a multicall: one that fails does not end the others
                     results.append(f"{type(problem).__name__}: {problem}")
         return results
-
-    def _methods(self) -> List[str]:
-        return sorted([*self._known, *self.more])
 
     def caller(self) -> Caller:
         return getattr(self.calls, "caller", Caller())
@@ -415,7 +412,8 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         host = host_of(call.uri)
         if addresses.addresses_of_all([host]).get(host) in {address for address, _own in callers}:
             return True
-        self.callbacks.on_spared_node(call.key[1], call.uri)
+        text = "is not told to end: neither it nor its successor was registered from its computer"
+        self.refusals.say("end", f"{quote(call.key[1])} at {quote(call.uri)} {text}")
         return False
 
     def _refusal(self, node: str, uri: str) -> str:
@@ -677,7 +675,7 @@ def serve(
 ) -> Tuple[str, Socket]:
     """Answer calls from now on; the URI and the socket. A fitting one of these open sockets is used. Raises OSError."""
     master.more.update(more)
-    door = Door(master.answer, master.callbacks.on_refusal, master.calls)
+    door = Door(master.answer, master.refusals.add, master.calls)
     server = _Server(door, sockets, (rosgraph.network.get_bind_address(), port))
     master.uri = rosgraph.network.create_local_xmlrpc_uri(server.server_address[1])
     start_thread("server", server.serve_forever)

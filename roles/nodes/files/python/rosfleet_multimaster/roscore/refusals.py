@@ -12,6 +12,7 @@ from typing import Counter as Counts
 
 from ..edge.process import program
 from ..protocol.mirror import REFUSED
+from .core.bounds import Refusal
 from .core.registry import Record
 
 PAUSE = 2.0  # seconds between two times that the counts are told
@@ -28,11 +29,11 @@ class Refusals:
         self._told: Dict[str, int] = {}
         self._due = 0.0
 
-    def add(self, bound: str, why: str) -> None:
-        """Count a request that exceeds this bound; in any thread."""
+    def add(self, refusal: Refusal) -> None:
+        """Count a request that exceeds a bound; in any thread."""
         with self._lock:
-            self._counts[bound or "value"] += 1
-        self.say(f"beyond {bound}", f"a request is refused: {why}")
+            self._counts[refusal.bound or "value"] += 1
+        self.say(f"beyond {refusal.bound}", f"a request is refused: {refusal}")
 
     def say(self, topic: str, why: str) -> None:
         """Log it, once in a while for each topic; in any thread."""
