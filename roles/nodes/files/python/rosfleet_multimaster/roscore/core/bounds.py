@@ -9,7 +9,7 @@ Every program that reaches its port may call it. Whatever a caller sends, the pr
 import re
 from typing import Any, Dict, Iterable, List, NamedTuple, Sequence, Tuple
 
-from .registry import split_name
+from .registry import descend, split_name
 
 MIB = 1 << 20
 
@@ -170,25 +170,16 @@ def _growth(tree: Dict[str, Any], parts: Sequence[str], new: int) -> int:
     """How much heavier the tree gets with a parameter of the weight `new`, which replaces what is there."""
     if not parts:
         return new - weigh(tree)
-    within = tree
-    for at, part in enumerate(parts):
-        value = within.get(part)
-        if isinstance(value, dict) and at + 1 < len(parts):
-            within = value
-            continue
-        new += sum(_MAPPING + _MEMBER + weigh_text(inner) for inner in parts[at + 1 :])
-        return new - weigh(value) if part in within else new + _MEMBER + weigh_text(part)
-    return 0
+    within, at = descend(tree, parts)
+    new += sum(_MAPPING + _MEMBER + weigh_text(inner) for inner in parts[at + 1 :])
+    return new - weigh(within[parts[at]]) if parts[at] in within else new + _MEMBER + weigh_text(parts[at])
 
 
 def weigh_parameter(tree: Dict[str, Any], name: str) -> int:
     """What a parameter counts in its tree, 0 where it is not set."""
-    parts, within = split_name(name), tree
-    for part in parts[:-1]:
-        within = within.get(part, {})
-        if not isinstance(within, dict):
-            return 0
-    if not parts or parts[-1] not in within:
+    parts = split_name(name)
+    within, at = descend(tree, parts)
+    if not parts or at < len(parts) - 1 or parts[-1] not in within:
         return 0
     return _MEMBER + weigh_text(parts[-1]) + weigh(within[parts[-1]])
 

@@ -11,7 +11,7 @@ A record is a list, its kind first:
     ["set", parameter, value]                              ["delete", parameter]
 """
 
-from typing import Any, Callable, Dict, Iterable, List, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Sequence, Tuple
 
 Record = List[Any]
 NodeKey = Tuple[str, str]  # a node: its name and its URI
@@ -77,13 +77,10 @@ class Registry:
         return rest
 
     def parameter(self, name: str) -> Any:
-        """The value of a parameter, None where it is not set."""
-        value: Any = self.parameters
-        for part in split_name(name):
-            if not isinstance(value, dict) or part not in value:
-                return None
-            value = value[part]
-        return value
+        """The value of a parameter but the root, None where it is not set."""
+        parts = split_name(name)
+        within, at = descend(self.parameters, parts)
+        return within.get(parts[-1]) if at == len(parts) - 1 else None
 
     def _set_parameter(self, parts: List[str], value: Any) -> None:
         """As rosmaster does it: each part of the name above the parameter becomes a mapping."""
@@ -100,10 +97,8 @@ class Registry:
         within[parts[-1]] = value
 
     def _delete_parameter(self, parts: List[str]) -> None:
-        within: Any = self.parameters
-        for part in parts[:-1]:
-            within = within.get(part) if isinstance(within, dict) else None
-        if parts and isinstance(within, dict):
+        within, at = descend(self.parameters, parts)
+        if parts and at == len(parts) - 1:
             within.pop(parts[-1], None)
 
 
@@ -123,6 +118,16 @@ def node_of(record: Record) -> NodeKey:
 def split_name(name: str) -> List[str]:
     """The parts of the name of a parameter."""
     return [part for part in name.split("/") if part]
+
+
+def descend(tree: Dict[str, Any], parts: Sequence[str]) -> Tuple[Dict[str, Any], int]:
+    """The innermost mapping on the way to a parameter, and the place of the part that is looked up in it."""
+    for at, part in enumerate(parts[:-1]):
+        inner = tree.get(part)
+        if not isinstance(inner, dict):
+            return tree, at
+        tree = inner
+    return tree, len(parts) - 1
 
 
 def to_feed(records: Iterable[Record]) -> List[Record]:
