@@ -27,7 +27,7 @@ FETCH = SimpleNamespace(uri="http://b:11311/", monitor_uri="http://b:11611")
 )
 def test_a_state_that_cannot_be_had_is_one_sentence(problem, end):
     said = []
-    core = SimpleNamespace(take_fetch=lambda *arguments, **options: False, selection=lambda uri: {})
+    core = SimpleNamespace(take_fetch=lambda *arguments, **options: None)
     limited = SimpleNamespace(say=lambda level, key, sentence: said.append((level, sentence)))
     Fetcher(None, core, limited, None, None)._on_fetch(FETCH, None, problem)
     ((level, sentence),) = said

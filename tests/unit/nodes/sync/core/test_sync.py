@@ -293,7 +293,7 @@ def test_a_failed_fetch_keeps_the_old_state_and_slows_down():
     now, pauses = 10.1, []
     for _attempt in range(6):
         failed = fetch(sync, now)
-        assert not sync.take_fetch(failed, None, now)
+        assert sync.take_fetch(failed, None, now) is None
         assert sync.candidates(now)
         pauses.append(round(sync.next_due() - now, 3))
         now = sync.next_due()
@@ -304,7 +304,7 @@ def test_the_state_of_somebody_else_is_not_taken():
     sync = core()
     sync.take_announcement(announced(), 0.0)
     other = State(uri=R3, name="robot3")
-    assert not sync.take_fetch(fetch(sync, 0.1), other, 0.2)
+    assert sync.take_fetch(fetch(sync, 0.1), other, 0.2) is None
     assert sync.candidates(0.2) == []
 
 

@@ -69,18 +69,15 @@ class Fetcher:
 
     def _on_fetch(self, fetch: Fetch, result: Optional[FetchResult], problem: Optional[Exception]) -> None:
         state, places, follower = result or (None, None, None)
-        before = self._core.selection(fetch.uri)
-        taken = self._core.take_fetch(fetch, state, monotonic(), places, following=follower is not None)
-        if follower is not None and taken:
+        items = self._core.take_fetch(fetch, state, monotonic(), places, following=follower is not None)
+        if follower is not None and items is not None:
             self._followers[fetch.uri] = follower
-            follower.start(
-                lambda *news: self._loop.post(self._on_news, *news), lambda *why: self._loop.post(self._on_end, *why)
-            )
+            follower.start(partial(self._loop.post, self._on_news), partial(self._loop.post, self._on_end))
         elif follower is not None:
             follower.stop()
-        if taken:
+        if items is not None:
             self.states += 1
-            self._on_state(fetch.uri, {*before, *self._core.selection(fetch.uri)})
+            self._on_state(fetch.uri, items)
         elif problem is not None:
             self._limited.say(
                 "warning",

@@ -370,18 +370,18 @@ class Sync:
         places: Optional[Places] = None,
         *,
         following: bool = False,
-    ) -> bool:
-        """Take the result of a fetch: a state, or None. True for a new state; without one the old is kept.
+    ) -> Optional[Set[Registration]]:
+        """Take the result of a fetch: a state, or None. Return the registrations of the old and the new state, if it is taken.
 
         `places`: of the master's nodes; None for anywhere. `following`: its changes are followed.
         """
         remote = self.remotes.get(fetch.uri)
         if remote is None:
-            return False
+            return None
         remote.fetching = False
         if state is not None and (state.uri != fetch.uri or fetch.rules != remote.rules):
             state = None  # of another master, or of this one before it changed its name
-        before = remote.state
+        before, selected = remote.state, remote.selected
         remote.vain = state is None or (before is not None and before.local_stamp == state.local_stamp)
         if state is not None:
             remote.state, remote.answered_for, remote.failures = state, remote.asking_for, 0
@@ -393,7 +393,7 @@ class Sync:
         elif remote.announced.online:
             remote.due = now + RETRY[min(remote.failures, len(RETRY) - 1)]
             remote.failures += 1
-        return state is not None
+        return None if state is None else {*selected, *remote.selected}
 
     def follows(self, fetch: Fetch) -> bool:
         """True while the changes of a master are followed, by the rules and at the address of this fetch."""
@@ -431,11 +431,6 @@ class Sync:
             for item in select(state, remote.rules, self.own_uri, self.sync_remote_nodes)
             if item.node_uri not in remote.misplaced and item.service_uri not in remote.misplaced
         }
-
-    def selection(self, uri: str) -> Mapping[Registration, str]:
-        """The wanted registrations of a master's last state -> type of the topic."""
-        remote = self.remotes.get(uri)
-        return {} if remote is None else remote.selected
 
     def find_candidates(self, items: AbstractSet[Registration], now: float) -> Dict[Registration, Candidate]:
         """The wanted ones of some registrations. Does not look whether a topic is in demand."""
