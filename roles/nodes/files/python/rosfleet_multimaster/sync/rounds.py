@@ -198,10 +198,7 @@ class Rounds:
         before = self.held
         self.held = {**before, **todo.held}  # as above: reported before it is visible
         condition = condition_of(todo, self.claims, self._graph.guards_names)
-        self._calls.submit(
-            lambda: self._write(todo, condition),
-            lambda results, why: self._on_step_results(todo, before, results, why),
-        )
+        self._calls.submit(lambda: self._write(todo, condition), partial(self._on_step_results, todo, before))
 
     def _small_plan(self, touched: Set[Registration], now: float) -> Optional[Plan]:
         if self._view is None or self._withdrawn or self._core.on_demand or not self._callbacks.has_list():
@@ -248,8 +245,8 @@ class Rounds:
             raise NameTaken
         record: List[Tuple[Any, ...]] = []
         if todo.claims != self.claims:
-            record = [("setParam", imports.IMPORTS, self._record(todo.claims))]
-        results = self._graph.carry_out([(call[0], self._node[0], *call[1:]) for call in record] + calls(todo))
+            record = [("setParam", self._node[0], imports.IMPORTS, self._record(todo.claims))]
+        results = self._graph.carry_out(record + calls(todo))
         return results[len(record) :]
 
     def _record(self, claims: Claims) -> str:
