@@ -15,8 +15,8 @@ import dataclasses
 import functools
 import ipaddress
 import re
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
@@ -73,26 +73,6 @@ _NEXT = rf"{_LINE}{_PREFIX}[ \t]*"
 _IS = r"(?:\\{0,3}[\"']?\s{0,4}\]?\s{0,4}(?:[=:]+>?|-{1,2}>|\s(?:is|was|to|are|set to|changed to|is now|has been set to)\b:?)[ \t]*)"
 
 
-class Form(NamedTuple):
-    """A form of a secret: its name, its pattern, and the text in its place."""
-
-    name: str
-    pattern: re.Pattern[str]
-    left: str | Callable[[re.Match[str]], str] = REMOVED
-
-
-def _form(name: str, pattern: str, left: str | Callable[[re.Match[str]], str] = REMOVED, flags: int = 0) -> Form:
-    return Form(name, re.compile(pattern, flags), left)
-
-
-_BEHIND = r"\1" + REMOVED
-
-
-def _value_form(name: str, pattern: str) -> Form:
-    """Return the form of a value behind a name, which stays."""
-    return _form(name, pattern, _BEHIND, re.IGNORECASE)
-
-
 _PEM = r"[A-Z0-9 ]{0,40}PRIVATE KEY[A-Z ]{0,40}-----"
 _UPPER, _LOWER, _DIGIT = (rf"(?=[A-Za-z0-9+/]*{kind})" for kind in ("[A-Z]", "[a-z]", r"\d"))
 # Words behind `password` and the like that do not begin a secret.
@@ -105,156 +85,123 @@ _ABOUT = (
     r"|removed|line|lines|enabled|disabled|off|allowed|available|shown|stored|visible)\b"
 )
 
+# Each form of a secret, and its pattern. What stands in group 1 is the name beside the secret, and stays.
 # No pattern looks at a text more than a few hundred times: logs may be hostile.
-FORMS = (
-    _form("a private key", rf"-----BEGIN {_PEM}.*?(?:-----END {_PEM}|\Z)", flags=re.DOTALL),
-    _form("the rest of a private key", rf"\A.*-----END {_PEM}", flags=re.DOTALL),
-    _form(
-        "a line of a key",
-        rf"(?<![A-Za-z0-9+/=_.-])(?!/){_UPPER}{_LOWER}{_DIGIT}[A-Za-z0-9+/]{{60,}}={{0,2}}(?![A-Za-z0-9+=_.-])",
+FORMS = {
+    "a private key": rf"(?s)-----BEGIN {_PEM}.*?(?:-----END {_PEM}|\Z)",
+    "the rest of a private key": rf"(?s)\A.*-----END {_PEM}",
+    "a line of a key": (
+        rf"(?<![A-Za-z0-9+/=_.-])(?!/){_UPPER}{_LOWER}{_DIGIT}[A-Za-z0-9+/]{{60,}}={{0,2}}(?![A-Za-z0-9+=_.-])"
     ),
-    _form("a text of ansible-vault", r"\$ANSIBLE_VAULT;[^\n]*(?:\s+(?:\S{1,40} ){0,3}[0-9a-f]{20,})*"),
-    _form("a key of age or PuTTY", r"\bAGE-SECRET-KEY-1[A-Z0-9]+|Private-Lines:[^\n]*(?:\n[A-Za-z0-9+/=]{20,})*"),
-    _form("a user in a URL", r"(?<=://)(?:[^\s/@:'\"]{0,200}:[^\s@'\"]{1,200}|[^\s/@'\"]{1,200})(?=@)"),
-    _value_form("a hook of a chat", r"(https?://[^\s/'\"<>]{1,200}/(?:[^\s'\"<>]{0,200}/)?(?:web)?hooks?/)[^\s'\"<>]+"),
-    _value_form(
-        "a hook of a chat at its own host",
-        r"((?<![\w.-])(?:https?://)?(?:[\w-]{1,63}\.){0,6}(?:hooks?\.\w+|webhook\w*\.\w+"
+    "a text of ansible-vault": r"\$ANSIBLE_VAULT;[^\n]*(?:\s+(?:\S{1,40} ){0,3}[0-9a-f]{20,})*",
+    "a key of age or PuTTY": r"\bAGE-SECRET-KEY-1[A-Z0-9]+|Private-Lines:[^\n]*(?:\n[A-Za-z0-9+/=]{20,})*",
+    "a user in a URL": r"(?<=://)(?:[^\s/@:'\"]{0,200}:[^\s@'\"]{1,200}|[^\s/@'\"]{1,200})(?=@)",
+    "a hook of a chat": r"(?i)(https?://[^\s/'\"<>]{1,200}/(?:[^\s'\"<>]{0,200}/)?(?:web)?hooks?/)[^\s'\"<>]+",
+    "a hook of a chat at its own host": (
+        r"(?i)((?<![\w.-])(?:https?://)?(?:[\w-]{1,63}\.){0,6}(?:hooks?\.\w+|webhook\w*\.\w+"
         r"|outlook\.office|maker\.ifttt|chat\.googleapis|discord(?:app)?|api\.telegram"
-        r"|ntfy|logic\.azure|hc-ping|api\.pushover|pipedream)[\w.-]*(?::\d+)?/)[^\s'\"<>]+",
+        r"|ntfy|logic\.azure|hc-ping|api\.pushover|pipedream)[\w.-]*(?::\d+)?/)[^\s'\"<>]+"
     ),
-    _form(
-        "a query",
-        r"([?&](?:[\w.\[\]-]{1,60})=)(?=[^\s&#'\"<>]{16}|[^\s&#'\"<>]{0,15}[A-Z]|[^\s&#'\"<>]{0,7}[A-Za-z][^\s&#'\"<>]{0,7}\d)[^\s&#'\"<>]+",
-        _BEHIND,
+    "a query": (
+        r"([?&](?:[\w.\[\]-]{1,60})=)(?=[^\s&#'\"<>]{16}|[^\s&#'\"<>]{0,15}[A-Z]"
+        r"|[^\s&#'\"<>]{0,7}[A-Za-z][^\s&#'\"<>]{0,7}\d)[^\s&#'\"<>]+"
     ),
-    _value_form("a header of HTTP", r"(authorization\\?[\"']?\s*[:=,]\s*)[^\n]+"),
-    _value_form("a cookie", r"\b(cookie\\?[\"']?\s*[:=]\s*)[^\n]+"),
-    _value_form("a bearer", r"\b((?:bearer|basic|digest)\s+)(?=[A-Za-z._~+/-]*[0-9A-Z=])[A-Za-z0-9._~+/=-]{8,}"),
-    _form("a JSON web token", r"\beyJ[A-Za-z0-9_-]{8,}\.[A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]*)?"),
-    _form("a key of Amazon", r"\b(?:AKIA|ASIA|AROA|AIDA|AGPA|ANPA)[A-Z0-9]{16}\b"),
-    _form("a key of Google", r"\bAIza[A-Za-z0-9_-]{30,}|\bya29\.[A-Za-z0-9_-]{20,}|\bGOCSPX-[\w-]{10,}"),
-    _form("a token of GitHub", r"\b(?:gh[pousr]_[A-Za-z0-9]{20,}|github_pat_[A-Za-z0-9_]{20,})"),
-    _form("a token of GitLab", r"\bgl[a-z]{2,5}-[A-Za-z0-9_-]{16,}"),
-    _form("a token of Slack", r"\bxox[abeprs]-[A-Za-z0-9-]{10,}|\bxapp-[A-Za-z0-9-]{10,}"),
-    _form(
-        "a key with a prefix",
-        r"\b(?:[srp]k[_-](?:live|test|proj|ant|or)[A-Za-z0-9_-]{10,}|sk-[A-Za-z0-9]{20,}|whsec_\w{10,})",
+    "a header of HTTP": r"(?i)(authorization\\?[\"']?\s*[:=,]\s*)[^\n]+",
+    "a cookie": r"(?i)\b(cookie\\?[\"']?\s*[:=]\s*)[^\n]+",
+    "a bearer": r"(?i)\b((?:bearer|basic|digest)\s+)(?=[A-Za-z._~+/-]*[0-9A-Z=])[A-Za-z0-9._~+/=-]{8,}",
+    "a JSON web token": r"\beyJ[A-Za-z0-9_-]{8,}\.[A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]*)?",
+    "a key of Amazon": r"\b(?:AKIA|ASIA|AROA|AIDA|AGPA|ANPA)[A-Z0-9]{16}\b",
+    "a key of Google": r"\bAIza[A-Za-z0-9_-]{30,}|\bya29\.[A-Za-z0-9_-]{20,}|\bGOCSPX-[\w-]{10,}",
+    "a token of GitHub": r"\b(?:gh[pousr]_[A-Za-z0-9]{20,}|github_pat_[A-Za-z0-9_]{20,})",
+    "a token of GitLab": r"\bgl[a-z]{2,5}-[A-Za-z0-9_-]{16,}",
+    "a token of Slack": r"\bxox[abeprs]-[A-Za-z0-9-]{10,}|\bxapp-[A-Za-z0-9-]{10,}",
+    "a key with a prefix": (
+        r"\b(?:[srp]k[_-](?:live|test|proj|ant|or)[A-Za-z0-9_-]{10,}|sk-[A-Za-z0-9]{20,}|whsec_\w{10,})"
     ),
-    _form(
-        "a token with a prefix",
-        r"\b(?:npm_|pypi-|hf_|hv[sb]\.|dop_v1_|tskey-|SG\.|shp(?:at|ss)_|lin_api_|ATATT|AccountKey=|dckr_pat_)[A-Za-z0-9._/+=-]{12,}",
+    "a token with a prefix": (
+        r"\b(?:npm_|pypi-|hf_|hv[sb]\.|dop_v1_|tskey-|SG\.|shp(?:at|ss)_|lin_api_|ATATT|AccountKey="
+        r"|dckr_pat_)[A-Za-z0-9._/+=-]{12,}"
     ),
-    _form("a bot of Telegram", r"\b\d{8,10}:[A-Za-z0-9_-]{35}\b"),
-    _form(
-        "a hashed password",
-        r"\$(?:1|2[abxy]?|5|6|7|y|gy|argon2id?|apr1|sha1|pbkdf2[\w-]*)\$[^\s:'\"]{8,}|\{S?SHA\d*\}[A-Za-z0-9+/=]{20,}",
+    "a bot of Telegram": r"\b\d{8,10}:[A-Za-z0-9_-]{35}\b",
+    "a hashed password": (
+        r"\$(?:1|2[abxy]?|5|6|7|y|gy|argon2id?|apr1|sha1|pbkdf2[\w-]*)\$[^\s:'\"]{8,}|\{S?SHA\d*\}[A-Za-z0-9+/=]{20,}"
     ),
-    _form("a password of sshpass", rf"\b(sshpass\s+-p\s*){_VALUE}", _BEHIND),
-    _form(
-        "a user of curl", rf"\b((?:curl|wget|http)\s[^\n]{{0,200}}?(?:-u|-a|--(?:proxy-)?user)[ =]?){_VALUE}", _BEHIND
+    "a password of sshpass": rf"\b(sshpass\s+-p\s*){_VALUE}",
+    "a user of curl": rf"\b((?:curl|wget|http)\s[^\n]{{0,200}}?(?:-u|-a|--(?:proxy-)?user)[ =]?){_VALUE}",
+    "a client of MySQL": (
+        rf"\b((?:mysql\w*|mariadb[\w-]*|7z|mongo\w*|redis-cli)\s(?:[^\n|;]{{0,200}}?\s)?-[pa]\s?){_VALUE}"
     ),
-    _form(
-        "a client of MySQL",
-        rf"\b((?:mysql\w*|mariadb[\w-]*|7z|mongo\w*|redis-cli)\s(?:[^\n|;]{{0,200}}?\s)?-[pa]\s?){_VALUE}",
-        _BEHIND,
-    ),
-    _form("a key of wpa_passphrase", rf"\b(wpa_passphrase\s+{_VALUE}\s+)[^\n|>]+", _BEHIND),
-    _form(
-        "an option of a client",
+    "a key of wpa_passphrase": rf"\b(wpa_passphrase\s+{_VALUE}\s+)[^\n|>]+",
+    "an option of a client": (
         rf"\b((?:mosquitto_\w+|ipmitool|zip|unzip|vncviewer|xfreerdp|ldap\w+|openssl"
-        rf"|kinit|docker login|ftp|lftp|sqlcmd|bcp)\s(?:[^\n|;]{{0,200}}?\s)?(?:-[PwkK]|/p:)\s?){_VALUE}",
-        _BEHIND,
+        rf"|kinit|docker login|ftp|lftp|sqlcmd|bcp)\s(?:[^\n|;]{{0,200}}?\s)?(?:-[PwkK]|/p:)\s?){_VALUE}"
     ),
-    _form("a community of SNMP", rf"\b(snmp\w+\s[^\n|;]{{0,200}}?-[cAX]\s?){_VALUE}", _BEHIND),
-    _form("a user of Samba", r"\b((?:smbclient|mount\.cifs|rpcclient|net)\s[^\n|;]{0,200}?-U\s?[^\s%]+%)\S+", _BEHIND),
-    _form(
-        "a password for chpasswd", r"(\becho\s+(?:-\w+\s+)*[\"']?[\w.-]+:)[^\n|]+(?=\|\s*(?:sudo\s+)?chpasswd)", _BEHIND
+    "a community of SNMP": rf"\b(snmp\w+\s[^\n|;]{{0,200}}?-[cAX]\s?){_VALUE}",
+    "a user of Samba": r"\b((?:smbclient|mount\.cifs|rpcclient|net)\s[^\n|;]{0,200}?-U\s?[^\s%]+%)\S+",
+    "a password for chpasswd": r"(\becho\s+(?:-\w+\s+)*[\"']?[\w.-]+:)[^\n|]+(?=\|\s*(?:sudo\s+)?chpasswd)",
+    "a password on standard input": (
+        r"(\b(?:echo|printf)\s+(?:-\w+\s+)*)[^\n|]+"
+        r"(?=\|\s*(?:sudo\s+-S|passwd|docker login|cryptsetup|gpg|kinit|su\b))"
     ),
-    _form(
-        "a password on standard input",
-        r"(\b(?:echo|printf)\s+(?:-\w+\s+)*)[^\n|]+(?=\|\s*(?:sudo\s+-S|passwd|docker login|cryptsetup|gpg|kinit|su\b))",
-        _BEHIND,
-    ),
-    _form(
-        "a password as a word",
+    "a password as a word": (
         r"(\b(?:htpasswd\s+-\w*b\w*\s+\S+\s+\S+|add_user\s+\S+|change_password\s+\S+|useradd\s[^\n]{0,100}?-p"
-        r"|requirepass|iwconfig\s+\S+\s+key|-passin\s+pass:|-passout\s+pass:|pass:)\s*)[^\s'\"]+",
-        _BEHIND,
+        r"|requirepass|iwconfig\s+\S+\s+key|-passin\s+pass:|-passout\s+pass:|pass:)\s*)[^\s'\"]+"
     ),
-    _value_form(
-        "a password of SQL",
-        rf"\b(identified\s+(?:with\s+\w+\s+)?by\s+(?:password\s+)?|(?:with\s+)?(?:encrypted\s+)?password\s+(?=')){_VALUE}",
+    "a password of SQL": (
+        rf"(?i)\b(identified\s+(?:with\s+\w+\s+)?by\s+(?:password\s+)?|(?:with\s+)?(?:encrypted\s+)?password\s+"
+        rf"(?=')){_VALUE}"
     ),
-    _form("the key of a line of .netrc", r"(\bmachine\s+\S+\s+login\s+\S+\s+password\s+)\S+", _BEHIND),
-    _value_form("an element", rf"(<(?:\w{{1,20}}:)?[\w./-]{{0,30}}?{_WORDS}\w{{0,10}}(?:\s[^<>]{{0,200}})?>)[^<]+"),
-    _value_form(
-        "an attribute beside a name",
-        rf"((?:\\{{0,3}}[\"'])?(?:name|key|id)(?:\\{{0,3}}[\"'])?\s*[=:]\s*\\{{0,3}}[\"'][\w./-]{{0,40}}?"
-        rf"{_WORDS}\\{{0,3}}[\"']\s*[,; ]\s*(?:\\{{0,3}}[\"'])?(?:value|val|content|default)(?:\\{{0,3}}[\"'])?\s*[=:]\s*){_VALUE}",
+    "the key of a line of .netrc": r"(\bmachine\s+\S+\s+login\s+\S+\s+password\s+)\S+",
+    "an element": rf"(?i)(<(?:\w{{1,20}}:)?[\w./-]{{0,30}}?{_WORDS}\w{{0,10}}(?:\s[^<>]{{0,200}})?>)[^<]+",
+    "an attribute beside a name": (
+        rf"(?i)((?:\\{{0,3}}[\"'])?(?:name|key|id)(?:\\{{0,3}}[\"'])?\s*[=:]\s*\\{{0,3}}[\"'][\w./-]{{0,40}}?"
+        rf"{_WORDS}\\{{0,3}}[\"']\s*[,; ]\s*(?:\\{{0,3}}[\"'])?(?:value|val|content|default)(?:\\{{0,3}}[\"'])?\s*[=:]\s*){_VALUE}"
     ),
-    _value_form(
-        "a block of YAML",
-        rf"({_WORDS}\\{{0,3}}[\"']?\s{{0,4}}:[ \t]*[|>][-+\d]{{0,2}}[ \t]*)(?:{_LINE}{_PREFIX}[ \t]{{1,}}[^\n]+)+",
+    "a block of YAML": (
+        rf"(?i)({_WORDS}\\{{0,3}}[\"']?\s{{0,4}}:[ \t]*[|>][-+\d]{{0,2}}[ \t]*)(?:{_LINE}{_PREFIX}[ \t]{{1,}}[^\n]+)+"
     ),
-    _value_form(
-        "a list beside its name",
-        rf"({_WORDS}\\{{0,3}}[\"']?\s{{0,4}}[:=]\s{{0,4}})[\[({{](?:{_LINE}{_PREFIX}|[^\])}}]){{0,2000}}[\])}}]?",
+    "a list beside its name": (
+        rf"(?i)({_WORDS}\\{{0,3}}[\"']?\s{{0,4}}[:=]\s{{0,4}})[\[({{](?:{_LINE}{_PREFIX}|[^\])}}]){{0,2000}}[\])}}]?"
     ),
-    _value_form(
-        "a header of its own name",
-        r"((?:x-[\w-]{0,30}(?:auth|key|token|secret)[\w-]{0,20})\\?[\"']?\s*[:=,]\s*)(?![|>][-+\d]{0,2}(?:\s|\\))[^\n]+",
+    "a header of its own name": (
+        r"(?i)((?:x-[\w-]{0,30}(?:auth|key|token|secret)[\w-]{0,20})\\?[\"']?\s*[:=,]\s*)"
+        r"(?![|>][-+\d]{0,2}(?:\s|\\))[^\n]+"
     ),
-    _value_form("a value in quotes beside its name", rf"({_WORDS}{_IS}(?:{_NEXT})?){_QUOTED}"),
-    _value_form("a value on the next line", rf"({_WORDS}{_IS}\\?{_NEXT})(?=\S)[^\n]+"),
-    _form(
-        "a phrase beside its name",
-        rf"({_PHRASES}{_MORE}{_IS})(?!\(removed\)|{_ABOUT}(?:[ ,;]|\.?$|\. ))[^\s][^\n]*",
-        _BEHIND,
-        re.IGNORECASE | re.MULTILINE,
+    "a value in quotes beside its name": rf"(?i)({_WORDS}{_IS}(?:{_NEXT})?){_QUOTED}",
+    "a value on the next line": rf"(?i)({_WORDS}{_IS}\\?{_NEXT})(?=\S)[^\n]+",
+    "a phrase beside its name": rf"(?im)({_PHRASES}{_MORE}{_IS})(?!\(removed\)|{_ABOUT}(?:[ ,;]|\.?$|\. ))[^\s][^\n]*",
+    "a value beside its name": rf"(?im)({_WORDS}{_IS})(?!\(removed\)|{_ABOUT}(?:[ ,;]|\.?$|\. )){_VALUE}",
+    "a value behind its option": rf"(?i)((?<![\w-])--?[\w-]{{0,40}}?{_WORDS}\s+){_VALUE}",
+    "a value behind its name": (
+        rf"(?i)((?:{_BEGIN}(?:password|passphrase|passwd|passwort|kennwort|psk|pwd|pin code)|(?<![fn])pw)(?:\s+--\w+)?"
+        rf"\s+)(?!\(removed\)|{_ABOUT}|[-/(<])[^\s][^\n]*"
     ),
-    _form(
-        "a value beside its name",
-        rf"({_WORDS}{_IS})(?!\(removed\)|{_ABOUT}(?:[ ,;]|\.?$|\. )){_VALUE}",
-        _BEHIND,
-        re.IGNORECASE | re.MULTILINE,
+    "a value some words behind its name": (
+        rf"(?i)((?:password|passphrase|passwd|passwort|secret word)\s(?:[^\n:=]{{0,40}}?\s)?(?:is|was|will be)\s+)"
+        rf"(?!{_ABOUT}){_VALUE}"
     ),
-    _value_form("a value behind its option", rf"((?<![\w-])--?[\w-]{{0,40}}?{_WORDS}\s+){_VALUE}"),
-    _value_form(
-        "a value behind its name",
-        rf"((?:{_BEGIN}(?:password|passphrase|passwd|passwort|kennwort|psk|pwd|pin code)|(?<![fn])pw)(?:\s+--\w+)?"
-        rf"\s+)(?!\(removed\)|{_ABOUT}|[-/(<])[^\s][^\n]*",
+    "a value for somebody": rf"(?i)({_PHRASES}\s(?:for|of|at|on|to)\s[^\s:=]{{1,60}}\s?[:=]\s?)(?!{_ABOUT})[^\s][^\n]*",
+    "a user and a password": (
+        r"(?i)(\b(?:login|user|as|failed for|credentials?)\s+[\w.-]{1,40}[:/])(?!\d+\b)(?=[^\s]{0,40}\d)[^\s:/]+"
     ),
-    _value_form(
-        "a value some words behind its name",
-        rf"((?:password|passphrase|passwd|passwort|secret word)\s(?:[^\n:=]{{0,40}}?\s)?(?:is|was|will be)\s+)(?!{_ABOUT}){_VALUE}",
+    "a text for a command": rf"(<<<\s?){_VALUE}",
+    "a line of a router or of Windows": (
+        rf"(?i)(\b(?:enable\s+(?:secret|password)(?:\s+\d)?|snmp-server\s+community|password\s+\d"
+        rf"|net\s+use\s[^\n]{{0,100}}?/user:\S+)\s+){_VALUE}"
     ),
-    _value_form(
-        "a value for somebody", rf"({_PHRASES}\s(?:for|of|at|on|to)\s[^\s:=]{{1,60}}\s?[:=]\s?)(?!{_ABOUT})[^\s][^\n]*"
+    "a random value behind its name": (
+        rf"(?i)({_BEGIN}(?:(?:{_KEYS} )?key|token|secret|code|pass)\s+)(?!\(removed\))(?=[^\s,;]{{0,99}}\d)"
+        rf"(?=[^\s,;]{{0,99}}[A-Za-z])[^\s,;]{{6,}}"
     ),
-    _value_form(
-        "a user and a password",
-        r"(\b(?:login|user|as|failed for|credentials?)\s+[\w.-]{1,40}[:/])(?!\d+\b)(?=[^\s]{0,40}\d)[^\s:/]+",
+    "a random value beside `key`": (
+        r"(?i)(\bkey\\?[\"']?\s*[=:]\s*[\"']?(?:s:)?)(?=[^\s,;&'\"]{0,99}\d)"
+        r"(?=[^\s,;&'\"]{0,99}[A-Za-z])[^\s,;&'\"]{8,}"
     ),
-    _form("a text for a command", rf"(<<<\s?){_VALUE}", _BEHIND),
-    _value_form(
-        "a line of a router or of Windows",
-        rf"(\b(?:enable\s+(?:secret|password)(?:\s+\d)?|snmp-server\s+community|password\s+\d|net\s+use\s[^\n]{{0,100}}?/user:\S+)\s+){_VALUE}",
+    "a value behind -p": (
+        r"(?<!mkdir)(?<!ssh)(?<!cp)(\s-p\s+)(?![-/.~$({]|\d+(?:[:/\s,-]|$)|\w+=|[\w.]+:\d)[^\s'\"]{4,}"
     ),
-    _value_form(
-        "a random value behind its name",
-        rf"({_BEGIN}(?:(?:{_KEYS} )?key|token|secret|code|pass)\s+)(?!\(removed\))(?=[^\s,;]{{0,99}}\d)(?=[^\s,;]{{0,99}}[A-Za-z])[^\s,;]{{6,}}",
-    ),
-    _value_form(
-        "a random value beside `key`",
-        r"(\bkey\\?[\"']?\s*[=:]\s*[\"']?(?:s:)?)(?=[^\s,;&'\"]{0,99}\d)(?=[^\s,;&'\"]{0,99}[A-Za-z])[^\s,;&'\"]{8,}",
-    ),
-    _form(
-        "a value behind -p",
-        r"(?<!mkdir)(?<!ssh)(?<!cp)(\s-p\s+)(?![-/.~$({]|\d+(?:[:/\s,-]|$)|\w+=|[\w.]+:\d)[^\s'\"]{4,}",
-        _BEHIND,
-    ),
-)
+}
+_PATTERNS = [re.compile(pattern) for pattern in FORMS.values()]
 _RANDOM = re.compile(
     r"(?<![\w/+.=@~-])[A-Za-z0-9+_=-]{16,}(?![\w+/.=:-])|(?<![\w/.-])(?:[0-9a-f]{32,}|[0-9A-F]{32,})(?![\w.-])"
 )
@@ -390,8 +337,8 @@ def _remove_forms(text: str) -> str:
 
 
 def _clean(text: str) -> str:
-    for form in FORMS:
-        text = form.pattern.sub(form.left, text)
+    for pattern in _PATTERNS:
+        text = pattern.sub(r"\1" + REMOVED if pattern.groups else REMOVED, text)
     return text
 
 
