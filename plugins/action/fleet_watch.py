@@ -33,7 +33,7 @@ class ActionModule(ActionBase):
         task_vars = task_vars or {}
         name, duration, known = (self._task.args.get(option) or "" for option in OPTIONS)
         try:
-            seconds = progress.plan_rounds(duration).seconds
+            seconds = progress.plan_rounds(duration)[-1]
         except progress.Unreadable as problem:
             result.update(failed=True, msg=str(problem))
             return result

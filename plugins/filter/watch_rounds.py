@@ -46,10 +46,10 @@ from ..plugin_utils._watch.progress import Unreadable, plan_rounds
 def watch_rounds(duration: Any) -> dict[str, Any]:
     """Return the duration and the ends of the rounds; see DOCUMENTATION. Raises AnsibleFilterError."""
     try:
-        plan = plan_rounds(str(duration))
+        ends = plan_rounds(str(duration))
     except Unreadable as problem:
         raise AnsibleFilterError(str(problem)) from problem
-    return {"seconds": plan.seconds, "ends": list(plan.ends)}
+    return {"seconds": ends[-1], "ends": ends}
 
 
 class FilterModule:

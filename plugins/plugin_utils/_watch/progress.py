@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from math import ceil
 
 UNITS = {"": 1, "s": 1, "m": 60, "h": 3600, "d": 86400}
@@ -83,29 +83,25 @@ class WatchAnswer:
     dropped: int = 0
 
 
-@dataclass(frozen=True)
-class Plan:
-    """The length of the watch, and the ends of its rounds in seconds after the start. Progress is shown at each end."""
+def plan_rounds(duration: str) -> list[int]:
+    """Read a duration such as 90, 90s, 15m, 2h or 1d, and split it into rounds. Raises Unreadable.
 
-    seconds: int
-    ends: tuple[int, ...] = field(default=())
-
-
-def plan_rounds(duration: str) -> Plan:
-    """Read a duration such as 90, 90s, 15m, 2h or 1d, and split it into rounds. Raises Unreadable."""
+    Return the ends of the rounds in seconds after the start; the last one is the duration. Progress is shown at each end.
+    """
     match = re.fullmatch(r"\s*(\d{1,6})\s*([smhd]?)\s*", str(duration))
     seconds = int(match[1]) * UNITS[match[2]] if match else 0
     if not LEAST <= seconds <= MOST:
         raise Unreadable(f"verify_watch is {duration!r}, expected a time from 10s to 7d, such as 90s, 15m or 2h.")
     length = min(max(SHORTEST, ceil(seconds / ROUNDS)), LONGEST)
-    return Plan(seconds, tuple(min(end, seconds) for end in range(length, seconds + length, length)))
+    return [min(end, seconds) for end in range(length, seconds + length, length)]
 
 
-def list_events(answers: Mapping[str, WatchAnswer]) -> list[tuple[str, Event]]:
-    """List all events with their computers, in the order of time."""
-    return sorted(
-        ((name, event) for name, answer in answers.items() for event in answer.events), key=lambda one: one[1].time
-    )
+def list_events(answers: Mapping[str, WatchAnswer], known: Mapping[str, int] | None = None) -> list[tuple[str, Event]]:
+    """List the events with their computers, in the order of time, without the first `known` ones of a computer."""
+    events = [
+        (name, event) for name, answer in answers.items() for event in answer.events[(known or {}).get(name, 0) :]
+    ]
+    return sorted(events, key=lambda one: one[1].time)
 
 
 def describe_progress(answers: Mapping[str, WatchAnswer], seconds: int, known: Mapping[str, int]) -> str:
@@ -115,23 +111,23 @@ def describe_progress(answers: Mapping[str, WatchAnswer], seconds: int, known: M
     state = f"{lost} lost now" if lost else "nothing is lost"
     last = min(max((answer.seconds for answer in answers.values()), default=0.0), seconds)
     head = f"watched {format_duration(last)} of {format_duration(seconds)}: {values} values on {len(answers)} computers, {state}"
-    new = list_events({name: _drop_known(answer, known.get(name, 0)) for name, answer in answers.items()})
+    new = list_events(answers, known)
     more = [f"  and {len(new) - LINES} more"] if len(new) > LINES else []
     dropped = sum(answer.dropped for answer in answers.values())
     more += [f"  {dropped} events are not listed, since a computer lists {MOST_EVENTS} at most"] if dropped else []
     return "\n".join([head, *(f"  {describe_event(*event)}" for event in new[:LINES]), *more])
 
 
-def _drop_known(answer: WatchAnswer, known: int) -> WatchAnswer:
-    return replace(answer, events=answer.events[known:])
-
-
 def describe_event(observer: str, event: Event) -> str:
     """Say when an event was, and what it was."""
-    text = SENTENCES.get(event.kind, "{name} on {observer} is {found}")
-    sentence = text.format(observer=observer, name=event.name, found=event.found, expected=event.expected)
+    sentence = _fill(observer, event)
     when = f"{_time(event.time)} ({format_duration(event.after)} after the start)"
     return f"{when}: it is over that {sentence}" if event.well else f"{when}: {sentence}"
+
+
+def _fill(observer: str, event: Event) -> str:
+    template = SENTENCES.get(event.kind, "{name} on {observer} is {found}")
+    return template.format(observer=observer, name=event.name, found=event.found, expected=event.expected)
 
 
 def describe_first_loss(events: Sequence[tuple[str, Event]]) -> str:
@@ -159,17 +155,15 @@ def _masters(losses: Iterable[tuple[str, Event]]) -> set[str]:
 
 def _place(observer: str, event: Event, together: Sequence[tuple[str, Event]]) -> str:
     """Say what is lost. For heartbeats, name the one computer that all losses have in common."""
-    template = SENTENCES.get(event.kind, "{name} on {observer} is {found}")
     same = [entry for entry in together if entry[1].kind == event.kind]
     others = len(together) - 1
-    text = template.format(observer=observer, name=event.name, found=event.found, expected=event.expected)
     masters, observers = _masters(same), {name for name, _event in same}
     if event.kind in (GROUP, MASTER, "port"):
         if len(masters) == 1 < len(observers):
             return f"{len(observers)} computers hear nothing of {event.name}"
         if len(observers) == 1 < len(masters):
             return f"{observer} hears nothing of {len(masters)} masters"
-    return text + (f"; {others} more losses within {TOGETHER:g} s" if others else "")
+    return _fill(observer, event) + (f"; {others} more losses within {TOGETHER:g} s" if others else "")
 
 
 def format_duration(seconds: float) -> str:
