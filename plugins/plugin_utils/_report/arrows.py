@@ -3,13 +3,15 @@
 
 """The picture of discovery: robots on a circle, and an arrow from each robot to each robot that it is to discover. Pure.
 
+A point is a complex number: x and y, which grows downwards. Multiplied by 1j it is turned by a right angle.
 A fleet of more than MOST robots has no such picture: its matrix `Masters` says the same.
 """
 
 from __future__ import annotations
 
+import cmath
 from collections.abc import Collection, Mapping, Sequence
-from math import cos, hypot, pi, sin
+from math import pi
 from xml.sax.saxutils import escape, quoteattr
 
 from .._checks.engine import FAILED, OK, UNKNOWN
@@ -33,8 +35,6 @@ STYLE = """
 .who { text-anchor: middle }
 """.strip()
 
-Point = tuple[float, float]
-
 
 def draw_arrows(robots: Sequence[str], unseen: Mapping[str, Sequence[str]], read: Collection[str]) -> str:
     """Draw the picture, if there are few robots. `unseen` has the robots that a robot does not discover; `read` are the robots that were asked."""
@@ -44,8 +44,9 @@ def draw_arrows(robots: Sequence[str], unseen: Mapping[str, Sequence[str]], read
     wide = round(max(map(len, names.values())) * LETTER) + 20
     radius = max(110, round(len(robots) * (HIGH + wide) / 5))
     width, height = 2 * radius + wide + 20, 2 * radius + HIGH + 20
-    middle = width / 2, height / 2
-    at = {robot: _on_circle(middle, radius, number / len(robots)) for number, robot in enumerate(robots)}
+    middle = complex(width / 2, height / 2)
+    turns = {robot: number / len(robots) - 1 / 4 for number, robot in enumerate(robots)}  # the first one is at the top
+    at = {robot: middle + cmath.rect(radius, 2 * pi * turn) for robot, turn in turns.items()}
     verdicts = {
         (robot, other): FAILED if other in unseen.get(robot, ()) else OK if robot in read else UNKNOWN
         for robot in robots
@@ -64,46 +65,41 @@ def draw_arrows(robots: Sequence[str], unseen: Mapping[str, Sequence[str]], read
     return "\n".join([f"{begin} aria-label={title}>", f"<style>{STYLE}</style>", *lines, *boxes, "</svg>\n"])
 
 
-def _box(robot: str, name: str, middle: Point, wide: int) -> str:
-    x, y = middle
+def _box(robot: str, name: str, middle: complex, wide: int) -> str:
+    x, y = middle.real, middle.imag
     return (
         f'<g><title>{escape(plain(robot))}</title><rect class="box" x="{x - wide / 2:.1f}" y="{y - HIGH / 2:.1f}" '
         f'width="{wide}" height="{HIGH}" rx="4"/><text class="who" x="{x:.1f}" y="{y + 4:.1f}">{escape(name)}</text></g>'
     )
 
 
-def _on_circle(middle: Point, radius: float, share: float) -> Point:
-    return middle[0] + radius * sin(2 * pi * share), middle[1] - radius * cos(2 * pi * share)
-
-
-def _arrow(robot: str, other: str, begin: Point, end: Point, half: float, verdict: str) -> str:
+def _arrow(robot: str, other: str, begin: complex, end: complex, half: float, verdict: str) -> str:
     """Draw the arrow from a robot to an other, bent to its own side."""
-    (x1, y1), (x2, y2) = begin, end
-    bend_x, bend_y = (x1 + x2) / 2 - (y2 - y1) * BEND, (y1 + y2) / 2 + (x2 - x1) * BEND
-    x1, y1 = _edge(begin, (bend_x, bend_y), half)
-    x2, y2 = _edge(end, (bend_x, bend_y), half)
-    length = hypot(x2 - bend_x, y2 - bend_y) or 1.0
-    along_x, along_y = (x2 - bend_x) / length * HEAD, (y2 - bend_y) / length * HEAD
-    head = f"{x2:.1f},{y2:.1f} {x2 - along_x + along_y / 2:.1f},{y2 - along_y - along_x / 2:.1f} "
-    head += f"{x2 - along_x - along_y / 2:.1f},{y2 - along_y + along_x / 2:.1f}"
+    bend = (begin + end) / 2 + (end - begin) * 1j * BEND
+    begin, end = _edge(begin, bend, half), _edge(end, bend, half)
+    along = (end - bend) / (abs(end - bend) or 1.0) * HEAD
+    head = " ".join(map(_write, (end, end - along - along * 0.5j, end - along + along * 0.5j)))
     kind = "" if verdict == OK else f" {verdict}"
     verb = {OK: "discovers", FAILED: "does not discover", UNKNOWN: "was not asked whether it discovers"}[verdict]
     title = f"{plain(robot)} {verb} {plain(other)}"
-    parts = [
-        f"<g><title>{escape(title)}</title>"
-        f'<path class="arrow{kind}" d="M{x1:.1f},{y1:.1f} Q{bend_x:.1f},{bend_y:.1f} {x2:.1f},{y2:.1f}"/>'
-        f'<polygon class="head{kind}" points="{head}"/>'
-    ]
+    sign = ""
     if verdict != OK:
-        middle = (x1 + 2 * bend_x + x2) / 4, (y1 + 2 * bend_y + y2) / 4
-        parts.append(
-            f'<text class="sign {verdict}" x="{middle[0]:.1f}" y="{middle[1] + 4:.1f}">{SIGNS[verdict]}</text>'
-        )
-    return "".join([*parts, "</g>"])
+        middle = (begin + 2 * bend + end) / 4
+        sign = f'<text class="sign {verdict}" x="{middle.real:.1f}" y="{middle.imag + 4:.1f}">{SIGNS[verdict]}</text>'
+    return (
+        f"<g><title>{escape(title)}</title>"
+        f'<path class="arrow{kind}" d="M{_write(begin)} Q{_write(bend)} {_write(end)}"/>'
+        f'<polygon class="head{kind}" points="{head}"/>{sign}</g>'
+    )
 
 
-def _edge(middle: Point, towards: Point, half: float) -> Point:
+def _write(point: complex) -> str:
+    return f"{point.real:.1f},{point.imag:.1f}"
+
+
+def _edge(middle: complex, towards: complex, half: float) -> complex:
     """Return the point where the line to `towards` leaves a box."""
-    x, y = towards[0] - middle[0], towards[1] - middle[1]
-    share = min(half / abs(x) if x else 1e9, HIGH / 2 / abs(y) if y else 1e9, 1.0)
-    return middle[0] + x * share, middle[1] + y * share
+    way = towards - middle
+    return middle + way * min(
+        half / abs(way.real) if way.real else 1e9, HIGH / 2 / abs(way.imag) if way.imag else 1e9, 1.0
+    )
