@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from typing import TypeVar
 from xml.sax.saxutils import escape, quoteattr
 
@@ -20,7 +19,7 @@ from .._case.ways import COMMON
 from .._checks.engine import FAILED, OK, UNKNOWN, WARNING
 from .._fleet.plain_text import plain
 from .._fleet.sentences import shorten_list
-from .._plan.model import ComputerPlan, FleetPlan, RobotNetwork
+from .._plan.model import ComputerPlan, FleetPlan
 
 _T = TypeVar("_T")
 
@@ -73,37 +72,9 @@ class _Device:
     planned: bool = True  # it is a computer of the inventory
 
 
-@dataclass(frozen=True)
-class _Robot:
-    """The drawing of a robot: its computers in the common network, and those behind its gateway."""
-
-    name: str
-    lines: tuple[str, ...]  # the robots that it discovers, and those that it does not
-    front: list[_Device]
-    network: RobotNetwork | None
-    behind: list[_Device]
-
-
 def draw_fleet(fleet: FleetPlan, marks: Iterable[Mark] = (), unseen: Mapping[str, Sequence[str]] | None = None) -> str:
     """Draw the fleet. `unseen` has the robots that a robot is to discover and does not."""
-    robots = [_robot(fleet, name, (unseen or {}).get(name, ())) for name in fleet.master_of]
-    return _Picture(fleet, robots, marks).svg()
-
-
-def _robot(fleet: FleetPlan, name: str, unseen: Sequence[str]) -> _Robot:
-    others = [robot for robot in fleet.master_of if robot not in (name, *unseen)]
-    network = next((entry for entry in fleet.networks if entry.robot == name), None)
-    front: list[_Device] = []
-    behind: list[_Device] = []
-    for plan in fleet.computers.values():
-        if plan.robot == name:
-            (front if network is None or plan.common_address else behind).append(_device(plan))
-    if network is not None and network.device:
-        lines = ("gateway, no computer", str(network.gateway), str(network.common_address))
-        front.append(_Device(str(network.gateway), lines, "the gateway of the robot, a device", planned=False))
-    discovers = f"discovers {shorten_list(map(shorten, others)) or 'nobody'}"
-    not_seen = [f"{SIGNS[FAILED]} does not discover {shorten_list(map(shorten, unseen))}"] if unseen else []
-    return _Robot(name, (discovers, *not_seen), front, network, behind)
+    return _Picture(fleet, marks, unseen or {}).svg()
 
 
 def _device(plan: ComputerPlan) -> _Device:
@@ -121,17 +92,19 @@ def shorten(text: str, most: int = LONGEST) -> str:
 class _Picture:
     """The elements of a picture, and how far it reaches."""
 
-    def __init__(self, fleet: FleetPlan, robots: Sequence[_Robot], marks: Iterable[Mark]) -> None:
+    def __init__(self, fleet: FleetPlan, marks: Iterable[Mark], unseen: Mapping[str, Sequence[str]]) -> None:
         self.fleet = fleet
-        self.robots = robots
+        self.robots = list(fleet.master_of)
+        self.unseen = unseen
         self.marks: dict[str, list[Mark]] = defaultdict(list)
         for mark in marks:
             for place in dict.fromkeys([mark.place, *mark.place.split(" and ")]):
                 self.marks[place].append(mark)
-        longest = max((len(device.name) for robot in robots for device in (*robot.front, *robot.behind)), default=0)
-        self.box = round(LETTER * min(max(longest, SHORTEST), LONGEST)) + 2 * GAP
+        names = [plan.computer for plan in fleet.computers.values() if plan.robot in fleet.master_of]
+        names += [str(network.gateway) for network in fleet.networks if network.device]
+        self.box = round(LETTER * min(max(SHORTEST, *map(len, names)), LONGEST)) + 2 * GAP
         self.frame = COLUMNS * self.box + (COLUMNS + 1) * GAP
-        self.each = max(1, min(len(robots), (WIDTH - EDGE) // (self.frame + GAP)))
+        self.each = max(1, min(len(self.robots), (WIDTH - EDGE) // (self.frame + GAP)))
         self.width = self.each * (self.frame + GAP) + 2 * EDGE
         self.frames: list[str] = []
         self.wires: list[str] = []
@@ -140,7 +113,7 @@ class _Picture:
     def svg(self) -> str:
         """Draw all: frames lie behind wires, and wires behind boxes."""
         y = self._router(EDGE)
-        rows, top = list(_chunks(self.robots, self.each)), y + BAR // 2
+        rows, top = _part(self.robots, self.each), y + BAR // 2
         for number, robots in enumerate(rows):
             last = y
             self._bar(EDGE, y, self.width - 2 * EDGE, self._common(number), COMMON if number == 0 else "")
@@ -182,31 +155,44 @@ class _Picture:
         self._box(device, EDGE + GAP, y)
         return y + self._height(device) + 2 * GAP
 
-    def _draw(self, robot: _Robot, x: int, top: int) -> int:
+    def _draw(self, robot: str, x: int, top: int) -> int:
         """Draw a robot below the bar; return its height."""
+        network = next((entry for entry in self.fleet.networks if entry.robot == robot), None)
+        plans = [plan for plan in self.fleet.computers.values() if plan.robot == robot]
+        front = [_device(plan) for plan in plans if network is None or plan.common_address]
+        if network is not None and network.device:
+            lines = ("gateway, no computer", str(network.gateway), str(network.common_address))
+            front.append(_Device(str(network.gateway), lines, "the gateway of the robot, a device", planned=False))
         y = top + GAP
-        self._text(x + GAP, y + 20, f"robot {shorten(robot.name)}", "title")
-        for number, line in enumerate(robot.lines):
+        self._text(x + GAP, y + 20, f"robot {shorten(robot)}", "title")
+        for number, line in enumerate(self._describe_discovery(robot)):
             self._text(x + GAP, y + 37 + 15 * number, line, "small")
-        self._marks(x + self.frame - GAP, y + 6, self.marks.get(robot.name, ()))
-        y = self._hang(robot.front, x, y + HEAD, top)
-        if robot.network is not None:
-            place = f"the network of {robot.name}"
-            if robot.front:
+        marks = self.marks.get(robot, ())
+        self._marks(x + self.frame - GAP, y + 6, marks)
+        y = self._hang(front, x, y + HEAD, top)
+        if network is not None:
+            if front:
                 self._wire(x + GAP + self.box // 2, top, y + 2 * GAP)
             y += 2 * GAP
-            self._bar(x + GAP, y, self.frame - 2 * GAP, f"own network {robot.network.network}", place)
-            y = self._hang(robot.behind, x, y + BAR + GAP, y)
+            self._bar(x + GAP, y, self.frame - 2 * GAP, f"own network {network.network}", f"the network of {robot}")
+            y = self._hang([_device(plan) for plan in plans if not plan.common_address], x, y + BAR + GAP, y)
         height = y - top
-        verdict = _worst(self.marks.get(robot.name, ()))
         self.frames.append(
-            f'<rect class="robot{_class(verdict)}" x="{x}" y="{top + GAP}" width="{self.frame}" height="{height - GAP}" rx="8"/>',
+            f'<rect class="robot{_class(marks)}" x="{x}" y="{top + GAP}" width="{self.frame}" height="{height - GAP}" rx="8"/>',
         )
         return height
 
+    def _describe_discovery(self, robot: str) -> Iterator[str]:
+        """Yield the robots that a robot discovers, and those that it does not."""
+        unseen = self.unseen.get(robot, ())
+        others = [other for other in self.robots if other not in (robot, *unseen)]
+        yield f"discovers {shorten_list(map(shorten, others)) or 'nobody'}"
+        if unseen:
+            yield f"{SIGNS[FAILED]} does not discover {shorten_list(map(shorten, unseen))}"
+
     def _hang(self, devices: Sequence[_Device], x: int, y: int, above: int) -> int:
         """Draw boxes in columns below a bar; return the y of the next thing."""
-        for row in _chunks(devices, COLUMNS):
+        for row in _part(devices, COLUMNS):
             for column, device in enumerate(row):
                 left = x + GAP + column * (self.box + GAP)
                 self._wire(left + self.box // 2, above, y)
@@ -221,7 +207,7 @@ class _Picture:
         marks = self.marks.get(device.name, ())
         kind = "box" if device.planned else "box device"
         self.parts.append(
-            f'<g><title>{escape(plain(device.title))}</title><rect class="{kind}{_class(_worst(marks))}" x="{x}" y="{y}" '
+            f'<g><title>{escape(plain(device.title))}</title><rect class="{kind}{_class(marks)}" x="{x}" y="{y}" '
             f'width="{self.box}" height="{self._height(device)}" rx="4"/>'
         )
         self._text(x + GAP, y + 19, shorten(device.name), "name")
@@ -232,9 +218,7 @@ class _Picture:
 
     def _bar(self, x: int, y: int, width: int, text: str, place: str) -> None:
         marks = self.marks.get(place, ()) if place else ()
-        self.parts.append(
-            f'<rect class="bar{_class(_worst(marks))}" x="{x}" y="{y}" width="{width}" height="{BAR}" rx="3"/>'
-        )
+        self.parts.append(f'<rect class="bar{_class(marks)}" x="{x}" y="{y}" width="{width}" height="{BAR}" rx="3"/>')
         self._text(x + GAP + (0 if place != COMMON else self.box), y - 5, text, "small")
         self._marks(x + width, y - 8, marks)
 
@@ -258,17 +242,12 @@ class _Picture:
         self.parts.append(f'<text class="{kind}" x="{x}" y="{y}">{escape(plain(text))}</text>')
 
 
-def _worst(marks: Sequence[Mark]) -> str:
-    return next(
-        (verdict for verdict in (FAILED, WARNING, UNKNOWN) if any(mark.verdict == verdict for mark in marks)), ""
-    )
+def _class(marks: Sequence[Mark]) -> str:
+    """Return the class for the worst of the marks of an element."""
+    verdicts = {mark.verdict for mark in marks}
+    return next((f" is-{verdict}" for verdict in (FAILED, WARNING, UNKNOWN) if verdict in verdicts), "")
 
 
-def _class(verdict: str) -> str:
-    return f" is-{verdict}" if verdict else ""
-
-
-def _chunks(entries: Sequence[_T], size: int) -> Iterator[list[_T]]:
-    rest = iter(entries)
-    while chunk := list(islice(rest, size)):
-        yield chunk
+def _part(entries: Sequence[_T], size: int) -> list[Sequence[_T]]:
+    """Part a list into rows."""
+    return [entries[begin : begin + size] for begin in range(0, len(entries), size)]
