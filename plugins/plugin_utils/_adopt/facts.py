@@ -21,7 +21,6 @@ from .._fleet.values import UnexpectedValue
 Info = Mapping[str, Any]
 
 NEEDED = ("interfaces", "routing", "forwarding", "masters")
-IMPLEMENTATIONS = ("bundled", "upstream")  # as the module tells them
 MOST = 64  # of interfaces, roscores, discovery nodes, assignments
 MOST_ROUTES = 2000
 # Networks inside a computer: containers and virtual machines.
@@ -47,12 +46,16 @@ class Uri:
     host: str
     port: int
 
+    @property
+    def is_address(self) -> bool:
+        """Say if the host is an address of IPv4."""
+        return not kinds.is_host_name(self.host)
+
 
 @dataclass(frozen=True)
 class Discovery:
     """A discovery node; the group and the ports are None or 0 where its parameters do not say them."""
 
-    implementation: str  # bundled, upstream or empty
     uri: Uri | None
     group: IPv4Address | None
     group_port: int
@@ -66,7 +69,8 @@ class Roscore:
     uri: Uri | None
     runs: str  # its unit, else its command
     discovery: tuple[Discovery, ...] = ()
-    syncs: tuple[str, ...] = ()  # whose sync nodes: bundled, upstream
+    syncs: bool = False  # a sync node is there
+    upstream: bool = False  # some of the nodes are those of multimaster_fkie
 
 
 @dataclass(frozen=True)
@@ -90,24 +94,20 @@ def read_machine(name: str, info: Info) -> Machine:
     if missing:
         raise StrangeMachine(f"{', '.join(missing)} could not be read")
     try:
-        return _machine(name, info)
+        usable, aside = _addresses(info["interfaces"])
+        return Machine(
+            name=name,
+            hostname=plain(info.get("hostname") or "", 64),
+            addresses=tuple(usable),
+            aside=tuple(aside),
+            hops=tuple(_hops(info["routing"]["routes"])),
+            forwards=info["forwarding"]["ip_forward"] == 1,
+            roscores=tuple(_roscore(entry) for entry in info["masters"][:MOST] if not entry["error"]),
+            masters=tuple(_read_masters(info)),
+            ours=any(str(record).startswith("services-") for record in info.get("owned") or ()),
+        )
     except (LookupError, TypeError, ValueError, AttributeError) as problem:
         raise StrangeMachine(f"what it answered cannot be understood ({quote(problem)})") from None
-
-
-def _machine(name: str, info: Info) -> Machine:
-    usable, aside = _addresses(info["interfaces"])
-    return Machine(
-        name=name,
-        hostname=plain(info.get("hostname") or "", 64),
-        addresses=tuple(usable),
-        aside=tuple(aside),
-        hops=tuple(_hops(info["routing"]["routes"])),
-        forwards=info["forwarding"]["ip_forward"] == 1,
-        roscores=tuple(_roscore(entry) for entry in info["masters"][:MOST] if not entry["error"]),
-        masters=tuple(_read_masters(info)),
-        ours=any(str(record).startswith("services-") for record in info.get("owned") or ()),
-    )
 
 
 def _addresses(interfaces: Sequence[Info]) -> tuple[list[IPv4Interface], list[str]]:
@@ -144,26 +144,23 @@ def _hops(routes: Sequence[Info]) -> Iterable[Hop]:
 
 def _roscore(entry: Info) -> Roscore:
     process = entry["process"]
+    discovery, sync = entry["discovery"][:MOST], entry["sync"][:MOST]
     return Roscore(
         port=_port(entry["port"]),
         uri=uri(entry["uri"]),
         runs=quote(process["unit"] or process["command"], 100),
-        discovery=tuple(_discovery(node) for node in entry["discovery"][:MOST]),
-        syncs=tuple(_implementation(node["implementation"]) for node in entry["sync"][:MOST]),
+        discovery=tuple(map(_discovery, discovery)),
+        syncs=bool(sync),
+        upstream="upstream" in [node.get("implementation") for node in (*discovery, *sync)],
     )
 
 
 def _discovery(entry: Info) -> Discovery:
     return Discovery(
-        implementation=_implementation(entry.get("implementation", "")),
         uri=uri(entry.get("uri", "")),
         group=_group(entry.get("group", "")),
         group_port=_port(entry.get("group_port", 0)),
     )
-
-
-def _implementation(text: Any) -> str:
-    return str(text) if text in IMPLEMENTATIONS else quote(text, 32)
 
 
 def _group(text: Any) -> IPv4Address | None:
@@ -191,21 +188,9 @@ def uri(text: Any) -> Uri | None:
     """Return host and port of a URI such as http://tibi-nav:11311; None where it is none."""
     try:
         parts = urlsplit(str(text))
-        if (
-            parts.scheme != "http"
-            or not parts.hostname
-            or not (kinds.is_host_name(parts.hostname) or is_address(parts.hostname))
-        ):
+        host = parts.hostname or ""
+        if parts.scheme != "http" or not (kinds.is_host_name(host) or IPv4Address(host)):
             return None
-        return Uri(parts.hostname, parts.port or 11311)
-    except ValueError:
+        return Uri(host, parts.port or 11311)
+    except ValueError:  # no address, or no port
         return None
-
-
-def is_address(text: str) -> bool:
-    """Say if a text is an address of IPv4."""
-    try:
-        IPv4Address(text)
-    except ValueError:
-        return False
-    return True

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
 
-from .facts import Machine, Uri, is_address
+from .facts import Machine, Uri
 
 EVERYWHERE = IPv4Network("0.0.0.0/0")
 THIS = ("localhost", "127.0.0.1", "127.0.1.1")  # how a computer names itself
@@ -61,9 +61,7 @@ class Machines:
         """Return the machine that a URI means on one of them."""
         if uri.host in THIS or uri.host == self.by_name[machine].hostname.lower():
             return machine
-        return self._names.get(uri.host) or (
-            None if is_address(uri.host) else self._names.get(uri.host.partition(".")[0])
-        )
+        return self._names.get(uri.host) or (None if uri.is_address else self._names.get(uri.host.partition(".")[0]))
 
     def machine_at(self, address: IPv4Address) -> str | None:
         """Return the machine that has an address."""
@@ -205,7 +203,7 @@ def _count_discovery_nodes(machines: Machines, network: IPv4Network) -> int:
         for machine in machines.by_name.values()
         for roscore in machine.roscores
         for node in roscore.discovery
-        if node.uri and is_address(node.uri.host)
+        if node.uri and node.uri.is_address
     }
     return sum(1 for host in heard if IPv4Address(host) in network)
 

@@ -267,10 +267,9 @@ def _describe_services(scene: _Scene, group: groups.Group, roscore: facts.Roscor
     told = [
         f"{what}: end it and what starts it at boot before site.yml, which starts its own, or set multimaster_roscore: existing"
     ]
-    whose = sorted({node.implementation for node in roscore.discovery} | set(roscore.syncs))
     if roscore.discovery or roscore.syncs:
-        nodes = "The nodes of multimaster_fkie" if "upstream" in whose else "Discovery and sync nodes"
-        kept = ", or set multimaster_provider: fkie_existing" if "upstream" in whose else ""
+        nodes = "The nodes of multimaster_fkie" if roscore.upstream else "Discovery and sync nodes"
+        kept = ", or set multimaster_provider: fkie_existing" if roscore.upstream else ""
         told.append(
             f"{nodes} run there, which site.yml replaces: end them and what starts them at boot{kept}; filters of the sync node "
             "are not read: write them as multimaster_filters"
@@ -290,8 +289,8 @@ def _fleet(scene: _Scene, router: Choice | None) -> Choices:
     port = _choose_majority(nodes, lambda node: node.group_port or PORT, PORT)
     if port.value != PORT or port.why and nodes:
         choices["multicast_port"] = port
-    uris = [(scene.name(master), roscore.uri) for master, roscore in scene.roscores if roscore.uri]
-    if uris and all(uri and facts.is_address(uri.host) for _name, uri in uris):
+    uris = [roscore.uri for _master, roscore in scene.roscores if roscore.uri]
+    if uris and all(uri.is_address for uri in uris):
         choices["advertise"] = Choice("address")
     return choices
 
