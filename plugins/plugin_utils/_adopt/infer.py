@@ -35,20 +35,13 @@ class _Scene:
     def name(self, machine: str) -> str:
         return self.names[machine][0]
 
-    def address(self, machine: str, network: IPv4Network) -> IPv4Address | None:
-        return self.machines.networks[network].get(machine)
-
-    def common(self, machine: str) -> IPv4Address | None:
-        return self.address(machine, self.found.common)
+    def addresses(self, network: IPv4Network) -> Mapping[str, IPv4Address]:
+        return self.machines.networks[network]
 
     @property
-    def roscores(self) -> list[tuple[str, facts.Roscore]]:
-        """The roscore of each robot that was seen."""
-        return [
-            (group.master, _roscore(self, group)[0])
-            for group in self.found.groups
-            if self.machine(group.master).roscores
-        ]
+    def common(self) -> Mapping[str, IPv4Address]:
+        """Machine -> its address in the common network."""
+        return self.addresses(self.found.common)
 
 
 def propose(machines: Iterable[facts.Machine], left_out: Mapping[str, str]) -> Proposal:
@@ -101,7 +94,7 @@ def _robot(scene: _Scene, group: groups.Group) -> tuple[Robot, dict[str, str]]:
     """Return a robot without its name, and its machines that cannot be in it."""
     network = _network(scene, group)
     inside = network or scene.found.common
-    members = [name for name in sorted(group.members) if scene.address(name, inside) is not None]
+    members = [name for name in sorted(group.members) if name in scene.addresses(inside)]
     outside = {
         name: f"it belongs to the roscore on {scene.name(group.master)}, and has no address in {inside}"
         for name in sorted(group.members - set(members))
@@ -113,12 +106,11 @@ def _robot(scene: _Scene, group: groups.Group) -> tuple[Robot, dict[str, str]]:
     choices["master"] = _master(scene, group, members)
     roscore, doubt = _roscore(scene, group)
     choices.update(_ports(roscore, doubt))
-    computers = [_computer(scene, name, inside) for name in members]
-    order = {scene.name(name): int(scene.machines.networks[inside][name]) for name in members}
+    members_in_order = sorted(members, key=lambda name: scene.addresses(inside)[name])
     robot = Robot(
         name="",
         choices=choices,
-        computers=tuple(sorted(computers, key=lambda computer: order[computer.name])),
+        computers=tuple(_computer(scene, name, inside) for name in members_in_order),
         notes=(
             *group.notes,
             *_find_gaps(choices),
@@ -131,13 +123,11 @@ def _robot(scene: _Scene, group: groups.Group) -> tuple[Robot, dict[str, str]]:
 
 def _network(scene: _Scene, group: groups.Group) -> IPv4Network | None:
     """Return the robot's own network: that of most of its machines which are not in the common network."""
-    inner = [name for name in group.members if scene.common(name) is None]
+    inner = [name for name in group.members if name not in scene.common]
     aside = scene.found.shared | scene.machines.duplicate_networks
     own = [network for network in scene.machines.networks if network not in aside]
-    counted = Counter({network: sum(scene.address(name, network) is not None for name in inner) for network in own})
-    if not inner or not +counted:
-        return None
-    return max(+counted, key=lambda network: (counted[network], -int(network.network_address)))
+    counted = Counter(network for network in own for name in inner if name in scene.addresses(network))
+    return max(counted, key=lambda network: (counted[network], -int(network.network_address)), default=None)
 
 
 def _network_notes(scene: _Scene, group: groups.Group, network: IPv4Network | None) -> list[str]:
@@ -176,8 +166,8 @@ def _master(scene: _Scene, group: groups.Group, members: Sequence[str]) -> Choic
 
 def _gateway(scene: _Scene, members: Sequence[str], network: IPv4Network) -> dict[str, Choice]:
     """Return the gateway of a network, its address in the common network, and which routes lead to it."""
-    inner = [name for name in members if scene.common(name) is None]
-    both = [name for name in members if scene.common(name) is not None]
+    inner = [name for name in members if name not in scene.common]
+    both = [name for name in members if name in scene.common]
     default = groups.count_hops(scene.machines, inner, network)
     hop = _first(default) or _first(groups.count_hops(scene.machines, inner, network, scene.found.common))
     at = scene.machines.machine_at(hop) if hop else None
@@ -188,9 +178,9 @@ def _gateway(scene: _Scene, members: Sequence[str], network: IPv4Network) -> dic
     best = min(both, key=lambda name: (name != at, not scene.machine(name).forwards, name))
     choices = {
         "gateway": Choice(scene.name(best), _gateway_doubt(scene, best, both, at)),
-        "common_address": Choice(_require_address(scene.common(best))),
+        "common_address": Choice(scene.common[best]),
     }
-    if hop and default[_require_address(scene.address(best, network))] * 2 < len(inner):
+    if hop and default[scene.addresses(network)[best]] * 2 < len(inner):
         choices["routes"] = Choice(
             "networks", "guessed, since the default routes of most of its computers lead elsewhere"
         )
@@ -202,11 +192,10 @@ def _device(scene: _Scene, network: IPv4Network, hop: IPv4Address) -> dict[str, 
     choices = {
         "gateway": Choice(hop, "guessed: the next hop of its computers, and none of the machines that were read")
     }
-    outside = groups.count_hops(scene.machines, scene.machines.by_name, scene.found.common, network)
+    outside = _first(groups.count_hops(scene.machines, scene.machines.by_name, scene.found.common, network))
     if outside:
-        choices["common_address"] = Choice(
-            _require_address(_first(outside)), f"guessed: the next hop of other machines on their way to {network}"
-        )
+        why = f"guessed: the next hop of other machines on their way to {network}"
+        choices["common_address"] = Choice(outside, why)
     return choices
 
 
@@ -222,13 +211,6 @@ def _gateway_doubt(scene: _Scene, best: str, both: Sequence[str], at: str | None
     if not scene.machine(best).forwards:
         why.append("it does not forward packets now (net.ipv4.ip_forward is 0)")
     return "; ".join(why)
-
-
-def _require_address(address: IPv4Address | None) -> IPv4Address:
-    """Return an address whose owner the caller has chosen because it has one. Raises LookupError."""
-    if address is None:
-        raise LookupError("a machine without an address was chosen")
-    return address
 
 
 # Its roscore and nodes
@@ -284,12 +266,14 @@ def _fleet(scene: _Scene, router: Choice | None) -> Choices:
     choices = {"common_network": Choice(scene.found.common, scene.found.why)}
     if router:
         choices["router"] = router
-    nodes = [(scene.name(master), node) for master, roscore in scene.roscores for node in roscore.discovery]
+    masters = [group for group in scene.found.groups if scene.machine(group.master).roscores]
+    roscores = [(scene.name(group.master), _roscore(scene, group)[0]) for group in masters]
+    nodes = [(name, node) for name, roscore in roscores for node in roscore.discovery]
     choices["multicast_group"] = _choose_majority(nodes, lambda node: node.group or GROUP, GROUP)
     port = _choose_majority(nodes, lambda node: node.group_port or PORT, PORT)
     if port.value != PORT or port.why and nodes:
         choices["multicast_port"] = port
-    uris = [roscore.uri for _master, roscore in scene.roscores if roscore.uri]
+    uris = [roscore.uri for _name, roscore in roscores if roscore.uri]
     if uris and all(uri.is_address for uri in uris):
         choices["advertise"] = Choice("address")
     return choices
@@ -327,7 +311,7 @@ def _fleet_notes(scene: _Scene) -> tuple[str, ...]:
 def _computer(scene: _Scene, machine: str, network: IPv4Network) -> Computer:
     name, why = scene.names[machine]
     found = scene.machine(machine)
-    choices = {"address": Choice(_require_address(scene.address(machine, network)))}
+    choices = {"address": Choice(scene.addresses(network)[machine])}
     if _is_alias(scene, found.hostname, name):
         choices["aliases"] = Choice([found.hostname], "the name that it calls itself")
     notes = [f"Left aside: {', '.join(found.aside)}"] if found.aside else []
@@ -345,7 +329,7 @@ def _is_alias(scene: _Scene, hostname: str, name: str) -> bool:
 def _router(scene: _Scene, rest: Mapping[str, str]) -> tuple[Computer | None, Choice | None, dict[str, str]]:
     """Return the router of the common network as a host or as a device, and the machines that are neither."""
     members = [name for group in scene.found.groups for name in group.members]
-    gateways = [name for name in members if scene.common(name) is not None]
+    gateways = [name for name in members if name in scene.common]
     if len(gateways) == len(members):
         return None, None, dict(rest)  # no computer is behind a gateway: there is nothing to route
     hop = _first(groups.count_hops(scene.machines, gateways, scene.found.common))
@@ -374,4 +358,4 @@ def _passes(scene: _Scene, name: str) -> bool:
         if name in of and network not in scene.found.shared and members & set(of)
     }
     machine = scene.machine(name)
-    return scene.common(name) is not None and machine.forwards and not machine.roscores and not own
+    return name in scene.common and machine.forwards and not machine.roscores and not own
