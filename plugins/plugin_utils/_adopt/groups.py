@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
 
@@ -70,12 +70,11 @@ class Machines:
     @cached_property
     def master_of(self) -> Mapping[str, str]:
         """Machine -> the one that its ROS_MASTER_URI means; the first that is known counts."""
-        found = {}
-        for name, machine in self.by_name.items():
-            meant = [self.resolve(name, uri) for uri in machine.masters]
-            if any(meant):
-                found[name] = next(one for one in meant if one)
-        return found
+        meant = {
+            name: next(filter(None, (self.resolve(name, uri) for uri in machine.masters)), None)
+            for name, machine in self.by_name.items()
+        }
+        return {name: master for name, master in meant.items() if master}
 
     @cached_property
     def masters(self) -> frozenset[str]:
@@ -87,7 +86,7 @@ class Machines:
             for uri in machine.masters[:1]
             if uri.host not in THIS
         }
-        return frozenset(running | (meant - {None}))  # type: ignore[operator]  # without None
+        return frozenset(name for name in running | meant if name)
 
     def connect(self, without: Collection[IPv4Network]) -> list[frozenset[str]]:
         """Return the sets of machines that are connected by the other networks."""
@@ -113,7 +112,7 @@ class Group:
 
     master: str
     members: frozenset[str]
-    notes: tuple[str, ...] = ()
+    notes: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -124,7 +123,7 @@ class FleetGroups:
     why: str  # it is the common network, where that is a guess
     shared: frozenset[IPv4Network]  # networks that several robots have, the common one among them
     groups: tuple[Group, ...]
-    rest: Mapping[str, str] = field(default_factory=dict)  # machine of no robot -> why
+    rest: Mapping[str, str]  # machine of no robot -> why
 
 
 def find_groups(machines: Machines) -> FleetGroups | None:
@@ -140,31 +139,22 @@ def find_groups(machines: Machines) -> FleetGroups | None:
     if others and _rank(machines, others[0])[:3] == _rank(machines, common)[:3]:
         why = f"guessed, since most machines have an address in it; it may also be {others[0]}"
     shared = _find_shared_networks(machines, common)
-    groups: dict[str, set[str]] = {}
-    notes: dict[str, list[str]] = {}
+    groups: dict[str, Group] = {}
     rest: dict[str, str] = {}
     lone: list[str] = []
     for members in machines.connect(shared):
         masters = _rank_masters(machines, members)
         if masters:
-            groups[masters[0]] = set(members)
-            notes[masters[0]] = _notes(machines, members, masters)
+            groups[masters[0]] = Group(masters[0], members, _notes(machines, members, masters))
         else:
             lone += sorted(members)
     for name in lone:
-        if machines.master_of.get(name) in groups:
-            groups[machines.master_of[name]].add(name)
+        group = groups.get(machines.master_of.get(name, ""))
+        if group:
+            groups[group.master] = replace(group, members=group.members | {name})
         else:
             rest[name] = _explain_rest(machines, name)
-    return FleetGroups(
-        common=common,
-        why=why,
-        shared=shared,
-        groups=tuple(
-            Group(master, frozenset(members), tuple(notes[master])) for master, members in sorted(groups.items())
-        ),
-        rest=rest,
-    )
+    return FleetGroups(common, why, shared, tuple(groups[master] for master in sorted(groups)), rest)
 
 
 def _rank(machines: Machines, network: IPv4Network) -> tuple[int, ...]:
@@ -210,18 +200,14 @@ def _count_discovery_nodes(machines: Machines, network: IPv4Network) -> int:
 
 def _find_shared_networks(machines: Machines, common: IPv4Network) -> frozenset[IPv4Network]:
     """Return the networks that connect robots: the common one, and others such as one for administration."""
-    shared, apart = {common}, machines.count_robots(common, [common])
+    shared, apart = frozenset({common}), machines.count_robots(common, [common])
     while True:
-        best = max(
-            (network for network in machines.networks if network not in shared),
-            key=lambda network: machines.count_robots(common, [*shared, network]),
-            default=common,
-        )
-        now = machines.count_robots(common, [*shared, best])
+        wider = [shared | {network} for network in machines.networks]
+        best = max(wider, key=lambda networks: machines.count_robots(common, networks))
+        now = machines.count_robots(common, best)
         if now <= apart:
-            return frozenset(shared)
-        shared.add(best)
-        apart = now
+            return shared
+        shared, apart = best, now
 
 
 def _notes(machines: Machines, members: frozenset[str], masters: Sequence[str]) -> list[str]:
