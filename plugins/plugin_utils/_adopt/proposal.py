@@ -51,7 +51,7 @@ class Proposal:
     """An inventory, and what is not in it."""
 
     choices: Choices = field(default_factory=dict)  # of the fleet
-    robots: tuple[Robot, ...] = ()
+    robots: tuple[Robot, ...] = ()  # by name
     router: Computer | None = None
     left_out: Mapping[str, str] = field(default_factory=dict)  # machine -> why
     notes: tuple[str, ...] = ()
@@ -61,12 +61,17 @@ class Proposal:
         """The computers of all robots."""
         return tuple(computer for robot in self.robots for computer in robot.computers)
 
+    @property
+    def hosts(self) -> tuple[Computer, ...]:
+        """The computers of all robots, and the router."""
+        return (*self.computers, self.router) if self.router else self.computers
+
     def guesses(self) -> list[str]:
         """Return a sentence for each value that had to be guessed, and for each note."""
         told = [*_guesses("group_vars/robots.yml", self.choices), *self.notes]
         for robot in self.robots:
             told += [*_guesses(f"group_vars/{robot.name}.yml", robot.choices), *robot.notes]
-        for computer in (*self.computers, *((self.router,) if self.router else ())):
+        for computer in self.hosts:
             told += [*_guesses(computer.name, computer.choices), *computer.notes]
         return told
 
@@ -80,10 +85,7 @@ class Proposal:
         if self.router:
             variables[self.router.name] = _plain(self.router.choices)
         return Inventory(
-            robots={
-                robot.name: [computer.name for computer in robot.computers]
-                for robot in sorted(self.robots, key=lambda robot: robot.name)
-            },
+            robots={robot.name: [computer.name for computer in robot.computers] for robot in self.robots},
             variables=variables,
             routers=[self.router.name] if self.router else [],
         )

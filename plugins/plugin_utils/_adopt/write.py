@@ -38,18 +38,14 @@ _WORDS = "true false yes no on off null y n".split()
 
 def files(proposal: Proposal, connections: Connections) -> dict[str, str]:
     """Return path -> text, in a stable order."""
-    ways = {
-        computer.machine: _connection(computer, connections.get(computer.machine, {}))
-        for computer in (*proposal.computers, *((proposal.router,) if proposal.router else ()))
-    }
+    ways = {host.machine: _connection(host, connections.get(host.machine, {})) for host in proposal.hosts}
     first, *others = ways.values()
     shared = [line for line in first if all(line in lines for lines in others)]
     own = {machine: [line for line in lines if line not in shared] for machine, lines in ways.items()}
+    fleet = [*_variables(proposal.choices), *shared]
     written = {
         "hosts.yml": _hosts(proposal, own),
-        "group_vars/robots.yml": _group(
-            "What all robots share.", proposal.notes, [*_variables(proposal.choices), *shared]
-        ),
+        "group_vars/robots.yml": _group("What all robots share.", proposal.notes, fleet),
     }
     for robot in proposal.robots:
         title = f"What only the robot {robot.name} has."
