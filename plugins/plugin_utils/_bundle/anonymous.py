@@ -16,6 +16,7 @@ from typing import Any
 
 from .._plan.model import FleetPlan
 from .addresses import Addresses
+from .secrets import list_words
 
 # Names of the collection and of ROS stay, also if a robot has one of them.
 _OURS = (
@@ -62,8 +63,7 @@ class Anonymous:
         text = _MAC.sub(lambda match: self._number("mac", match[0], "02:00:00:00:{0:02x}:{1:02x}"), text)
         text = _IPV6.sub(self._ipv6, text)
         text = _IPV4.sub(self._ipv4, text)
-        if self._persons:
-            text = self._persons.sub(lambda match: match[1] + self._people[match[2]], text)
+        text = self._persons.sub(lambda match: match[1] + self._people[match[2]], text)
         return self._pattern.sub(lambda match: match[1] or self._names[match[0].lower()], text)
 
     def data(self, value: Any) -> Any:
@@ -167,14 +167,10 @@ def _label(name: str) -> str:
 
 
 def _pattern(names: Mapping[str, str]) -> re.Pattern[str]:
-    longest = sorted(names, key=lambda name: (-len(name), name))
-    inner = "|".join(map(re.escape, longest)) or r"(?!)"
-    return re.compile(rf"(?<![A-Za-z0-9])(?:({_OURS})|{inner})(?![A-Za-z0-9])", re.IGNORECASE)
+    return re.compile(rf"(?<![A-Za-z0-9])(?:({_OURS})|{list_words(names)})(?![A-Za-z0-9])", re.IGNORECASE)
 
 
-def _persons(people: Mapping[str, str]) -> re.Pattern[str] | None:
+def _persons(people: Mapping[str, str]) -> re.Pattern[str]:
     """Return the pattern of persons: a home folder, `user anna`, `anna@`."""
-    if not people:
-        return None
-    inner = "|".join(map(re.escape, sorted(people, key=lambda name: (-len(name), name))))
-    return re.compile(rf"(/home/|\b[Uu]ser(?:name)?[ =:]+[\"']?|(?<![\w.-])(?=[\w.-]+@))({inner})(?![\w-])")
+    before = r"(/home/|\b[Uu]ser(?:name)?[ =:]+[\"']?|(?<![\w.-])(?=[\w.-]+@))"
+    return re.compile(rf"{before}({list_words(people)})(?![\w-])")

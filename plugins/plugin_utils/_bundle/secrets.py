@@ -220,12 +220,11 @@ def is_secret(name: str) -> bool:
     return bool(_NAME.search(name)) and not _NO_NAME.search(name)
 
 
-def collect_values(variables: Mapping[str, Any], encrypted: Iterable[str] = ()) -> set[str]:
-    """Collect the values of variables with the name of a secret, and of the `encrypted` ones."""
-    names = set(encrypted)
+def collect_values(variables: Mapping[str, Any]) -> set[str]:
+    """Collect the values of variables with the name of a secret."""
     values: set[str] = set()
     for name, value in variables.items():
-        if name in names or is_secret(name):
+        if is_secret(name):
             values |= set(list_texts(value))
         elif isinstance(value, Mapping):
             values |= collect_values({str(key): part for key, part in value.items()})
@@ -283,13 +282,12 @@ class Secrets:
 
     def text(self, text: str) -> str:
         """Return a text, of any number of lines, without secrets."""
-        for pattern in (self._known, self._foreign):
-            text = pattern.sub(REMOVED, text) if pattern else text
+        text = self._foreign.sub(REMOVED, self._known.sub(REMOVED, text))
         return _RANDOM.sub(_replace_random, _remove_forms(text))
 
     def word(self, text: str) -> str:
         """Return a value of data, such as a name or an address, without secrets."""
-        return _remove_forms(self._known.sub(REMOVED, text) if self._known else text)
+        return _remove_forms(self._known.sub(REMOVED, text))
 
     def data(self, value: Any) -> Any:
         """Return plain data or dataclasses without secrets."""
@@ -318,18 +316,22 @@ class Secrets:
             variables = parts["environment"].items()
             parts["environment"] = {name: text if _LISTED.fullmatch(name) else REMOVED for name, text in variables}
         title = parts.get("name")
-        if isinstance(title, str) and is_secret(title) and {"expected", "found", "value"} & parts.keys():
+        if isinstance(title, str) and is_secret(title):
             parts.update({name: REMOVED for name in ("expected", "found", "value") if parts.get(name)})
         return dataclasses.replace(value, **parts)  # type: ignore[type-var]
 
 
-def _compile_values(values_: Iterable[str], names: set[str]) -> re.Pattern[str] | None:
+def _compile_values(values: Iterable[str], names: set[str]) -> re.Pattern[str]:
     """Return the pattern of the lines of these values, the longest first."""
-    lines = {line.strip() for value in values_ for line in value.splitlines()}
+    lines = {line.strip() for value in values for line in value.splitlines()}
     worth = {line for line in lines if SHORTEST <= len(line) <= LONGEST and line.lower() not in names}
-    longest = sorted(worth, key=lambda text: (-len(text), text))[:MOST]
-    inner = "|".join(map(re.escape, longest))
-    return re.compile(rf"(?<![A-Za-z0-9])(?:{inner})(?![A-Za-z0-9])") if inner else None
+    return re.compile(rf"(?<![A-Za-z0-9])(?:{list_words(worth, MOST)})(?![A-Za-z0-9])")
+
+
+def list_words(words: Iterable[str], most: int | None = None) -> str:
+    """Return the words as alternatives of a pattern, the longest first; of no word a pattern that matches nothing."""
+    longest = sorted(words, key=lambda word: (-len(word), word))[:most]
+    return "|".join(map(re.escape, longest)) or r"(?!)"
 
 
 def _remove_forms(text: str) -> str:
