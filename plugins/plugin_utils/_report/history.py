@@ -5,11 +5,11 @@
 
 from __future__ import annotations
 
+import fnmatch
 import hashlib
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from fnmatch import fnmatchcase
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -30,16 +30,12 @@ def name_folder(inventory: str) -> str:
 
 def find_latest(names: Iterable[str]) -> str:
     """Return the data file of the last run, from the names in a folder; empty without a run."""
-    return max((name for name in _find_runs(names) if name.endswith(".json")), default="")
+    return max((name for name in fnmatch.filter(names, PATTERN) if name.endswith(".json")), default="")
 
 
 def find_expired(names: Iterable[str]) -> list[str]:
     """List the files of runs that are too old."""
-    return sorted(_find_runs(names))[: -2 * KEPT]
-
-
-def _find_runs(names: Iterable[str]) -> Iterator[str]:
-    return (name for name in names if fnmatchcase(name, PATTERN))
+    return sorted(fnmatch.filter(names, PATTERN))[: -2 * KEPT]
 
 
 def read_data(text: str) -> dict[str, Any]:

@@ -101,19 +101,18 @@ def _findings(findings: Sequence[Finding], heading: str, numbers: Iterator[int],
 
 
 def _finding(entry: Finding) -> Iterator[tuple[str, str]]:
-    """Yield the lines of a finding: (label, text)."""
+    """Yield the lines of a finding: (label, text). Those without a text are not printed."""
     if entry.rivals:
         yield "{number:>3}. ", "one of these: " + "; or ".join(part.sentence() for part in entry.candidates)
     else:
         yield "{number:>3}. ", entry.sentence()
-    for row in entry.proof[:1]:
-        yield "     seen:     ", f"{_name_pairs(entry.proof)}: expected {row.expected}, found {row.found}"
-    if not entry.proof:
+    if entry.proof:
+        yield "     seen:     ", _describe_rows(entry.proof)
+        yield "     follows:  ", _count_checks(row.check for row in entry.rows)
+    else:
         yield "     for it:   ", _count_checks(row.check for row in entry.rows) + " fail" + _example(entry.rows)
         if entry.passed:
             yield "     besides:  ", "in the same pairs these succeed: " + _count_checks(entry.passed)
-    elif entry.rows:
-        yield "     follows:  ", _count_checks(row.check for row in entry.rows)
     for words in entry.followed:
         if words != entry.part.what:
             yield "     followed: ", words
@@ -136,10 +135,11 @@ def _name_unexamined(entry: Finding) -> str:
     return f"not examined: {shorten_list(others, PAIRS)}" if others else ""
 
 
-def _name_pairs(rows: Sequence[Row]) -> str:
-    """Return the first check of these rows, with its pairs."""
-    pairs = list(dict.fromkeys(_pair(row) for row in rows if row.check == rows[0].check))
-    return f"{TITLES[rows[0].check]}: {shorten_list(pairs, PAIRS)}"
+def _describe_rows(rows: Sequence[Row]) -> str:
+    """Return the first check of these rows with its pairs, and what the first one has found."""
+    first = rows[0]
+    pairs = dict.fromkeys(_pair(row) for row in rows if row.check == first.check)
+    return f"{TITLES[first.check]}: {shorten_list(pairs, PAIRS)}: expected {first.expected}, found {first.found}"
 
 
 def _count_checks(checks: Iterable[str]) -> str:
@@ -156,9 +156,7 @@ def _format_unexplained(rows: Sequence[Row], width: int) -> list[str]:
     groups: dict[str, list[Row]] = defaultdict(list)
     for row in rows:
         groups[row.check].append(row)
-    for group in groups.values():
-        text = f"{_name_pairs(group)}: expected {group[0].expected}, found {group[0].found}"
-        lines.append(_wrap("   -  ", text, width))
+    lines += [_wrap("   -  ", _describe_rows(group), width) for group in groups.values()]
     return ["\n".join(lines)]
 
 
