@@ -9,16 +9,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from ipaddress import IPv4Address, IPv4Network
-from typing import TypeVar
 
 from .._fleet import kinds
 from . import facts, groups, names
-from .proposal import Choice, Choices, Computer, Proposal, Robot, Value
-
-T = TypeVar("T", bound=Value)
+from .proposal import Choice, Choices, Computer, Proposal, Robot
 
 # What discovery nodes use where no parameter says another thing.
-GROUP, PORT, ROSCORE_PORT = IPv4Address("226.0.0.0"), 11511, 11311
+GROUP, PORT, ROSCORE_PORT = "226.0.0.0", 11511, 11311
 
 
 @dataclass(frozen=True)
@@ -101,7 +98,7 @@ def _robot(scene: _Scene, group: groups.Group) -> tuple[Robot, dict[str, str]]:
     }
     choices: dict[str, Choice] = {}
     if network:
-        choices["network"] = Choice(network)
+        choices["network"] = Choice(str(network))
         choices.update(_gateway(scene, members, network))
     choices["master"] = _master(scene, group, members)
     roscore, doubt = _roscore(scene, group)
@@ -178,7 +175,7 @@ def _gateway(scene: _Scene, members: Sequence[str], network: IPv4Network) -> dic
     best = min(both, key=lambda name: (name != at, not scene.machine(name).forwards, name))
     choices = {
         "gateway": Choice(scene.name(best), _gateway_doubt(scene, best, both, at)),
-        "common_address": Choice(scene.common[best]),
+        "common_address": Choice(str(scene.common[best])),
     }
     if hop and default[scene.addresses(network)[best]] * 2 < len(inner):
         choices["routes"] = Choice(
@@ -190,12 +187,12 @@ def _gateway(scene: _Scene, members: Sequence[str], network: IPv4Network) -> dic
 def _device(scene: _Scene, network: IPv4Network, hop: IPv4Address) -> dict[str, Choice]:
     """Return a gateway that is no computer."""
     choices = {
-        "gateway": Choice(hop, "guessed: the next hop of its computers, and none of the machines that were read")
+        "gateway": Choice(str(hop), "guessed: the next hop of its computers, and none of the machines that were read")
     }
     outside = _first(groups.count_hops(scene.machines, scene.machines.by_name, scene.found.common, network))
     if outside:
         why = f"guessed: the next hop of other machines on their way to {network}"
-        choices["common_address"] = Choice(outside, why)
+        choices["common_address"] = Choice(str(outside), why)
     return choices
 
 
@@ -263,13 +260,13 @@ def _describe_services(scene: _Scene, group: groups.Group, roscore: facts.Roscor
 
 
 def _fleet(scene: _Scene, router: Choice | None) -> Choices:
-    choices = {"common_network": Choice(scene.found.common, scene.found.why)}
+    choices = {"common_network": Choice(str(scene.found.common), scene.found.why)}
     if router:
         choices["router"] = router
     masters = [group for group in scene.found.groups if scene.machine(group.master).roscores]
     roscores = [(scene.name(group.master), _roscore(scene, group)[0]) for group in masters]
     nodes = [(name, node) for name, roscore in roscores for node in roscore.discovery]
-    choices["multicast_group"] = _choose_majority(nodes, lambda node: node.group or GROUP, GROUP)
+    choices["multicast_group"] = _choose_majority(nodes, lambda node: str(node.group or GROUP), GROUP)
     port = _choose_majority(nodes, lambda node: node.group_port or PORT, PORT)
     if port.value != PORT or port.why and nodes:
         choices["multicast_port"] = port
@@ -280,7 +277,7 @@ def _fleet(scene: _Scene, router: Choice | None) -> Choices:
 
 
 def _choose_majority(
-    nodes: Sequence[tuple[str, facts.Discovery]], read: Callable[[facts.Discovery], T], default: T
+    nodes: Sequence[tuple[str, facts.Discovery]], read: Callable[[facts.Discovery], str | int], default: str | int
 ) -> Choice:
     """Return what most nodes have. The reason names the others."""
     counted = Counter(read(node) for _name, node in nodes)
@@ -311,7 +308,7 @@ def _fleet_notes(scene: _Scene) -> tuple[str, ...]:
 def _computer(scene: _Scene, machine: str, network: IPv4Network) -> Computer:
     name, why = scene.names[machine]
     found = scene.machine(machine)
-    choices = {"address": Choice(scene.addresses(network)[machine])}
+    choices = {"address": Choice(str(scene.addresses(network)[machine]))}
     if _is_alias(scene, found.hostname, name):
         choices["aliases"] = Choice([found.hostname], "the name that it calls itself")
     notes = [f"Left aside: {', '.join(found.aside)}"] if found.aside else []
@@ -337,7 +334,7 @@ def _router(scene: _Scene, rest: Mapping[str, str]) -> tuple[Computer | None, Ch
     able = [name for name in rest if _passes(scene, name)]
     if not able:
         why = "guessed: the next hop of gateways, and none of the machines that were read"
-        return None, Choice(hop, why) if hop and at is None else None, dict(rest)
+        return None, Choice(str(hop), why) if hop and at is None else None, dict(rest)
     best = min(able, key=lambda name: (name != at, name))
     computer = _computer(scene, best, scene.found.common)
     why = "Taken for the router, since it forwards packets and is in the common network, though no default route leads to it"

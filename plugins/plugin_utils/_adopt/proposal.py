@@ -7,17 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from ipaddress import IPv4Address, IPv4Network
 
 from .._fleet.read import Inventory
 from .._fleet.variables import PREFIX
 
-Value = str | int | list[str] | IPv4Address | IPv4Network
+Value = str | int | list[str]
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A value, and why it was taken; `why` is empty where the machines leave no doubt."""
+    """A value as Ansible reads it, and why it was taken; `why` is empty where the machines leave no doubt."""
 
     value: Value
     why: str = ""
@@ -98,7 +97,4 @@ def _guesses(where: str, choices: Choices) -> Iterable[str]:
 
 
 def _plain(choices: Choices) -> dict[str, object]:
-    return {
-        PREFIX + name: str(choice.value) if isinstance(choice.value, (IPv4Address, IPv4Network)) else choice.value
-        for name, choice in choices.items()
-    }
+    return {PREFIX + name: choice.value for name, choice in choices.items()}
