@@ -16,7 +16,7 @@ from .facts import Machine
 
 # What people add to the name of a robot for the name of its computer.
 _ENDINGS = re.compile(r"(?<=[a-z0-9])[-_.]?(computer|laptop|notebook|desktop|nuc|pc)$", re.IGNORECASE)
-_SEPARATORS = "-_."
+_LAST_PART = re.compile(r"(?<=.)[-_.]([^-_.]*)$")
 RESERVED = ("all", "ungrouped", "robots", "routers", "localhost")
 
 
@@ -67,18 +67,12 @@ def _short(computers: Sequence[str]) -> str:
         without = _ENDINGS.sub("", name)
         if without != name:
             return _group_name(without)
-        head, _separator, end = _split_name(name)
-        return _group_name(head if head and not end.isdigit() else name)
+        last = _LAST_PART.search(name)
+        return _group_name(name[: last.start()] if last and not last[1].isdigit() else name)
     begin = os.path.commonprefix(names)
-    if begin not in names and not begin.endswith(tuple(_SEPARATORS)):
-        begin = _split_name(begin)[0] or begin
+    if begin not in names and not begin.endswith(("-", "_", ".")):
+        begin = _LAST_PART.sub("", begin)
     return _group_name(begin or min(names))
-
-
-def _split_name(name: str) -> tuple[str, str, str]:
-    """Part a name at its last separator."""
-    place = max(name.rfind(separator) for separator in _SEPARATORS)
-    return (name[:place], name[place], name[place + 1 :]) if place > 0 else ("", "", name)
 
 
 def _group_name(text: str) -> str:
