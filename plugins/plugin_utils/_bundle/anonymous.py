@@ -101,11 +101,8 @@ class Anonymous:
             return match[0]
         if old.is_loopback or old.is_unspecified or old.is_multicast:
             return match[0]
-        return self._number(
-            "link" if old.is_link_local else "ipv6",
-            str(old),
-            "fe80::{2:x}" if old.is_link_local else "2001:db8::{2:x}",
-        )
+        kind, new = ("link", "fe80::{2:x}") if old.is_link_local else ("ipv6", "2001:db8::{2:x}")
+        return self._number(kind, str(old), new)
 
     def _number(self, kind: str, old: str, new: str) -> str:
         key = kind, old.lower()
@@ -133,14 +130,10 @@ def _names(fleet: FleetPlan, aliases: Mapping[str, Iterable[str]]) -> dict[str, 
 
 
 def _computers(fleet: FleetPlan, robots: Mapping[str, str]) -> dict[str, str]:
-    names: dict[str, str] = {}
-    count = dict.fromkeys(robots, 0)
-    for name, plan in fleet.computers.items():
-        if plan.robot in count:
-            count[plan.robot] += 1
-            names[name] = f"{robots[plan.robot]}-computer{count[plan.robot]}"
-        else:
-            names[name] = "router"
+    names = dict.fromkeys(fleet.computers, "router")
+    for robot, new in robots.items():
+        own = [name for name, plan in fleet.computers.items() if plan.robot == robot]
+        names.update({name: f"{new}-computer{number}" for number, name in enumerate(own, 1)})
     return names
 
 
