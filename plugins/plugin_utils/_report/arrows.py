@@ -12,11 +12,11 @@ from __future__ import annotations
 import cmath
 from collections.abc import Collection, Mapping, Sequence
 from math import pi
-from xml.sax.saxutils import escape, quoteattr
+from xml.sax.saxutils import escape
 
 from .._checks.engine import FAILED, OK, UNKNOWN
 from .._fleet.plain_text import plain
-from .picture import SIGNS, shorten
+from .picture import SIGNS, shorten, write_svg
 
 MOST = 8  # robots: more arrows are not readable
 LETTER, SHOWN = 7.3, 20  # the width of a letter; letters of a name that are shown
@@ -60,9 +60,7 @@ def draw_arrows(robots: Sequence[str], unseen: Mapping[str, Sequence[str]], read
         if verdict == kind
     ]
     boxes = [_box(robot, names[robot], at[robot], wide) for robot in robots]
-    title = quoteattr(f"Who discovers whom: {len(robots)} robots")
-    begin = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" role="img"'
-    return "\n".join([f"{begin} aria-label={title}>", f"<style>{STYLE}</style>", *lines, *boxes, "</svg>\n"])
+    return write_svg(width, height, "img", f"Who discovers whom: {len(robots)} robots", STYLE, [*lines, *boxes])
 
 
 def _box(robot: str, name: str, middle: complex, wide: int) -> str:

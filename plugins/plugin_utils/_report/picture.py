@@ -89,6 +89,13 @@ def shorten(text: str, most: int = LONGEST) -> str:
     return plain(text) if len(plain(text)) <= most else plain(text)[: most - 1] + "\u2026"
 
 
+def write_svg(width: int, height: int, role: str, title: str, style: str, elements: Iterable[str]) -> str:
+    """Return a picture of these elements, the first one at the back."""
+    begin = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
+    head = f'{begin} role="{role}" aria-label={quoteattr(title)}>'
+    return "\n".join([head, f"<style>{style}</style>", *elements, "</svg>\n"])
+
+
 class _Picture:
     """The elements of a picture, and how far it reaches."""
 
@@ -124,17 +131,7 @@ class _Picture:
         if len(rows) > 1:  # the bars are one network
             self._wire(EDGE + 1, top, last)
         title = f"The fleet: {len(self.robots)} robots, {len(self.fleet.computers)} computers"
-        return "\n".join(
-            [
-                f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width} {y}" width="{self.width}" height="{y}"'
-                f' role="group" aria-label={quoteattr(title)}>',
-                f"<style>{STYLE}</style>",
-                *self.frames,
-                *self.wires,
-                *self.parts,
-                "</svg>\n",
-            ]
-        )
+        return write_svg(self.width, y, "group", title, STYLE, [*self.frames, *self.wires, *self.parts])
 
     def _common(self, row: int) -> str:
         fleet = self.fleet
