@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 
@@ -143,21 +143,18 @@ def describe_first_loss(events: Sequence[tuple[str, Event]]) -> str:
     when = f"First loss at {_time(begin.time)}, {format_duration(begin.after)} after the start"
     observers = {observer for observer, event in together}
     kinds = {event.kind for _observer, event in together}
-    if GROUP in kinds and kinds <= {GROUP, MASTER} and len(observers) > 1 and len(_masters(together)) > 1:
+    masters = {event.name for _observer, event in together}
+    if GROUP in kinds and kinds <= {GROUP, MASTER} and len(observers) > 1 and len(masters) > 1:
         return f"{when}: {SNOOPING.format(observers=len(observers))}"
     observer, event = min(together, key=lambda entry: RANKS.get(entry[1].kind, len(RANKS)))
     return f"{when}: {_place(observer, event, together)}."
-
-
-def _masters(losses: Iterable[tuple[str, Event]]) -> set[str]:
-    return {event.name for _observer, event in losses}
 
 
 def _place(observer: str, event: Event, together: Sequence[tuple[str, Event]]) -> str:
     """Say what is lost. For heartbeats, name the one computer that all losses have in common."""
     same = [entry for entry in together if entry[1].kind == event.kind]
     others = len(together) - 1
-    masters, observers = _masters(same), {name for name, _event in same}
+    masters, observers = {event.name for _observer, event in same}, {name for name, _event in same}
     if event.kind in (GROUP, MASTER, "port"):
         if len(masters) == 1 < len(observers):
             return f"{len(observers)} computers hear nothing of {event.name}"
