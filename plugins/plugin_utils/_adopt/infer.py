@@ -219,9 +219,8 @@ def _roscore(scene: _Scene, group: groups.Group) -> tuple[facts.Roscore, str]:
     named = Counter(uri.port for name in group.members for uri in scene.machine(name).masters[:1])
     if not roscores:
         port = max(named, key=lambda one: named[one], default=ROSCORE_PORT)
-        return facts.Roscore(
-            port, None, ""
-        ), "guessed from ROS_MASTER_URI, since no roscore ran" if port != ROSCORE_PORT else ""
+        doubt = "guessed from ROS_MASTER_URI, since no roscore ran" if port != ROSCORE_PORT else ""
+        return facts.Roscore(port, None, ""), doubt
     best = min(roscores, key=lambda one: (-named[one.port], not one.discovery, one.port))
     others = ", ".join(str(one.port) for one in roscores if one != best)
     return best, f"guessed, since {scene.name(group.master)} has another roscore on port {others}" if others else ""
