@@ -48,15 +48,13 @@ class Anonymous:
             hosts |= {host for host in _URI.findall(text) if not _IPV4.fullmatch(host)}
             people |= set(_HOME.findall(text))
         for host in sorted(host for host in hosts if host.lower() not in _PUBLIC | self._names.keys()):
-            self._add(host, f"host{1 + sum(new.startswith('host') for new in self._names.values())}")
+            new = f"host{1 + sum(other.startswith('host') for other in self._names.values())}"
+            self._names.setdefault(host.lower(), new)
+            self._names.setdefault(_label(host).lower(), new)
         self._people = {name: f"user{number}" for number, name in enumerate(sorted(people), 1)}
         self._seen: dict[tuple[str, str], str] = {}  # hardware addresses, and addresses of IPv6
         self._pattern = _pattern(self._names)
         self._persons = _persons(self._people)
-
-    def _add(self, old: str, new: str) -> None:
-        self._names.setdefault(old.lower(), new)
-        self._names.setdefault(_label(old).lower(), _label(new))
 
     def text(self, text: str) -> str:
         """Return a text with new names and addresses."""

@@ -310,8 +310,8 @@ class Secrets:
 
     def _record(self, value: T) -> T:
         """Return a dataclass without secrets. If its `name` is that of a secret, its other texts are removed too."""
-        fields = [field.name for field in dataclasses.fields(value)]  # type: ignore[arg-type]
-        parts = {name: self.data(getattr(value, name)) for name in fields}
+        fields = dataclasses.fields(value)  # type: ignore[arg-type]
+        parts = {field.name: self.data(getattr(value, field.name)) for field in fields}
         if isinstance(parts.get("environment"), Mapping):
             variables = parts["environment"].items()
             parts["environment"] = {name: text if _LISTED.fullmatch(name) else REMOVED for name, text in variables}
