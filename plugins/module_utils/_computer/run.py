@@ -33,9 +33,7 @@ class ConcernModule:
     def __init__(self, module: typing.Any, concern: Concern, options: Options, switches: str) -> None:
         """Read the options. Raises Problem where they are wrong."""
         self.concern = concern
-        self.code = concern.load()
-        specification = dict(deadman.OPTIONS, **self.code.options) if concern.guarded else self.code.options
-        self.params = concerns.validate(concern, specification, options)
+        self.params = concerns.validate(concern, options)
         self.check_mode, self._diff, self.warn = module.check_mode, module._diff, module.warn
         self.backup_local = module.backup_local
         switch = deadman.Switch(concern.name, switches)
@@ -43,7 +41,7 @@ class ConcernModule:
 
     def carry_out(self, unlocked: typing.Iterable[str]) -> Fields:
         """Carry the concern out; returns its result. `unlocked`: see lock.hold."""
-        return run_locked(self, lambda memory: self.code.make(self, memory), self.guard or PlainGuard(), unlocked)
+        return run_locked(self, lambda memory: self.concern.make(self, memory), self.guard or PlainGuard(), unlocked)
 
 
 def carry_out(

@@ -9,7 +9,6 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.modu
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer import run as computer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import (
     CONCERNS,
-    Code,
     Concern,
     select_concerns,
 )
@@ -74,7 +73,7 @@ class Change(ModuleRun):
 
 
 def concern(name, guarded=""):
-    return Concern(name, lambda: Code(OPTIONS, lambda module, memory: Change(module.params, memory)), guarded)
+    return Concern(name, OPTIONS, lambda module, memory: Change(module.params, memory), guarded)
 
 
 SETTINGS, ROUTES, FILES = concern("sysctl", "kernel settings"), concern("routes", "routes"), concern("managed_files")
