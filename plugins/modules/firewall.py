@@ -184,16 +184,12 @@ msg:
   sample: "The rules of nftables were changed: 4 addresses are let in, 0 networks behind this computer are protected."
 """
 
-from ..module_utils._changes import deadman
 from ..module_utils._changes.module import run_module
 from ..module_utils._firewall.run import OPTIONS, Run
-from ..module_utils._module.module import Module
 
 
 def main() -> None:
-    module = Module(argument_spec=dict(deadman.OPTIONS, **OPTIONS), supports_check_mode=True)
-    guard = deadman.Guard(module, "firewall", "packet filter rules")
-    run_module(module, lambda memory: Run(module.params, memory), guard)
+    run_module(OPTIONS, lambda module, memory: Run(module.params, memory), "firewall", "packet filter rules")
 
 
 if __name__ == "__main__":

@@ -328,13 +328,11 @@ msg:
 
 from ..module_utils._changes.module import run_module
 from ..module_utils._hosts.run import OPTIONS, Run
-from ..module_utils._module.module import Module
 
 
 def main() -> None:
     """Plan, and apply unless in check mode."""
-    module = Module(argument_spec=OPTIONS, supports_check_mode=True)
-    run_module(module, lambda memory: Run(module.params, module.backup_local))
+    run_module(OPTIONS, lambda module, memory: Run(module.params, module.backup_local))
 
 
 if __name__ == "__main__":

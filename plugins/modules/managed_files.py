@@ -221,13 +221,11 @@ msg:
 
 from ..module_utils._changes.file_bundle import OPTIONS, ManagedFiles
 from ..module_utils._changes.module import run_module
-from ..module_utils._module.module import Module
 
 
 def main() -> None:
     """Plan, and apply unless in check mode."""
-    module = Module(argument_spec=OPTIONS, supports_check_mode=True)
-    run_module(module, lambda memory: ManagedFiles(module.params))
+    run_module(OPTIONS, lambda module, memory: ManagedFiles(module.params))
 
 
 if __name__ == "__main__":

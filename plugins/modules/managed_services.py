@@ -225,13 +225,11 @@ msg:
 
 from ..module_utils._changes.module import run_module
 from ..module_utils._changes.service_bundle import OPTIONS, ManagedServices
-from ..module_utils._module.module import Module
 
 
 def main() -> None:
     """Plan, and apply unless in check mode."""
-    module = Module(argument_spec=OPTIONS, supports_check_mode=True)
-    run_module(module, lambda memory: ManagedServices(module.params))
+    run_module(OPTIONS, lambda module, memory: ManagedServices(module.params))
 
 
 if __name__ == "__main__":

@@ -71,14 +71,12 @@ msg:
 """
 
 from ..module_utils._changes.module import run_module
-from ..module_utils._module.module import Module
 from ..module_utils._packages.run import OPTIONS, Packages
 
 
 def main() -> None:
     """Install and remove."""
-    module = Module(argument_spec=OPTIONS, supports_check_mode=True)
-    run_module(module, lambda memory: Packages(module.params))
+    run_module(OPTIONS, lambda module, memory: Packages(module.params))
 
 
 if __name__ == "__main__":

@@ -420,15 +420,12 @@ msg:
   sample: "1 of 2 routes changed."
 """
 
-from ..module_utils._changes import deadman
 from ..module_utils._changes.module import run_module
-from ..module_utils._module.module import Module
 from ..module_utils._routes.run import OPTIONS, Run
 
 
 def main() -> None:
-    module = Module(argument_spec=dict(deadman.OPTIONS, **OPTIONS), supports_check_mode=True)
-    run_module(module, lambda memory: Run(module.params, memory), deadman.Guard(module, "routes", "routes"))
+    run_module(OPTIONS, lambda module, memory: Run(module.params, memory), "routes", "routes")
 
 
 if __name__ == "__main__":

@@ -305,16 +305,12 @@ msg:
   sample: "1 of 2 kernel settings changed."
 """
 
-from ..module_utils._changes import deadman
 from ..module_utils._changes.module import run_module
-from ..module_utils._module.module import Module
 from ..module_utils._sysctl.run import OPTIONS, Run
 
 
 def main() -> None:
-    module = Module(argument_spec=dict(deadman.OPTIONS, **OPTIONS), supports_check_mode=True)
-    guard = deadman.Guard(module, "sysctl", "kernel settings")
-    run_module(module, lambda memory: Run(module.params, memory), guard)
+    run_module(OPTIONS, lambda module, memory: Run(module.params, memory), "sysctl", "kernel settings")
 
 
 if __name__ == "__main__":

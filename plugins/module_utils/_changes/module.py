@@ -3,16 +3,17 @@
 
 """The shell of the modules that change a machine: plan, refuse or warn, apply unless in check mode, report.
 
-A module's `main` makes the AnsibleModule and gives it to `run_module`, with the function that makes its ModuleRun:
+A module's `main` gives its options to `run_module`, and the function that makes its ModuleRun:
 
-    run_module(module, lambda memory: Run(module.params, memory), Guard(module, "routes", "routes"))
+    run_module(OPTIONS, lambda module, memory: Run(module.params, memory), "routes", "routes")
 """
 
 import typing
 
 from .._module import ends
+from .._module.module import Module
 from .._module.problem import Problem
-from . import lock
+from . import deadman, lock
 
 Fields = typing.Dict[str, typing.Any]
 
@@ -74,6 +75,9 @@ class ModuleRun:
         raise NotImplementedError
 
 
+Make = typing.Callable[[typing.Any, typing.Any], ModuleRun]  # out of a module, and of the memory of an earlier run
+
+
 class PlainGuard:
     """The frame of a run without a dead-man's switch, with the methods of deadman.Guard."""
 
@@ -94,12 +98,14 @@ class PlainGuard:
         return result
 
 
-def run_module(module: typing.Any, make: typing.Callable[[typing.Any], ModuleRun], guard: typing.Any = None) -> None:
-    """Run a module and end it. Two runs at once on one computer wait for each other.
+def run_module(options: Fields, make: Make, name: str = "", what: str = "") -> None:
+    """Run a module with these options and end it. Two runs at once on one computer wait for each other.
 
-    `make` makes the ModuleRun out of the memory of an earlier run, which only a guard (deadman.Guard) has.
+    `make` makes the ModuleRun out of the module and the memory of an earlier run. That one only a dead-man's switch has:
+    the module has one where `name` and `what` are given (see deadman.Guard).
     """
-    guard = guard or PlainGuard()
+    module = Module(argument_spec=dict(deadman.OPTIONS, **options) if what else options, supports_check_mode=True)
+    guard = deadman.Guard(module, name, what) if what else PlainGuard()
     folders = [] if module.check_mode else [module.params["records"]]
     try:
         with lock.hold(folders, module._name) as unlocked:
@@ -109,17 +115,12 @@ def run_module(module: typing.Any, make: typing.Callable[[typing.Any], ModuleRun
     return (ends.fail if result.pop("failed", False) else ends.leave)(module, **result)
 
 
-def run_locked(
-    module: typing.Any,
-    make: typing.Callable[[typing.Any], ModuleRun],
-    guard: typing.Any,
-    unlocked: typing.Iterable[str],
-) -> Fields:
+def run_locked(module: typing.Any, make: Make, guard: typing.Any, unlocked: typing.Iterable[str]) -> Fields:
     """Run a module where the lock is held already; returns its result. `unlocked`: why it is not held, see lock.hold."""
 
     def make_run() -> ModuleRun:
         _check_texts(module.params, "")
-        return make(guard.begin())
+        return make(module, guard.begin())
 
     run = None
     try:

@@ -8,6 +8,7 @@ import typing
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 
 from .._changes import deadman, file_bundle, service_bundle
+from .._changes.module import Make
 from .._firewall import run as firewall
 from .._hosts import run as hosts
 from .._module.module import NO_OBJECT
@@ -24,7 +25,7 @@ class Concern(typing.NamedTuple):
 
     name: str
     options: Options  # the argument_spec of its module, without that of a confirmation
-    make: typing.Callable[[typing.Any, typing.Any], typing.Any]  # module, memory (see deadman.Guard) -> ModuleRun
+    make: Make  # its ModuleRun
     guarded: str = ""  # what its switch guards, as in a sentence; empty where it has none
     fixed: Options = {}  # options that its place in the order decides
 

@@ -41,7 +41,7 @@ class ConcernModule:
 
     def carry_out(self, unlocked: typing.Iterable[str]) -> Fields:
         """Carry the concern out; returns its result. `unlocked`: see lock.hold."""
-        return run_locked(self, lambda memory: self.concern.make(self, memory), self.guard or PlainGuard(), unlocked)
+        return run_locked(self, self.concern.make, self.guard or PlainGuard(), unlocked)
 
 
 def carry_out(

@@ -58,13 +58,20 @@ class Run(shell.ModuleRun):
         self.applied = True
 
 
-def end(module, make, guard=None):
-    with pytest.raises(End) as caught:
-        shell.run_module(module, make, guard)
-    return caught.value.args[0]
+@pytest.fixture
+def end(monkeypatch):
+    """Run the shell with a module; returns its end."""
+
+    def end(module, make):
+        monkeypatch.setattr(shell, "Module", lambda **arguments: module)
+        with pytest.raises(End) as caught:
+            shell.run_module({}, lambda given, memory: make(memory))
+        return caught.value.args[0]
+
+    return end
 
 
-def test_plan_warn_apply_and_report():
+def test_plan_warn_apply_and_report(end):
     module = Module(diff=True)
     assert end(module, lambda memory: Run()) == {
         "failed": False,
@@ -76,20 +83,20 @@ def test_plan_warn_apply_and_report():
     assert module.warned == ["first", "second"]
 
 
-def test_check_mode_is_the_plan_alone():
+def test_check_mode_is_the_plan_alone(end):
     module = Module(check_mode=True)
     assert end(module, lambda memory: Run()) == {"failed": False, "changed": True, "applied": False, "msg": "would be"}
     assert module.warned == ["first"]
 
 
 @pytest.mark.parametrize("check_mode", [False, True])
-def test_a_refusal_ends_the_module_before_any_change(check_mode):
+def test_a_refusal_ends_the_module_before_any_change(end, check_mode):
     module, run = Module(check_mode), Run(["No.", "Never."])
     assert end(module, lambda memory: run) == {"failed": True, "msg": "No. Never.", "said": "No. Never."}
     assert not run.applied and module.warned == []
 
 
-def test_a_failure_has_the_fields_of_the_run():
+def test_a_failure_has_the_fields_of_the_run(end):
     module = Module()
     assert end(module, lambda memory: Run(problem=Problem("Full."))) == {
         "failed": True,
@@ -99,7 +106,7 @@ def test_a_failure_has_the_fields_of_the_run():
     assert module.warned == ["first"]
 
 
-def test_a_run_that_cannot_be_made_is_a_sentence():
+def test_a_run_that_cannot_be_made_is_a_sentence(end):
     def make(memory):
         raise Problem("Wrong option.")
 
@@ -120,9 +127,27 @@ class Guard(shell.PlainGuard):
 
 
 def test_a_guard_is_asked_at_every_end():
-    module = Module()
-    memories = []
-    assert end(module, lambda memory: memories.append(memory) or Run(), Guard())["applied"] == "guarded"
+    module, memories = Module(), []
+
+    def make(module, memory):
+        memories.append(memory)
+        return Run()
+
+    assert shell.run_locked(module, make, Guard(), [])["applied"] == "guarded"
     assert memories == ["memory"]
-    refused = end(module, lambda memory: Run(["No."]), Guard())
+    refused = shell.run_locked(module, lambda module, memory: Run(["No."]), Guard(), [])
     assert refused["msg"] == "No. Rolled back."
+
+
+def test_a_module_with_a_switch_has_its_options(monkeypatch):
+    class Stop(Exception):
+        """Instead of the module."""
+
+    def stop(**arguments):
+        raise Stop(sorted(arguments["argument_spec"]))
+
+    monkeypatch.setattr(shell, "Module", stop)
+    for words, options in ((("routes", "routes"), ["confirm_within", "confirmation", "own"]), ((), ["own"])):
+        with pytest.raises(Stop) as caught:
+            shell.run_module({"own": {}}, lambda module, memory: Run(), *words)
+        assert caught.value.args[0] == options
