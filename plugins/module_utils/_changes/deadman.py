@@ -102,7 +102,6 @@ class Switch:
         self.base = folder
         self.folder = os.path.join(folder, f"rollback-{name}")
         self.timer = timer or Timer()
-        self._stopped = False  # the timer, after a release
 
     def arm(
         self,
@@ -137,7 +136,6 @@ class Switch:
             self._write("state.json", json.dumps(state).encode("utf-8"))
             self._write("armed", b"")
             self.timer.start(self.unit, seconds, ["/bin/sh", self._path("undo.sh")])
-            self._stopped = False
         except (OSError, Problem) as problem:
             self.clear()
             if isinstance(problem, Problem):
@@ -185,7 +183,6 @@ class Switch:
         if not self._turn("armed", "confirmed"):
             return False
         self.timer.stop(self.unit)
-        self._stopped = True
         return True
 
     def waits(self) -> bool:
@@ -210,8 +207,8 @@ class Switch:
         """Remove the switch: timer, script and folder."""
         if not os.path.isdir(self.folder):
             return
-        if not (self._mark() == "armed" and self.release()) and not self._stopped:
-            self.timer.stop(self.unit)  # of a rollback that a person started by hand
+        self._turn("armed", "confirmed")
+        self.timer.stop(self.unit)  # also that of a rollback that a person started by hand
         for name in os.listdir(self.folder):
             atomic.remove(self._path(name))
         atomic.remove_folder_if_empty(self.folder)
