@@ -12,43 +12,37 @@ WORKERS = 16
 PAUSE = 0.5  # seconds between two looks
 
 
-def call_all(
-    function: typing.Callable, items: typing.Sequence, limit: float, late: typing.Callable, workers: int = WORKERS
-) -> typing.List:
+def call_all(function: typing.Callable, items: typing.Sequence, limit: float, late: typing.Callable) -> typing.List:
     """Call a function for each item in several threads; after `limit` seconds late(item) replaces a missing result.
 
+    What a call raises ends the others that have not begun, and is raised here.
     The threads are daemons, so a name server that never answers does not keep the process.
     """
     results: typing.Dict[int, typing.Any] = {}
+    failures: typing.List[Exception] = []
     waiting: queue.Queue = queue.Queue()
-    finished: queue.Queue = queue.Queue()
     for job in enumerate(items):
         waiting.put(job)
 
     def work() -> None:
-        while True:
+        while not failures:
             try:
                 number, item = waiting.get_nowait()
             except queue.Empty:
                 return
             try:
-                finished.put((number, True, function(item)))
-            except Exception as problem:  # raised again in the thread of the caller
-                finished.put((number, False, problem))
+                results[number] = function(item)
+            except Exception as problem:
+                failures.append(problem)
 
-    for number in range(min(workers, len(items))):
-        thread = threading.Thread(target=work)
-        thread.daemon = True
+    threads = [threading.Thread(target=work, daemon=True) for _ in range(min(WORKERS, len(items)))]
+    for thread in threads:
         thread.start()
     deadline = time.monotonic() + limit
-    while len(results) < len(items):
-        try:
-            number, good, value = finished.get(timeout=max(0.0, deadline - time.monotonic()))
-        except queue.Empty:
-            break
-        if not good:
-            raise value
-        results[number] = value
+    for thread in threads:
+        thread.join(max(0.0, deadline - time.monotonic()))
+    if failures:
+        raise failures[0]
     return [results[number] if number in results else late(item) for number, item in enumerate(items)]
 
 
