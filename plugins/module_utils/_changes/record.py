@@ -66,22 +66,19 @@ class Record:
             ) from problem
 
     def save(self, data: typing.Dict[str, typing.Any]) -> None:
-        """Save an object; an empty one removes the file, and the folder with the last file. Raises OSError."""
-        folder = os.path.dirname(self.path)
-        if data:
-            atomic.make_folders(folder)
-            atomic.write_by_rename(self.path, _encode(data), mode=0o600)
-        else:
-            atomic.remove_leftovers(self.path)
-            atomic.remove(self.path)
-            _close(folder)
+        """Save an object unless it is saved already; an empty one removes the file, and the folder with the last file.
 
-    def save_if_changed(self, data: typing.Dict[str, typing.Any]) -> None:
-        """Save an object unless it is saved already: a run that only removes things works on a full disk, too."""
+        A run that only removes things works on a full disk, too. Raises OSError.
+        """
         if data and atomic.read_bytes(self.path) == _encode(data):
             atomic.remove_leftovers(self.path)
-        elif data or os.path.lexists(self.path):
-            self.save(data)
+        elif data:
+            atomic.make_folders(os.path.dirname(self.path))
+            atomic.write_by_rename(self.path, _encode(data), mode=0o600)
+        elif os.path.lexists(self.path):
+            atomic.remove_leftovers(self.path)
+            atomic.remove(self.path)
+            _close(os.path.dirname(self.path))
         else:
             self.tidy()
 

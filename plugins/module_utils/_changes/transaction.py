@@ -80,10 +80,10 @@ def intent(record: Record, data: Data, before: Data, failure: str = "{what} ({re
     Its undo saves what the record held `before`, unless something could not be undone: then the next run needs the
     intent to repair it.
     """
-    save, restore = (functools.partial(record.save_if_changed, content) for content in (data, before))
+    save, restore = (functools.partial(record.save, content) for content in (data, before))
     return Step(record.path, save, restore, True, failure)
 
 
 def outcome(record: Record, after: Data) -> Step:
     """The step that saves what is owned after the last change; an undo of it is that of `intent`."""
-    return Step(record.path, lambda: record.save_if_changed(after))
+    return Step(record.path, lambda: record.save(after))

@@ -90,7 +90,7 @@ class UnitSteps:
 
     def _settle(self) -> None:
         after = dict(self.plan.files.after, **dict(self.memory, units=self.plan.names, pending=[]))
-        self.record.save_if_changed(after if any(after.values()) else {})
+        self.record.save(after if any(after.values()) else {})
 
     # Do
 
@@ -139,7 +139,7 @@ class UnitSteps:
             if new:
                 directories[name] = sorted(set(directories.get(name, [])) | set(new))
         self.memory["parents"] = sorted(set(self.memory["parents"]) | set(self._new_parents))
-        self.record.save_if_changed(self._data)
+        self.record.save(self._data)
 
     def _start(self) -> None:
         """Start and restart the planned units in their order, and look whether they stay up."""

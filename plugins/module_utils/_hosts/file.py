@@ -50,7 +50,7 @@ class HostsFile:
         """Remove what a killed run left beside the file and in the record. Raises OSError, Problem."""
         atomic.remove_leftovers(self.path)
         atomic.remove_leftovers(self.record.path)
-        self.record.save_if_changed(self._record_with(None))
+        self.record.save(self._record_with(None))
 
     def restore(self, content: typing.Optional[bytes]) -> None:
         """Take back the replacing by this content, where a later step has failed. Raises OSError, Problem."""
@@ -106,7 +106,7 @@ class HostsFile:
                 f"{self.path} does not read back as it was written in place; expected the new content: look for what "
                 f"else writes it, and run again. The old content is kept in {self.record.path}."
             )
-        self.record.save_if_changed(self._record_with(None))
+        self.record.save(self._record_with(None))
 
     def _record_with(self, under_way: typing.Optional[typing.Dict[str, str]]) -> typing.Dict[str, typing.Any]:
         """The record with the texts of the writing in place that is under way, None for none."""

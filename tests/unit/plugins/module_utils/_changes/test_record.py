@@ -68,12 +68,12 @@ def test_what_is_saved_already_is_not_written_again(tmp_path):
     before = os.stat(kept.path)
     leftover = tmp_path / "kept.json.rosfleet-new-1"
     leftover.touch()
-    kept.save_if_changed({"x": 1})
+    kept.save({"x": 1})
     after = os.stat(kept.path)
     assert (after.st_ino, after.st_mtime_ns) == (before.st_ino, before.st_mtime_ns) and not leftover.exists()
-    kept.save_if_changed({"x": 2})
+    kept.save({"x": 2})
     assert kept.load() == {"x": 2}
-    kept.save_if_changed({})
+    kept.save({})
     assert not tmp_path.exists()
 
 
@@ -85,10 +85,10 @@ def test_nothing_to_save_and_nothing_saved_touches_no_disk(tmp_path, monkeypatch
 
     monkeypatch.setattr(os, "rmdir", read_only)
     monkeypatch.setattr(os, "unlink", read_only)
-    Record("none", str(tmp_path / "absent")).save_if_changed({})
-    Record("none", str(tmp_path)).save_if_changed({})  # an empty folder that cannot be removed is no failure
+    Record("none", str(tmp_path / "absent")).save({})
+    Record("none", str(tmp_path)).save({})  # an empty folder that cannot be removed is no failure
     monkeypatch.undo()
-    Record("none", str(tmp_path)).save_if_changed({})
+    Record("none", str(tmp_path)).save({})
     assert not tmp_path.exists()
 
 

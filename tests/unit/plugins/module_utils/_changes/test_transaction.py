@@ -6,7 +6,7 @@
 import errno
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import transaction
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, transaction
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import Step
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
@@ -117,12 +117,12 @@ def test_the_intent_stays_where_something_could_not_be_undone(tmp_path):
 def test_a_record_that_cannot_be_put_back_is_told(tmp_path, monkeypatch):
     record = Record("x", str(tmp_path))
 
-    def readonly(data):
-        raise OSError(errno.EROFS, "Read-only file system", record.path)
+    def readonly(path):
+        raise OSError(errno.EROFS, "Read-only file system", path)
 
     def failing(*words):
         monkeypatch.undo()
-        breaks = Step("", lambda: monkeypatch.setattr(record, "save", readonly))
+        breaks = Step("", lambda: monkeypatch.setattr(atomic, "remove", readonly))
         return failure(transaction.intent(record, {"a": 1}, {}, *words), breaks, Step("", lambda: int("x"))).left
 
     assert failing() == [f"{record.path} (Read-only file system)"]
