@@ -7,6 +7,7 @@ A file is replaced by writing a neighbour and renaming it (rename(2)). So every 
 one, also after a writer that was killed.
 """
 
+import contextlib
 import errno
 import glob
 import os
@@ -112,10 +113,8 @@ def leftovers(path: str) -> typing.List[str]:
 
 def remove(path: str) -> None:
     """Remove a file; one that is gone already is no error."""
-    try:
+    with contextlib.suppress(FileNotFoundError):
         os.unlink(path)
-    except FileNotFoundError:
-        return
 
 
 def find_missing_folders(path: str) -> typing.List[str]:
@@ -136,17 +135,14 @@ def make_folders(path: str) -> typing.List[str]:
     return missing
 
 
-def remove_folder_if_empty(path: str) -> bool:
-    """Remove an empty folder; returns True if it is gone then."""
+def remove_folder_if_empty(path: str) -> None:
+    """Remove a folder that is there and empty. One that is not is looked at only, as a read-only file system has it."""
     try:
-        os.rmdir(path)
-    except FileNotFoundError:
-        return True
+        if not os.listdir(path):
+            os.rmdir(path)
     except OSError as problem:
-        if problem.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.EBUSY):
-            return False
-        raise
-    return True
+        if problem.errno not in (errno.ENOENT, errno.ENOTEMPTY, errno.EEXIST, errno.EBUSY):
+            raise
 
 
 def sync_folder(path: str) -> None:

@@ -120,8 +120,7 @@ def _free(lock: _Lock) -> None:
 
 def _remove_folders(folder: str, made: typing.Sequence[str]) -> None:
     for place in [folder, *reversed(made)]:
-        if os.path.isdir(place) and not os.listdir(place):
-            atomic.remove_folder_if_empty(place)
+        atomic.remove_folder_if_empty(place)
 
 
 def _wait(path: str, deadline: float) -> None:

@@ -3,6 +3,7 @@
 
 """Records of what the modules own on a machine: one JSON file per module and purpose."""
 
+import contextlib
 import glob
 import json
 import os
@@ -78,24 +79,15 @@ class Record:
         elif os.path.lexists(self.path):
             atomic.remove_leftovers(self.path)
             atomic.remove(self.path)
-            _close(os.path.dirname(self.path))
+            atomic.remove_folder_if_empty(os.path.dirname(self.path))
         else:
             self.tidy()
 
     def tidy(self) -> None:
         """Remove what a killed run left of an empty record. A file that stays is no failure."""
-        folder = os.path.dirname(self.path)
-        try:
+        with contextlib.suppress(OSError):  # a read-only root, or a folder of another user
             atomic.remove_leftovers(self.path)
-            _close(folder)
-        except OSError:  # a read-only root, or a folder of another user
-            return
-
-
-def _close(folder: str) -> None:
-    """Remove the folder with its last record. Raises OSError."""
-    if os.path.isdir(folder) and not os.listdir(folder):
-        atomic.remove_folder_if_empty(folder)
+            atomic.remove_folder_if_empty(os.path.dirname(self.path))
 
 
 def misfit(data: typing.Any, shape: Shape, place: str = "") -> str:

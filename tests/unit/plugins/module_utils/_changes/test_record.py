@@ -107,7 +107,11 @@ def test_make_folders_ends_for_a_relative_path(tmp_path, monkeypatch):
 def test_make_folders_tells_what_it_made(tmp_path):
     assert atomic.make_folders(str(tmp_path / "a" / "b")) == [str(tmp_path / "a"), str(tmp_path / "a" / "b")]
     assert atomic.make_folders(str(tmp_path / "a" / "b")) == []
-    assert atomic.remove_folder_if_empty(str(tmp_path / "a")) is False
+    atomic.remove_folder_if_empty(str(tmp_path / "a"))
+    assert (tmp_path / "a" / "b").is_dir()
+    for _again in range(2):
+        atomic.remove_folder_if_empty(str(tmp_path / "a" / "b"))
+        assert not (tmp_path / "a" / "b").exists()
 
 
 def test_the_names_of_the_records(tmp_path):
