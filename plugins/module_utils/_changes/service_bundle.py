@@ -93,26 +93,20 @@ class ManagedServices(ModuleRun):
             name for name in self.former if not self.states[name].fragment or self.states[name].fragment in owned
         ]
         paths = {name: file.path for name, file in zip(self.names, self.wanted)}
-        self.texts = self._compare_texts(paths)
+        written = {file.path for file in self.files.writes}
+        self.written = [name for name, path in paths.items() if path in written]
         pending = set(self.remembered.get("pending", []))
         self.plan = unit_steps.UnitPlan(
             wanted=self.units,
-            actions=units.plan_actions(self.units, self.removed, self.states, self.texts, pending, self.newer_files),
+            actions=units.plan_actions(self.units, self.removed, self.states, self.written, pending, self.newer_files),
             before=self.states,
             paths=paths,
-            fresh=[name for name in self.names if name in self.texts or name in pending],
+            fresh=[name for name in self.names if name in self.written or name in pending],
             reload=files.changes(self.files) or any(state.reload == "yes" for state in self.states.values()),
             files=self.files,
         )
         acts = any(action.run or action.switch for action in self.plan.actions)
         self.changed = bool(self.plan.reload or self.former or acts)
-
-    def _compare_texts(self, paths: typing.Dict[str, str]) -> typing.Dict[str, str]:
-        """Name each unit that gets a file, and say if the unit is new or changed."""
-        written = {file.path for file in self.files.writes}
-        return {
-            name: "changed" if self.machine.states[path] else "new" for name, path in paths.items() if path in written
-        }
 
     @property
     def refusals(self) -> typing.List[str]:
@@ -162,7 +156,7 @@ class ManagedServices(ModuleRun):
     def _items(self) -> typing.List[Fields]:
         actions = {action.name: action for action in self.plan.actions}
         return [
-            _item(unit, actions[unit.name], self.texts.get(unit.name, ""), self.after[unit.name]) for unit in self.units
+            _item(unit, actions[unit.name], unit.name in self.written, self.after[unit.name]) for unit in self.units
         ]
 
     @property
@@ -199,9 +193,9 @@ class ManagedServices(ModuleRun):
         return " ".join(["; ".join(parts) + "."] + self.files.notes)
 
 
-def _item(unit: units.Unit, action: units.Action, text: str, state: units.State) -> Fields:
+def _item(unit: units.Unit, action: units.Action, written: bool, state: units.State) -> Fields:
     """The result of one unit."""
-    actions = [verb for verb in ("write" if text else "", action.switch, action.run) if verb]
+    actions = [verb for verb in ("write" if written else "", action.switch, action.run) if verb]
     return dict(
         name=unit.name,
         state=next((word for verb, word in STATES if verb in actions), "unchanged"),

@@ -154,24 +154,24 @@ def plan_actions(
     units: typing.List[Unit],
     removed: typing.List[str],
     states: typing.Dict[str, State],
-    texts: typing.Dict[str, str],
+    written: typing.Container[str],
     pending: typing.Container[str],
     newer_files: typing.Mapping[str, str],
 ) -> typing.List[Action]:
     """Plan the actions: those of the removed units, last first, then those of the planned units in their order; pure.
 
-    `texts` has the units whose file is about to be written ("new", "changed"). `pending` has the units that an earlier run
+    `written` has the units whose file is about to be written. `pending` has the units that an earlier run
     had begun with and did not end, so that they may not have been restarted, or their links made. `newer_files` has the units
     of which a file that they read was written after they had started, and that file.
     """
     actions = [_removal(name, states[name], name in pending) for name in reversed(removed)]
     restarted: typing.Set[str] = set()
     for unit in units:
-        reasons = Reasons(texts.get(unit.name, ""), unit.name in pending, newer_files.get(unit.name, ""), restarted)
-        action = _plan_action(unit, states[unit.name], reasons)
-        if action.run in ("restart", "follow"):
+        state, text, unfinished = states[unit.name], unit.name in written, unit.name in pending
+        run, why = _plan_run(unit, state, text, unfinished, newer_files.get(unit.name, ""), restarted)
+        if run in ("restart", "follow"):
             restarted.add(unit.name)
-        actions.append(action)
+        actions.append(Action(unit.name, _plan_switch(unit, state, text or unfinished), run, why))
     return actions
 
 
@@ -183,29 +183,18 @@ def _removal(name: str, state: State, pending: bool) -> Action:
     return Action(name, switch, run, "it is no longer listed")
 
 
-class Reasons(typing.NamedTuple):
-    """The grounds to restart a unit beside its state: see `plan_actions`; `restarted` are the units before it that are restarted."""
-
-    text: str
-    pending: bool
-    newer_file: str
-    restarted: typing.Set[str]
-
-
-def _plan_action(unit: Unit, state: State, reasons: Reasons) -> Action:
-    """The action for a planned unit."""
-    switch = ""
-    if unit.enabled and (reasons.text or reasons.pending or state.file_state != "enabled"):
+def _plan_switch(unit: Unit, state: State, due: bool) -> str:
+    """The `switch` of the action for a planned unit; `due`: its links are to be made anew."""
+    if unit.enabled and (due or state.file_state != "enabled"):
         # A changed text may name other targets, so the links of the old one have to go.
-        switch = "reenable" if state.file_state == "enabled" else "enable"
-    elif not unit.enabled and state.file_state in ENABLED:
-        switch = "disable"
-    run, why = _run(unit, state, reasons)
-    return Action(unit.name, switch, run, why)
+        return "reenable" if state.file_state == "enabled" else "enable"
+    return "disable" if not unit.enabled and state.file_state in ENABLED else ""
 
 
-def _run(unit: Unit, state: State, reasons: Reasons) -> typing.Tuple[str, str]:
-    """The `run` and `why` of the action for a planned unit."""
+def _plan_run(
+    unit: Unit, state: State, text: bool, unfinished: bool, newer_file: str, restarted: typing.Set[str]
+) -> typing.Tuple[str, str]:
+    """The `run` and `why` of the action for a planned unit; `restarted` are the units before it that are restarted."""
     running = state.active in RUNNING
     if not unit.started:
         return ("stop", "it is planned to be stopped") if running else ("", "")
@@ -213,16 +202,16 @@ def _run(unit: Unit, state: State, reasons: Reasons) -> typing.Tuple[str, str]:
         return "start", f"it was {state.active}"
     if state.sub.startswith("auto-restart"):
         return "restart", "it had ended and was waiting for another start"
-    if reasons.text:
+    if text:
         return "restart", "its text changed"
     planned = read_inputs(unit.content)
     if planned and state.pid != "0" and planned != state.inputs:
         return "restart", f"it ran with the inputs {state.inputs[:12] or 'of nobody'}"
-    if reasons.pending:
+    if unfinished:
         return "restart", "an earlier run did not come to its end"
-    if reasons.newer_file and state.pid != "0":
-        return "restart", f"{reasons.newer_file} was written after its start"
-    others = sorted(restart_partners(unit.content) & reasons.restarted)
+    if newer_file and state.pid != "0":
+        return "restart", f"{newer_file} was written after its start"
+    others = sorted(restart_partners(unit.content) & restarted)
     if others:
         return "follow", f"systemd restarts it with {others[0]}"
     if state.active == "activating":
