@@ -34,22 +34,18 @@ def hold(folders: typing.Iterable[str], name: str) -> typing.Iterator[typing.Lis
     Gives a sentence for each folder in which no lock can be had, as on a read-only file system.
     """
     deadline = time.monotonic() + WAIT
-    locks: typing.List[_Lock] = []
     sentences: typing.List[str] = []
-    try:
+    with contextlib.ExitStack() as locks:
         # In one order, so that no two runs wait for each other.
         for folder in sorted(set(filter(os.path.isabs, folders))):
             try:
-                locks.append(_take(folder, name, deadline))
+                locks.callback(_free, folder, *_take(folder, name, deadline))
             except OSError as problem:
                 sentences.append(
                     f"{os.path.join(folder, NAME)} cannot be locked ({problem.strerror or problem}), so a run at the same time "
                     "would not be noticed: let no two runs change this computer at once."
                 )
         yield sentences
-    finally:
-        for lock in reversed(locks):
-            _free(lock)
 
 
 def read_undisturbed(folder: str, read: typing.Callable[[], T]) -> T:
@@ -76,14 +72,11 @@ def read_undisturbed(folder: str, read: typing.Callable[[], T]) -> T:
             )
 
 
-class _Lock(typing.NamedTuple):
-    path: str
-    descriptor: int
-    made: typing.List[str]  # the folders made for it, outermost first
+def _take(folder: str, name: str, deadline: float) -> typing.Tuple[int, typing.List[str]]:
+    """Wait for the lock of a folder; returns its descriptor, and the folders made for it, outermost first.
 
-
-def _take(folder: str, name: str, deadline: float) -> _Lock:
-    """Wait for the lock of a folder. Raises OSError where there can be none, Problem where a run does not end."""
+    Raises OSError where there can be none, Problem where a run does not end.
+    """
     path = os.path.join(folder, NAME)
     made: typing.List[str] = []
     vanishing = time.monotonic() + _VANISHING
@@ -98,24 +91,24 @@ def _take(folder: str, name: str, deadline: float) -> _Lock:
         except OSError:
             _remove_folders(folder, made)
             raise
-        lock = _Lock(path, descriptor, made)
         try:
             if _is_free(descriptor, fcntl.LOCK_EX, path, deadline) and _is_at(descriptor, path):
                 _sign(descriptor, name)
-                return lock
+                return descriptor, made
         except BaseException:
             os.close(descriptor)
             raise
         os.close(descriptor)
 
 
-def _free(lock: _Lock) -> None:
+def _free(folder: str, descriptor: int, made: typing.Sequence[str]) -> None:
     """End a run: remove the file and what is empty then, and free the lock. The kernel does the last one in any case."""
     with contextlib.suppress(OSError):
-        if _is_at(lock.descriptor, lock.path):
-            atomic.remove(lock.path)
-        _remove_folders(os.path.dirname(lock.path), lock.made)
-    os.close(lock.descriptor)
+        path = os.path.join(folder, NAME)
+        if _is_at(descriptor, path):
+            atomic.remove(path)
+        _remove_folders(folder, made)
+    os.close(descriptor)
 
 
 def _remove_folders(folder: str, made: typing.Sequence[str]) -> None:
