@@ -303,25 +303,18 @@ def plan_files(files: typing.List[PlannedFile], remembered: Data, machine: Machi
     before = set(remembered.get("folders", [])) - set(machine.unsafe)
     folders = _plan_folders(kept, removals, before, machine)
     writes = [kept[item.path] for item in items if item.state in ("written", "edited")]
+    files_of_intent = {path: {"written": owned[path]} for path in owned}
+    for file in writes:
+        files_of_intent.setdefault(file.path, {})["writing"] = _fingerprint(file)
     return FilePlan(
         items=items,
         writes=writes,
         removals=removals,
         folders=folders,
         notes=[*_notes(items, removals, folders, owned, machine), *_notes_on_unsafe(remembered, machine)],
-        intent={"files": _files_of_intent(owned, writes), "folders": sorted(before | set(folders.owned))},
+        intent={"files": files_of_intent, "folders": sorted(before | set(folders.owned))},
         after={"files": {path: {"written": _fingerprint(kept[path])} for path in kept}, "folders": folders.owned},
     )
-
-
-def _files_of_intent(
-    owned: typing.Dict[str, str], writes: typing.Iterable[PlannedFile]
-) -> typing.Dict[str, typing.Dict[str, str]]:
-    """The files in the record while the run is at work."""
-    files = {path: {"written": owned[path]} for path in owned}
-    for file in writes:
-        files.setdefault(file.path, {})["writing"] = _fingerprint(file)
-    return files
 
 
 def _notes(
