@@ -48,7 +48,12 @@ class Systemd:
         shown = systemd.show(names, wanted, limit=_QUICK)
         if shown.error:
             raise _failure(("show", f"--property={','.join(wanted)}", "--", *names), shown.error)
-        return check_blocks(shown.units, names)
+        if len(shown.units) != len(names):
+            raise Problem(
+                f"systemctl show told of {len(shown.units)} units, expected {len(names)} ({' '.join(names)}); "
+                "look at what it says for them."
+            )
+        return shown.units
 
     def show(self, names: typing.Sequence[str]) -> typing.Dict[str, units.State]:
         """Ask for the state of units, with the inputs of their running processes; raises Problem or OSError."""
@@ -119,18 +124,6 @@ class Systemd:
 
 def _failure(arguments: typing.Iterable[str], error: str) -> Problem:
     return Problem(f"'systemctl {' '.join(arguments)}' failed: {quote(error.rstrip('.'), LINE)}.")
-
-
-def check_blocks(
-    blocks: typing.List[systemd.Properties], names: typing.Sequence[str]
-) -> typing.List[systemd.Properties]:
-    """The blocks of `systemctl show`; raises Problem if there is not one for each of these units."""
-    if len(blocks) != len(names):
-        raise Problem(
-            f"systemctl show told of {len(blocks)} units, expected {len(names)} ({' '.join(names)}); "
-            "look at what it says for them."
-        )
-    return blocks
 
 
 def _inputs_of(pid: str) -> str:

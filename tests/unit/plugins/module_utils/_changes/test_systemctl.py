@@ -8,7 +8,6 @@ import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import systemctl, units
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
@@ -128,15 +127,16 @@ def test_a_unit_that_does_not_start_is_explained(computer, status, code, journal
     assert not journal or str(caught.value).endswith('journal: "one" "two"')
 
 
-def test_there_is_one_block_for_each_unit():
+def test_there_is_one_block_for_each_unit(computer):
     text = 'Id=a.service\nLoadError=x "y=z"\nMainPID=0\n\nId=b.service\nMainPID=7\n'
-    blocks = systemd.parse(text)
-    assert systemctl.check_blocks(blocks, ["a.service", "b.service"]) == [
+    computer.answers["systemctl show"] = answer(text)
+    systemd = systemctl.Systemd(1)
+    assert systemd.properties(["a.service", "b.service"], ["Id"]) == [
         {"Id": "a.service", "LoadError": 'x "y=z"', "MainPID": "0"},
         {"Id": "b.service", "MainPID": "7"},
     ]
     with pytest.raises(Problem, match="expected 3"):
-        systemctl.check_blocks(blocks, ["a.service", "b.service", "c.service"])
+        systemd.properties(["a.service", "b.service", "c.service"], ["Id"])
 
 
 def test_state_directories():
