@@ -5,14 +5,10 @@
 
 import typing
 
-from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
-
-from .._changes import deadman, file_bundle, service_bundle
+from .._changes import file_bundle, service_bundle
 from .._changes.module import Make
 from .._firewall import run as firewall
 from .._hosts import run as hosts
-from .._module.module import NO_OBJECT
-from .._module.problem import Problem
 from .._packages import run as packages
 from .._routes import run as routes
 from .._sysctl import run as sysctl
@@ -55,17 +51,4 @@ def select_concerns(parameters: Options) -> typing.List[typing.Tuple[Concern, Op
         value = parameters[concern.name]
         runs = value if isinstance(value, list) else [] if value is None else [value]
         result += [(concern, {**options, **concern.fixed}) for options in runs]
-    return result
-
-
-def validate(concern: Concern, options: Options) -> typing.Dict[str, typing.Any]:
-    """Return the options of a concern as its module would have them. Raises Problem."""
-    specification = dict(deadman.OPTIONS, **concern.options) if concern.guarded else concern.options
-    try:
-        validation = ArgumentSpecValidator(specification).validate(options)
-    except TypeError as problem:
-        raise Problem(f"{concern.name}: {NO_OBJECT}") from problem
-    if validation.error_messages:
-        raise Problem(f"{concern.name}: {'; '.join(validation.error_messages)}.")
-    result: typing.Dict[str, typing.Any] = validation.validated_parameters
     return result

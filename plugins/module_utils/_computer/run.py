@@ -12,9 +12,9 @@ import typing
 from .._changes import deadman, lock
 from .._changes.module import Fields, PlainGuard, run_locked
 from .._module import ends
+from .._module.module import validate_options
 from .._module.problem import Problem
 from .._process import deadlines
-from . import concerns
 from .concerns import Concern, Options
 
 _SHELLS_LIMIT = 20.0  # seconds until shells have said what they see
@@ -33,7 +33,8 @@ class ConcernModule:
     def __init__(self, module: typing.Any, concern: Concern, options: Options, switches: str) -> None:
         """Read the options. Raises Problem where they are wrong."""
         self.concern = concern
-        self.params = concerns.validate(concern, options)
+        specification = dict(deadman.OPTIONS, **concern.options) if concern.guarded else concern.options
+        self.params = validate_options(concern.name, options, specification)
         self.check_mode, self._diff, self.warn = module.check_mode, module._diff, module.warn
         self.backup_local = module.backup_local
         switch = deadman.Switch(concern.name, switches)

@@ -9,8 +9,10 @@ Ansible would log all values: the nodes' files of half a megabyte, and the label
 import typing
 
 from ansible.module_utils.basic import AnsibleModule
+from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 
 from . import ends
+from .problem import Problem
 
 #: ansible-core up to 2.19 reads an item as an object before it checks the type, and raises TypeError.
 NO_OBJECT = "A list among the options has an item that is no object, expected items of names and values, as the documentation has them."
@@ -28,3 +30,19 @@ class Module(AnsibleModule):
     def _log_invocation(self) -> None:
         names = sorted(name for name, value in self.params.items() if value not in (None, "", [], {}))
         self.log(f"Invoked with {', '.join(names)}" if names else "Invoked")
+
+
+def validate_options(
+    name: str,
+    options: typing.Mapping[str, typing.Any],
+    specification: typing.Mapping[str, typing.Any],
+    required_if: typing.Sequence[typing.Any] = (),
+) -> typing.Dict[str, typing.Any]:
+    """Return the options of another module, given as the option `name` of this one, as that module would have them. Raises Problem."""
+    try:
+        validation = ArgumentSpecValidator(specification, required_if=required_if).validate(options)
+    except TypeError as problem:
+        raise Problem(f"{name}: {NO_OBJECT}") from problem
+    if validation.error_messages:
+        raise Problem(f"{name}: {'; '.join(validation.error_messages)}.")
+    return dict(validation.validated_parameters)

@@ -5,10 +5,7 @@
 
 import typing
 
-from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
-
 from .._machine.network import is_address
-from .._module.problem import Problem
 from .._process.background import find_wrong_value
 from .._verify.network import is_network
 
@@ -51,13 +48,3 @@ def list_wrong_places(params: Params) -> typing.Iterator[str]:
     for place, number in ports:
         if not 1 <= number <= 65535:
             yield f"{place} is {number}, expected a port from 1 to 65535."
-
-
-def validate_options(
-    option: str, options: Params, specification: Params, required_if: typing.Sequence[typing.Any] = ()
-) -> Params:
-    """Return the options of another module, given as an option of this one. Raises Problem."""
-    validation = ArgumentSpecValidator(specification, required_if=required_if).validate(options)
-    if validation.error_messages:
-        raise Problem(f"{option}: {'; '.join(validation.error_messages)}.")
-    return dict(validation.validated_parameters)

@@ -9,11 +9,12 @@ from itertools import chain
 
 from .._client import ros as ros_commands
 from .._client.ros import Ros
+from .._module.module import validate_options
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem
 from .._process.deadlines import call_all
 from .._verify import changes, claims, exchange, masters, network, parameters, resources, services, topics
-from .options import Params, validate_options
+from .options import Params
 
 # Seconds; more than any part takes by its own limits. A part that is later is named and left behind.
 LONGEST = 900.0

@@ -8,7 +8,8 @@ import pathlib
 
 import pytest
 from ansible.module_utils import basic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.module import Module, validate_options
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 MODULES = sorted((pathlib.Path(__file__).resolve().parents[5] / "plugins/modules").glob("[a-z]*.py"))
 SPECIFICATION = {
@@ -48,3 +49,11 @@ def test_every_module_that_runs_on_computers_has_it(path):
     text = path.read_text(encoding="utf-8")
     assert "AnsibleModule" not in text
     assert ("Module(" in text or "run_module(OPTIONS, " in text) == ("def main()" in text)
+
+
+def test_options_of_another_module_are_as_it_would_have_them():
+    assert validate_options("other", {"name": 5}, SPECIFICATION)["name"] == "5"
+    with pytest.raises(Problem, match="^other: "):
+        validate_options("other", {"strange": 1}, SPECIFICATION)
+    with pytest.raises(Problem, match="^other: "):
+        validate_options("other", {"items": ["text"]}, {"items": {"type": "list", "elements": "dict", "options": {}}})
