@@ -11,6 +11,7 @@ import typing
 
 from .._changes import deadman, lock
 from .._changes.module import Fields, PlainGuard, run_locked
+from .._machine import shells
 from .._module import ends
 from .._module.module import validate_options
 from .._module.problem import Problem
@@ -94,9 +95,12 @@ def _end(
 ) -> None:
     """End the module with the results of all concerns that were begun, and with what shells see then."""
     last = results[-1][1] if results else {}
+    groups: typing.Dict[str, typing.List[Fields]] = {}
+    for name, result in results:
+        groups.setdefault(name, []).append(result)
     whole = {
         "changed": any(result["changed"] for _name, result in results if "changed" in result),
-        "concerns": group_by_name(results),
+        "concerns": groups,
         "diff": differences,
     }
     if last.get("failed"):
@@ -118,17 +122,7 @@ def _read_shells(results: typing.Sequence[typing.Tuple[str, Fields]]) -> Fields:
     written = any(name == "managed_files" and result.get("changed") for name, result in results)
     if not written or results[-1][1].get("failed"):
         return {}
-    from .._machine import shells
-
     try:
         return {"shells": deadlines.call_within(_SHELLS_LIMIT, shells.probe)}
     except Exception:  # a strange machine may raise anything: then the environment of shells is not known
         return {"shells": dict(shells.NOTHING_SEEN)}
-
-
-def group_by_name(results: typing.Iterable[typing.Tuple[str, Fields]]) -> typing.Dict[str, typing.List[Fields]]:
-    """The results of each concern by its name, in their order."""
-    groups: typing.Dict[str, typing.List[Fields]] = {}
-    for name, result in results:
-        groups.setdefault(name, []).append(result)
-    return groups
