@@ -5,6 +5,7 @@
 A request is one JSON line, and so is the reply. The folder of the doors is root's, so other users cannot add one.
 """
 
+import contextlib
 import glob
 import hashlib
 import json
@@ -69,10 +70,8 @@ def _let_go(descriptors: typing.Iterable[int]) -> None:
     numbers = set(descriptors)
     for number in [int(name) for name in os.listdir("/proc/self/fd")]:
         if number not in numbers:
-            try:
+            with contextlib.suppress(OSError):  # the listing's own descriptor
                 os.close(number)
-            except OSError:
-                pass  # the listing's own descriptor
     for standard in (os.O_RDONLY, os.O_WRONLY, os.O_WRONLY):
         os.open(os.devnull, standard)
 
@@ -115,22 +114,16 @@ def admit(door: socket.socket) -> typing.Tuple[socket.socket, Line]:
 
 def answer(connection: socket.socket, reply: Line) -> None:
     """Reply to a visitor, and let it go."""
-    try:
+    with connection, contextlib.suppress(OSError):  # the visitor is gone
         connection.settimeout(5)
         connection.sendall(json.dumps(reply).encode() + b"\n")
-    except OSError:
-        pass  # the visitor is gone
-    finally:
-        connection.close()
 
 
 def remove_door(path: str) -> None:
     """Remove a door, and its folder if that is empty."""
     for remove, what in ((os.unlink, path), (os.rmdir, os.path.dirname(path))):
-        try:
+        with contextlib.suppress(OSError):  # gone already, or the folder holds more than our door
             remove(what)
-        except OSError:
-            pass  # gone already, or the folder holds more than our door
 
 
 # The visitor's side

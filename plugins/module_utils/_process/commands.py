@@ -3,6 +3,7 @@
 
 """Commands, functions and files of this machine, each with a limit of time or of size."""
 
+import contextlib
 import os
 import pwd
 import resource
@@ -91,10 +92,8 @@ def run(
 
 def _end(group: int) -> None:
     """End what is left of a group of processes."""
-    try:
+    with contextlib.suppress(ProcessLookupError):
         os.killpg(group, signal.SIGKILL)
-    except ProcessLookupError:
-        pass
 
 
 def _end_late(group: int, late: threading.Event) -> None:
