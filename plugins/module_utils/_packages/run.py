@@ -71,8 +71,10 @@ class Packages(ModuleRun):
         self.changed = bool(self.changes.new or self.removed or self.record.changed)
 
     def _record_of(self, names: typing.Sequence[str]) -> ManagedFiles:
-        options = {"bundle": BUNDLE, "files": _record(names), "brief": [], "records": self.records}
-        return ManagedFiles(options)
+        content = "".join(f"{line}\n" for line in (_HEAD, *names))
+        file = {"path": fkie.INSTALLED, "content": content, "mode": "0644", "validate": []}
+        files = [file] if names else []
+        return ManagedFiles({"bundle": BUNDLE, "files": files, "brief": [], "records": self.records})
 
     @property
     def refusals(self) -> typing.List[str]:
@@ -113,13 +115,6 @@ class Packages(ModuleRun):
             if self.changed
             else "The packages were right."
         )
-
-
-def _record(names: typing.Sequence[str]) -> typing.List[typing.Dict[str, typing.Any]]:
-    if not names:
-        return []
-    content = "".join(f"{line}\n" for line in (_HEAD, *names))
-    return [{"path": fkie.INSTALLED, "content": content, "mode": "0644", "owner": None, "group": None, "validate": []}]
 
 
 def _apt(*words: str) -> None:
