@@ -46,15 +46,9 @@ def attributes(path: str) -> Attributes:
         raise
 
 
-def _keep(stream: typing.IO[bytes], path: str, kept: Attributes) -> None:
-    """Give a new file these extended attributes. Raises OSError where one cannot be kept."""
-    descriptor = stream.fileno()
-    try:
-        present = {name: os.getxattr(descriptor, name) for name in os.listxattr(descriptor)}
-    except OSError as problem:
-        if problem.errno != errno.ENOTSUP:
-            raise
-        present = {}
+def _keep(descriptor: int, neighbour: str, path: str, kept: Attributes) -> None:
+    """Give a new file, the open neighbour of `path`, these extended attributes. Raises OSError where one cannot be kept."""
+    present = attributes(neighbour)
     if _ACL in present and _ACL not in kept:  # from the default ACL of the folder
         os.removexattr(descriptor, _ACL)
     for name, value in sorted(kept.items()):
@@ -86,7 +80,7 @@ def write_by_rename(
         with os.fdopen(descriptor, "wb") as stream:
             if owner is not None:
                 os.fchown(stream.fileno(), owner[0], owner[1])
-            _keep(stream, path, kept)
+            _keep(stream.fileno(), neighbour, path, kept)
             os.fchmod(stream.fileno(), mode)  # after an ACL: the bits of the group are its mask
             stream.write(content)
             stream.flush()
