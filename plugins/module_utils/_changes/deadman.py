@@ -11,6 +11,7 @@ The script and the confirmation exclude each other by renaming one file (rename(
 `undoing`, the confirmation renames it to `confirmed`. Only one of them can.
 """
 
+import contextlib
 import json
 import os
 import shlex
@@ -234,12 +235,10 @@ class Switch:
     def _keep(self, number: int, path: str, content: bytes) -> typing.List[str]:
         """Store the content for a file, with the permissions that it has now; returns the step that restores it."""
         name = f"file-{number}"
-        try:
+        mode, owner = 0o644, None
+        with contextlib.suppress(FileNotFoundError):
             status = os.stat(path)
-        except FileNotFoundError:
-            status = None
-        owner = None if status is None else (status.st_uid, status.st_gid)
-        mode = 0o644 if status is None else status.st_mode & 0o7777
+            mode, owner = status.st_mode & 0o7777, (status.st_uid, status.st_gid)
         atomic.write_by_rename(self._path(name), content, mode=mode, owner=owner)
         return ["try", "put", name, path]
 
@@ -379,24 +378,22 @@ class Guard:
         if isinstance(problem, FormerConnection):
             return {"changed": False, "unconfirmed": True, "same_connection": True, "msg": sentence}
         if not self.module.check_mode and self.state == "armed" and not self.rolled_back:
-            failures = self._roll_back()
-            self.rolled_back = not failures
-            sentence += (
-                f" Taking the {self.what} back failed, too: {', '.join(failures)}"
-                if failures
-                else f" So the {self.what} were taken back, and the machine is as it was before."
-            )
+            sentence += f" {self._take_back(', and the machine is as it was before.')}"
         return dict(result, failed=True, msg=sentence, unconfirmed=False, rolled_back=self.rolled_back)
 
     def give_up(self) -> str:
         """Take back what waits for a confirmation with this token, or was taken back; returns a sentence where there is any."""
         if not self.token or self.module.check_mode or self.switch.look(self.token) not in ("armed", "rolled_back"):
             return ""
+        return self._take_back(", too.")
+
+    def _take_back(self, end: str) -> str:
+        """Roll back, and say so; `end` ends the sentence where nothing failed."""
         failures = self._roll_back()
-        self.unconfirmed = False
+        self.rolled_back = not failures
         if failures:
             return f"Taking the {self.what} back failed, too: {', '.join(failures)}"
-        return f"So the {self.what} were taken back, too."
+        return f"So the {self.what} were taken back{end}"
 
     def success(self, changed: bool, **result: typing.Any) -> typing.Dict[str, typing.Any]:
         """Return the result of a module."""
