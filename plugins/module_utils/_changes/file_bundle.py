@@ -124,7 +124,9 @@ class ManagedFiles(ModuleRun):
     def result(self) -> Fields:
         """The return values beside `changed`, `msg` and `diff`."""
         return {
-            "files": [dict(path=item.path, state=item.state, mode=f"{item.mode:04o}") for item in self.plan.items],
+            "files": [
+                dict(path=item.file.path, state=item.state, mode=f"{item.file.mode:04o}") for item in self.plan.items
+            ],
             "removed": self.plan.removals,
             "folders_made": self.plan.folders.made,
             "folders_removed": self.plan.folders.removed,

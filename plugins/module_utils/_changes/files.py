@@ -82,9 +82,8 @@ class Machine(typing.NamedTuple):
 class Item(typing.NamedTuple):
     """A planned file in the result: unchanged, written, edited (drift, to be repaired) or foreign (right, not owned)."""
 
-    path: str
+    file: PlannedFile
     state: str
-    mode: int
 
 
 Pair = typing.Tuple[typing.Optional[FileState], typing.Optional[PlannedFile]]  # a file before and after
@@ -292,17 +291,14 @@ def plan_files(files: typing.List[PlannedFile], remembered: Data, machine: Machi
     """Plan the changes; pure. Raises Problem, with a sentence per path, where something not owned is in the way."""
     _refuse_unsafe(files, machine)
     owned = find_owned_files(remembered, machine)
-    items = [
-        Item(file.path, _state(file, machine.states[file.path], owned.get(file.path), machine.owner), file.mode)
-        for file in files
-    ]
-    kept = {file.path: file for file, item in zip(files, items) if item.state != "foreign"}
+    items = [Item(file, _state(file, machine.states[file.path], owned.get(file.path), machine.owner)) for file in files]
+    kept = {item.file.path: item.file for item in items if item.state != "foreign"}
     removals = [path for path in sorted(owned) if path not in kept and machine.states[path] is not None]
-    _refuse(files, items, machine, removals)
+    _refuse(items, machine, removals)
 
     before = set(remembered.get("folders", [])) - set(machine.unsafe)
     folders = _plan_folders(kept, removals, before, machine)
-    writes = [kept[item.path] for item in items if item.state in ("written", "edited")]
+    writes = [item.file for item in items if item.state in ("written", "edited")]
     files_of_intent = {path: {"written": owned[path]} for path in owned}
     for file in writes:
         files_of_intent.setdefault(file.path, {})["writing"] = _fingerprint(file)
@@ -325,7 +321,7 @@ def _notes(
     machine: Machine,
 ) -> typing.List[str]:
     """The notes on drift, on files that are right but not owned, and on folders that stay."""
-    notes = [_NOTES[item.state].format(path=item.path) for item in items if item.state in _NOTES]
+    notes = [_NOTES[item.state].format(path=item.file.path) for item in items if item.state in _NOTES]
     edited = [path for path in removals if not _matches(machine.states[path], owned[path])]
     notes += [f"{path}, which goes, had been changed by hand since we wrote it." for path in edited]
     return notes + [f"{quote(folder)} stays, because it holds files that are not ours." for folder in folders.kept]
@@ -373,14 +369,10 @@ def _refuse_unsafe(files: typing.Iterable[PlannedFile], machine: Machine) -> Non
         raise Problem(" ".join(problems))
 
 
-def _refuse(
-    files: typing.List[PlannedFile], items: typing.List[Item], machine: Machine, removals: typing.List[str]
-) -> None:
+def _refuse(items: typing.List[Item], machine: Machine, removals: typing.List[str]) -> None:
     """Raise Problem with a sentence for every file or folder that blocks the plan."""
     problems = [
-        _describe_conflict(file, machine.states[file.path])
-        for file, item in zip(files, items)
-        if item.state == "conflict"
+        _describe_conflict(item.file, machine.states[item.file.path]) for item in items if item.state == "conflict"
     ]
     problems += [
         f"{folder} is {kind}, expected a folder for planned files: move it away."

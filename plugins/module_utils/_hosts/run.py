@@ -172,7 +172,7 @@ class Run(ModuleRun):
         """The files that keep cloud-init away, each with what becomes of it."""
         if not self.guard:
             return []
-        items = [{"path": item.path, "state": item.state} for item in self.guard.plan.items]
+        items = [{"path": item.file.path, "state": item.state} for item in self.guard.plan.items]
         return items + [{"path": path, "state": "removed"} for path in self.guard.plan.removals]
 
     def _differences(self) -> typing.Any:
