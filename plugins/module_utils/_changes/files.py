@@ -11,7 +11,6 @@ Root acts only in folders that root alone can change. Elsewhere it does not even
 place of a folder would lead it to another folder.
 """
 
-import glob
 import hashlib
 import os
 import re
@@ -23,7 +22,7 @@ from .._module.difference import difference
 from .._module.plain_text import quote
 from .._module.problem import Problem
 from . import atomic, ownership
-from .record import Record
+from .record import Record, records
 from .transaction import Step, intent, outcome
 
 _FILE = "a file"
@@ -137,16 +136,16 @@ def _parse_file(entry: Data) -> PlannedFile:
     return PlannedFile(path, content, mode, owner, entry.get("sha256") or "")
 
 
-def record_of(kind: str, bundle: str, records: str) -> Record:
+def record_of(kind: str, bundle: str, folder: str) -> Record:
     """Return the record of a bundle of this kind (files, services). Raises Problem for a label that is no file name."""
     if not _BUNDLE.fullmatch(bundle):
         raise Problem(
             f"The bundle {bundle!r} is not usable as a label; expected 1 to 64 letters, digits, '.', '_' and '-', "
             "for example nodes."
         )
-    if not os.path.isabs(records):
-        raise Problem(f"records is {records!r}, expected an absolute path.")
-    return Record(f"{kind}-{bundle}", records, _SHAPE)
+    if not os.path.isabs(folder):
+        raise Problem(f"records is {folder!r}, expected an absolute path.")
+    return Record(f"{kind}-{bundle}", folder, _SHAPE)
 
 
 def digest(files: typing.Iterable[PlannedFile]) -> str:
@@ -205,12 +204,10 @@ def _unsafe(paths: typing.Iterable[str], folders: typing.Iterable[str]) -> typin
 def _folders_of_others(record: Record) -> typing.Set[str]:
     """The folders in the records of all other bundles."""
     folders: typing.Set[str] = set()
-    records = os.path.dirname(record.path)
-    for kind in ("files", "services"):
-        for path in glob.glob(os.path.join(glob.escape(records), f"{kind}-*.json")):
-            if path != record.path:
-                name = os.path.basename(path)[: -len(".json")]
-                folders.update(Record(name, records, _SHAPE).load().get("folders", []))
+    place, own = os.path.split(record.path)
+    for name in records(place):
+        if name.startswith(("files-", "services-")) and f"{name}.json" != own:
+            folders.update(Record(name, place, _SHAPE).load().get("folders", []))
     return folders
 
 
@@ -543,8 +540,9 @@ def _restore(path: str, before: typing.Optional[FileState]) -> None:
 class FileBundle:
     """The files of a bundle, read and planned. Making it raises OSError, Problem."""
 
-    def __init__(self, bundle: str, records: str, entries: typing.Iterable[Data]) -> None:
-        self.record = record_of("files", bundle, records)
+    def __init__(self, bundle: str, folder: str, entries: typing.Iterable[Data]) -> None:
+        """`folder`: that of the records."""
+        self.record = record_of("files", bundle, folder)
         self.wanted = parse_files(entries)
         self.remembered = self.record.load()
         self.machine = read(self.wanted, self.remembered, self.record)
