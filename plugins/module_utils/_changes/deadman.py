@@ -68,6 +68,7 @@ class Timer:
 
     def start(self, unit: str, seconds: int, argv: typing.Sequence[str]) -> None:
         """Run the command in so many seconds. Raises Problem where this machine cannot."""
+        self.stop(unit)  # one of this name may be left
         command = [
             "systemd-run",
             "--quiet",
@@ -78,11 +79,9 @@ class Timer:
             f"--on-active={seconds}s",
             "--timer-property=AccuracySec=50ms",
             "--",
+            *argv,
         ]
-        answer = commands.run(command + list(argv), limit=_LIMIT)
-        if answer.status != 0:  # a timer of this name may be left
-            self.stop(unit)
-            answer = commands.run(command + list(argv), limit=_LIMIT)
+        answer = commands.run(command, limit=_LIMIT)
         if answer.status != 0:
             raise Problem(
                 f"confirm_within: found no way to start the timer {unit}.timer "
@@ -309,8 +308,7 @@ class Guard:
         return None
 
     def _try_out(self, run: typing.Any) -> None:
-        undo = (run.undo_commands(), run.undo_files(), run.memory, run.undo_last())
-        self.switch.arm(self.token, self.seconds, *undo)
+        self.switch.arm(self.token, self.seconds, run.undo_commands(), run.undo_files(), run.memory, run.undo_last())
         try:
             run.apply_runtime()
             if not self.switch.waits():
