@@ -1430,6 +1430,7 @@ services:
       active_state: active
       sub_state: running
       restarts: 0
+      stopped: false
       differing: []
       drop_ins: []
       since: Sun 2026-11-22 09:12:44 UTC
@@ -1464,6 +1465,11 @@ services:
       returned: always
       type: int
       sample: 0
+    stopped:
+      description: Whether its process is stopped by a signal or a debugger, so that it runs and does nothing.
+      returned: always
+      type: bool
+      sample: false
     differing:
       description:
         - The variables of O(environment_file) and of O(variables) that its running process has with another value, or not at all.

@@ -87,7 +87,7 @@ class HostsFile:
         before = self.content or b""
         texts = {"before": before.decode("latin-1"), "after": content.decode("latin-1")}
         with open(self.path, "r+b", buffering=0) as stream:
-            self.record.save_if_changed(self._record_with(texts))
+            self.record.save(self._record_with(texts))
             try:
                 _overwrite(stream, content)
             except OSError as problem:
@@ -99,7 +99,7 @@ class HostsFile:
                         "expected a file system with room: make room and run again, which repairs the file. "
                         f"The old content is kept in {self.record.path}."
                     ) from problem
-                self.record.save_if_changed(self._record_with(None))
+                self.record.save(self._record_with(None))
                 raise
         if atomic.read_bytes(self.path) != content:
             raise Problem(

@@ -48,6 +48,12 @@ def start_time(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optio
     return time.time() - uptime + int(fields[19]) / os.sysconf("SC_CLK_TCK")
 
 
+def is_stopped(pid: typing.Union[int, str], proc: str = "/proc") -> bool:
+    """Say if a process is stopped by a signal or a debugger (proc(5), /proc/PID/stat); False where it has ended."""
+    state = re.match(r"\d+ \(.*\) (\S)", text(f"{proc}/{pid}/stat"), re.S)
+    return state is not None and state.group(1) in "Tt"
+
+
 def parse(content: bytes) -> typing.Dict[str, str]:
     """Split the content of /proc/PID/environ; bytes that are no UTF-8 become surrogates, as in os.environ."""
     pairs = [entry.partition("=") for entry in content.decode("utf-8", "surrogateescape").split("\0")]

@@ -35,6 +35,7 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             "active_state": seen.get("ActiveState", ""),
             "sub_state": seen.get("SubState", ""),
             "restarts": int(seen.get("NRestarts") or 0),
+            "stopped": processes.is_stopped(seen.get("MainPID", "0")),
             "differing": [],
             "drop_ins": [],
             "since": seen.get("StateChangeTimestamp", ""),

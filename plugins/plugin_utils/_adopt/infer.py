@@ -218,7 +218,7 @@ def _roscore(scene: _Scene, group: groups.Group) -> tuple[facts.Roscore, str]:
     roscores = scene.machine(group.master).roscores
     named = Counter(uri.port for name in group.members for uri in scene.machine(name).masters[:1])
     if not roscores:
-        port = max(named, key=lambda one: named[one], default=ROSCORE_PORT)
+        port = max(named, key=lambda one: (named[one], -one), default=ROSCORE_PORT)
         doubt = "guessed from ROS_MASTER_URI, since no roscore ran" if port != ROSCORE_PORT else ""
         return facts.Roscore(port, None, ""), doubt
     best = min(roscores, key=lambda one: (-named[one.port], not one.discovery, one.port))

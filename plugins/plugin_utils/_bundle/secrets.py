@@ -277,6 +277,7 @@ class Secrets:
 
     def __init__(self, known: Iterable[str] = (), kept: Iterable[str] = (), foreign: Iterable[str] = ()) -> None:
         names = {name.lower() for name in kept}
+        self._kept = names
         self._known = _compile_values(known, names)
         self._foreign = _compile_values(foreign, names)
 
@@ -304,7 +305,7 @@ class Secrets:
         return value
 
     def _clean_value(self, name: str, value: Any) -> Any:
-        if is_secret(name) and value not in (None, "", 0, True, False):
+        if is_secret(name) and name.lower() not in self._kept and value not in (None, "", 0, True, False):
             return REMOVED
         return self.data(value)
 

@@ -519,6 +519,15 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="another master",
     ),
     ("service", "down"): Fault("{what} does not run on {place}", RESTART_UNIT, cost=2.0, what="multimaster-*"),
+    ("service", "stopped"): Fault(
+        "the process of {what} on {place} is stopped, by a signal or a debugger, so it runs and does nothing",
+        "on {place}: systemctl kill --signal=CONT {what}",
+        "on {place}: systemctl status {what}; ps -eo pid,stat,args",
+        cost=2.0,
+        what="multimaster-*",
+        read=True,
+        unseen=False,
+    ),
     ("service", "restarting"): Fault(
         "on {place} {what} ended by itself and was started again",
         "see on {place}: journalctl -b -u {what}",

@@ -171,4 +171,7 @@ def format_duration(seconds: float) -> str:
 
 
 def _time(wall: float) -> str:
-    return time.strftime("%H:%M:%S", time.localtime(wall))
+    try:
+        return time.strftime("%H:%M:%S", time.localtime(wall))
+    except (OverflowError, ValueError, OSError):  # what a robot tells may be no time of a clock
+        return "a time that no clock has"

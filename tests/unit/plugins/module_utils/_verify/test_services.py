@@ -4,6 +4,8 @@
 """The services of the collection: the environment of their processes."""
 
 import os
+import signal
+import subprocess
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import services
@@ -32,3 +34,18 @@ def test_a_drop_in_file_with_other_variables_is_named(monkeypatch, tmp_path):
     monkeypatch.setattr(services.systemd, "states", lambda units, properties: [seen for unit in units])
     assert services.services(["sync"], {"NOT_HERE": "1"})[0]["drop_ins"] == [str(tmp_path / "a.conf")]
     assert services.services(["sync"], {})[0]["drop_ins"] == []
+
+
+def test_a_process_that_is_stopped_is_seen(monkeypatch):
+    process = subprocess.Popen(["sleep", "60"])
+    seen = {"ActiveState": "active", "MainPID": str(process.pid)}
+    monkeypatch.setattr(services.systemd, "states", lambda units, properties: [seen for unit in units])
+    try:
+        assert not services.services(["sync"], {})[0]["stopped"]
+        process.send_signal(signal.SIGSTOP)
+        os.waitpid(process.pid, os.WUNTRACED)
+        assert services.services(["sync"], {})[0]["stopped"]
+    finally:
+        process.kill()
+        process.wait()
+    assert not services.services(["sync"], {})[0]["stopped"]

@@ -190,6 +190,16 @@ def test_a_roscore_that_does_not_run_is_a_guess():
     assert valid(proposal) == ROBOTS
 
 
+def test_of_ports_that_are_named_as_often_the_lowest_counts():
+    infos = fleet()
+    infos["bob-arm"]["masters"] = []
+    places = {"bob-arm": 11399, "bob-gate": 11312}
+    for name, port in places.items():
+        if name in infos:
+            infos[name]["environment"]["login"]["ROS_MASTER_URI"] = f"http://bob-arm:{port}"
+    assert choice(adopted(infos), "bob", "roscore_port").value == 11312
+
+
 def test_the_master_uri_that_ros_is_delivered_with_says_nothing():
     infos = fleet(laptop=machine("laptop", "192.168.1.9/24", uri="http://localhost:11311"))
     infos["ana-arm"]["environment"]["login"]["ROS_MASTER_URI"] = "http://localhost:11311"

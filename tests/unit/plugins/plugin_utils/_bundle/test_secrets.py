@@ -192,3 +192,8 @@ def test_a_long_text_of_anybody_takes_no_long_time(piece):
     began = time.process_time()
     Secrets().text(piece * (60_000 // len(piece)))
     assert time.process_time() - began < 5
+
+
+def test_a_computer_with_the_name_of_a_secret_keeps_its_data():
+    found = Secrets(kept=["vault-pc"]).data({"machines": {"vault-pc": {"system": "Debian"}}, "vault": "hunter2"})
+    assert found == {"machines": {"vault-pc": {"system": "Debian"}}, "vault": "(removed)"}

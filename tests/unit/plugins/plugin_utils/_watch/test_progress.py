@@ -3,6 +3,8 @@
 
 """What a watch over the fleet tells: progress, and the moment and place of the first loss."""
 
+from dataclasses import replace
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch import watch
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._watch import progress
@@ -89,6 +91,12 @@ def test_a_network_that_forgets_the_group_differs_from_silence():
     assert "IGMP snooping" in text
     text = loss(*((observer, event("group", "c", 20.0)) for observer in ("a", "b")))
     assert text.endswith("2 computers hear nothing of c.")
+
+
+@pytest.mark.parametrize("time", [1e20, -1e20])
+def test_a_time_that_no_clock_has_does_not_end_the_watch(time):
+    odd = replace(event("link", "eth0", 20.0), time=time)
+    assert "a time that no clock has" in progress.describe_event("a", odd)
 
 
 def test_one_who_hears_nobody_is_named():
