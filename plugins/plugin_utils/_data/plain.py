@@ -10,18 +10,25 @@ Where a field may be None, plain data has an empty text or an empty dictionary. 
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import enum
 import functools
-import types
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from ipaddress import IPv4Address, IPv4Network
-from typing import Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 T = TypeVar("T")
 
 _NOTATION = "spelling"
+#: the types that plain data has too, with the types of Python that are taken for each
+_SCALARS: Mapping[Any, tuple[str, tuple[type, ...]]] = {
+    str: ("a text", (str,)),
+    int: ("a whole number", (int,)),
+    float: ("a number", (int, float)),
+    bool: ("true or false", (bool,)),
+}
+#: the types that are a text in plain data
+_TEXTS: Mapping[Any, str] = {IPv4Address: "an IPv4 address", IPv4Network: "an IPv4 network"}
 
 
 class Mismatch(ValueError):
@@ -37,153 +44,104 @@ def notation(key: str = "", words: tuple[tuple[Any, str], ...] = (), left_out: b
     return {_NOTATION: (key, words, left_out)}
 
 
+class _Field(NamedTuple):
+    """A field of a dataclass: its names in Python and in plain data, its type without None, and its notation."""
+
+    name: str
+    key: str
+    kind: Any
+    optional: bool
+    required: bool
+    words: tuple[tuple[Any, str], ...]
+    left_out: bool
+
+    @property
+    def nothing(self) -> Any:
+        """Plain data for None. Each caller gets an empty dictionary of its own, since callers may change plain data."""
+        return {} if dataclasses.is_dataclass(self.kind) else None if get_origin(self.kind) else ""
+
+
+@functools.cache
+def _fields(kind: Any) -> tuple[_Field, ...]:
+    hints, fields = get_type_hints(kind), []
+    for field in dataclasses.fields(kind):
+        key, words, left_out = field.metadata.get(_NOTATION, ("", (), False))
+        required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        hint, parts = hints[field.name], get_args(hints[field.name])
+        optional = type(None) in parts
+        inner = parts[0] if optional else hint
+        fields.append(_Field(field.name, key or field.name, inner, optional, required, words, left_out))
+    return tuple(fields)
+
+
 def to_plain(value: Any) -> Any:
     """Return a dataclass as a dictionary of plain data. The keys have the order of the fields."""
-    return _converter(type(value)).write(value)
+    if dataclasses.is_dataclass(value):
+        kind: Any = type(value)
+        contents = ((field, getattr(value, field.name)) for field in _fields(kind))
+        return {
+            field.key: _write_field(field, content)
+            for field, content in contents
+            if not (field.left_out and content is None)
+        }
+    if isinstance(value, (list, tuple)):
+        return [to_plain(each) for each in value]
+    if isinstance(value, Mapping):
+        return {key: to_plain(each) for key, each in value.items()}
+    if isinstance(value, enum.Enum):
+        return value.value
+    return str(value) if type(value) in _TEXTS else value
+
+
+def _write_field(field: _Field, content: Any) -> Any:
+    if content is None:
+        return field.nothing
+    return next((word for special, word in field.words if special == content), None) or to_plain(content)
 
 
 def from_plain(kind: type[T], data: Any) -> T:
     """Return plain data as an object of the dataclass `kind`. Unknown keys are ignored. Raises Mismatch."""
-    read: T = _converter(kind).read(data, "")
+    read: T = _read(kind, data, "")
     return read
 
 
-class Converter(NamedTuple):
-    """The two directions for one type; `read` also takes the path of the data, for the text of an error."""
-
-    write: Callable[[Any], Any]
-    read: Callable[[Any, str], Any]
-    nothing: Any = ""  # plain data for None
-
-
-def _make_converter(kind: Any) -> Converter:
-    origin, arguments = get_origin(kind), get_args(kind)
-    if dataclasses.is_dataclass(kind):
-        return _record(kind)
-    if origin in (types.UnionType, Union):
-        return _optional(_converter(next(argument for argument in arguments if argument is not type(None))))
-    if origin is tuple:
-        return _list(_converter(arguments[0]))
-    if isinstance(kind, type) and issubclass(kind, enum.Enum):
-        return Converter(lambda value: value.value, _convert_text(kind, f"a word of {kind.__name__}").read)
-    if origin is not None:
-        return _dictionary(_converter(arguments[1]))
-    return _SCALARS[kind]
-
-
-_converter: Callable[[Any], Converter] = functools.cache(_make_converter)  # made once for each type
-
-
-def _pass_on(value: Any) -> Any:
-    return value
-
-
-def _check_type(kind: type | tuple[type, ...], expected: str) -> Converter:
-    def read(data: Any, path: str) -> Any:
-        if not isinstance(data, kind) or (isinstance(data, bool) and kind is not bool):
+def _read(kind: Any, data: Any, path: str) -> Any:
+    """Return plain data as a value of this type. `path` is its place, for the text of an error."""
+    if kind in _SCALARS:
+        expected, taken = _SCALARS[kind]
+        if not isinstance(data, taken) or (isinstance(data, bool) and kind is not bool):
             raise Mismatch(f"{path} is {data!r}; expected {expected}.")
         return data
-
-    return Converter(_pass_on, read)
-
-
-def _convert_text(kind: Callable[[str], Any], expected: str) -> Converter:
-    def read(data: Any, path: str) -> Any:
-        try:
-            return kind(str(data))
-        except ValueError:
-            raise Mismatch(f"{path} is {data!r}; expected {expected}.") from None
-
-    return Converter(str, read)
-
-
-_SCALARS: Mapping[Any, Converter] = {
-    Any: Converter(_pass_on, lambda data, path: data),
-    str: _check_type(str, "a text"),
-    int: _check_type(int, "a whole number"),
-    float: _check_type((int, float), "a number"),
-    bool: _check_type(bool, "true or false"),
-    IPv4Address: _convert_text(IPv4Address, "an IPv4 address"),
-    IPv4Network: _convert_text(IPv4Network, "an IPv4 network"),
-}
-
-
-def _optional(inner: Converter) -> Converter:
-    def read(data: Any, path: str) -> Any:
-        return None if data is None or data == inner.nothing else inner.read(data, path)
-
-    # Each caller gets an empty dictionary of its own, since callers may change plain data.
-    return Converter(
-        lambda value: copy.copy(inner.nothing) if value is None else inner.write(value), read, inner.nothing
-    )
-
-
-def _list(item: Converter) -> Converter:
-    def read(data: Any, path: str) -> tuple[Any, ...]:
+    if dataclasses.is_dataclass(kind):
+        return _read_record(kind, data, path)
+    arguments = get_args(kind)
+    if get_origin(kind) is tuple:
         if not isinstance(data, (list, tuple)):
             raise Mismatch(f"{path} is {data!r}; expected a list.")
-        return tuple(item.read(each, f"{path}[{number}]") for number, each in enumerate(data))
-
-    return Converter(lambda value: [item.write(each) for each in value], read, None)
-
-
-def _dictionary(item: Converter) -> Converter:
-    def read(data: Any, path: str) -> dict[str, Any]:
+        return tuple(_read(arguments[0], each, f"{path}[{number}]") for number, each in enumerate(data))
+    if arguments:
         if not isinstance(data, Mapping):
             raise Mismatch(f"{path} is {data!r}; expected a mapping.")
-        return {str(key): item.read(each, f"{path}.{key}") for key, each in data.items()}
-
-    return Converter(lambda value: {key: item.write(each) for key, each in value.items()}, read, None)
-
-
-class _Field(NamedTuple):
-    """A field of a dataclass with its key in plain data."""
-
-    name: str
-    key: str
-    converter: Converter
-    required: bool
-    left_out: bool
+        return {str(key): _read(arguments[1], each, f"{path}.{key}") for key, each in data.items()}
+    try:
+        return data if kind is Any else kind(str(data))
+    except ValueError:
+        raise Mismatch(f"{path} is {data!r}; expected {_TEXTS.get(kind) or f'a word of {kind.__name__}'}.") from None
 
 
-def _record(kind: Any) -> Converter:
-    hints = get_type_hints(kind)
-    fields = [_describe_field(field, _converter(hints[field.name])) for field in dataclasses.fields(kind)]
-    return Converter(functools.partial(_write_record, fields), functools.partial(_read_record, kind, fields), {})
-
-
-def _describe_field(field: dataclasses.Field[Any], converter: Converter) -> _Field:
-    key, words, left_out = field.metadata.get(_NOTATION, ("", (), False))
-    required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-    return _Field(
-        field.name, key or field.name, _add_words(converter, words) if words else converter, required, left_out
-    )
-
-
-def _add_words(inner: Converter, words: Sequence[tuple[Any, str]]) -> Converter:
-    """Return the converter for a field some of whose values have a text of their own."""
-    by_value, by_word = dict(words), {word: value for value, word in words}
-    return Converter(
-        lambda value: by_value[value] if value in by_value else inner.write(value),
-        lambda data, path: by_word[data] if isinstance(data, str) and data in by_word else inner.read(data, path),
-    )
-
-
-def _write_record(fields: Sequence[_Field], value: Any) -> dict[str, Any]:
-    contents = ((field, getattr(value, field.name)) for field in fields)
-    return {
-        field.key: field.converter.write(content)
-        for field, content in contents
-        if not (field.left_out and content is None)
-    }
-
-
-def _read_record(kind: Any, fields: Sequence[_Field], data: Any, path: str) -> Any:
+def _read_record(kind: Any, data: Any, path: str) -> Any:
     if not isinstance(data, Mapping):
         raise Mismatch(f"{path or kind.__name__} is {data!r}; expected a mapping.")
     begin = f"{path}." if path else ""
-    missing = [field.key for field in fields if field.required and field.key not in data]
-    if missing:
-        raise Mismatch(f"{begin}{missing[0]} is missing.")
-    present = [field for field in fields if field.key in data]
-    return kind(**{field.name: field.converter.read(data[field.key], begin + field.key) for field in present})
+    values: dict[str, Any] = {}
+    for field in _fields(kind):
+        if field.key in data:
+            content = data[field.key]
+            if field.optional and (content is None or content == field.nothing):
+                values[field.name] = None
+                continue
+            special = [value for value, word in field.words if word == content]
+            values[field.name] = special[0] if special else _read(field.kind, content, begin + field.key)
+        elif field.required:
+            raise Mismatch(f"{begin}{field.key} is missing.")
+    return kind(**values)
