@@ -122,12 +122,15 @@ def service_units(
     try:
         return units.render_services(
             names,
-            robot,
-            address,
-            units.Roscore(roscore_command, roscore_port),
-            {name: UnitLines(lines["unit"], lines["service"]) for name, lines in programs.items()},
-            units.Inputs.from_digests(environment_digest, nodes_digest, code_digest if "roscore" in programs else ""),
-            metrics_folder,
+            robot=robot,
+            address=address,
+            roscore_command=roscore_command,
+            roscore_port=roscore_port,
+            programs={name: UnitLines(lines["unit"], lines["service"]) for name, lines in programs.items()},
+            environment_digest=environment_digest,
+            nodes_digest=nodes_digest,
+            code_digest=code_digest,
+            metrics_folder=metrics_folder,
         )
     except quotes.Unquotable as problem:
         raise AnsibleFilterError(str(problem)) from problem

@@ -30,36 +30,12 @@ RUN_PLAIN = f"{SYSTEM_PYTHON} -m rosfleet_multimaster.run_plain"
 Unit = dict[str, str]
 
 
-@dataclass(frozen=True)
-class Roscore:
-    """The roscore of a robot: the path of its program, and its TCP port."""
-
-    command: str
-    port: int
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """The inputs of a service in its unit. A change of one restarts the service."""
-
-    roscore: str
-    nodes: str
-
-    @classmethod
-    def from_digests(cls, environment: str, nodes: str, code: str = "") -> Inputs:
-        """Make it of the digests of the environment, and of the nodes with their parameters.
-
-        `code` is the digest of the bundled code, for the bundled roscore. It remembers, so a restart costs nothing. If the
-        roscore of ROS restarts, every node loses its registration, so that one depends on the environment alone.
-        """
-        return cls(_digest(environment, code) if code else environment, _digest(environment, nodes))
-
-
 def _digest(*parts: str) -> str:
     return hashlib.sha256("".join(parts).encode()).hexdigest()
 
 
 _INSTALL = """
+
 [Install]
 WantedBy=multi-user.target
 """
@@ -89,15 +65,13 @@ SystemCallFilter=@system-service
 SystemCallFilter=~@privileged @resources
 # A call that is not allowed fails. It does not end the process: libraries try what they can do without.
 SystemCallErrorNumber=EPERM
-UMask=0077
-"""
+UMask=0077"""
 
 # The own address
 
 # The mark of our route. It is found again by it, also with an old address (rtnetlink(7), rtm_protocol).
 ROUTE_PROTOCOL = 84
-_ADDRESS = (
-    """\
+_ADDRESS = """\
 # Managed by rosfleet.multimaster: the own address of this computer of the robot {robot}, also without a network
 [Unit]
 Description=Own address {address} of this computer of {robot}, also without a network
@@ -122,16 +96,12 @@ CapabilityBoundingSet=CAP_NET_ADMIN
 ProtectHome=yes
 RestrictAddressFamilies=AF_NETLINK
 MemoryDenyWriteExecute=yes
-"""
-    + _SANDBOX
-    + _INSTALL
-)
+{sandbox}"""
 
 # The units of ROS
 
 # A service of ROS: a folder of its own, restarts, an unprivileged user.
-_SERVICE = (
-    """\
+_SERVICE = """\
 [Service]
 EnvironmentFile={configuration}/environment
 Environment=ROSFLEET_INPUTS={inputs}
@@ -148,11 +118,8 @@ CapabilityBoundingSet=
 ProtectHome=read-only
 # Netlink tells the addresses of this computer.
 RestrictAddressFamilies=AF_INET AF_INET6 AF_UNIX AF_NETLINK
-"""
-    + _SANDBOX
-)
-_ROSCORE = (
-    """\
+{sandbox}"""
+_ROSCORE = """\
 # Managed by rosfleet.multimaster: the ROS master of the robot {robot}
 [Unit]
 Description=ROS master of {robot} (roscore)
@@ -160,19 +127,14 @@ Documentation=https://github.com/rosfleet/multimaster
 # It waits for no network, since a robot works without one. It is started again as often as it ends.
 StartLimitIntervalSec=0
 
-"""
-    + _SERVICE
-    + """\
+{service}
 {program}
 KillSignal=SIGINT
 # Its folder is in memory, so a log of rosout would count.
 Environment=ROSOUT_DISABLE_FILE_LOGGING=1
 # 130 MB with 10,000 registrations. A thread for each connection: there are at most as many as open files, 1024.
 MemoryMax=1G
-TasksMax=2048
-"""
-    + _INSTALL
-)
+TasksMax=2048"""
 # The roscore of ROS itself.
 _PLAIN_ROSCORE = """\
 # More workers than three, and a timeout: unreachable subscribers of other robots must not block the robot's own nodes.
@@ -180,8 +142,7 @@ _PLAIN_ROSCORE = """\
 ExecStart={run_plain} {command} -p {port} -w 16 -t 3
 # Started means that it answers, so what is ordered after it finds it.
 ExecStartPost={wait} --timeout 60"""
-_NODE = (
-    """\
+_NODE = """\
 # Managed by rosfleet.multimaster: {task}, for the robot {robot}
 [Unit]
 Description=ROS {node} of {robot}: {task}
@@ -191,16 +152,11 @@ After=multimaster-roscore.service
 StartLimitIntervalSec=0
 {program.unit}
 
-"""
-    + _SERVICE
-    + """\
+{service}
 # Each stays below 128 MB, also under hostile answers. rospy has a thread for each connection.
 MemoryMax=512M
 TasksMax=1024
-{program.service}
-"""
-    + _INSTALL
-)
+{program.service}"""
 
 
 @dataclass(frozen=True)
@@ -223,45 +179,56 @@ OTHERS = ("address", "roscore", "connections", "metrics")
 
 def render_services(
     names: Sequence[str],
+    *,
     robot: str,
     address: str,
-    roscore: Roscore,
+    roscore_command: str,
+    roscore_port: int,
     programs: Mapping[str, UnitLines],
-    inputs: Inputs,
+    environment_digest: str,
+    nodes_digest: str,
+    code_digest: str = "",
     metrics_folder: str = "",
 ) -> list[Unit]:
-    """The units of a computer's services (OTHERS and the keys of NODES), in the order of `names`."""
-    shared = {
-        "robot": quotes.escape_text(robot),
-        "inputs": quotes.escape_text(inputs.nodes),
-        "configuration": CONFIGURATION,
-    }
+    """The units of a computer's services (OTHERS and the keys of NODES), in the order of `names`.
+
+    A service restarts where one of its inputs changes: the environment, and the nodes with their parameters. Those of the
+    bundled roscore are the environment and the bundled code. It remembers, so a restart costs nothing. If the roscore of ROS
+    restarts, every node loses its registration, so that one depends on the environment alone.
+    """
+    shared = {"robot": quotes.escape_text(robot), "inputs": _digest(environment_digest, nodes_digest)}
     units = []
     for name in names:
         if name == "address":
-            text = _ADDRESS.format(**shared, address=ipaddress.IPv4Address(address), protocol=ROUTE_PROTOCOL)
+            text = _complete(_ADDRESS, **shared, address=ipaddress.IPv4Address(address), protocol=ROUTE_PROTOCOL)
         elif name == "connections":
-            text = _CONNECTIONS.format(**shared, end=_isolate("end_connections"))
+            text = _complete(_CONNECTIONS, **shared, end=_isolate("end_connections"))
         elif name == "metrics":
             folder = quotes.check_program(metrics_folder)
-            text = _METRICS.format(**shared, publish=_isolate("publish_metrics"), folder=folder)
+            text = _complete(_METRICS, **shared, publish=_isolate("publish_metrics"), folder=folder)
         elif name == "roscore":
-            values = {**shared, "inputs": quotes.escape_text(inputs.roscore)}
-            text = _ROSCORE.format(**values, program=_roscore_lines(roscore, programs))
+            remembers = code_digest and "roscore" in programs
+            inputs = _digest(environment_digest, code_digest) if remembers else environment_digest
+            values = {**shared, "inputs": quotes.escape_text(inputs)}
+            text = _complete(_ROSCORE, **values, program=_roscore_lines(roscore_command, roscore_port, programs))
         else:
             node = NODES[name]
-            text = _NODE.format(**shared, node=node.name, task=node.task, program=programs[name])
+            text = _complete(_NODE, **shared, node=node.name, task=node.task, program=programs[name])
         units.append({"name": f"multimaster-{name}.service", "content": text})
     return units
 
 
-def _roscore_lines(roscore: Roscore, programs: Mapping[str, UnitLines]) -> str:
+def _complete(template: str, inputs: str, **values: object) -> str:
+    """The text of a unit: what it is, the part of a service of ROS, the sandbox, and its start at boot."""
+    shared = {"inputs": inputs, "configuration": CONFIGURATION, "sandbox": _SANDBOX}
+    return (template + _INSTALL).format(**shared, **values, service=_SERVICE.format(**shared))
+
+
+def _roscore_lines(command: str, port: int, programs: Mapping[str, UnitLines]) -> str:
     """The lines of the roscore of the provider, or of ROS."""
     if "roscore" in programs:
         return programs["roscore"].service
-    return _PLAIN_ROSCORE.format(
-        command=quotes.check_program(roscore.command), port=roscore.port, wait=WAIT, run_plain=RUN_PLAIN
-    )
+    return _PLAIN_ROSCORE.format(command=quotes.check_program(command), port=port, wait=WAIT, run_plain=RUN_PLAIN)
 
 
 # The end of connections with lost robots
@@ -275,8 +242,7 @@ def _isolate(program: str) -> str:
     )
 
 
-_CONNECTIONS = (
-    """\
+_CONNECTIONS = """\
 # Managed by rosfleet.multimaster: the end of TCP connections with lost robots, for the robot {robot}
 [Unit]
 Description=End of TCP connections of {robot} with lost robots
@@ -306,15 +272,11 @@ IPAddressAllow=localhost
 MemoryDenyWriteExecute=yes
 MemoryMax=128M
 TasksMax=16
-"""
-    + _SANDBOX
-    + _INSTALL
-)
+{sandbox}"""
 
 # The metrics, where node_exporter reads them
 
-_METRICS = (
-    """\
+_METRICS = """\
 # Managed by rosfleet.multimaster: the metrics of the nodes for node_exporter, of the robot {robot}
 [Unit]
 Description=Metrics of {robot} for node_exporter
@@ -341,10 +303,7 @@ RestrictAddressFamilies=AF_UNIX
 MemoryDenyWriteExecute=yes
 MemoryMax=64M
 TasksMax=4
-"""
-    + _SANDBOX
-    + _INSTALL
-)
+{sandbox}"""
 
 # What differs by provider
 
@@ -426,11 +385,10 @@ def render_programs(provider: str, python: str, paths: Mapping[str, str], port: 
 ROUTER_UNIT = "multimaster-multicast-routing.service"
 ROUTER_FILE = f"{CONFIGURATION}/smcroute.conf"
 _ROUTER_HEADER = (
-    "# Managed by rosfleet.multimaster: multicast between the network of the robot {robot} and the common network\n"
+    "# Managed by rosfleet.multimaster: multicast between the network of the robot {robot} and the common network"
 )
-_ROUTER = (
-    _ROUTER_HEADER
-    + """\
+_ROUTER = """\
+{header}
 [Unit]
 Description=Multicast routing of {robot} for the group {group}
 Documentation=https://github.com/rosfleet/multimaster
@@ -459,19 +417,16 @@ RestrictAddressFamilies=AF_INET AF_INET6 AF_UNIX AF_NETLINK
 MemoryDenyWriteExecute=yes
 MemoryMax=64M
 TasksMax=64
-"""
-    + _SANDBOX
-    + """\
+{sandbox}
 # It gives the file of its number its owner.
-SystemCallFilter=@chown
-"""
-    + _INSTALL
-)
+SystemCallFilter=@chown"""
 
 
 def render_router(robot: str, group: str, interfaces: Sequence[str], command: str, inputs: str) -> Unit:
     """The unit of smcrouted on a gateway; `command` is its path, `inputs` the digest of its file."""
-    text = _ROUTER.format(
+    text = _complete(
+        _ROUTER,
+        header=_ROUTER_HEADER.format(robot=quotes.escape_text(robot)),
         robot=quotes.escape_text(robot),
         group=quotes.escape_text(group),
         inputs=quotes.escape_text(inputs),
@@ -488,4 +443,4 @@ def render_routes(robot: str, group: str, interfaces: Sequence[str]) -> str:
     lines += [f"mgroup from {interface} group {group}" for interface in interfaces]
     ways = [tuple(interfaces), tuple(reversed(interfaces))]
     lines += [f"mroute from {source} group {group} to {target}" for source, target in ways]
-    return _ROUTER_HEADER.format(robot=robot) + "".join(f"{line}\n" for line in lines)
+    return "\n".join([_ROUTER_HEADER.format(robot=robot), *lines, ""])

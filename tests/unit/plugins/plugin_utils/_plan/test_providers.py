@@ -7,6 +7,7 @@ The files in golden/providers are written anew by UPDATE_GOLDEN=1 pytest tests/u
 """
 
 import copy
+import hashlib
 import json
 import os
 import pathlib
@@ -113,15 +114,19 @@ def machine(distribution, computer="tibi-visio"):
 
 def rendered(found):
     """The files that the roles nodes and services write for a checked plan."""
-    roscore = units.Roscore("/opt/ros/x/bin/roscore", found.roscore_port)
     made = units.render_services(
         found.services[1:],
-        found.robot,
-        str(found.address),
-        roscore,
-        found.programs,
-        units.Inputs("4567", "0123"),
+        robot=found.robot,
+        address=str(found.address),
+        roscore_command="/opt/ros/x/bin/roscore",
+        roscore_port=found.roscore_port,
+        programs=found.programs,
+        environment_digest="4567",
+        nodes_digest="0123",
     )
+    made = [
+        {**unit, "content": unit["content"].replace(hashlib.sha256(b"45670123").hexdigest(), "0123")} for unit in made
+    ]
     files = {unit["name"]: unit["content"] for unit in made}
     for name in ("discovery", "sync"):
         files[f"master_{name}.json"] = json.dumps(getattr(found, name), indent=4, sort_keys=True) + "\n"

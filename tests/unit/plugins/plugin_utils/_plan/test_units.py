@@ -13,25 +13,32 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import 
 
 GOLDEN = pathlib.Path(__file__).resolve().parents[3] / "golden/multicast_routing"
 ADDRESS = "192.168.1.201"
-ROSCORE = units.Roscore("/usr/bin/roscore", 11311)
+OPTIONS = {
+    "robot": "tibi",
+    "address": ADDRESS,
+    "roscore_command": "/usr/bin/roscore",
+    "roscore_port": 11311,
+    "environment_digest": "environment",
+    "nodes_digest": "nodes",
+}
 INTERFACES = ["eth1", "eth0"]
 
 
-def made(names, inputs):
+def made(names, **options):
     programs = units.render_programs("bundled", "/usr/bin/python3", {}, 11311)
     return {
         unit["name"]: unit["content"]
-        for unit in units.render_services(names, "tibi", ADDRESS, ROSCORE, programs, inputs)
+        for unit in units.render_services(names, **{**OPTIONS, "programs": programs, **options})
     }
 
 
 def test_the_units_have_the_order_of_the_services():
     names = ["discovery", "roscore"]
-    assert list(made(names, units.Inputs("a", "b"))) == [f"multimaster-{name}.service" for name in names]
+    assert list(made(names)) == [f"multimaster-{name}.service" for name in names]
 
 
 def test_the_roscore_of_ros_depends_on_the_environment_alone():
-    old, new = (made(["roscore", "sync"], units.Inputs.from_digests("environment", nodes)) for nodes in ("old", "new"))
+    old, new = (made(["roscore", "sync"], nodes_digest=nodes) for nodes in ("old", "new"))
     assert old["multimaster-roscore.service"] == new["multimaster-roscore.service"]
     assert old["multimaster-sync.service"] != new["multimaster-sync.service"]
     digest = hashlib.sha256(b"environmentnew").hexdigest()
@@ -41,7 +48,7 @@ def test_the_roscore_of_ros_depends_on_the_environment_alone():
 
 def test_the_bundled_roscore_restarts_for_its_own_code_alone():
     of = {
-        (nodes, code): made(["roscore"], units.Inputs.from_digests("environment", nodes, code))
+        (nodes, code): made(["roscore"], nodes_digest=nodes, code_digest=code)
         for nodes in ("a", "b")
         for code in ("old", "new")
     }
@@ -49,15 +56,12 @@ def test_the_bundled_roscore_restarts_for_its_own_code_alone():
 
 
 def test_a_unit_ends_with_a_newline():
-    assert all(
-        text.endswith("multi-user.target\n")
-        for text in made(["address", "roscore", "sync"], units.Inputs("", "")).values()
-    )
+    assert all(text.endswith("multi-user.target\n") for text in made(["address", "roscore", "sync"]).values())
 
 
 def test_the_own_address_route_is_found_by_its_mark():
     """The text of the stop is that of the new address already when a planned address changes: it may not name one."""
-    (text,) = made(["address"], units.Inputs("", "")).values()
+    (text,) = made(["address"]).values()
     commands = dict(re.findall(r"^(Exec\w+)=-?(.*)$", text, re.M))
     assert commands == {"ExecStart": "/sbin/ip -4 -batch -", "ExecStop": "/sbin/ip -4 route flush table local proto 84"}
     assert re.findall(r"^StandardInput\w*=(.*)$", text, re.M) == [
@@ -72,7 +76,7 @@ def test_the_own_address_route_is_found_by_its_mark():
 
 def test_no_unit_waits_for_a_network():
     """A target of the network is reached late or never on a robot that is switched on alone."""
-    texts = [*made(["address", "roscore", "discovery", "sync"], units.Inputs("", "")).values()]
+    texts = [*made(["address", "roscore", "discovery", "sync"]).values()]
     texts.append(units.render_router("tibi", "239.255.11.11", INTERFACES, "/usr/sbin/smcrouted", "feed")["content"])
     assert len(texts) == 5
     for text in texts:
@@ -99,23 +103,23 @@ def test_a_path_that_systemd_would_read_otherwise_is_refused(path):
     with pytest.raises(quotes.Unquotable, match="expected an absolute path"):
         units.render_programs("fkie_existing", "/usr/bin/python3", {"discovery": path, "sync": "/opt/sync"}, 11311)
     with pytest.raises(quotes.Unquotable, match="expected an absolute path"):
-        units.render_services(["roscore"], "tibi", ADDRESS, units.Roscore(path, 11311), {}, units.Inputs("", ""))
+        made(["roscore"], roscore_command=path, programs={})
 
 
 def test_the_name_of_a_robot_is_a_text():
-    unit = units.render_services(["roscore"], "50%h", ADDRESS, ROSCORE, {}, units.Inputs("", ""))[0]
-    assert "Description=ROS master of 50%%h (roscore)\n" in unit["content"]
+    (text,) = made(["roscore"], robot="50%h").values()
+    assert "Description=ROS master of 50%%h (roscore)\n" in text
     with pytest.raises(quotes.Unquotable, match="on one line"):
-        units.render_services(["roscore"], "tibi\n[Service]", ADDRESS, ROSCORE, {}, units.Inputs("", ""))
+        made(["roscore"], robot="tibi\n[Service]")
 
 
 def test_the_bundled_roscore_remembers_and_upstreams_does_not():
     bundled = units.render_programs("bundled", "/opt/python3", {}, 11411)
-    text = units.render_services(["roscore"], "tibi", ADDRESS, ROSCORE, bundled, units.Inputs("", ""))[0]["content"]
+    (text,) = made(["roscore"], programs=bundled).values()
     assert "\nExecStart=/opt/python3 -m rosfleet_multimaster.roscore --port 11411\n" in text
     assert "\nStateDirectory=%N\n" in text and "ExecStartPost" not in text and "/usr/bin/roscore" not in text
     upstream = units.render_programs("fkie_apt", "/opt/python3", dict.fromkeys(units.NODES, "/opt/node"), 11411)
-    text = units.render_services(["roscore"], "tibi", ADDRESS, ROSCORE, upstream, units.Inputs("", ""))[0]["content"]
+    (text,) = made(["roscore"], programs=upstream).values()
     assert (
         "\nExecStart=/usr/bin/python3 -m rosfleet_multimaster.run_plain /usr/bin/roscore -p 11311 -w 16 -t 3\n" in text
         and "StateDirectory" not in text
@@ -148,14 +152,12 @@ def _files(tmp_path, monkeypatch):
     """All units as files, with programs that every machine has."""
     monkeypatch.setattr(units, "WAIT", "/bin/true")
     programs = units.render_programs("bundled", "/bin/true", {}, 11311)
-    inputs, roscore = units.Inputs("a", "b"), units.Roscore("/bin/true", 11311)
-    made = units.render_services(
-        list(dict.fromkeys([*units.OTHERS, *programs])), "tibi", ADDRESS, roscore, programs, inputs, "/var/lib/x"
-    )
+    options = {**OPTIONS, "roscore_command": "/bin/true", "metrics_folder": "/var/lib/x"}
+    made = units.render_services(list(dict.fromkeys([*units.OTHERS, *programs])), programs=programs, **options)
     upstream = units.render_programs("fkie_apt", "/bin/true", dict.fromkeys(programs, "/bin/true"), 11311)
     made += [
         {**unit, "name": unit["name"].replace(".service", "-upstream.service")}
-        for unit in units.render_services(["roscore", *upstream], "tibi", ADDRESS, roscore, upstream, inputs)
+        for unit in units.render_services(["roscore", *upstream], programs=upstream, **options)
     ]
     made.append(units.render_router("tibi", "239.255.11.11", INTERFACES, "/bin/true", "feed"))
     for unit in made:
