@@ -38,14 +38,14 @@ class Dialect:
     """The language of one make of device. Templates are those of str.format."""
 
     title: str
-    suffix: str  # of the file
-    comment: str  # the begin of a line of comment
+    suffix: str  # of the file; one with "sh" is a program
     use: str  # the sentence with the use of a file
-    again: str  # the sentence for a second use, after a change of the fleet
-    interfaces: Mapping[str, str]  # kind -> the maker's name of the interface on the common network
     add: tuple[Block, ...]
     remove: tuple[Block, ...]
-    first_line: str = ""
+    again: str = ADDS  # the sentence for a second use, after a change of the fleet
+    comment: str = "# "  # the begin of a line of comment
+    # kind -> the maker's name of the interface on the common network
+    interfaces: Mapping[str, str] = field(default_factory=dict)
     notes: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -57,9 +57,7 @@ def _vyatta(title: str, nat: str, outbound: str, last: str, redirects: str) -> D
     return Dialect(
         title=title,
         suffix="txt",
-        comment="# ",
         use="Paste it into a shell of the device.",
-        again=ADDS,
         interfaces={ROUTER: "eth0", GATEWAY: "eth0"},
         add=(
             begin,
@@ -88,6 +86,12 @@ def _vyatta(title: str, nat: str, outbound: str, last: str, redirects: str) -> D
     )
 
 
+def _set_redirects(value: int) -> Block:
+    """Return the block that sets ICMP redirects of every interface of a router with Linux."""
+    text = f'for file in /proc/sys/net/ipv4/conf/*/send_redirects; do echo {value} > "$file"; done'
+    return Block(text, kinds=(ROUTER,))
+
+
 # uci, with `nat` and `rule` in the firewall, and a file for sysctl: openwrt.org/docs/guide-user/network.
 _OPENWRT_FORGET = Block(
     "for section in $({{ uci -q show network; uci -q show firewall; }} | sed -n 's/^\\([a-z]*\\.rosfleet_[a-z0-9_]*\\)=.*/\\1/p'); do\n"
@@ -100,8 +104,8 @@ _OPENWRT_RELOAD = Block(
 # Raw rules with notrack leave out both translation and "drop invalid": help.mikrotik.com, Firewall, RAW. If a computer
 # answers its neighbour directly, the router sees half of a connection. The default firewall would drop it as invalid.
 _ROUTEROS_FORGET = Block(
-    '/ip route remove [find comment~"^' + MARK + '"]\n'
-    '/ip firewall raw remove [find comment~"^' + MARK + '"]\n'
+    '/ip route remove [find comment~"^{mark}"]\n'
+    '/ip firewall raw remove [find comment~"^{mark}"]\n'
     "/ip firewall address-list remove [find list=rosfleet]"
 )
 
@@ -110,10 +114,8 @@ DIALECTS: Mapping[str, Dialect] = {
     "openwrt": Dialect(
         title="OpenWrt 21.02 and later (uci)",
         suffix="sh",
-        comment="# ",
         use="Paste it into a shell of the device.",
         again=REPLACES,
-        first_line="#!/bin/sh",
         interfaces={ROUTER: "lan", GATEWAY: "wan"},
         add=(
             _OPENWRT_FORGET,
@@ -150,42 +152,33 @@ DIALECTS: Mapping[str, Dialect] = {
             Block("END"),
             _OPENWRT_RELOAD,
             Block(
-                "printf 'net.ipv4.conf.%s.send_redirects=0\\n' all default > /etc/sysctl.d/90-rosfleet-multimaster.conf\n"
-                'for file in /proc/sys/net/ipv4/conf/*/send_redirects; do echo 0 > "$file"; done',
+                "printf 'net.ipv4.conf.%s.send_redirects=0\\n' all default > /etc/sysctl.d/90-rosfleet-multimaster.conf",
                 kinds=(ROUTER,),
             ),
+            _set_redirects(0),
         ),
         remove=(
             _OPENWRT_FORGET,
             _OPENWRT_RELOAD,
-            Block(
-                "rm -f /etc/sysctl.d/90-rosfleet-multimaster.conf\n"
-                'for file in /proc/sys/net/ipv4/conf/*/send_redirects; do echo 1 > "$file"; done',
-                kinds=(ROUTER,),
-            ),
+            Block("rm -f /etc/sysctl.d/90-rosfleet-multimaster.conf", kinds=(ROUTER,)),
+            _set_redirects(1),
         ),
     ),
     "routeros": Dialect(
         title="MikroTik RouterOS 7",
         suffix="rsc",
-        comment="# ",
         use="Paste it into a terminal of the device, or copy it there and /import it.",
         again=REPLACES,
-        interfaces={},
         add=(
             _ROUTEROS_FORGET,
+            Block('/ip route add dst-address={network} gateway={gateway} comment="{mark}: {robot}"', each=ROUTES),
+            Block('/ip firewall address-list add list=rosfleet address={own} comment="{mark}"'),
             Block(
-                '/ip route add dst-address={network} gateway={gateway} comment="' + MARK + ': {robot}"',
-                each=ROUTES,
-            ),
-            Block('/ip firewall address-list add list=rosfleet address={own} comment="' + MARK + '"'),
-            Block(
-                '/ip firewall address-list add list=rosfleet address={network} comment="' + MARK + ': {robot}"',
-                each=PEERS,
+                '/ip firewall address-list add list=rosfleet address={network} comment="{mark}: {robot}"', each=PEERS
             ),
             Block(
                 "/ip firewall raw add chain=prerouting action=notrack src-address-list=rosfleet dst-address-list=rosfleet "
-                'dst-address-type=!local comment="' + MARK + '"'
+                'dst-address-type=!local comment="{mark}"'
             ),
             Block("/ip settings set send-redirects=no", kinds=(ROUTER,)),
         ),
@@ -213,7 +206,6 @@ DIALECTS: Mapping[str, Dialect] = {
         suffix="txt",
         comment="! ",
         use="Paste it in configuration mode (configure terminal); afterwards: write memory.",
-        again=ADDS,
         interfaces={ROUTER: "GigabitEthernet0/0", GATEWAY: "GigabitEthernet0/0"},
         add=(
             Block("ip route {address} {mask} {gateway}", each=ROUTES),
@@ -233,26 +225,16 @@ DIALECTS: Mapping[str, Dialect] = {
     "linux": Dialect(
         title="Linux (ip route)",
         suffix="sh",
-        comment="# ",
-        first_line="#!/bin/sh",
         use="Copy it to the device and run it as root.",
-        again=ADDS,
-        interfaces={},
         add=(
             Block("set -eu"),
             Block("ip route replace {network} via {gateway}", each=ROUTES),
-            Block(
-                'for file in /proc/sys/net/ipv4/conf/*/send_redirects; do echo 0 > "$file"; done',
-                kinds=(ROUTER,),
-            ),
+            _set_redirects(0),
         ),
         remove=(
             Block("set -eu"),
             Block("ip route del {network} via {gateway} 2> /dev/null || true", each=ROUTES),
-            Block(
-                'for file in /proc/sys/net/ipv4/conf/*/send_redirects; do echo 1 > "$file"; done',
-                kinds=(ROUTER,),
-            ),
+            _set_redirects(1),
         ),
         notes={
             ROUTER: "A reboot forgets it: have it run at every boot.",

@@ -153,15 +153,13 @@ def _render_files(device: Device, name: str, interface: str) -> dict[str, str]:
 
 
 def _render_text(dialect: Dialect, about: Sequence[str], lines: Sequence[str]) -> str:
-    first = [dialect.first_line] if dialect.first_line else []
-    comment = [f"{dialect.comment}{line}".rstrip() for line in about]
-    while comment[-1] == dialect.comment.rstrip():
-        comment.pop()
+    first = ["#!/bin/sh"] if dialect.suffix == "sh" else []
+    comment = [f"{dialect.comment}{line}".rstrip() for line in "\n".join(about).rstrip().split("\n")]
     return "\n".join([*first, *comment, *lines, ""])
 
 
 def _render_lines(blocks: Sequence[Block], device: Device, interface: str) -> list[str]:
-    shared = {"own": device.own, "interface": interface}
+    shared = {"own": device.own, "interface": interface, "mark": MARK}
     repeated = {ROUTES: device.routes, PEERS: device.peers, "": ({},)}
     return [
         block.text.format(**shared, **fields)
