@@ -8,7 +8,7 @@ Plan and description in, sentences out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from ipaddress import IPv4Address
 from typing import Any
@@ -65,11 +65,10 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
     for wanted in plan.networks:
         interfaces[wanted.address], interface_problems = _find_interface(plan, info, wanted)
         problems += interface_problems
-    problems += _check_systemd(plan, info) + _check_folder(plan, info) + _check_ways(plan, info)
+    problems += _find_machine_problems(plan, info)
     problems += _check_multicast_routing(plan, info, interfaces)
-    warnings = _check_hostname(plan, info)
-    services, service_warnings = _choose_services(plan, info)
-    warnings += service_warnings
+    services, warnings = _choose_services(plan, info)
+    warnings = [*_check_hostname(plan, info), *warnings]
     filled = replace(
         _add_interfaces(plan, interfaces),
         services=services,
@@ -81,8 +80,8 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
     limits = list(plan.limits)
     holders: list[Holder] = []
     if not plan.is_router:
-        warnings += _check_exports(plan, info) + _check_sshd(plan, info)
-        ros = _check_ros(plan, info)
+        warnings += [*_check_exports(plan, info), *_check_sshd(plan, info)]
+        ros = list(_check_ros(plan, info))
         if not ros:
             warnings += set_up.list_warnings(plan.computer, info["ros"]["chosen"])
             nodes = providers.find_nodes(plan, info["ros"]["chosen"], info)
@@ -91,7 +90,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
         if plan.is_master:
             problems += ros
             holders = _find_holders(plan, info)
-            warnings += _find_missing_roscore(plan, info) + limits
+            warnings += [*_find_missing_roscore(plan, info), *limits]
         else:
             warnings += ros
     state = MachineState(
@@ -164,7 +163,7 @@ def _find_interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interfa
     for interface in info["interfaces"]:
         for entry in interface["addresses"]:
             if entry["address"] == str(wanted.address):
-                return interface["name"], _check_interface(plan, wanted, interface, entry["prefix"])
+                return interface["name"], list(_check_interface(plan, wanted, interface, entry["prefix"]))
         if not interface["loopback"]:
             others += [
                 f"{quote(entry['address'])} on {quote(interface['name'])}"
@@ -177,98 +176,87 @@ def _find_interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interfa
     ]
 
 
-def _check_interface(plan: ComputerPlan, wanted: Interface, interface: Mapping[str, Any], prefix: int) -> list[str]:
-    host, variable, name = plan.computer, _variable(plan, wanted), quote(interface["name"])
-    up = advice.command(" (ip link set {} up)", ("device", interface["name"]))
-    multicast = advice.command(" (ip link set {} multicast on)", ("device", interface["name"]))
-    if not interface["up"]:
-        return [
-            f"{host}: the interface {name} with {variable} {wanted.address} is down; expected it to be up: "
-            f"bring it up{up} and find out why it was not."
-        ]
+def _check_interface(plan: ComputerPlan, wanted: Interface, interface: Mapping[str, Any], prefix: int) -> Iterator[str]:
+    name = quote(interface["name"])
+    place = f"{name} with {_variable(plan, wanted)} {wanted.address}"
     sends = plan.is_master and plan.discovery["send_mcast"] and str(plan.discovery["interface"]) == str(wanted.address)
-    if sends and not interface["multicast"]:
-        return [
-            f"{host}: the interface {name} with {variable} {wanted.address} does not do multicast; expected "
-            f"the flag MULTICAST: set it{multicast}, or set multimaster_transport to "
-            "unicast."
-        ]
-    if prefix != wanted.network.prefixlen:
-        return [
-            f"{host}: {variable} is {wanted.address}, on {name} with the prefix length {prefix}; expected {wanted.network.prefixlen}, "
-            f"as the network {wanted.network} of the inventory has it, since packets to other networks take another way otherwise: "
-            "correct one of the two."
-        ]
-    return []
+    if not interface["up"]:
+        up = advice.command(" (ip link set {} up)", ("device", interface["name"]))
+        yield (
+            f"{plan.computer}: the interface {place} is down; expected it to be up: "
+            f"bring it up{up} and find out why it was not."
+        )
+    elif sends and not interface["multicast"]:
+        multicast = advice.command(" (ip link set {} multicast on)", ("device", interface["name"]))
+        yield (
+            f"{plan.computer}: the interface {place} does not do multicast; expected the flag MULTICAST: "
+            f"set it{multicast}, or set multimaster_transport to unicast."
+        )
+    elif prefix != wanted.network.prefixlen:
+        yield (
+            f"{plan.computer}: {_variable(plan, wanted)} is {wanted.address}, on {name} with the prefix length {prefix}; expected "
+            f"{wanted.network.prefixlen}, as the network {wanted.network} of the inventory has it, since packets to other networks "
+            "take another way otherwise: correct one of the two."
+        )
 
 
 def _variable(plan: ComputerPlan, wanted: Interface) -> str:
     return "multimaster_address" if wanted.address == plan.address else "multimaster_common_address"
 
 
-def _check_ways(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
-    """Return a sentence for each network without a route, with `multimaster_routes: existing`. Its answers do not come back."""
+def _find_machine_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence if systemd or node_exporter's folder is missing, and for each network without a way.
+
+    Ways are looked at with `multimaster_routes: existing`. Without a route, answers do not come back.
+    """
+    if not info["systemd"]["running"]:
+        yield (
+            f"{plan.computer}: systemd does not run the machine; expected it, since the nodes are its services: "
+            "use a system with systemd."
+        )
+    if plan.metrics_folder and plan.metrics_folder not in info.get("folders", ()):
+        yield (
+            f"{plan.computer}: multimaster_metrics is 'textfile', but there is no folder {plan.metrics_folder} on the machine; expected the "
+            "one that node_exporter reads: install it (apt-get install prometheus-node-exporter), name its folder in "
+            "multimaster_metrics_folder, or set multimaster_metrics to 'none'."
+        )
     ways = {entry["destination"]: entry for entry in info.get("ways", ())}
-    problems = []
     for route in plan.routes_expected:
         way = ways.get(str(route.destination[1]), {"error": "not looked at", "gateway": None})
         gateway, gateways = way["gateway"], [str(planned) for planned in route.gateways]
-        if gateway in gateways:
-            continue
-        state = quote(way["error"]) or (f"one by {quote(gateway)}" if gateway else "a way without a gateway")
-        problems.append(
-            f"{plan.computer}: multimaster_routes is 'existing', but towards {route.destination} there is no route by "
-            f"{' or '.join(gateways)} (found: {state}); expected one, since without a route back nothing is answered: add it, "
-            "name the router in multimaster_router where it leads there, or set multimaster_routes to 'default' or 'networks'."
-        )
-    return problems
+        if gateway not in gateways:
+            state = quote(way["error"]) or (f"one by {quote(gateway)}" if gateway else "a way without a gateway")
+            yield (
+                f"{plan.computer}: multimaster_routes is 'existing', but towards {route.destination} there is no route by "
+                f"{' or '.join(gateways)} (found: {state}); expected one, since without a route back nothing is answered: add it, "
+                "name the router in multimaster_router where it leads there, or set multimaster_routes to 'default' or 'networks'."
+            )
 
 
 def _check_multicast_routing(
     plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4Address, str]
-) -> list[str]:
+) -> Iterator[str]:
     if not plan.multicast_routing:
-        return []
+        return
     inner, common = (interfaces[address] for address in plan.multicast_routing.addresses)
+    routing = info["multicast_routing"]
     if inner and inner == common:
-        return [
+        yield (
             f"{plan.computer}: multimaster_multicast_routing is 'smcroute', but both its addresses are on {quote(inner)}; expected an interface "
             "for each network, since multicast is passed on between interfaces: give the common network its own, or set "
             "multimaster_multicast_routing to 'none'."
-        ]
-    routing = info["multicast_routing"]
-    if not routing["smcrouted"]:
-        return [
+        )
+    elif not routing["smcrouted"]:
+        yield (
             f"{plan.computer}: multimaster_multicast_routing is 'smcroute', but there is no smcrouted; expected it on a gateway: install "
             "it (apt-get install smcroute)."
-        ]
-    if routing["others"]:
-        return [
+        )
+    elif routing["others"]:
+        yield (
             f"{plan.computer}: {', '.join(map(quote, routing['others']))} passes multicast on already, and the kernel takes one program for that; "
             "expected none beside the collection's: stop it for good (systemctl disable --now smcroute.service smcroute-helper.service, "
             "where it is Debian's smcroute), or set multimaster_multicast_routing to 'none'."
-        ]
-    return []
-
-
-def _check_systemd(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
-    if info["systemd"]["running"]:
-        return []
-    return [
-        f"{plan.computer}: systemd does not run the machine; expected it, since the nodes are its services: "
-        "use a system with systemd."
-    ]
-
-
-def _check_folder(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
-    """Return a sentence if node_exporter's folder is not there."""
-    if not plan.metrics_folder or plan.metrics_folder in info.get("folders", ()):
-        return []
-    return [
-        f"{plan.computer}: multimaster_metrics is 'textfile', but there is no folder {plan.metrics_folder} on the machine; expected the "
-        "one that node_exporter reads: install it (apt-get install prometheus-node-exporter), name its folder in "
-        "multimaster_metrics_folder, or set multimaster_metrics to 'none'."
-    ]
+        )
 
 
 def _choose_services(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[tuple[str, ...], list[str]]:
@@ -335,40 +323,30 @@ def _suggest_packages(chosen: Mapping[str, Any]) -> str:
     return advice.command(f" ({words})", *(("what", prefix + name) for name in names))
 
 
-@dataclass(frozen=True)
-class Holder:
-    """A process of others on a port of the plan."""
+# A process of others on a port of the plan: the port in words, the service that the plan has there, and the process.
+Holder = tuple[str, str, str]
 
-    port: Port
-    use: str  # roscore or discovery
-    process: str
+_REMEDIES = {
+    "roscore": "stop it, or set multimaster_roscore to 'existing' to use it",
+    "discovery": "stop it: only one discovery node can answer for a master",
+}
 
 
 def _refuse_port(plan: ComputerPlan, holder: Holder) -> str:
     """Return the sentence for a run that would start the service of the plan."""
-    remedy = {
-        "roscore": "stop it, or set multimaster_roscore to 'existing' to use it",
-        "discovery": "stop it: only one discovery node can answer for a master",
-    }[holder.use]
-    return (
-        f"{plan.computer}: {_port_title(holder.port)} is held by {holder.process}; expected it to be free for the {holder.use} of the "
-        f"collection: {remedy}."
-    )
+    port, use, process = holder
+    return f"{plan.computer}: {port} is held by {process}; expected it to be free for the {use} of the collection: {_REMEDIES[use]}."
 
 
 def _describe_holders(plan: ComputerPlan, holders: Sequence[Holder]) -> tuple[str, ...]:
     """Return a sentence for each process, for a run that changes nothing."""
     ports: dict[tuple[str, str], list[str]] = {}
-    for holder in holders:
-        ports.setdefault((holder.process, holder.use), []).append(_port_title(holder.port))
+    for port, use, process in holders:
+        ports.setdefault((process, use), []).append(port)
     return tuple(
         f"{plan.computer}: {' and '.join(titles)}: {process}, where the plan has multimaster-{use}.service."
         for (process, use), titles in ports.items()
     )
-
-
-def _port_title(port: Port) -> str:
-    return f"{port.protocol.upper()} port {port.port}"
 
 
 def _find_holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[Holder]:
@@ -382,53 +360,49 @@ def _find_holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[Holder]:
             if (holder["protocol"], holder["port"]) == (port.protocol, port.port) and holder["unit"] not in OWN_UNITS:
                 unit = f", {quote(holder['unit'])}" if holder["unit"] else ""
                 process = f"{quote(holder['command']) or 'a process'} (pid {holder['pid']}, user {quote(holder['user'])}{unit})"
-                holders.append(Holder(port, use, process))
+                holders.append((f"{port.protocol.upper()} port {port.port}", use, process))
     return list(dict.fromkeys(holders))
 
 
-def _find_missing_roscore(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
+def _find_missing_roscore(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
     listening = {(holder["protocol"], holder["port"]) for holder in info["ports"]}
-    if plan.roscore == "managed" or ("tcp", plan.roscore_port) in listening:
-        return []
-    return [
-        f"{plan.computer}: nothing listens on TCP port {plan.roscore_port}; expected the roscore that something else starts, "
-        "since multimaster_roscore is 'existing': start it now, for the discovery node waits for it."
-    ]
+    if plan.roscore != "managed" and ("tcp", plan.roscore_port) not in listening:
+        yield (
+            f"{plan.computer}: nothing listens on TCP port {plan.roscore_port}; expected the roscore that something else starts, "
+            "since multimaster_roscore is 'existing': start it now, for the discovery node waits for it."
+        )
 
 
-def _check_hostname(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
-    if info["hostname"].split(".")[0].lower() == plan.computer.split(".")[0].lower():
-        return []
-    return [
-        f"{plan.computer}: the machine calls itself {quote(info['hostname'])}; expected its name in the inventory: nodes that are "
-        "started without the environment of the collection advertise that other name; rename one of the two."
-    ]
+def _check_hostname(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
+    if info["hostname"].split(".")[0].lower() != plan.computer.split(".")[0].lower():
+        yield (
+            f"{plan.computer}: the machine calls itself {quote(info['hostname'])}; expected its name in the inventory: nodes that are "
+            "started without the environment of the collection advertise that other name; rename one of the two."
+        )
 
 
-def _check_exports(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
-    return [
-        f"{plan.computer}: {quote(export['file'])}, line {export['line']} sets {quote(export['variable'])} ({quote(export['text'])}); expected that "
-        "only the collection sets it: shells that read this file differ from the services; remove the line."
-        for export in info["exports"]
-        if plan.environment.get(export["variable"]) != export["value"].rstrip("/")
-    ]
+def _check_exports(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
+    for export in info["exports"]:
+        if plan.environment.get(export["variable"]) != export["value"].rstrip("/"):
+            yield (
+                f"{plan.computer}: {quote(export['file'])}, line {export['line']} sets {quote(export['variable'])} ({quote(export['text'])}); expected "
+                "that only the collection sets it: shells that read this file differ from the services; remove the line."
+            )
 
 
-def _check_sshd(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
+def _check_sshd(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
     sshd = info["sshd"]
     if not sshd["installed"]:
-        return []
-    warnings = []
+        return
     if not sshd["includes_drop_ins"]:
-        warnings.append(
+        yield (
             f"{plan.computer}: sshd does not read /etc/ssh/sshd_config.d; expected it, so that commands by ssh have the ROS "
             "environment: add 'Include /etc/ssh/sshd_config.d/*.conf' at the top of /etc/ssh/sshd_config, or use login shells."
         )
-    warnings += [  # a SetEnv below a Match adds to ours
-        f"{plan.computer}: {quote(other['file'])}, line {other['line']} has its own SetEnv ({quote(other['text'])}), and sshd takes only one; "
-        "expected none: commands by ssh get no ROS environment from the collection; move it into the users' ~/.ssh/environment, "
-        "or use login shells."
-        for other in sshd["other_setenv"]
-        if not other["match"]
-    ]
-    return warnings
+    for other in sshd["other_setenv"]:
+        if not other["match"]:  # a SetEnv below a Match adds to ours
+            yield (
+                f"{plan.computer}: {quote(other['file'])}, line {other['line']} has its own SetEnv ({quote(other['text'])}), and sshd takes only "
+                "one; expected none: commands by ssh get no ROS environment from the collection; move it into the users' "
+                "~/.ssh/environment, or use login shells."
+            )
