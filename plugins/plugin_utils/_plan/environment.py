@@ -94,12 +94,12 @@ def render_files(environment: Environment, info: Mapping[str, Any]) -> list[dict
         # Hooks run in the order of names: after 1.ros_package_path.sh of ros_environment, before 10.roslaunch.sh (localhost).
         f"{hooks}/1.rosfleet-multimaster.sh": _render_hook(environment) if hooks else "",
     }
-    files: list[dict[str, Any]] = [
-        {"path": path, "content": content, "mode": "0755" if path == GENERATOR else "0644"}
+    more: dict[str, dict[str, Any]] = {GENERATOR: {"mode": "0755"}, SSHD: {"validate": SSHD_TEST}}
+    return [
+        {"path": path, "content": content, "mode": "0644", **more.get(path, {})}
         for path, content in contents.items()
         if content
     ]
-    return [{**file, "validate": SSHD_TEST} if file["path"] == SSHD else file for file in files]
 
 
 def compute_digest(environment: Environment) -> str:
@@ -112,32 +112,28 @@ def find_gaps(info: Mapping[str, Any], environment: Environment) -> list[str]:
     sshd = info["sshd"]
     if not sshd["installed"]:
         return []
+    host = quote(info["hostname"])
+    whole = f"Commands by ssh do not get the environment of ROS on {host}"
+    part = f"Commands by ssh do not get the variables of the set-up file of ROS on {host}"
     if not sshd["includes_drop_ins"]:
+        folder = SSHD.rpartition("/")[0]
         return [
-            f"Commands by ssh do not get the environment of ROS on {quote(info['hostname'])}: its sshd reads no drop-ins "
-            f"(no Include of {SSHD.rpartition('/')[0]}/*.conf outside a Match in /etc/ssh/sshd_config)."
+            f"{whole}: its sshd reads no drop-ins (no Include of {folder}/*.conf outside a Match in /etc/ssh/sshd_config)."
         ]
-    rivals = _list_setenv(sshd, match=False)
     gaps = [
-        f"Commands by ssh do not get the environment of ROS on {quote(info['hostname'])}: "
-        f"{quote(other['file'])} line {other['line']} has a SetEnv already, and sshd uses only the first; "
+        f"{whole}: {quote(other['file'])} line {other['line']} has a SetEnv already, and sshd uses only the first; "
         "move its variables elsewhere, or add ours to it."
-        for other in rivals
+        for other in _list_setenv(sshd, match=False)
     ]
-    if not environment.others or not environment.person or rivals:
+    if gaps or not environment.others or not environment.person:
         return gaps
     if not sshd.get("match_setenv", True):
-        gaps.append(
-            f"Commands by ssh do not get the variables of the set-up file of ROS on {quote(info['hostname'])}: its OpenSSH knows no SetEnv "
-            "below a Match; login shells get them (bash -lc COMMAND)."
-        )
-    else:
-        gaps += [
-            f"Commands by ssh do not get the variables of the set-up file of ROS on {quote(info['hostname'])}: {quote(other['file'])} line "
-            f"{other['line']} has a SetEnv below a Match, and sshd uses only the first of those; move its variables elsewhere."
-            for other in _list_setenv(sshd, match=True)
-        ]
-    return gaps
+        return [f"{part}: its OpenSSH knows no SetEnv below a Match; login shells get them (bash -lc COMMAND)."]
+    return [
+        f"{part}: {quote(other['file'])} line {other['line']} has a SetEnv below a Match, and sshd uses only the first of those; "
+        "move its variables elsewhere."
+        for other in _list_setenv(sshd, match=True)
+    ]
 
 
 def find_differences(
@@ -160,10 +156,9 @@ def find_differences(
         if not path or variables is None:
             continue
         for name, value in wanted.items():
-            actual = variables.get(name)
-            expected = ":".join(value) if isinstance(value, tuple) else value
+            actual, expected = variables.get(name), value
             if isinstance(value, tuple):
-                arrives = set(value) <= set((actual or "").split(":"))
+                expected, arrives = ":".join(value), set(value) <= set((actual or "").split(":"))
             else:
                 arrives = actual == value or (what == "login" and name in known)
             if not arrives:
