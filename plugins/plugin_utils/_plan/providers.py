@@ -9,7 +9,7 @@ Upstream's packages and programs are in tables, by release. They are found on a 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from .._fleet.plain_text import quote
@@ -33,14 +33,8 @@ OLD = Release("master_discovery_fkie", "master_sync_fkie", "multimaster_msgs_fki
 NEW = Release("fkie_master_discovery", "fkie_master_sync", "fkie_multimaster_msgs", hides=True)  # since 1.0.0
 
 # The release in the packages of each ROS distribution. Debian's own ROS packages have no multimaster_fkie.
-DISTRIBUTIONS = {
-    "indigo": OLD,
-    "jade": OLD,
-    "kinetic": OLD,
-    "lunar": OLD,
-    "melodic": OLD,  # 0.8.12; newer ones need packages that Ubuntu 18.04 lacks
-    "noetic": NEW,
-}
+# Melodic has 0.8.12; newer ones need packages that Ubuntu 18.04 lacks.
+DISTRIBUTIONS = {**dict.fromkeys(("indigo", "jade", "kinetic", "lunar", "melodic"), OLD), "noetic": NEW}
 
 
 def debian_packages(distribution: str, is_master: bool) -> list[str]:
@@ -77,7 +71,7 @@ def _nodes(release: Release) -> tuple[Node, ...]:
 class Installation:
     """Upstream on a machine: the paths of its executables, the packages to install, and the problems."""
 
-    paths: Mapping[str, str]
+    paths: Mapping[str, str] = field(default_factory=dict)
     packages: Sequence[str] = ()
     problems: Sequence[str] = ()
     release: Release = NEW
@@ -97,44 +91,41 @@ def find_nodes(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str,
     """Find the provider's executables on the machine. `chosen` is the ROS that multimaster_info chose there."""
     if plan.provider == "fkie_apt":
         return _find_packages(plan, chosen, info)
-    return _find_existing(plan, chosen) if plan.provider == "fkie_existing" else Installation({})
+    return _find_existing(plan, chosen) if plan.provider == "fkie_existing" else Installation()
 
 
 def _find_packages(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str, Any]) -> Installation:
     host, distribution = plan.computer, chosen["distro"]
     if distribution not in DISTRIBUTIONS:
-        ros = (
-            "Debian's own packages"
-            if chosen["kind"] == "debian"
-            else f"{quote(chosen['setup'])} ({quote(distribution) or 'of no name'})"
+        ros = f"{quote(chosen['setup'])} ({quote(distribution) or 'of no name'})"
+        if chosen["kind"] == "debian":
+            ros = "Debian's own packages"
+        problem = (
+            f"{host}: multimaster_provider is 'fkie_apt', but the ROS is {ros}, for which there are no packages of multimaster_fkie; expected "
+            f"one of {', '.join(DISTRIBUTIONS)}: set multimaster_provider to 'bundled', or to 'fkie_existing' with an installation of your own."
         )
-        return Installation(
-            {},
-            problems=[
-                f"{host}: multimaster_provider is 'fkie_apt', but the ROS is {ros}, for which there are no packages of multimaster_fkie; expected "
-                f"one of {', '.join(DISTRIBUTIONS)}: set multimaster_provider to 'bundled', or to 'fkie_existing' with an installation of your own."
-            ],
-        )
+        return Installation(problems=[problem])
     packages = debian_packages(distribution, plan.is_master)
     available = {
         entry["name"] for entry in info.get("packages", ()) if entry.get("installed") or entry.get("candidate")
     }
     missing = [name for name in packages if name not in available]
-    problems = [
+    problem = (
         f"{host}: multimaster_provider is 'fkie_apt', but the package sources of the machine have no {', '.join(missing)}; expected them for the ROS "
         f"distribution {distribution}: add the source that its ROS came from and run apt-get update, or set multimaster_provider to 'bundled'."
-    ]
+    )
     release = DISTRIBUTIONS[distribution]
+    folder = f"/opt/ros/{distribution}/lib"
     paths = {
-        "discovery": f"/opt/ros/{distribution}/lib/{release.discovery}/master_discovery",
-        "sync": f"/opt/ros/{distribution}/lib/{release.sync}/master_sync",
+        "discovery": f"{folder}/{release.discovery}/master_discovery",
+        "sync": f"{folder}/{release.sync}/master_sync",
     }
-    return Installation(paths, packages, problems if missing else [], release)
+    return Installation(paths, packages, [problem] if missing else [], release)
 
 
 def _find_existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Installation:
     if not plan.is_master:
-        return Installation({})
+        return Installation()
     by_package = {node["package"]: node for node in chosen["nodes"]}
     releases = [(by_package[release.discovery], by_package[release.sync]) for release in (NEW, OLD)]
     nodes = max(releases, key=lambda nodes: sum(bool(node["path"]) for node in nodes))  # the new one if they are equal
