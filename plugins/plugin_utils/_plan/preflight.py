@@ -22,15 +22,12 @@ from .model import ComputerPlan, Interface, Port
 OWN_UNITS = tuple(f"multimaster-{name}.service" for name in (*units.OTHERS, *units.NODES))
 # The bundled nodes need this Python (Noetic's), and so do the services on the system's Python.
 NODES_PYTHON = (3, 8)
-# The services that need CAP_NET_ADMIN, and what is missing without them. In some containers systemd lacks it.
-WITH_CAPABILITY = {
-    "address": "its own name leads nowhere while no interface has its address",
-    "connections": "connections with lost robots are left to TCP, which takes minutes to notice",
-}
-# The same for those that run on the system's Python.
-WITH_PYTHON = {
-    "connections": WITH_CAPABILITY["connections"],
-    "metrics": "node_exporter has no metrics of the nodes",
+# Services that may be left out: what is missing without them, and which of the two they need: CAP_NET_ADMIN, which systemd
+# lacks in some containers, and the system's Python.
+NEEDS = {
+    "address": ("its own name leads nowhere while no interface has its address", True, False),
+    "connections": ("connections with lost robots are left to TCP, which takes minutes to notice", True, True),
+    "metrics": ("node_exporter has no metrics of the nodes", False, True),
 }
 
 
@@ -262,23 +259,23 @@ def _check_multicast_routing(
 def _choose_services(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[tuple[str, ...], list[str]]:
     """Return the services that can run on this machine, and a sentence for each that cannot."""
     warnings: dict[str, str] = {}
-    if not plan.services:
-        return (), []
-    if not info["systemd"]["net_admin"]:
-        warnings = {
-            name: f"{plan.computer}: systemd has no CAP_NET_ADMIN, as in some containers; expected it for "
-            f"multimaster-{name}.service, which is left out: {without}; give the container this capability."
-            for name, without in WITH_CAPABILITY.items()
-            if name in plan.services
-        }
-    python = tuple(int(part) for part in info["python"].split(".")[:2])
-    for name, without in WITH_PYTHON.items() if python < NODES_PYTHON else ():
-        if name in plan.services and name not in warnings:
+    for name in plan.services:
+        without, capability, python = NEEDS.get(name, ("", False, False))
+        if capability and not info["systemd"]["net_admin"]:
+            warnings[name] = (
+                f"{plan.computer}: systemd has no CAP_NET_ADMIN, as in some containers; expected it for "
+                f"multimaster-{name}.service, which is left out: {without}; give the container this capability."
+            )
+        elif python and _is_too_old(info["python"]):
             warnings[name] = (
                 f"{plan.computer}: its Python is {quote(info['python'])}; expected 3.8 or later for multimaster-{name}.service, which is "
                 f"left out: {without}; use such a system."
             )
     return tuple(name for name in plan.services if name not in warnings), list(warnings.values())
+
+
+def _is_too_old(python: str) -> bool:
+    return tuple(int(part) for part in python.split(".")[:2]) < NODES_PYTHON
 
 
 def _check_ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
@@ -307,8 +304,7 @@ def _check_ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
         problems = providers.check_paths(plan, [roscore])
         if problems:
             return problems
-    version = tuple(int(part) for part in chosen["python_version"].split(".")[:2])
-    if version < NODES_PYTHON and plan.provider == "bundled":
+    if plan.provider == "bundled" and _is_too_old(chosen["python_version"]):
         return [
             f"{host}: the ROS of {where} has Python {quote(chosen['python_version'])}; expected 3.8 or later for the bundled nodes (Ubuntu 20.04, Debian 11 "
             "or later): use such a system, or set multimaster_provider to 'fkie_apt' or 'fkie_existing'."
