@@ -15,6 +15,13 @@ from typing import Any
 
 from .model import Router
 
+# The variables of a robot's own network, and the value that each is expected to have.
+_EXAMPLES = {
+    "network": "the robot's own network, such as 192.168.11.0/24",
+    "gateway": "the computer of the robot that connects it with the common network, one of {hosts}",
+    "common_address": "the gateway's address in the common network, such as 192.168.1.201",
+}
+
 
 @dataclass(frozen=True)
 class NetworkVariables:
@@ -29,9 +36,9 @@ class NetworkVariables:
     @classmethod
     def from_values(cls, hosts: Sequence[str], own: Mapping[str, Any], raw: Mapping[str, Any]) -> NetworkVariables:
         """Return the network of a robot. `own` has its values, `raw` those of the inventory before they were read."""
-        names = ("multimaster_network", "multimaster_gateway", "multimaster_common_address")
-        unread = frozenset(name for name in names if raw.get(name) is not None and name not in own)
-        return cls(hosts, own.get(names[0]), own.get(names[1]), own.get(names[2]), unread)
+        values = {name: own.get(f"multimaster_{name}") for name in _EXAMPLES}
+        present = {name for name in _EXAMPLES if raw.get(f"multimaster_{name}") is not None}
+        return cls(hosts, **values, unread=frozenset(name for name in present if values[name] is None))
 
     @property
     def gateway_host(self) -> str | None:
@@ -67,25 +74,13 @@ def _variable_of(router: Router) -> str:
 
 def _check_completeness(robot: str, own: NetworkVariables) -> Iterator[str]:
     """Check that all three variables of a robot's own network are set, or that all are missing."""
-    values = {
-        "multimaster_network": own.network,
-        "multimaster_gateway": own.gateway,
-        "multimaster_common_address": own.common_address,
-    }
-    examples = {
-        "multimaster_network": "the robot's own network, such as 192.168.11.0/24",
-        "multimaster_gateway": "the computer of the robot that connects it with the common network"
-        + (f", one of {', '.join(own.hosts)}" if own.hosts else ""),
-        "multimaster_common_address": "the gateway's address in the common network, such as 192.168.1.201",
-    }
-    present = [name for name, value in values.items() if value]
-    if own.hosts and present:
-        for name, value in values.items():
-            if not value and name not in own.unread:
-                yield (
-                    f"{own.hosts[0]}: {name} of the robot {robot} is not set, but {present[0]} is; expected {examples[name]}: "
-                    f"set it in group_vars/{robot}.yml."
-                )
+    present = [name for name in _EXAMPLES if getattr(own, name)]
+    for name, example in _EXAMPLES.items() if own.hosts and present else ():
+        if not getattr(own, name) and name not in own.unread:
+            yield (
+                f"{own.hosts[0]}: multimaster_{name} of the robot {robot} is not set, but multimaster_{present[0]} is; expected "
+                f"{example.format(hosts=', '.join(own.hosts))}: set it in group_vars/{robot}.yml."
+            )
 
 
 def _check_members(
@@ -105,22 +100,20 @@ def _check_gateway(
 ) -> Iterator[str]:
     """Check that the gateway is in both networks."""
     where = f"group_vars/{robot}.yml"
-    if own.gateway and not own.gateway_host:
-        if isinstance(own.gateway, str):
-            yield (
-                f"{own.hosts[0]}: multimaster_gateway of the robot {robot} is '{own.gateway}', which is none of its computers; "
-                f"expected one of {', '.join(own.hosts)}, or the address of another device: correct it in {where}."
-            )
-        elif own.gateway in addresses.values():
-            host = {address: host for host, address in addresses.items()}[own.gateway]
-            yield (
-                f"{own.hosts[0]}: multimaster_gateway of the robot {robot} is {own.gateway}, the address of {host}; expected the "
-                f"name of a computer of the inventory: write {host} in {where}."
-            )
-        elif own.network:
-            yield from _check_address(
-                own.hosts[0], "multimaster_gateway", own.gateway, own.network, "multimaster_network"
-            )
+    named: Mapping[Any, str] = {address: host for host, address in addresses.items()}
+    if isinstance(own.gateway, str) and not own.gateway_host:
+        yield (
+            f"{own.hosts[0]}: multimaster_gateway of the robot {robot} is '{own.gateway}', which is none of its computers; "
+            f"expected one of {', '.join(own.hosts)}, or the address of another device: correct it in {where}."
+        )
+    elif own.gateway in named:
+        host = named[own.gateway]
+        yield (
+            f"{own.hosts[0]}: multimaster_gateway of the robot {robot} is {own.gateway}, the address of {host}; expected the "
+            f"name of a computer of the inventory: write {host} in {where}."
+        )
+    elif isinstance(own.gateway, IPv4Address) and own.network:
+        yield from _check_address(own.hosts[0], "multimaster_gateway", own.gateway, own.network, "multimaster_network")
     if own.common_address and common and own.hosts:
         host = own.gateway_host or own.hosts[0]
         yield from _check_address(host, "multimaster_common_address", own.common_address, common)
@@ -165,9 +158,7 @@ def _check_uniqueness(
     addresses: Mapping[str, IPv4Address], robots: Mapping[str, NetworkVariables], router: Router | None
 ) -> Iterator[str]:
     """Check that every address belongs to one computer."""
-    claims: list[tuple[str, str, IPv4Address]] = [
-        (host, "multimaster_address", address) for host, address in addresses.items()
-    ]
+    claims = [(host, "multimaster_address", address) for host, address in addresses.items()]
     for robot, own in robots.items():
         if own.common_address and own.hosts:
             host = own.gateway_host or f"the gateway of {robot}"
