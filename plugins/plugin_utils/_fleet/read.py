@@ -68,9 +68,9 @@ def read_fleet(inventory: Inventory) -> Fleet:
                 "below 'robots', each with its computers (see inventory/single_computer/hosts.yml)."
             ]
         )
-    reading, problems = _read_values(inventory)
-    router, router_problems = _read_router(reading)
-    problems += router_problems
+    problems: list[str] = []
+    reading = _read_values(inventory, problems)
+    router = _read_router(reading, problems)
     for name, hosts, own in reading.robots():
         problems += _find_robot_problems(name, hosts, own)
     problems += _find_ambiguous_names(reading) + _find_network_problems(reading, router) + _find_contradictions(reading)
@@ -88,31 +88,18 @@ def read_fleet(inventory: Inventory) -> Fleet:
 # Reading of values
 
 
-def _read_values(inventory: Inventory) -> tuple[_InventoryValues, list[str]]:
+def _read_values(inventory: Inventory, problems: list[str]) -> _InventoryValues:
     """Read all values, and take those that the computers of the fleet and of each robot agree about."""
-    problems: list[str] = []
     hosts = {
         host: _read_host(host, inventory.variables.get(host, {}), problems)
         for members in inventory.robots.values()
         for host in members
     }
     problems += _find_shared_hosts(inventory.robots) + _find_strays(inventory.strays)
-    shared = _take_common_values(
-        variables.OF_FLEET, list(hosts), hosts, "all computers of the fleet", "group_vars/robots.yml", problems
-    )
-    own = {
-        name: _take_common_values(
-            variables.OF_ROBOT,
-            members,
-            hosts,
-            f"the computers of the robot {name}",
-            f"group_vars/{name}.yml",
-            problems,
-        )
-        for name, members in inventory.robots.items()
-        if members
-    }
-    return _InventoryValues(inventory, hosts, shared, own), problems
+    shared = _take_common_values("", list(hosts), hosts, problems)
+    robots = {name: members for name, members in inventory.robots.items() if members}
+    own = {name: _take_common_values(name, members, hosts, problems) for name, members in robots.items()}
+    return _InventoryValues(inventory, hosts, shared, own)
 
 
 def _read_host(host: str, raw: Mapping[str, Any], problems: list[str]) -> Values:
@@ -178,17 +165,14 @@ def _find_strays(strays: Sequence[str]) -> list[str]:
     ]
 
 
-def _take_common_values(
-    rows: Sequence[variables.Variable],
-    hosts: Sequence[str],
-    values: Mapping[str, Values],
-    whom: str,
-    where: str,
-    problems: list[str],
-) -> Values:
-    """Return the values that these hosts have together. If they disagree, the first one counts, with a sentence in `problems`."""
+def _take_common_values(robot: str, hosts: Sequence[str], values: Mapping[str, Values], problems: list[str]) -> Values:
+    """Return the values that the computers of a robot, or without one those of the fleet, have together.
+
+    If they disagree, the first one counts, with a sentence in `problems`.
+    """
+    whom = f"the computers of the robot {robot}" if robot else "all computers of the fleet"
     common: dict[str, tuple[str, Any]] = {}
-    for name in (row.name for row in rows):
+    for name in (row.name for row in (variables.OF_ROBOT if robot else variables.OF_FLEET)):
         for host in hosts:
             if name not in values[host]:
                 continue
@@ -196,18 +180,18 @@ def _take_common_values(
             if values[host][name] != value:
                 problems.append(
                     f"{host}: {name} is {_quote_value(values[host][name])}, but {first} has {_quote_value(value)}; "
-                    f"expected one value for {whom}: set it once, in {where}."
+                    f"expected one value for {whom}: set it once, in group_vars/{robot or 'robots'}.yml."
                 )
     return {name: value for name, (_host, value) in common.items()}
 
 
-def _read_router(reading: _InventoryValues) -> tuple[Router | None, list[str]]:
-    """Return the router and its problems. It is the host of the group `routers`, or the device of the variable."""
+def _read_router(reading: _InventoryValues, problems: list[str]) -> Router | None:
+    """Return the router. It is the host of the group `routers`, or the device of the variable."""
     inventory = reading.inventory
     device = reading.shared.get("multimaster_router")
     if not inventory.routers:
-        return (Router("", device) if device else None), []
-    name, problems = inventory.routers[0], []
+        return Router("", device) if device else None
+    name = inventory.routers[0]
     if len(inventory.routers) > 1:
         problems.append(
             f"{name}: the group 'routers' has {len(inventory.routers)} hosts ({', '.join(inventory.routers)}); expected one, the "
@@ -218,7 +202,7 @@ def _read_router(reading: _InventoryValues) -> tuple[Router | None, list[str]]:
             f"{name}: is in the group 'routers' and a computer of a robot; expected one of the two, since a robot's computer on the "
             "common network gets its routes as such: remove it from the group 'routers'."
         )
-        return None, problems
+        return None
     raw = inventory.variables.get(name, {})
     problems += _find_unknown(name, raw)
     value = raw.get("multimaster_address")
@@ -227,13 +211,13 @@ def _read_router(reading: _InventoryValues) -> tuple[Router | None, list[str]]:
     except UnexpectedValue as expected:
         state = "is not set" if value is None else f"is {_quote_value(value)}"
         problems.append(f"{name}: multimaster_address {state}; expected {expected}: set it in the inventory.")
-        return None, problems
+        return None
     if device not in (None, address):
         problems.append(
             f"{name}: multimaster_address is {address}, but multimaster_router is {device}; expected one router: leave "
             "multimaster_router out where the group 'routers' has a host."
         )
-    return Router(name, address), problems
+    return Router(name, address)
 
 
 # Comparing of values
@@ -338,10 +322,9 @@ def _collapse(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
     for problem in problems:
         host, colon, text = problem.partition(": ")
         hosts_by_text.setdefault(text if colon and host in hosts else problem, []).append(host)
-    sentences = []
-    for text, names in hosts_by_text.items():
-        sentences.append(text if names[0] not in hosts else f"{shorten_list(names)}: {text}")
-    return sentences
+    return [
+        text if names[0] not in hosts else f"{shorten_list(names)}: {text}" for text, names in hosts_by_text.items()
+    ]
 
 
 # The model
