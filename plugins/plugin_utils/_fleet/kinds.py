@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from ipaddress import IPv4Address, IPv4Network, ip_address, ip_network
 from typing import Any, TypeVar
 
@@ -35,6 +36,12 @@ def _parse(kind: Callable[[str], T], value: Any, expected: str) -> T:
         raise UnexpectedValue(expected) from None
 
 
+def _items(value: Any, expected: str) -> Sequence[Any]:
+    if not isinstance(value, (list, tuple)):
+        raise UnexpectedValue(expected)
+    return value
+
+
 def is_host_name(value: Any) -> bool:
     """Return True for a host name (RFC 1123) that is no address."""
     return isinstance(value, str) and bool(_NAME.fullmatch(value)) and not value.replace(".", "").isdigit()
@@ -49,9 +56,7 @@ def name(value: Any) -> str:
 
 def names(value: Any) -> list[str]:
     """Read a list of host names."""
-    if not isinstance(value, (list, tuple)):
-        raise UnexpectedValue("a list of host names")
-    return [name(item) for item in value]
+    return [name(item) for item in _items(value, "a list of host names")]
 
 
 def address(value: Any) -> IPv4Address:
@@ -64,14 +69,10 @@ def address(value: Any) -> IPv4Address:
 
 def gateway(value: Any) -> str | IPv4Address:
     """Read the name of a computer, or the address of another device."""
-    try:
-        return name(value)
-    except UnexpectedValue:
-        pass
-    try:
-        return address(value)
-    except UnexpectedValue:
-        raise UnexpectedValue("the name of a computer of the robot, or the address of another device") from None
+    for kind in (name, address):
+        with contextlib.suppress(UnexpectedValue):
+            return kind(value)
+    raise UnexpectedValue("the name of a computer of the robot, or the address of another device")
 
 
 def network(value: Any) -> IPv4Network:
@@ -84,9 +85,8 @@ def network(value: Any) -> IPv4Network:
 
 def sources(value: Any) -> tuple[IPv4Network, ...]:
     """Read a list of addresses and networks; an address is a network of one."""
-    if not isinstance(value, (list, tuple)):
-        raise UnexpectedValue("a list of IPv4 addresses and networks, such as [192.168.1.77, 192.168.2.0/24]")
-    return tuple(map(_source, value))
+    expected = "a list of IPv4 addresses and networks, such as [192.168.1.77, 192.168.2.0/24]"
+    return tuple(map(_source, _items(value, expected)))
 
 
 def _source(value: Any) -> IPv4Network:
@@ -107,9 +107,7 @@ _PORT = re.compile(r"([1-9][0-9]{0,4})/(tcp|udp)")
 def ports(value: Any) -> tuple[str, ...]:
     """Read a list of ports with their protocols."""
     wanted = "a list of ports with their protocols, such as [51820/udp]"
-    if not isinstance(value, (list, tuple)):
-        raise UnexpectedValue(wanted)
-    for entry in value:
+    for entry in _items(value, wanted):
         match = _PORT.fullmatch(text(entry))
         if not match or int(match[1]) > 65535:
             raise UnexpectedValue(f"{wanted}, but '{entry}' is none")
@@ -192,11 +190,10 @@ def filters(value: Any) -> dict[str, list[str]]:
             raise UnexpectedValue(
                 f"filters named {', '.join(FILTERS)}, but there is '{key}'{nearest(str(key), FILTERS)}"
             )
-        if not isinstance(patterns, (list, tuple)):
-            raise UnexpectedValue(f"a list of patterns at '{key}', such as [/tf, '/camera/*']")
-        if not all(isinstance(pattern, str) and pattern.strip() for pattern in patterns):
+        texts = _items(patterns, f"a list of patterns at '{key}', such as [/tf, '/camera/*']")
+        if not all(isinstance(pattern, str) and pattern.strip() for pattern in texts):
             raise UnexpectedValue(f"patterns at '{key}' that are texts and not empty")
-        read[str(key)] = [str(pattern) for pattern in patterns]
+        read[str(key)] = [str(pattern) for pattern in texts]
         try:
             Filters(exports.make_node_filters(read)).check()  # as the nodes check them at their start
         except InvalidPattern as problem:
