@@ -44,10 +44,9 @@ def find_contradictions(parties: Sequence[Party], robots: Mapping[str, Sequence[
     """Return one sentence for each contradiction. `robots` has the computers of every robot, also of robots that are no party."""
     problems: list[str] = []
     for party in parties:
-        problems += _find_wrong_receivers(party, robots) + _find_built_in_names(party)
-    problems += _find_parameter_names(parties)
-    problems += _find_collisions(parties, list(robots)) + _find_second_white_lists(parties)
-    return problems + _find_filtered_exports(parties)
+        problems += [*_find_wrong_receivers(party, robots), *_find_built_in_names(party)]
+    problems += _find_parameter_names(parties) + _find_collisions(parties, list(robots))
+    return [*problems, *_find_second_white_lists(parties), *_find_filtered_exports(parties)]
 
 
 def find_excluded_strangers(firewall: str | None, strangers: str | None) -> list[str]:
@@ -64,27 +63,24 @@ def find_excluded_strangers(firewall: str | None, strangers: str | None) -> list
 DIAGNOSTICS = "/diagnostics"
 
 
-def find_local_diagnostics(parties: Sequence[Party], diagnostics: str | None) -> list[str]:
-    """Return a sentence for each robot that names /diagnostics, if that topic stays on each robot. None: not known."""
-    problems = []
+def find_local_diagnostics(parties: Sequence[Party], diagnostics: str | None) -> Iterator[str]:
+    """Yield a sentence for each robot that names /diagnostics, if that topic stays on each robot. None: not known."""
     for party in parties if diagnostics == "local" else ():
         topics = {
             "multimaster_exports": [name for entry in party.exports for name in entry.topics],
             "multimaster_filters": party.filters.get("sync_topics", ()),
         }
-        problems += [
+        yield from (
             f"{party.host}: {variable} has {DIAGNOSTICS}, but multimaster_diagnostics is 'local', which keeps that topic on each "
             f"robot; expected one of the two: set multimaster_diagnostics to 'exchanged' in group_vars/robots.yml, or remove it in "
             f"group_vars/{party.name}.yml."
             for variable, names in topics.items()
             if DIAGNOSTICS in names
-        ]
-    return problems
+        )
 
 
-def _find_wrong_receivers(party: Party, robots: Mapping[str, Sequence[str]]) -> list[str]:
+def _find_wrong_receivers(party: Party, robots: Mapping[str, Sequence[str]]) -> Iterator[str]:
     computers = {host: robot for robot, hosts in robots.items() for host in hosts}
-    problems = []
     for name in dict.fromkeys(robot for entry in party.exports for robot in entry.to):
         if name == party.name:
             what, do = "the robot itself", "remove it"
@@ -94,11 +90,10 @@ def _find_wrong_receivers(party: Party, robots: Mapping[str, Sequence[str]]) -> 
             what, do = f"a computer of the robot {computers[name]}", "name the robot"
         else:
             what, do = f"no robot{nearest(name, robots)}", "correct it"
-        problems.append(
+        yield (
             f"{party.host}: multimaster_exports is for '{name}', which is {what}; expected other robots, groups below 'robots': "
             f"{do} in group_vars/{party.name}.yml."
         )
-    return problems
 
 
 def _find_built_in_names(party: Party) -> list[str]:
@@ -146,8 +141,12 @@ def _find_collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[st
 
 
 def _match_givers(parties: Sequence[Party], key: str) -> Iterator[tuple[str, dict[str, list[Export]]]]:
-    """Return each exported name of a kind, with robot -> its entries for this name or for a pattern of it."""
-    givers = _group_entries(parties, key)
+    """Yield each exported name of a kind, with robot -> its entries for this name or for a pattern of it."""
+    givers: dict[str, dict[str, list[Export]]] = defaultdict(lambda: defaultdict(list))  # by name or pattern, by robot
+    for party in parties:
+        for entry in party.exports:
+            for name in getattr(entry, key):
+                givers[name][party.name].append(entry)
     patterns = [name for name in givers if _CERTAIN_NODES.match(name)]
     for name in (name for name in givers if "*" not in name):
         by_robot = {robot: list(entries) for robot, entries in givers[name].items()}
@@ -155,16 +154,6 @@ def _match_givers(parties: Sequence[Party], key: str) -> Iterator[tuple[str, dic
             for robot, entries in givers[pattern].items():
                 by_robot.setdefault(robot, []).extend(entries)
         yield name, by_robot
-
-
-def _group_entries(parties: Sequence[Party], key: str) -> Mapping[str, Mapping[str, Sequence[Export]]]:
-    """Return name or pattern -> robot -> its entries for it, of one kind."""
-    givers: dict[str, dict[str, list[Export]]] = defaultdict(lambda: defaultdict(list))
-    for party in parties:
-        for entry in party.exports:
-            for name in getattr(entry, key):
-                givers[name][party.name].append(entry)
-    return givers
 
 
 def _pair_givers(
@@ -190,26 +179,23 @@ def _pair_givers(
 _WHITE_LISTS = sorted(name for name, parameter in FILTERS.items() if parameter in WHITE_LISTS)
 
 
-def _find_second_white_lists(parties: Sequence[Party]) -> list[str]:
-    """Return a sentence for each robot with a white list of its own beside a flow to it, since that would widen the flow."""
+def _find_second_white_lists(parties: Sequence[Party]) -> Iterator[str]:
+    """Yield a sentence for each robot with a white list of its own beside a flow to it, since that would widen the flow."""
     flows = make_flows({party.name: party.declaration for party in parties})
-    problems = []
     for party in parties:
         lists = ", ".join(name for name in _WHITE_LISTS if party.filters.get(name))
         givers = list_givers(flows, party.name) if lists else []
         if givers:
-            problems.append(
+            yield (
                 f"{party.host}: multimaster_filters has {lists}, but multimaster_exports of {shorten_list(givers)} says already what "
                 f"{party.name} gets; expected filters named ignore_* or sync_hosts there: remove {lists}, and have "
                 "multimaster_exports of the others name what is wanted."
             )
-    return problems
 
 
-def _find_filtered_exports(parties: Sequence[Party]) -> list[str]:
-    """Return a sentence for names that an entry gives to a certain robot, and that filters leave out."""
+def _find_filtered_exports(parties: Sequence[Party]) -> Iterator[str]:
+    """Yield a sentence for names that an entry gives to a certain robot, and that filters leave out."""
     by_name = {party.name: party for party in parties}
-    problems = []
     for party, entry in [(declarer, entry) for declarer in parties for entry in declarer.exports]:
         for receiver in (by_name[name] for name in dict.fromkeys(entry.to) if name in by_name.keys() - {party.name}):
             actions = [("actions", name) for name in entry.actions]
@@ -223,12 +209,11 @@ def _find_filtered_exports(parties: Sequence[Party]) -> list[str]:
                     if _is_master_ignored(taker.filters, giver.master) or _is_ignored(taker.filters, key, name, parts)
                 ]
                 if lost:
-                    problems.append(
+                    yield (
                         f"{taker.host}: multimaster_filters leaves out {shorten_list(lost)}, which multimaster_exports of {party.name} "
                         f"has for {receiver.name}; expected filters that take it: correct them in group_vars/{taker.name}.yml, "
                         f"or 'to' in group_vars/{party.name}.yml."
                     )
-    return problems
 
 
 def _is_ignored(filters: Mapping[str, Sequence[str]], key: str, name: str, parts: Sequence[str]) -> bool:
