@@ -25,17 +25,12 @@ class Kind:
     returned: str = ""  # when, as the documentation says it; "always" and "success" are promises
 
 
-TEXT, NUMBER, YES_NO = Kind("str"), Kind("int"), Kind("bool")
+TEXT, YES_NO = Kind("str"), Kind("bool")
 DIFFERENCE = Kind("dict", dict.fromkeys(("before", "after", "before_header", "after_header", "prepared"), TEXT))
 DIFFERENCES = Kind("list", each=DIFFERENCE)
 
 #: the keys of Ansible's own part of a module
-COMMON: Mapping[str, Kind] = {
-    "changed": YES_NO,
-    "failed": YES_NO,
-    "skipped": YES_NO,
-    "msg": TEXT,
-}
+COMMON: Mapping[str, Kind] = {**dict.fromkeys(("changed", "failed", "skipped"), YES_NO), "msg": TEXT}
 #: parts of an answer that another module documents: (module, key) -> module, key (all of its keys where it is empty)
 ELSEWHERE = {
     ("multimaster_verify", "machine"): ("multimaster_info", ""),
@@ -63,7 +58,10 @@ def read_documentation(module: str, text_of: Callable[[str], str]) -> Answer:
 
     `text_of(module)` returns its source. Raises KeyError if the module documents no answer.
     """
-    own = _read_section(text_of(module))
+    section = SECTION.search(text_of(module))
+    if section is None:
+        raise KeyError("RETURN")
+    own = _kinds(yaml.load(section[1], _LOADER) or {})
     for (name, key), (other, part) in ELSEWHERE.items():
         if name == module:
             answer = read_documentation(other, text_of)
@@ -74,13 +72,6 @@ def read_documentation(module: str, text_of: Callable[[str], str]) -> Answer:
             own[key] = Kind("dict", {one: Kind("list", each=run) for one, run in runs.items()})
     own.pop("diff", None)  # in any module as Ansible has it
     return {**COMMON, **own}
-
-
-def _read_section(source: str) -> dict[str, Kind]:
-    section = SECTION.search(source)
-    if section is None:
-        raise KeyError("RETURN")
-    return _kinds(yaml.load(section[1], _LOADER) or {})
 
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
