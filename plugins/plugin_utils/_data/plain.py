@@ -56,7 +56,7 @@ class _Field(NamedTuple):
     left_out: bool
 
     @property
-    def nothing(self) -> Any:
+    def empty(self) -> Any:
         """Plain data for None. Each caller gets an empty dictionary of its own, since callers may change plain data."""
         return {} if dataclasses.is_dataclass(self.kind) else None if get_origin(self.kind) else ""
 
@@ -95,7 +95,7 @@ def to_plain(value: Any) -> Any:
 
 def _write_field(field: _Field, content: Any) -> Any:
     if content is None:
-        return field.nothing
+        return field.empty
     return next((word for special, word in field.words if special == content), None) or to_plain(content)
 
 
@@ -137,7 +137,7 @@ def _read_record(kind: Any, data: Any, path: str) -> Any:
     for field in _fields(kind):
         if field.key in data:
             content = data[field.key]
-            if field.optional and (content is None or content == field.nothing):
+            if field.optional and (content is None or content == field.empty):
                 values[field.name] = None
                 continue
             special = [value for value, word in field.words if word == content]
