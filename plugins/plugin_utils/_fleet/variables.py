@@ -39,9 +39,14 @@ class Variable:
 _FIELD = partial(field)  # pylint takes a plain call beside a dataclass for a mistake
 
 
-def row(read: Callable[[Any], Any], default: Any, description: str, example: str) -> Any:
+def row(read: Callable[[Any], Any], description: str, example: str, default: Any = None) -> Any:
     """Return the field of a variable. `default` is a value as an inventory would have it."""
     return _FIELD(metadata={"row": (read, default, description, example)})
+
+
+def word(choices: tuple[str, ...], description: str, example: str) -> Any:
+    """Return the field of a variable that is one of some words. The first is the default."""
+    return row(kinds.choice(*choices), description, example, choices[0])
 
 
 @dataclass(frozen=True)
@@ -50,35 +55,34 @@ class ComputerVariables:
 
     address: IPv4Address = row(
         kinds.address,
-        None,
         "Required. The address of the computer that the other computers reach it by.",
         "192.168.1.229",
     )
     aliases: list[str] = row(
         kinds.names,
-        [],
         "Further names of the computer, for the hosts file of every computer.",
         "[kobuki1]",
+        default=[],
     )
     firewall_also: tuple[IPv4Network, ...] = row(
         kinds.sources,
-        [],
         "Addresses and networks that the packet filter of this computer lets in besides, such as a laser scanner's. They do not "
         "belong to the fleet.",
         "[192.168.2.201]",
+        default=[],
     )
     firewall_ports: tuple[str, ...] = row(
         kinds.ports,
-        [],
         "Ports from 1024 up that the packet filter of this computer leaves open to everybody.",
         "[51820/udp]",
+        default=[],
     )
     ros_setup: str = row(
         kinds.setup,
-        "auto",
         "The place of ROS. `auto` finds /opt/ros or Debian's packages. `debian` takes Debian's packages. A path is a prefix or the "
         "set-up file of a workspace.",
         "/home/robot/ws/devel/setup.bash",
+        default="auto",
     )
 
 
@@ -88,93 +92,84 @@ class FleetVariables:
 
     common_network: IPv4Network = row(
         kinds.network,
-        None,
         "Required. The network that all robots share (section 3.1 of the report).",
         "192.168.1.0/24",
     )
     router: IPv4Address | None = row(
         kinds.address,
-        None,
         "The address of the router in the common network, where the router is a device that Ansible does not manage. "
         "`playbooks/router_config.yml` writes its configuration. Default: the host of the group `routers`, if there is one.",
         "192.168.1.1",
     )
-    transport: str = row(
-        kinds.choice("both", "multicast", "unicast"),
-        "both",
+    transport: str = word(
+        ("both", "multicast", "unicast"),
         "The way in which the discovery nodes find each other: `multicast` by the group, `unicast` by datagrams to the master of each "
         "robot, `both` by both.",
         "unicast",
     )
     multicast_group: IPv4Address = row(
         kinds.group,
-        "226.0.0.0",
         "The multicast group of the discovery nodes. The report uses 224.0.0.1, which no switch ever prunes.",
         "224.0.0.1",
+        default="226.0.0.0",
     )
     multicast_port: int = row(
         kinds.number(int, 1024, 65535),
-        11511,
         "The UDP port of the discovery nodes.",
         "11511",
+        default=11511,
     )
-    multicast_routing: str = row(
-        kinds.choice("none", "smcroute"),
-        "none",
+    multicast_routing: str = word(
+        ("none", "smcroute"),
         "`smcroute`: the gateways pass the multicast group on between the networks. The program smcroute must be installed there, and"
         " the group must be outside 224.0.0.0/24. With `none`, masters behind gateways are found by unicast.",
         "smcroute",
     )
     answer_broadcast_pings: bool = row(
         kinds.switch,
-        True,
         "`true`: the computers answer pings to broadcast and multicast addresses, so `ping 224.0.0.1` shows them. The report asks for"
         " it. Discovery does not need it.",
         "false",
+        default=True,
     )
-    firewall: str = row(
-        kinds.choice("none", "fleet"),
-        "none",
+    firewall: str = word(
+        ("none", "fleet"),
         "`fleet`: a packet filter guards the TCP and UDP ports from 1024 up. Only the computers of the fleet and `multimaster_allow` "
         "reach them. Ports of ssh and those below 1024 stay as they are. See docs/operate/security.md.",
         "fleet",
     )
-    advertise: str = row(
-        kinds.choice("name", "address"),
-        "name",
+    advertise: str = word(
+        ("name", "address"),
         "ROS on the computers advertises host names (ROS_HOSTNAME) with `name`, and addresses (ROS_IP) with `address`.",
         "address",
     )
-    strangers: str = row(
-        kinds.choice("ignore", "allow"),
-        "ignore",
+    strangers: str = word(
+        ("ignore", "allow"),
         "Masters that are not in the inventory: `ignore` reports them and registers nothing of them, `allow` exchanges with them as "
         "with robots of the inventory. See docs/operate/security.md.",
         "allow",
     )
     allow: tuple[IPv4Network, ...] = row(
         kinds.sources,
-        [],
         "Addresses and networks of computers that belong to the fleet without being in the inventory, such as laptops and robots with"
         " upstream's nodes. Their masters are exchanged with. Their nodes may use a robot's roscore.",
         "[192.168.1.77, 192.168.2.0/24]",
+        default=[],
     )
-    diagnostics: str = row(
-        kinds.choice("local", "exchanged", "none"),
-        "local",
+    diagnostics: str = word(
+        ("local", "exchanged", "none"),
         "`local`: the nodes publish links, clocks and refusals on `/diagnostics`, and that topic stays on each robot. `exchanged`: it"
         " crosses like any topic. `none`: the nodes publish nothing there, and it crosses. See docs/operate/metrics.md.",
         "exchanged",
     )
     heartbeat_hz: float = row(
         kinds.number(float, 0.02, 25.5),
-        1.0,
         "Heartbeats of a discovery node per second. A change is announced at once, whatever the rate.",
         "0.5",
+        default=1.0,
     )
     offline_after: float = row(
         kinds.number(float, 3, 3600),
-        None,
         "Seconds after the loss of a robot until its topics and services are withdrawn from the others. They return with it. "
         "Default: 5, or the time of two heartbeats where that is longer; 65 below 0.1 heartbeats a second.",
         "30",
@@ -187,27 +182,23 @@ class RobotVariables:
 
     network: IPv4Network | None = row(
         kinds.network,
-        None,
         "The robot's own network, where the robot has several computers behind a gateway. Without it, its computers are in the common"
         " network.",
         "192.168.11.0/24",
     )
     gateway: str | IPv4Address | None = row(
         kinds.gateway,
-        None,
         "The gateway between the robot's own network and the common network: the name of a computer of the robot, or the address of "
         "another device in the robot's network. Required with `multimaster_network`.",
         "tibi-visio",
     )
     common_address: IPv4Address | None = row(
         kinds.address,
-        None,
         "The address of the robot's gateway in the common network. Required with `multimaster_network`.",
         "192.168.1.201",
     )
-    routes: str = row(
-        kinds.choice("default", "networks", "existing"),
-        "default",
+    routes: str = word(
+        ("default", "networks", "existing"),
         "The routes that the computers of the robot get. `default`: a default route by the gateway on each inner computer, as in the "
         "report. `networks`: only routes to the common network and the other robots, where the default route leads elsewhere. "
         "`existing`: no route, because something else makes them.",
@@ -215,63 +206,57 @@ class RobotVariables:
     )
     master: str | None = row(
         kinds.name,
-        None,
         "The computer of the robot that runs the roscore. Default: the only computer. Required where there are several.",
         "kobuki1computer",
     )
-    roscore: str = row(
-        kinds.choice("managed", "existing"),
-        "managed",
+    roscore: str = word(
+        ("managed", "existing"),
         "`managed`: the collection runs the roscore as a service. `existing`: something else starts it.",
         "existing",
     )
     roscore_port: int = row(
         kinds.number(int, 1024, 65235),
-        11311,
         "The TCP port of the roscore.",
         "11311",
+        default=11311,
     )
     rpc_port: int = row(
         kinds.number(int, 1024, 65535),
-        None,
         "The TCP port on which the discovery node answers the others. Default: the port of the roscore + 300.",
         "11611",
     )
     filters: Mapping[str, list[str]] = row(
         kinds.filters,
-        {},
         "What this robot takes from the others: lists of regular expressions in which `*` stands for any text, by "
         + ", ".join(f"`{name}`" for name in kinds.FILTERS)
         + ". An action is its five topics.",
         "{ignore_topics: [/tf], sync_actions: [/move_base]}",
+        default={},
     )
     exports: tuple[Export, ...] | None = row(
         read_exports,
-        None,
         "What this robot gives to which others: a list of entries with `topics`, `services` and `actions` (names in which `*` stands "
         "for any text) and `to`, a list of robots (default: each other robot). Without the variable, the robot gives everything to "
         "each other robot, as in the report. `[]` is nothing. See docs/operate/data_flow.md.",
         "[{topics: [/tibi/pose], actions: [/tibi/dock], to: [dabo]}]",
     )
-    provider: str = row(
-        kinds.choice("bundled", "fkie_apt", "fkie_existing"),
-        "bundled",
+    provider: str = word(
+        ("bundled", "fkie_apt", "fkie_existing"),
         "The discovery and sync nodes of the robot. `bundled`: those of the collection. `fkie_apt`: multimaster_fkie from the package"
         " sources that the robot has. `fkie_existing`: an installation of multimaster_fkie that `multimaster_ros_setup` leads to. See"
         " docs/operate/providers.md.",
         "fkie_existing",
     )
-    metrics: str = row(
-        kinds.choice("none", "textfile"),
-        "none",
+    metrics: str = word(
+        ("none", "textfile"),
         "`textfile`: the nodes write metrics for the textfile collector of Prometheus' node_exporter. See docs/operate/metrics.md.",
         "textfile",
     )
     metrics_folder: str = row(
         kinds.folder,
-        "/var/lib/prometheus/node-exporter",
         "The folder that node_exporter reads (`--collector.textfile.directory`), on the computer of the master. It must be there.",
         "/var/lib/node_exporter",
+        default="/var/lib/prometheus/node-exporter",
     )
 
 
