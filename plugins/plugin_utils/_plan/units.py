@@ -12,7 +12,6 @@ from __future__ import annotations
 import hashlib
 import ipaddress
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from . import quotes
 from .model import UnitLines
@@ -159,18 +158,10 @@ TasksMax=1024
 {program.service}"""
 
 
-@dataclass(frozen=True)
-class NodeService:
-    """A node that runs as a service: its name, its task in words, and the ROS service that shows that it works."""
-
-    name: str
-    task: str
-    service: str
-
-
+#: node, without `master_` -> its task in words, and the ROS service that shows that it works
 NODES = {
-    "discovery": NodeService("master_discovery", "discovery of other ROS masters", "list_masters"),
-    "sync": NodeService("master_sync", "exchange of topics and services with other ROS masters", "get_sync_info"),
+    "discovery": ("discovery of other ROS masters", "list_masters"),
+    "sync": ("exchange of topics and services with other ROS masters", "get_sync_info"),
 }
 
 #: the services that are not nodes
@@ -212,8 +203,7 @@ def render_services(
             values = {**shared, "inputs": quotes.escape_text(inputs)}
             text = _complete(_ROSCORE, **values, program=_roscore_lines(roscore_command, roscore_port, programs))
         else:
-            node = NODES[name]
-            text = _complete(_NODE, **shared, node=node.name, task=node.task, program=programs[name])
+            text = _complete(_NODE, **shared, node=f"master_{name}", task=NODES[name][0], program=programs[name])
         units.append({"name": f"multimaster-{name}.service", "content": text})
     return units
 
@@ -365,14 +355,14 @@ def render_programs(provider: str, python: str, paths: Mapping[str, str], port: 
     """The lines that differ, by node. `paths` are upstream's executables, by node. `port` is that of the roscore."""
     lines = {}
     for name, program in PROGRAMS[provider].items():
-        node = NODES.get(name)
+        _task, ros_service = NODES.get(name, ("", ""))
         service = program.service.format(
             python=quotes.check_program(python),
             wait=WAIT,
             port=port,
-            node=node.name if node else "",
+            node=f"master_{name}",
             path=quotes.check_program(paths[name]) if name in paths else "",
-            service=node.service if node else "",
+            service=ros_service,
             configuration=CONFIGURATION,
             library=LIBRARY,
         )
