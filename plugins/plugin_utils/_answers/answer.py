@@ -65,7 +65,8 @@ def check_answer(text: str, answer: Answer) -> CheckedAnswer:
     result = {name: reader.read_value(kind, data[name], name) for name, kind in answer.items() if name in data}
     _refuse_gaps(result, answer)
     if CHANGES in data:
-        result[CHANGES] = reader.read_difference(data[CHANGES])
+        kind = DIFFERENCES if isinstance(data[CHANGES], list) else DIFFERENCE
+        result[CHANGES] = _Reader(plain_lines).read_value(kind, data[CHANGES], CHANGES)
     warnings = [plain(text, LINE) for name in MESSAGES for text in _messages(data.get(name))]
     if warnings:
         result["warnings"] = warnings
@@ -133,17 +134,11 @@ def _messages(value: Any) -> Iterator[str]:
 
 
 class _Reader:
-    """Reads values by their kinds, and notes the keys that it leaves out."""
+    """Reads values by their kinds, and notes the keys that it leaves out. Only the texts of differences have several lines."""
 
-    def __init__(self) -> None:
+    def __init__(self, clean: Callable[[str, int], str] = plain) -> None:
         self.left_out: list[str] = []
-        self._text: Callable[[str], str] = lambda text: plain(text, VALUE)
-
-    def read_difference(self, data: Any) -> Any:
-        """Return the differences for --diff. Only these texts have several lines. Raises StrangeAnswer."""
-        lines = _Reader()
-        lines._text = lambda text: plain_lines(text, VALUE)
-        return lines.read_value(DIFFERENCES if isinstance(data, list) else DIFFERENCE, data, CHANGES)
+        self._clean = clean
 
     def read_value(self, kind: Kind, data: Any, place: str, depth: int = 1) -> Any:
         """Return a value of this kind. None fits every kind. Raises StrangeAnswer."""
@@ -154,7 +149,7 @@ class _Reader:
         if kind.type != "raw" and not _fits(kind.type, data):
             raise StrangeAnswer(f"{_word(data)} at {place}, where the module answers {_KINDS[kind.type][0]}")
         if isinstance(data, str):
-            return self._text(data)
+            return self._clean(data, VALUE)
         if isinstance(data, list):
             item = kind.each or Kind("raw")
             return [self.read_value(item, part, f"{place}[{at}]", depth + 1) for at, part in enumerate(data)]
@@ -172,10 +167,9 @@ class _Reader:
                 for name, part in data.items()
             }
         self.left_out += [f"{place}.{quote(name, NAME)}" for name in data if name not in kind.parts]
-        parts = kind.parts.items()
         return {
             name: self.read_value(part, data[name], f"{place}.{name}", depth + 1)
-            for name, part in parts
+            for name, part in kind.parts.items()
             if name in data
         }
 
