@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any, TypeVar
@@ -73,7 +73,11 @@ def read_fleet(inventory: Inventory) -> Fleet:
     router = _read_router(reading, problems)
     for name, hosts, own in reading.robots():
         problems += _find_robot_problems(name, hosts, own)
-    problems += _find_ambiguous_names(reading) + _find_network_problems(reading, router) + _find_contradictions(reading)
+    problems += [
+        *_find_ambiguous_names(reading),
+        *_find_network_problems(reading, router),
+        *_find_contradictions(reading),
+    ]
     problems += heartbeats.find_slow_heartbeats(
         reading.shared.get("multimaster_heartbeat_hz"), reading.shared.get("multimaster_offline_after")
     )
@@ -223,36 +227,32 @@ def _read_router(reading: _InventoryValues, problems: list[str]) -> Router | Non
 # Comparing of values
 
 
-def _find_robot_problems(name: str, hosts: Sequence[str], own: Values) -> list[str]:
-    """Return the problem of a robot: it has no computers, no master, or one port for two programs."""
-    if not hosts:
-        return [
-            f"The robot {name} has no computers: its group is empty; expected at least one host: add it or remove the group."
-        ]
+def _find_robot_problems(name: str, hosts: Sequence[str], own: Values) -> Iterator[str]:
+    """Yield the problem of a robot: it has no computers, no master, or one port for two programs."""
     # The only computer of a robot is its master.
     master = own.get("multimaster_master", hosts[0] if len(hosts) == 1 else None)
-    if master is None:
-        return [
+    port = own.get("multimaster_rpc_port")
+    if not hosts:
+        yield f"The robot {name} has no computers: its group is empty; expected at least one host: add it or remove the group."
+    elif master is None:
+        yield (
             f"{hosts[0]}: multimaster_master is not set; expected the computer of the robot {name} that runs its roscore, "
             f"one of {', '.join(hosts)}: set it in group_vars/{name}.yml."
-        ]
-    if master not in hosts:
-        return [
+        )
+    elif master not in hosts:
+        yield (
             f"{hosts[0]}: multimaster_master is '{master}', which is no computer of the robot {name}; expected one of "
             f"{', '.join(hosts)}{nearest(master, hosts)}: correct it in group_vars/{name}.yml."
-        ]
-    port = own.get("multimaster_rpc_port")
-    if port is not None and port == own.get("multimaster_roscore_port"):
-        return [
+        )
+    elif port is not None and port == own.get("multimaster_roscore_port"):
+        yield (
             f"{master}: multimaster_rpc_port is {port}, which is also the port of its roscore; expected another port: "
             "leave it out for the port of the roscore + 300."
-        ]
-    return []
+        )
 
 
-def _find_ambiguous_names(reading: _InventoryValues) -> list[str]:
-    """Return a sentence for each name of two computers, and for localhost."""
-    problems = []
+def _find_ambiguous_names(reading: _InventoryValues) -> Iterator[str]:
+    """Yield a sentence for each name of two computers, and for localhost."""
     owner: dict[str, str] = {}
     for computer, values in reading.hosts.items():
         if "multimaster_address" not in values:
@@ -260,16 +260,15 @@ def _find_ambiguous_names(reading: _InventoryValues) -> list[str]:
         for name in (computer, *values.get("multimaster_aliases", ())):
             first = owner.setdefault(name.lower(), computer)
             if first != computer:
-                problems.append(
+                yield (
                     f"{computer}: the name {name} also means {first}; expected names that mean one computer each "
                     "(case does not count): rename one, or correct multimaster_aliases."
                 )
             if name.lower() == "localhost":
-                problems.append(
+                yield (
                     f"{computer}: multimaster_aliases has localhost, which every computer is for itself; expected names of "
                     "this computer alone: remove it."
                 )
-    return problems
 
 
 def _find_network_problems(reading: _InventoryValues, router: Router | None) -> list[str]:
