@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import re
 import shlex
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -192,7 +192,7 @@ def _render_profile(environment: Environment) -> str:
 def _render_exports(environment: Environment) -> list[str]:
     lines = [f"unset {name}" for name in environment.unset]
     lines += [f"export {name}={shlex.quote(value)}" for name, value in environment.texts.items()]
-    return lines + _prepend_folders(environment.lists)
+    return [*lines, *_prepend_folders(environment.lists)]
 
 
 def _render_by_user(environment: Environment, render: Callable[[Environment], list[str]]) -> list[str]:
@@ -219,19 +219,14 @@ def _render_hook(environment: Environment) -> str:
         (name, names if name in NAMES else f"${{{name}-}}") for name in environment.texts if name in (MASTER, *NAMES)
     ]
     lines = [f'[ -n "{test}" ] || export {name}={shlex.quote(environment.texts[name])}' for name, test in tests]
-    return _HEADER + "\n".join(lines + _prepend_folders(merge({}, {}).lists)) + "\n"
+    return _HEADER + "\n".join([*lines, *_prepend_folders(merge({}, {}).lists)]) + "\n"
 
 
-def _prepend_folders(lists: Mapping[str, Sequence[str]]) -> list[str]:
-    lines = []
+def _prepend_folders(lists: Mapping[str, Sequence[str]]) -> Iterator[str]:
     for name, entries in lists.items():
-        for entry in reversed(entries):  # the first one is put in front last
-            entry_text = shlex.quote(entry)
-            lines.append(
-                f'case ":${{{name}-}}:" in *:{entry_text}:*) ;; *) {name}={entry_text}"${{{name}:+:${name}}}" ;; esac'
-            )
-        lines.append(f"export {name}")
-    return lines
+        for entry in map(shlex.quote, reversed(entries)):  # the first one is put in front last
+            yield f'case ":${{{name}-}}:" in *:{entry}:*) ;; *) {name}={entry}"${{{name}:+:${name}}}" ;; esac'
+        yield f"export {name}"
 
 
 def _render_desktop(environment: Environment) -> str:

@@ -9,7 +9,7 @@ upstream has it. `list_limits` has a sentence for each thing that upstream lacks
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from .._fleet.exports import make_node_filters
@@ -271,52 +271,51 @@ def _group_alternatives(items: Iterable[str]) -> list[str]:
 # Things that upstream lacks
 
 
-def list_limits(fleet: Fleet, robot: Robot) -> tuple[str, ...]:
-    """Return a sentence for each thing that the provider of a robot cannot do. The bundled nodes can do everything."""
+def list_limits(fleet: Fleet, robot: Robot) -> Iterator[str]:
+    """Yield a sentence for each thing that the provider of a robot cannot do. The bundled nodes can do everything."""
     host, provider = robot.master.name, robot.variables.provider
     if provider not in UPSTREAM:
-        return ()
+        return
     bundled = _make_discovery(fleet, robot)
-    sentences = [
+    yield (
         f"{host}: multimaster_provider is '{provider}', whose nodes register whatever they find; expected names of nodes and "
         "services that are unique in the fleet, and one type for a topic, since a roscore ends its own node when another robot's has "
         "the same name: rename them or leave them out by multimaster_filters, or set multimaster_provider to 'bundled', which refuses "
         "such registrations."
-    ]
+    )
     if bundled["strangers"] == "ignore":
-        sentences.append(
+        yield (
             f"{host}: multimaster_strangers is 'ignore', but multimaster_provider is '{provider}', which exchanges with whoever is "
             "heard; expected nodes that know who belongs to the fleet: keep strangers off the common network, or set "
             "multimaster_provider to 'bundled'; set multimaster_strangers to 'allow' where strangers are wanted."
         )
     if robot.variables.metrics == "textfile":
-        sentences.append(
+        yield (
             f"{host}: multimaster_metrics is 'textfile', but multimaster_provider is '{provider}', whose nodes measure nothing; expected "
             "the bundled nodes: set multimaster_metrics to 'none', or multimaster_provider to 'bundled'."
         )
     silence = _offline_after(bundled)
     if silence > bundled["offline_after"]:
-        sentences.append(
+        yield (
             f"{host}: multimaster_offline_after is {bundled['offline_after']:g} s, but multimaster_provider is '{provider}', which cannot ask a "
             f"silent robot; expected to wait {silence:g} s here, so that lost datagrams remove nobody: accept that, or set "
             "multimaster_provider to 'bundled'."
         )
     if "exports" in bundled:
-        sentences.append(_explain_exports(host, provider, bundled["exports"]))
+        yield _explain_exports(host, provider, bundled["exports"])
     if len(robot.computers) > 1:
         others = ", ".join(computer.name for computer in robot.computers if computer != robot.master)
-        sentences.append(
+        yield (
             f"{host}: multimaster_provider is '{provider}', which tells of the nodes on {others} as remote ones; expected the parameter "
             "sync_remote_nodes on whoever takes them: the robots of the inventory have it, set it on any other, or set "
             "multimaster_provider to 'bundled'."
         )
     if robot.variables.roscore == "existing":
-        sentences.append(
+        yield (
             f"{host}: multimaster_roscore is 'existing', and multimaster_provider is '{provider}', whose nodes do not notice that a "
             "roscore was started again; expected it to run as long as they: after a restart of it, run 'systemctl restart "
             "multimaster-discovery multimaster-sync', or set multimaster_roscore to 'managed'."
         )
-    return tuple(sentences)
 
 
 def _explain_exports(host: str, provider: str, exports: Sequence[ServedNames]) -> str:

@@ -150,7 +150,7 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         provider=robot.variables.provider,
         discovery=parameters.discovery(fleet, robot) if is_master else {},
         sync=parameters.sync(fleet, robot) if is_master else {},
-        limits=parameters.list_limits(fleet, robot) if is_master else (),
+        limits=tuple(parameters.list_limits(fleet, robot)) if is_master else (),
         listens=is_master or computer.common_address is not None,
     )
 

@@ -301,7 +301,7 @@ def _check_ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
                 f"{host}: the ROS of {where} has no roscore; expected it, since multimaster_roscore is 'managed': install it, or set "
                 "multimaster_roscore to 'existing' where something else starts a roscore."
             ]
-        problems = providers.check_paths(plan, [roscore])
+        problems = list(providers.check_paths(plan, [roscore]))
         if problems:
             return problems
     if plan.provider == "bundled" and _is_too_old(chosen["python_version"]):

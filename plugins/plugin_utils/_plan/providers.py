@@ -8,7 +8,7 @@ Upstream's packages and programs are in tables, by release. They are found on a 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -142,16 +142,14 @@ def _find_existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Installatio
         "the set-up file of that installation in multimaster_ros_setup, or set multimaster_provider to 'bundled'."
     )
     paths = {"discovery": nodes[0]["path"], "sync": nodes[1]["path"]}
-    problems = [problem] if wrong else check_paths(plan, paths.values())
+    problems = [problem] if wrong else list(check_paths(plan, paths.values()))
     return Installation(paths, (), problems, OLD if nodes == releases[1] else NEW)
 
 
-def check_paths(plan: ComputerPlan, paths: Iterable[str]) -> list[str]:
-    """Return a sentence for each path that a unit cannot have."""
-    problems = []
+def check_paths(plan: ComputerPlan, paths: Iterable[str]) -> Iterator[str]:
+    """Yield a sentence for each path that a unit cannot have."""
     for path in paths:
         try:
             quotes.check_program(path)
         except quotes.Unquotable as problem:
-            problems.append(f"{plan.computer}: {problem}")
-    return problems
+            yield f"{plan.computer}: {problem}"

@@ -5,15 +5,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from .._fleet.plain_text import quote
 
 
-def list_warnings(host: str, chosen: Mapping[str, Any]) -> list[str]:
-    """Return a sentence for each thing that root, other users or all users do not get. `chosen` is the ROS of the machine."""
-    sentences = []
+def list_warnings(host: str, chosen: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence for each thing that root, other users or all users do not get. `chosen` is the ROS of the machine."""
     setup, person, doubt = quote(chosen["setup"]), quote(chosen.get("person", "*")), quote(chosen.get("doubt", ""))
     variables = chosen.get("environment", {})
     withheld = set(variables) - set(chosen.get("for_root", variables))
@@ -25,23 +24,22 @@ def list_warnings(host: str, chosen: Mapping[str, Any]) -> list[str]:
             if person
             else f"the services get them; root and all users get {rest}, and source the file themselves where they need it"
         )
-        sentences.append(
+        yield (
             f"{host}: root gets no variables of the set-up file {setup}, since {doubt}; expected files and folders that root alone can "
             f"change: {others}. Install the workspace as root (for example to /opt) where root or all users need it."
         )
     elif withheld:
-        sentences.append(
+        yield (
             f"{host}: the set-up file {setup} sets {', '.join(map(quote, sorted(withheld)))}, which root does not get; expected "
             "variables of ROS, with paths that root alone can change: set others in root's own profile, if root needs them."
         )
     if chosen.get("hooks_doubt"):
-        sentences.append(
+        yield (
             f"{host}: no hook of catkin is written {quote(chosen['hooks_doubt'])}; expected a folder that root alone can change: a shell that "
             "reads no profile (zsh, cron) and sources this set-up file has no ROS_MASTER_URI of the fleet: set it there."
         )
     if chosen.get("left_out"):
-        sentences.append(
+        yield (
             f"{host}: the set-up file {setup} sets {', '.join(map(quote, chosen['left_out']))}, which nobody gets; expected variables of ROS, and "
             'absolute folders without ; $ " and \\ in lists: set what makes programs run other code than their own where it is needed, and there alone.'
         )
-    return sentences

@@ -11,14 +11,14 @@ ALL = {"PATH": "/home/robot/ws/bin", "MODEL": "burger"}
 
 def said(**changes):
     chosen = {"setup": SETUP, "environment": ALL, "for_root": ALL, "person": "*", "doubt": "", "left_out": []}
-    found = set_up.list_warnings("kobuki1computer", {**chosen, **changes})
+    found = list(set_up.list_warnings("kobuki1computer", {**chosen, **changes}))
     assert all(text.startswith("kobuki1computer: ") and "; expected " in text for text in found)
     return found
 
 
 def test_what_is_roots_needs_no_words():
     assert said() == []
-    assert set_up.list_warnings("kobuki1computer", {"setup": ""}) == []
+    assert not list(set_up.list_warnings("kobuki1computer", {"setup": ""}))
 
 
 def test_a_persons_workspace():
