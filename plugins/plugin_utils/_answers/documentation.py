@@ -31,24 +31,13 @@ DIFFERENCES = Kind("list", each=DIFFERENCE)
 
 #: the keys of Ansible's own part of a module
 COMMON: Mapping[str, Kind] = {**dict.fromkeys(("changed", "failed", "skipped"), YES_NO), "msg": TEXT}
-#: parts of an answer that another module documents: (module, key) -> module, key (all of its keys where it is empty)
-ELSEWHERE = {
-    ("multimaster_verify", "machine"): ("multimaster_info", ""),
-    ("multimaster_verify", "multicast"): ("multicast_verify", ""),
-    ("multimaster_computer", "shells"): ("multimaster_info", "environment"),
+#: module -> key of its answer that another module documents -> that module, and the key there (all of its keys where it is empty)
+ELSEWHERE: Mapping[str, Mapping[str, tuple[str, str]]] = {
+    "multimaster_verify": {"machine": ("multimaster_info", ""), "multicast": ("multicast_verify", "")},
+    "multimaster_computer": {"shells": ("multimaster_info", "environment")},
 }
-#: mappings whose keys are modules, each with the answers of its runs
-RUNS = {
-    ("multimaster_computer", "concerns"): (
-        "sysctl",
-        "routes",
-        "firewall",
-        "hosts_entries",
-        "multimaster_packages",
-        "managed_files",
-        "managed_services",
-    )
-}
+#: the modules whose runs multimaster_computer answers in `concerns`
+RUNS = ("sysctl", "routes", "firewall", "hosts_entries", "multimaster_packages", "managed_files", "managed_services")
 
 Answer = Mapping[str, Kind]
 
@@ -62,14 +51,12 @@ def read_documentation(module: str, text_of: Callable[[str], str]) -> Answer:
     if section is None:
         raise KeyError("RETURN")
     own = _kinds(yaml.load(section[1], _LOADER) or {})
-    for (name, key), (other, part) in ELSEWHERE.items():
-        if name == module:
-            answer = read_documentation(other, text_of)
-            own[key] = answer[part] if part else Kind("dict", answer)
-    for (name, key), modules in RUNS.items():
-        if name == module:
-            runs = {one: Kind("dict", read_documentation(one, text_of)) for one in modules}
-            own[key] = Kind("dict", {one: Kind("list", each=run) for one, run in runs.items()})
+    for key, (other, part) in ELSEWHERE.get(module, {}).items():
+        answer = read_documentation(other, text_of)
+        own[key] = answer[part] if part else Kind("dict", answer)
+    if module == "multimaster_computer":
+        runs = {name: Kind("dict", read_documentation(name, text_of)) for name in RUNS}
+        own["concerns"] = Kind("dict", {name: Kind("list", each=run) for name, run in runs.items()})
     own.pop("diff", None)  # in any module as Ansible has it
     return {**COMMON, **own}
 
