@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from .._fleet.contradictions import DIAGNOSTICS
 from .._fleet.exports import make_node_filters
 from .._fleet.filters import HOSTS, NAMES, NO_NAME, WHITE_LISTS
 from .._fleet.flows import VERIFICATION_TOPICS, Flow
@@ -52,8 +53,6 @@ def add_members(parameters: Parameters, members: Sequence[Any]) -> Parameters:
 
 
 # The output of both bundled nodes for people
-
-DIAGNOSTICS = "/diagnostics"
 
 
 def writes_metrics(robot: Robot) -> bool:
