@@ -16,7 +16,7 @@ its robots at their planned addresses and allowed strangers become peers; the re
 A peer that is silent for longer than it promised is asked by datagrams, then over TCP, and then it is offline. It stays
 listed, so that it is online again with its first heartbeat, and is removed after ~remove_after. A LEAVE says that a
 peer goes. A LEAVE can be forged too: the peer is asked several times over TCP, and stays if it answers. The table
-`LIFE` in peer.py has all states, signs and transitions; life.py carries out its acts.
+`LIFE` in life.py has all states, signs and transitions, and what is done then.
 
 The own master is announced several times after each change, since one lost datagram must not delay it. While the own
 roscore does not answer, nothing is announced, and after a while the others are told that it leaves.

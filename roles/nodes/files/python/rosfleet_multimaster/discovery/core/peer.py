@@ -1,15 +1,14 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The life of a peer, as a table: state and sign in, next state and act out.
+"""A peer: its states, what it is known by, and who it says it is. What can happen to one is in life.py.
 
-A peer is a sender of heartbeats: an address, a UDP port and an XML-RPC port. `LIFE` says all that can happen to one.
-Nothing here knows what an act does; that is in life.py.
+A peer is a sender of heartbeats: an address, a UDP port and an XML-RPC port.
 """
 
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Deque, Dict, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Deque, Dict, NamedTuple, Optional, Tuple
 from urllib.parse import urlsplit
 
 from ...protocol.heartbeat import Heartbeat
@@ -47,84 +46,6 @@ class Sign(Enum):
     REFUSAL = "its computer answered over TCP that no master is there"
     SILENCE = "it was not heard for too long"
     LONG_SILENCE = "it was not heard for ~remove_after"
-
-
-class Act(Enum):
-    """The reaction to a sign."""
-
-    NOTHING = "nothing"
-    ADMIT = "list it among the masters, and remember who it is"
-    IDENTIFY = "remember who it is"
-    ASK_LATER = "ask over TCP again after a while"
-    WAIT_FOR_ROOM = "ask over TCP again after a longer while"
-    CHECK = "ask over TCP whether it has left"
-    CHECK_AGAIN = "ask once more: soon where it did not answer, later where it did"
-    KEEP = "say that it has not left"
-    REFUSE = "tell of it as one that is ignored, and ask it again much later"
-    EXPEL = "the same, and forget that it was a master"
-    DROP = "forget it"
-
-
-_LEAVING = {
-    Sign.LEAVE: Act.NOTHING,
-    Sign.ANSWER: Act.CHECK_AGAIN,
-    Sign.NO_ANSWER: Act.CHECK_AGAIN,
-}
-
-#: state -> sign -> next state, act. A sign that is missing cannot happen in that state. (Heartbeats of strangers are
-#: only counted, and a silent one is forgotten: see `Strangers`.)
-LIFE: Mapping[State, Mapping[Sign, Tuple[State, Act]]] = {
-    State.STRANGER: {
-        Sign.ANSWER: (State.ONLINE, Act.ADMIT),
-        Sign.NO_ROOM: (State.STRANGER, Act.WAIT_FOR_ROOM),
-        Sign.FOREIGN: (State.STRANGER, Act.REFUSE),
-        Sign.NO_ANSWER: (State.STRANGER, Act.ASK_LATER),
-        Sign.REFUSAL: (State.STRANGER, Act.ASK_LATER),
-    },
-    State.ONLINE: {
-        Sign.HEARD: (State.ONLINE, Act.NOTHING),
-        Sign.HEARD_EMPTY: (State.ONLINE, Act.NOTHING),
-        Sign.LEAVE: (State.LEAVING, Act.CHECK),
-        Sign.ANSWER: (State.ONLINE, Act.IDENTIFY),
-        Sign.NO_ANSWER: (State.ONLINE, Act.ASK_LATER),
-        Sign.REFUSAL: (State.ONLINE, Act.ASK_LATER),
-        Sign.SILENCE: (State.OFFLINE, Act.NOTHING),
-        Sign.FOREIGN: (State.REMOVED, Act.EXPEL),
-        Sign.LONG_SILENCE: (State.REMOVED, Act.DROP),
-    },
-    State.OFFLINE: {
-        Sign.HEARD: (State.ONLINE, Act.NOTHING),
-        Sign.HEARD_EMPTY: (State.OFFLINE, Act.NOTHING),
-        Sign.LEAVE: (State.LEAVING_OFFLINE, Act.CHECK),
-        Sign.ANSWER: (State.ONLINE, Act.IDENTIFY),
-        Sign.NO_ANSWER: (State.OFFLINE, Act.NOTHING),
-        Sign.REFUSAL: (State.OFFLINE, Act.NOTHING),
-        Sign.FOREIGN: (State.REMOVED, Act.EXPEL),
-        Sign.LONG_SILENCE: (State.REMOVED, Act.DROP),
-    },
-    State.LEAVING: {
-        Sign.HEARD: (State.ONLINE, Act.NOTHING),
-        Sign.HEARD_EMPTY: (State.ONLINE, Act.NOTHING),
-        **{sign: (State.LEAVING, act) for sign, act in _LEAVING.items()},
-        Sign.LAST_ANSWER: (State.ONLINE, Act.KEEP),
-        Sign.LAST_NO_ANSWER: (State.REMOVED, Act.DROP),
-        Sign.REFUSAL: (State.REMOVED, Act.DROP),
-        Sign.SILENCE: (State.LEAVING_OFFLINE, Act.NOTHING),
-        Sign.FOREIGN: (State.REMOVED, Act.EXPEL),
-        Sign.LONG_SILENCE: (State.REMOVED, Act.DROP),
-    },
-    State.LEAVING_OFFLINE: {
-        Sign.HEARD: (State.ONLINE, Act.NOTHING),
-        Sign.HEARD_EMPTY: (State.OFFLINE, Act.NOTHING),
-        **{sign: (State.LEAVING_OFFLINE, act) for sign, act in _LEAVING.items()},
-        Sign.LAST_ANSWER: (State.OFFLINE, Act.KEEP),
-        Sign.LAST_NO_ANSWER: (State.REMOVED, Act.DROP),
-        Sign.REFUSAL: (State.REMOVED, Act.DROP),
-        Sign.FOREIGN: (State.REMOVED, Act.EXPEL),
-        Sign.LONG_SILENCE: (State.REMOVED, Act.DROP),
-    },
-    State.REMOVED: {},
-}
 
 
 class Contact(NamedTuple):
@@ -207,13 +128,6 @@ class Peer:
     def is_leaving(self) -> bool:
         """True while it is checked whether it has left."""
         return self.state in (State.LEAVING, State.LEAVING_OFFLINE)
-
-    def move(self, sign: Sign) -> Act:
-        """Change the state after a sign, and return what is to be done."""
-        self.state, act = LIFE[self.state][sign]
-        if not self.is_leaving:
-            self.checks = 0
-        return act
 
     @property
     def monitor_uri(self) -> str:

@@ -17,8 +17,6 @@ ASK_PAUSE = 0.2  # seconds between two requests to a master that missed its beat
 SLOW_PAUSE, SLOW_PATIENCE = 1.0, 5.5  # seconds: the same for a master that promises few beats, and how long it is asked
 RETURNED = 5.0  # seconds after the return of a robot of the fleet: its place says who it is, and what it offers is wanted first
 CONTACT_PAUSE = 5.0  # seconds between two contacts that nothing but requests of the other side ask for
-LEAVE_CHECKS = (0.2, 1.0, 3.0)  # seconds: a peer that still answers after these has not left
-LEAVE_PAUSE = 1.0  # seconds between a contact and the first check of another LEAVE
 MAX_MASTERS, MAX_PER_ADDRESS = 1024, 16  # more would be a flood
 FAR = float("inf")
 
@@ -60,7 +58,7 @@ class Peers:
     def __init__(self, settings: Settings, members: Members, local: LocalMaster, outbox: Outbox) -> None:
         self.table: Dict[Key, Peer] = {}
         self.stale = False  # something may differ from what is public
-        self._settings, self._members, self._local, self._outbox = settings, members, local, outbox
+        self._settings, self._members, self.local, self._outbox = settings, members, local, outbox
         self._echoes: Dict[Sent, Tuple[Peer, float]] = {}  # the last heartbeats
         self._first_step: Optional[float] = None  # see next_step
         self._crowds: Optional[Set[str]] = None  # addresses with several masters
@@ -91,10 +89,6 @@ class Peers:
 
     def _find_by_address(self, entry: Peer) -> List[Peer]:
         return [other for other in self.table.values() if other.key[0] == entry.key[0]]
-
-    def drop(self, entry: Peer) -> None:
-        """Forget a peer."""
-        self.table.pop(entry.key, None)
 
     def identify(self, entry: Peer, contact: Contact, news: News) -> None:
         """Take the answer of a peer who it is."""
@@ -198,7 +192,7 @@ class Peers:
     def _steps(self, entry: Peer) -> Iterator[Step]:
         """The steps about a master that stays silent, each with its time."""
         heard, patience = entry.heard, Patience.from_rate(entry.rate, self._settings)
-        if self._local.online:
+        if self.local.online:
             pause = patience.pause if entry.online else max(self._settings.active_request_after, patience.ask)
             pause = max(pause, SLOW_PAUSE) if self._is_crowded(entry) else pause
             yield max(heard + patience.ask, entry.requested + pause), self._request_state
@@ -214,7 +208,7 @@ class Peers:
     def _request_state(self, entry: Peer, now: float) -> None:
         entry.requested = now
         to_group = self._is_crowded(entry) and self._settings.send_mcast
-        self._outbox.send(self._local.record(Kind.REQUEST), None if to_group else entry.key[0])
+        self._outbox.send(self.local.record(Kind.REQUEST), None if to_group else entry.key[0])
 
     def _is_crowded(self, entry: Peer) -> bool:
         """True where several masters share its address, so that unicast reaches only one of them."""
@@ -229,20 +223,3 @@ class Peers:
         entry.probed = now
         patience = Patience.from_rate(entry.rate, self._settings)
         self._outbox.ask(entry, now, entry.heard + patience.offline - now)
-
-    # After a LEAVE: a peer that still answers has not left, whatever a datagram says
-
-    def check(self, entry: Peer, now: float) -> None:
-        """Ask over TCP whether a peer has left."""
-        entry.checks = 1
-        entry.contact_due = max(now + LEAVE_CHECKS[0], entry.contacted + LEAVE_PAUSE)
-
-    def check_again(self, entry: Peer, answered: bool, now: float) -> None:
-        """Ask once more: soon where it did not answer, later where it did."""
-        entry.contact_due = now + LEAVE_CHECKS[entry.checks if answered else 0]
-        entry.checks += 1
-        self._outbox.send(self._local.record(Kind.REQUEST), entry.key[0])
-
-    def is_last_check(self, entry: Peer) -> bool:
-        """True where the next answer decides whether a peer has left."""
-        return entry.checks == len(LEAVE_CHECKS)

@@ -4,7 +4,9 @@
 
 import pytest
 from rosfleet_multimaster.discovery.core.discovery import Discovery
-from rosfleet_multimaster.discovery.core.peer import LIFE, Act, Peer, Sign, State
+from rosfleet_multimaster.discovery.core.life import LIFE, Life
+from rosfleet_multimaster.discovery.core.peer import Peer, Sign, State
+from rosfleet_multimaster.discovery.core.peers import News
 from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind
 from rosfleet_multimaster.protocol.parameters import Settings
 
@@ -20,11 +22,6 @@ def test_every_state_can_be_reached_and_left():
     assert [state for state, signs in LIFE.items() if not signs] == [State.REMOVED]
 
 
-def test_every_act_is_carried_out():
-    used = {act for signs in LIFE.values() for _after, act in signs.values()}
-    assert used == set(Act) == set(Discovery(Settings(), [], 11611).life.acts)
-
-
 @pytest.mark.parametrize("state", LISTED)
 def test_a_listed_peer_takes_every_sign_that_can_come(state):
     can_come = set(Sign) - {Sign.NO_ROOM}
@@ -32,7 +29,7 @@ def test_a_listed_peer_takes_every_sign_that_can_come(state):
     can_come -= set() if state in ONLINE else {Sign.SILENCE}
     assert set(LIFE[state]) == can_come
     assert LIFE[state][Sign.HEARD][0] is State.ONLINE, "who is heard is there"
-    assert LIFE[state][Sign.LONG_SILENCE] == (State.REMOVED, Act.DROP)
+    assert LIFE[state][Sign.LONG_SILENCE] == (State.REMOVED, Life.drop)
 
 
 @pytest.mark.parametrize("state", LEAVING)
@@ -43,7 +40,9 @@ def test_only_a_leaving_peer_is_removed_by_its_answer(state):
 
 def test_checks_begin_again_with_the_next_leave():
     peer = Peer(("10.0.0.2", 11511, 11611), 0.0, 0.0, Heartbeat(Kind.STATE, 11611), state=State.LEAVING, checks=2)
-    assert peer.online and peer.is_leaving and peer.move(Sign.HEARD) is Act.NOTHING
+    life = Discovery(Settings(), [], 11611).life
+    assert peer.online and peer.is_leaving and LIFE[peer.state][Sign.HEARD][1] is None
+    life.move(peer, Sign.HEARD, News(0.0))
     assert peer.checks == 0 and not peer.is_leaving
     with pytest.raises(KeyError):
-        peer.move(Sign.LAST_ANSWER)
+        life.move(peer, Sign.LAST_ANSWER, News(0.0))
