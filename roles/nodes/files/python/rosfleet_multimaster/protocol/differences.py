@@ -94,24 +94,15 @@ def excerpt(state: State, names: Names, undo: Undo) -> State:
 
 
 class Stamps:
-    """The stamps of the states of one master, one state after the other: only what changed is looked at."""
+    """The stamps of the states of one master, one state after the other."""
 
     def __init__(self) -> None:
         self.last: Optional[State] = None
 
     def stamp(self, state: State, wall: float) -> State:
         """The state with its stamps (see graph.add_stamps); the one before where nothing has changed."""
-        last = self.last
-        if last is None:
-            self.last = add_stamps(state, None, wall)
-            return self.last
-        undo = changes(last, state)
-        if undo:
-            names = names_of(undo, state)
-            before = replace(excerpt(state, names, undo), stamp=last.stamp, local_stamp=last.local_stamp)
-            now = add_stamps(excerpt(state, names, {}), before, wall)
-            self.last = last = replace(state, stamp=now.stamp, local_stamp=now.local_stamp)
-        return last
+        self.last = add_stamps(state, self.last, wall)
+        return self.last
 
 
 # The serving side
