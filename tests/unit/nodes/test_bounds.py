@@ -23,7 +23,7 @@ from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.protocol.filters import InvalidPattern, Rules
-from rosfleet_multimaster.protocol.graph import Graph, build, document
+from rosfleet_multimaster.protocol.graph import State, build, document
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.parameters import Settings
 from rosfleet_multimaster.protocol.plain_text import is_plain
@@ -140,8 +140,9 @@ def test_a_worker_holds_nothing_of_its_last_job(running):
 # The side that is called
 
 NODES = [f"/node_{number}" for number in range(40)] + ["/" + "a" * 250]
-GRAPH = Graph({node + "/out": (node,) for node in NODES}, {node + "/in": (node,) for node in NODES}, {}, {})
-STATE = build("http://own:11311/", "own", GRAPH, dict.fromkeys(NODES, "http://own:1/"), {}, {})
+PUBLISHERS, SUBSCRIBERS = ({f"{node}/{way}": (node,) for node in NODES} for way in ("out", "in"))
+GRAPH = State("http://own:11311/", "own", publishers=PUBLISHERS, subscribers=SUBSCRIBERS)
+STATE = build(GRAPH, dict.fromkeys(NODES, "http://own:1/"), {}, {})
 
 
 class Server:

@@ -93,10 +93,8 @@ ORIGINS = {("/far", URIS["/far"]): CONTACT.uri}
 
 
 def state(system=None, types=None, uris=None, origins=None):
-    graph = graph_of(SYSTEM if system is None else system, TYPES if types is None else types)
-    return build(
-        URI, "robot1", graph, URIS if uris is None else uris, SERVICES, ORIGINS if origins is None else origins
-    )
+    graph = graph_of(URI, "robot1", SYSTEM if system is None else system, TYPES if types is None else types)
+    return build(graph, URIS if uris is None else uris, SERVICES, ORIGINS if origins is None else origins)
 
 
 STATE = add_stamps(state(), None, 1700000000.123456)

@@ -16,7 +16,7 @@ from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.peer import Contact
 from rosfleet_multimaster.discovery.core.strangers import MAX_ASKED, MAX_STRANGERS
 from rosfleet_multimaster.protocol.filters import Filters, InvalidPattern, Pattern, Rules
-from rosfleet_multimaster.protocol.graph import Graph, InvalidDocument, State, add_stamps, build, document, parse
+from rosfleet_multimaster.protocol.graph import InvalidDocument, State, add_stamps, build, document, parse, users_of
 from rosfleet_multimaster.protocol.heartbeat import SIZE, Heartbeat, Kind, Stamp, decode, encode
 from rosfleet_multimaster.protocol.messages import Master
 from rosfleet_multimaster.protocol.parameters import Settings
@@ -399,10 +399,13 @@ tables = st.dictionaries(ros_names, st.lists(ros_names, min_size=1, max_size=3, 
 @given(tables, tables, tables, st.floats(1e9, 2e9), st.booleans())
 def test_a_true_state_comes_back_over_the_wire(publishers, subscribers, services, wall, typed):
     kinds = dict.fromkeys([*publishers, *subscribers], "std_msgs/String") if typed else {}
-    graph = Graph(publishers, subscribers, services, kinds)
-    node_uris = {name: f"http://own:{number + 1024}/" for number, name in enumerate(sorted(graph.nodes()))}
+    graph = State(OURS, "own", 0.0, 0.0, publishers, subscribers, services, kinds)
+    node_uris = {
+        name: f"http://own:{number + 1024}/"
+        for number, name in enumerate(sorted(users_of(publishers, subscribers, services)))
+    }
     service_uris = {name: f"rosrpc://own:{number + 1024}" for number, name in enumerate(services)}
-    state = add_stamps(build(OURS, "own", graph, node_uris, service_uris, {}), None, wall)
+    state = add_stamps(build(graph, node_uris, service_uris, {}), None, wall)
     sent = xmlrpc.client.dumps((document(state),), methodresponse=True, allow_none=True)
     back = parse(xmlrpc.client.loads(sent)[0][0])
     assert back == state and back.stamp == wall

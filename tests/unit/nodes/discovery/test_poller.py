@@ -152,7 +152,7 @@ def test_an_answer_that_could_not_be_made_a_state_is_read_again(clock, monkeypat
 def test_every_node_is_looked_up_again_in_its_turn(clock, count):
     roscore, poller = quiet()
     names = [f"/{number}" for number in range(count)]
-    graph = module.Graph({"/one": tuple(names)}, {}, {}, {})
+    graph = module.State("http://own:11311/", "own", publishers={"/one": tuple(names)})
     assert sorted(name for _method, name in poller._select_lookups(graph)[1]) == sorted(names)
     poller._node_uris.update(dict.fromkeys([*names, "/gone"], "http://x:1/"))
     turns = [poller._select_lookups(graph) for _turn in range(math.ceil(count / module.LOOKUPS))]

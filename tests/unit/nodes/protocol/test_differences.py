@@ -9,7 +9,6 @@ from rosfleet_multimaster.protocol import differences
 from rosfleet_multimaster.protocol.differences import History, apply_difference, changes, difference_in_view, digest
 from rosfleet_multimaster.protocol.filters import Pattern, Rules
 from rosfleet_multimaster.protocol.graph import (
-    Graph,
     InvalidDocument,
     Policy,
     State,
@@ -67,7 +66,7 @@ wanted = st.fixed_dictionaries(
 def state_of(roscore, before):
     publishers, subscribers, services, types, uris, service_uris, foreign = roscore
     origins = {(node, uris[node]): OTHER for node in foreign}
-    made = build(URI, "own", Graph(publishers, subscribers, services, types), uris, service_uris, origins)
+    made = build(State(URI, "own", 0.0, 0.0, publishers, subscribers, services, types), uris, service_uris, origins)
     return add_stamps(made, before, 1000.0 if before is None else before.stamp + 1.0)
 
 

@@ -23,9 +23,9 @@ ORIGINS = {("/far", NODES["/far"]): OTHER}
 
 
 def state(system=None, types=None, nodes=None, origins=None):
-    graph = graph_of(SYSTEM if system is None else system, TYPES if types is None else types)
+    graph = graph_of(URI, "kobuki1computer", SYSTEM if system is None else system, TYPES if types is None else types)
     nodes, origins = NODES if nodes is None else nodes, ORIGINS if origins is None else origins
-    return build(URI, "kobuki1computer", graph, nodes, SERVICES, origins)
+    return build(graph, nodes, SERVICES, origins)
 
 
 def test_the_document_has_the_shape_of_the_interface():

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosfleet_multimaster.protocol.differences import Stamps
-from rosfleet_multimaster.protocol.graph import Graph, InvalidDocument, add_stamps, build
+from rosfleet_multimaster.protocol.graph import InvalidDocument, State, add_stamps, build
 from rosfleet_multimaster.protocol.mirror import Mirror
 
 URI, OTHER = "http://own:11311/", "http://other:11311/"
@@ -48,7 +48,7 @@ def read(roscore, types, origins):
         tables.append({name: tuple(sorted(node for of, node in roscore[kind] if of == name)) for name in names})
     services = {name: (node,) for name, (node, _uri) in roscore["service"].items()}
     uris = {name: uri for name, (_node, uri) in roscore["service"].items()}
-    return build(URI, "own", Graph(*tables, services, types), roscore["node"], uris, origins)
+    return build(State(URI, "own", 0.0, 0.0, *tables, services, types), roscore["node"], uris, origins)
 
 
 @settings(max_examples=150, deadline=None)
@@ -64,17 +64,17 @@ def test_what_is_told_is_what_would_be_read(steps):
         mirror.belong(told)
         origins.update(told)
         expected = read(roscore, types, origins)
-        assert mirror.state() == expected
+        assert mirror.state == expected
         last, before = add_stamps(expected, last, 100.0 + at), roscore
-        assert stamps.stamp(mirror.state(), 100.0 + at) == last
+        assert stamps.stamp(mirror.state, 100.0 + at) == last
 
 
 def test_what_did_not_change_is_the_same_object():
     mirror = Mirror(URI, "own")
     mirror.take(True, [["publisher", "/one", "/a", True], ["node", "/a", "http://own:1/"], ["type", "/one", "*"]])
-    before = mirror.state()
+    before = mirror.state
     mirror.take(False, [["subscriber", "/one", "/a", True]])
-    assert mirror.state().publishers is before.publishers and mirror.state().nodes is before.nodes
+    assert mirror.state.publishers is before.publishers and mirror.state.nodes is before.nodes
 
 
 def test_unknown_is_left_out_and_malformed_refused():

@@ -547,10 +547,9 @@ def declared(robots, giver, taker, key, name):
 
 EVERY = [*NAMES, VERIFYING]
 OF_BOTH = dict.fromkeys(EVERY, ("/n", "/import"))
+SERVICES, TYPES = dict.fromkeys(EVERY, ("/n",)), dict.fromkeys(EVERY, "a/B")
 STATE = graph.build(
-    "http://giver:11311/",
-    "giver",
-    graph.Graph(OF_BOTH, OF_BOTH, dict.fromkeys(EVERY, ("/n",)), dict.fromkeys(EVERY, "a/B")),
+    graph.State("http://giver:11311/", "giver", 0.0, 0.0, OF_BOTH, OF_BOTH, SERVICES, TYPES),
     {"/n": "http://giver:1/", "/import": "http://third:1/"},
     dict.fromkeys(EVERY, "rosrpc://giver:2"),
     {("/import", "http://third:1/"): "http://third:11311/"},

@@ -12,7 +12,7 @@ from ..edge.roscore import Roscore
 from ..edge.rpc_client import Last
 from ..protocol import imports
 from ..protocol.differences import Stamps
-from ..protocol.graph import Graph, State, build, graph_of
+from ..protocol.graph import State, build, graph_of, users_of
 from .core.pace import PollPace
 
 GET_SYNC_INFO = "get_sync_info"  # the end of the name of the service of master_sync, in each implementation
@@ -39,12 +39,12 @@ class Poller:
         stamps: Optional[Stamps] = None,
     ) -> None:
         """`uri`, `name`: of the master. `sync_info(service)` asks another implementation; it may raise anything."""
-        self._roscore, self._uri, self._name, self._identity = roscore, uri, name, identity
+        self._roscore, self._of, self._identity = roscore, (uri, name), identity
         self._sync_info, self._stamps = sync_info, stamps or Stamps()
         self._system: Any = None  # the registrations of the last poll, as the roscore sent them
         self._last = Last()  # the digest of that answer
         self._rest: Dict[int, Last] = {}  # turn -> the digest of the answer about the rest
-        self._graph: Optional[Graph] = None
+        self._graph: Optional[State] = None
         self._state: Optional[State] = None  # made of the graph
         self._node_uris: Dict[str, str] = {}
         self._service_uris: Dict[str, str] = {}
@@ -69,7 +69,7 @@ class Poller:
         self._graph = graph
         nodes = set(self._node_uris.items())
         self._origins = {key: origin for key, origin in self._origins.items() if key in nodes}
-        state = build(self._uri, self._name, graph, self._node_uris, self._service_uris, self._origins)
+        state = build(graph, self._node_uris, self._service_uris, self._origins)
         self._state = self._stamps.stamp(state, wall_clock())
         return self._state
 
@@ -91,13 +91,13 @@ class Poller:
         """True where the roscore has this method. Raises as `poll`."""
         return self._roscore.has(method)
 
-    def _look_up(self, changed: bool) -> Graph:
+    def _look_up(self, changed: bool) -> State:
         """The graph with types. The URIs of new names are asked, and of some others: a node may come back under its name."""
         began = monotonic()
         if self._graph is not None and not changed and began < self._rest_due:
             return self._graph
         digests, self._rest = ({} if changed else self._rest), {}  # kept only after a whole look
-        graph = graph_of(self._system, []) if changed or self._graph is None else self._graph
+        graph = graph_of(*self._of, self._system, []) if changed or self._graph is None else self._graph
         turn, lookups = self._select_lookups(graph)
         service = self._identity.service
         last = digests.setdefault(turn, Last())
@@ -108,17 +108,17 @@ class Poller:
             if types is None:
                 raise OSError(f"{self._roscore.rpc.uri} does not tell its types")
             self._learn(lookups, uris, text)
-            graph = graph_of(self._system, types)
+            graph = graph_of(*self._of, self._system, types)
         self._rest = digests
         self._rest_due = monotonic() + self._rest_pace.pause(began, monotonic() - began)
         return graph
 
-    def _select_lookups(self, graph: Graph) -> Tuple[int, List[Tuple[str, str]]]:
+    def _select_lookups(self, graph: State) -> Tuple[int, List[Tuple[str, str]]]:
         """The number of this turn, and its questions for URIs: of all new names, and of some known ones."""
         known: List[Tuple[str, str]] = []
         new: List[Tuple[str, str]] = []
         for method, names, table in (
-            (_NODE, sorted(graph.nodes()), self._node_uris),
+            (_NODE, sorted(users_of(graph.publishers, graph.subscribers, graph.services)), self._node_uris),
             (_SERVICE, sorted(graph.services), self._service_uris),
         ):
             for name in table.keys() - set(names):
@@ -136,7 +136,7 @@ class Poller:
         self._record = imports.read(record)
         self._origins.update(self._record.claims)
 
-    def _ask_others(self, graph: Graph) -> bool:
+    def _ask_others(self, graph: State) -> bool:
         """Ask other implementations of master_sync for their registrations. True while the answer of one is awaited."""
         record = self._record
         ours = record.node if self._node_uris.get(record.node, "") == record.uri else None
@@ -159,6 +159,6 @@ class Poller:
             if silent >= GIVE_UP:
                 del self._silent[provider]
             return silent <= POSTPONE
-        self._origins.update({key: master for key, master in origins.items() if master != self._uri})
+        self._origins.update({key: master for key, master in origins.items() if master != self._of[0]})
         del self._silent[provider]
         return False

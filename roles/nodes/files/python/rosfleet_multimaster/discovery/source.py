@@ -17,7 +17,7 @@ from ..edge.roscore import KNOWN
 from ..edge.rpc_client import Rpc
 from ..protocol import imports
 from ..protocol.differences import Stamps
-from ..protocol.graph import InvalidDocument, State
+from ..protocol.graph import LOCAL, InvalidDocument, State
 from ..protocol.json_text import unpack_rows
 from ..protocol.mirror import CHANGES, REFUSED, Mirror
 from ..protocol.plain_text import quote
@@ -59,13 +59,14 @@ class Follower:
         self._refuse_foreign(record)
         self.do_not_sync = self._mirror.parameters.get("/do_not_sync")
         self.refusal_counts = self._mirror.parameters.get(REFUSED)
-        return self._stamps.stamp(self._mirror.state(), wall_clock())
+        return self._stamps.stamp(self._mirror.state, wall_clock())
 
     def _refuse_foreign(self, record: imports.Record) -> None:
         """Leave other implementations of master_sync to the poller, which asks for their registrations."""
-        ours = record.node if self._mirror.uri_of(record.node) == record.uri else None
-        for service, users in self._mirror.state().services.items():
-            if service.endswith(GET_SYNC_INFO) and users[0] != ours and self._mirror.is_local(users[0]):
+        ours = record.node if self._mirror.node_uris.get(record.node, "") == record.uri else None
+        state = self._mirror.state
+        for service, users in state.services.items():
+            if service.endswith(GET_SYNC_INFO) and users[0] != ours and state.nodes[users[0]].locality == LOCAL:
                 raise PollInstead(f"{quote(users[0])} synchronises, too")
 
     def close(self) -> None:

@@ -63,65 +63,38 @@ class State:
 # From the roscore
 
 
-class Graph(NamedTuple):
-    """The answers of a roscore to getSystemState and getTopicTypes."""
-
-    publishers: Endpoints
-    subscribers: Endpoints
-    services: Endpoints
-    types: Mapping[str, str]
-
-    def nodes(self) -> Set[str]:
-        """The names of all nodes."""
-        return users_of(*self[:3])
-
-
 def users_of(*tables: Endpoints) -> Set[str]:
     """The nodes in these tables."""
     return set(chain.from_iterable(chain.from_iterable(table.values() for table in tables)))
 
 
-def graph_of(system_state: Sequence[Any], topic_types: Sequence[Any]) -> Graph:
-    """The graph from the values of getSystemState and getTopicTypes."""
+def graph_of(uri: str, name: str, system_state: Sequence[Any], topic_types: Sequence[Any]) -> State:
+    """The registrations of a master, from the values of getSystemState and getTopicTypes: a state of these alone."""
     publishers, subscribers, services = (
         {str(name): tuple(sorted(map(str, nodes))) for name, nodes in part} for part in system_state
     )
-    return Graph(publishers, subscribers, services, {str(topic): str(kind) for topic, kind in topic_types})
+    types = {str(topic): str(kind) for topic, kind in topic_types}
+    return State(uri, name, publishers=publishers, subscribers=subscribers, services=services, types=types)
 
 
-def build(
-    uri: str,
-    name: str,
-    graph: Graph,
-    node_uris: Mapping[str, str],
-    service_uris: Mapping[str, str],
-    origins: Origins,
-) -> State:
-    """The state of a master, without stamps. `origins` names the nodes that are of other masters."""
+def build(graph: State, node_uris: Mapping[str, str], service_uris: Mapping[str, str], origins: Origins) -> State:
+    """The whole state, without stamps, of one with registrations alone. `origins`: the nodes that are of other masters."""
 
     def origin(node: str) -> str:
-        return origins.get((node, node_uris.get(node, "")), uri)
+        return origins.get((node, node_uris.get(node, "")), graph.uri)
 
     def locality(of: str) -> str:
-        return LOCAL if of == uri else REMOTE
+        return LOCAL if of == graph.uri else REMOTE
 
-    nodes = {node: Node(node_uris.get(node), origin(node), locality(origin(node))) for node in graph.nodes()}
+    names = users_of(graph.publishers, graph.subscribers, graph.services)
+    nodes = {node: Node(node_uris.get(node), origin(node), locality(origin(node))) for node in names}
     providers = {
         service: Provider(service_uris.get(service), origin(users[0]), locality(origin(users[0])))
         for service, users in graph.services.items()
         if users
     }
     used = {topic: graph.types[topic] for topic in {**graph.publishers, **graph.subscribers} if topic in graph.types}
-    return State(
-        uri=uri,
-        name=name,
-        publishers=graph.publishers,
-        subscribers=graph.subscribers,
-        services=graph.services,
-        types=used,
-        nodes=nodes,
-        providers=providers,
-    )
+    return replace(graph, types=used, nodes=nodes, providers=providers)
 
 
 def add_stamps(state: State, before: Optional[State], wall: float) -> State:

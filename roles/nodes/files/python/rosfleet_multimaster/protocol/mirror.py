@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any, Dict, List, Optional, Tuple
 
 from .differences import PARTS
-from .graph import LOCAL, Graph, InvalidDocument, Origins, State, build
+from .graph import InvalidDocument, Origins, State, build
 
 CHANGES = "rosfleetChanges"  # the method by which a roscore tells its changes,
 REFUSED = "/rosfleet_multimaster/refused"  # and how often it has refused something, as if it were a parameter
@@ -35,14 +35,16 @@ class Mirror:
         self.parameters: Dict[str, Any] = {}
         self.service_uris: Dict[str, str] = {}
         self.node_uris: Dict[str, str] = {}
-        self._state = State(uri, name)
+        self.state = State(uri, name)  # without stamps
         self._types: Dict[str, str] = {}
         self._origins: Dict[Tuple[str, str], str] = {}
 
     def take(self, whole: bool, records: Any) -> None:
         """Take records; `whole`: they replace what is held. Raises InvalidDocument. Unknown kinds are left out."""
         known = _records(records)
-        tables = {part: {} if whole else dict(getattr(self._state, part)) for part in _ENDPOINTS.values()}
+        tables: Dict[str, Any] = {
+            part: {} if whole else dict(getattr(self.state, part)) for part in _ENDPOINTS.values()
+        }
         if whole:
             for table in (self._types, self.node_uris, self.service_uris, self.parameters):
                 table.clear()
@@ -56,27 +58,14 @@ class Mirror:
             else:
                 _set_or_remove(self.parameters, name, rest[0])
         if whole or any(record[0] != "parameter" for record in known):
-            self._rebuild(Graph(**tables, types=self._types))
+            self._rebuild(replace(self.state, **tables, types=self._types))
 
     def belong(self, origins: Origins) -> None:
         """Learn which nodes are of other masters. It is known as long as they are there with that URI."""
         if origins.items() <= self._origins.items():
             return
         self._origins.update(origins)
-        state = self._state
-        self._rebuild(Graph(state.publishers, state.subscribers, state.services, self._types))
-
-    def uri_of(self, node: str) -> str:
-        """The URI of a node; empty where it is not known."""
-        return self.node_uris.get(node, "")
-
-    def is_local(self, node: str) -> bool:
-        """True where a node of the state is of this master."""
-        return self._state.nodes[node].locality == LOCAL
-
-    def state(self) -> State:
-        """The state now, without stamps."""
-        return self._state
+        self._rebuild(replace(self.state, types=self._types))
 
     def _endpoint(self, table: Dict[str, Tuple[str, ...]], kind: str, name: str, node: str, there: Any) -> None:
         users = set(table.get(name, ()))
@@ -86,15 +75,13 @@ class Mirror:
         (users.add if there else users.discard)(node)
         _set_or_remove(table, name, tuple(sorted(users)) or None)
 
-    def _rebuild(self, graph: Graph) -> None:
+    def _rebuild(self, graph: State) -> None:
         """Make the state anew. A part that is as before stays the same object."""
-        before, known = self._state, self.node_uris.items()
+        before, known = self.state, self.node_uris.items()
         self._origins = {key: master for key, master in self._origins.items() if key in known}
-        now = build(before.uri, before.name, graph, self.node_uris, self.service_uris, self._origins)
+        now = build(graph, self.node_uris, self.service_uris, self._origins)
         parts = {part: getattr(now, part) for part in PARTS}
-        self._state = replace(
-            before, **{part: table for part, table in parts.items() if table != getattr(before, part)}
-        )
+        self.state = replace(before, **{part: table for part, table in parts.items() if table != getattr(before, part)})
 
 
 def _set_or_remove(table: Dict[str, Any], name: str, value: Optional[Any]) -> None:

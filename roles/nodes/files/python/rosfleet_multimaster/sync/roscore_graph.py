@@ -66,7 +66,7 @@ class RoscoreGraph:
         self._epoch, self._revision, whole, records = answer[2]
         if whole or records:
             mirror.take(whole, unpack_rows(records))
-        state, uris = mirror.state(), (mirror.node_uris, mirror.service_uris)
+        state, uris = mirror.state, (mirror.node_uris, mirror.service_uris)
         return View(state.publishers, state.subscribers, state.services, state.types, *map(dict, uris))
 
     def _read_whole(self, look_up: Callable[[View], Sequence[Names]]) -> View:
