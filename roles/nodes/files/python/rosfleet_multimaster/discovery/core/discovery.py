@@ -112,7 +112,7 @@ class Discovery:
 
     def datagram(self, data: bytes, source: Tuple[str, int], multicast: bool, now: float) -> None:
         """Take a datagram. An empty one is a probe of a verification."""
-        if not data or self.peers.is_echo(data, source, now):
+        if not data:
             return
         try:
             beat = decode(data)
@@ -137,7 +137,6 @@ class Discovery:
         entry = self.peers.table.get(key)
         if entry is not None:
             self._hear(entry, beat, now)
-            self.peers.remember(entry, beat, (source, data), now)
         elif beat.kind is not Kind.LEAVE:
             self.strangers.hear(key, beat, now)
 
@@ -199,7 +198,6 @@ class Discovery:
         if now >= self._next_scan - EARLY:  # rather now than to wake for it
             self._next_scan = now + SCAN
             self.announcements.tidy(now)
-            self.peers.forget_echoes()
             self.strangers.forget(now)
         if self.peers.stale:
             self.view.publish(now)

@@ -11,7 +11,6 @@ from .actions import Outbox
 from .local_master import LocalMaster
 from .peer import LONG_AGO, Contact, Key, Peer, Sign
 
-ECHO = 0.05  # seconds between a heartbeat to the group and the same one by unicast, or the other way round, at most
 MARGIN = 0.5  # of ~offline_after: the time that master_sync has to withdraw what a lost master had
 ASK_PAUSE = 0.2  # seconds between two requests to a master that missed its beat
 SLOW_PAUSE, SLOW_PATIENCE = 1.0, 5.5  # seconds: the same for a master that promises few beats, and how long it is asked
@@ -20,7 +19,6 @@ CONTACT_PAUSE = 5.0  # seconds between two contacts that nothing but requests of
 MAX_MASTERS, MAX_PER_ADDRESS = 1024, 16  # more would be a flood
 FAR = float("inf")
 
-Sent = Tuple[Tuple[str, int], bytes]  # a datagram: from, content
 Step = Tuple[float, Union[Sign, Callable[[Peer, float], None]]]  # when, and a sign that is given then, or what is done
 
 
@@ -59,7 +57,6 @@ class Peers:
         self.table: Dict[Key, Peer] = {}
         self.stale = False  # something may differ from what is public
         self._settings, self._members, self.local, self._outbox = settings, members, local, outbox
-        self._echoes: Dict[Sent, Tuple[Peer, float]] = {}  # the last heartbeats
         self._first_step: Optional[float] = None  # see next_step
         self._crowds: Optional[Set[str]] = None  # addresses with several masters
 
@@ -102,30 +99,6 @@ class Peers:
         entry.rate = entry.highest_rate(news.now - self._memory())
 
     # Heartbeats
-
-    def is_echo(self, data: bytes, source: Tuple[str, int], now: float) -> bool:
-        """True for a heartbeat that came a moment ago by the other way: to the group or by unicast."""
-        entry, at = self._echoes.get((source, data), (None, LONG_AGO))
-        if (
-            entry is None
-            or now - at > ECHO
-            or not entry.online
-            or entry.is_leaving
-            or entry.overdue
-            or entry.unreachable
-        ):
-            return False
-        entry.beats.append(now)
-        return True
-
-    def remember(self, entry: Peer, beat: Heartbeat, sent: Sent, now: float) -> None:
-        """Remember a heartbeat for a moment, so that the same one by the other way is known."""
-        if beat.kind is Kind.STATE and len(self._echoes) < MAX_MASTERS:
-            self._echoes[sent] = (entry, now)
-
-    def forget_echoes(self) -> None:
-        """Forget the last heartbeats."""
-        self._echoes.clear()
 
     def hear(self, entry: Peer, beat: Heartbeat, now: float) -> Sign:
         """Take a heartbeat of a peer. What it is a sign of."""
