@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The life of discovery's UDP sockets. They are opened again when the network changes."""
 
-import ipaddress
 import os
 from functools import partial
 from typing import Any, Callable, Dict, Mapping, NamedTuple, Optional, Set, Tuple
@@ -11,6 +10,7 @@ from ..edge.addresses import Changes, addresses_of_all, network, resolve, source
 from ..edge.clock import monotonic
 from ..edge.loop import DirectRunner, Loop, RecurringJob, Workers
 from ..edge.process import program
+from ..protocol.members import is_address
 from .core.actions import Send
 from .udp import Datagram, Socket, Udp
 
@@ -71,7 +71,7 @@ class Datagrams:
             overlapping=True,
         )
         self._opening = RecurringJob(  # a wait for one in the loop would be ended by the watchdog
-            resolvers if _is_name(self._interface) else DirectRunner(),
+            resolvers if self._interface and not is_address(self._interface) else DirectRunner(),
             lambda: REOPEN,
             lambda: resolve(self._interface) if self._interface else "",
             self._open,
@@ -119,10 +119,7 @@ class Datagrams:
         """Carry out a Send of the core. If the network has gone, the sockets are opened again."""
         host = action.host
         if host is not None:
-            try:
-                host = str(ipaddress.IPv4Address(host))
-            except ValueError:
-                host = self._hosts.get(host)
+            host = host if is_address(host) else self._hosts.get(host)
             if host is None or host in self.own_addresses:
                 return
         if self._udp is None:
@@ -204,15 +201,6 @@ class Datagrams:
                     "warning", f"host {host}", f"~robot_hosts names {host}, which has no address on this computer"
                 )
                 self._lookups.due = min(self._lookups.due, monotonic() + RESOLVE_AGAIN)
-
-
-def _is_name(interface: str) -> bool:
-    """True where an interface is no address, so that the question for its address may take long."""
-    try:
-        ipaddress.IPv4Address(interface)
-    except ValueError:
-        return interface != ""
-    return False
 
 
 def interface_name(values: Mapping[str, Any]) -> str:

@@ -141,6 +141,14 @@ def port_of(uri: str) -> int:
     return int(port) if port.isdigit() else 0
 
 
+def is_address(host: str) -> bool:
+    """True for an IPv4 address in its usual spelling: 010 is 8 for some programs."""
+    try:
+        return str(ipaddress.IPv4Address(host)) == host
+    except ValueError:
+        return False
+
+
 def problem_of(entry: Any) -> str:
     """What is wrong with an entry of ~members; empty for nothing."""
     texts: List[str] = ["uris", "addresses", "hosts"]

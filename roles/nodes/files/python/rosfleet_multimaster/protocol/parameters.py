@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 from .filters import HIDDEN, HOSTS, NAMES, Filters, InvalidPattern, Pattern
-from .members import ALLOW, IGNORE, problem_of
+from .members import ALLOW, IGNORE, is_address, problem_of
 
 SHORTEST = 2.0  # seconds of ~offline_after: less leaves no time to ask
 
@@ -202,7 +202,7 @@ def _check_export(what: str, entry: Mapping[str, Any]) -> None:
     if not entry.get("to"):
         raise ParameterError(f"{what} says not to whom: addresses are expected as its to, or '*' for everybody")
     for address in entry["to"]:
-        if address != "*" and not _is_address(address):
+        if address != "*" and not is_address(address):
             raise ParameterError(f"{what} is for {address!r}, but an IPv4 address or '*' is expected")
     for key in ("topics", "services"):
         try:
@@ -217,10 +217,3 @@ def _is_network(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _is_address(text: str) -> bool:
-    try:
-        return str(ipaddress.IPv4Address(text)) == text
-    except ValueError:
-        return False

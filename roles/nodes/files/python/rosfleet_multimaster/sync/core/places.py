@@ -12,7 +12,7 @@ from typing import Container, Dict, FrozenSet, Iterable, List, Mapping, NamedTup
 from urllib.parse import urlsplit
 
 from ...protocol.graph import State
-from ...protocol.members import Member, Members, host_of
+from ...protocol.members import Member, Members, host_of, is_address
 from ...protocol.plain_text import quote
 from .permission import LOWEST
 
@@ -64,9 +64,9 @@ class Places:
     def _find_host_objection(self, host: str) -> str:
         if self._member is not None and host in self._member.hosts:
             return ""
-        if ":" in host or (host.replace(".", "").isdigit() and not _is_address(host)):
+        if ":" in host or (host.replace(".", "").isdigit() and not is_address(host)):
             return "its host is neither a name nor an IPv4 address"  # 127.1 and ::ffff:127.0.0.1 are this computer
-        address = host if _is_address(host) else self._resolved.get(host, "")
+        address = host if is_address(host) else self._resolved.get(host, "")
         if host in LOCAL_NAMES or self._is_here(address):
             return "" if self._is_here(self._sender) else "it is on this computer itself"
         if address and address in self._members.allow:
@@ -92,16 +92,10 @@ def names_to_resolve(state: State, members: Members) -> List[str]:
     member = members.master(state.uri)
     known = member.hosts if member is not None else frozenset()
     hosts: Set[str] = {host_of(uri).lower() for uri in uris(state)}
-    return sorted(host for host in hosts if host and host not in known and not _is_address(host))[:MAX_NAMES]
+    return sorted(host for host in hosts if host and host not in known and not is_address(host))[:MAX_NAMES]
 
 
 def uris(state: State) -> Iterable[str]:
     """The URIs of nodes and services in a state."""
     nodes, providers = state.nodes.values(), state.providers.values()
     return (uri for uri in (*(node.uri for node in nodes), *(provider.uri for provider in providers)) if uri)
-
-
-def _is_address(host: str) -> bool:
-    """True for four numbers in their usual spelling: 010 is 8 for some programs."""
-    parts = host.split(".")
-    return len(parts) == 4 and all(part.isdigit() and str(int(part)) == part and int(part) < 256 for part in parts)
