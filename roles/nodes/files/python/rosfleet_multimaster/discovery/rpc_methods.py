@@ -193,7 +193,7 @@ def callers(members: Members, own_uri: str, is_here: Callable[[str], bool]) -> C
             return ""
         if own is not None and address not in own.hosts:
             return f"{address} is no address of this computer in the plan"
-        return "" if members.serves(caller) else "it is no computer of the fleet"
+        return "" if members.knows(caller) else "it is no computer of the fleet"
 
     return Callers(find_objection, bool(members.robots), lambda address: is_here(address) or members.knows(address))
 

@@ -93,10 +93,6 @@ class Members:
         """True where a master at this address may be one to exchange with, though no robot of the fleet is planned there."""
         return self.strangers == ALLOW or address in self.allow
 
-    def serves(self, address: str) -> bool:
-        """True where a caller from this address is told of the own master: a computer of the fleet, or who is allowed."""
-        return self.strangers == ALLOW or self.knows(address)
-
     def knows(self, address: str) -> bool:
         """True for a computer of the fleet, and for who is allowed by name."""
         return address in self.allow or address in self.hosts
