@@ -76,7 +76,9 @@ def _roscore():
 def source_of(roscore, identity=None, tells=True):
     identity, stamps = identity or Identity(), Stamps()
     poller = types.SimpleNamespace(
-        tells=lambda method: tells and method == CHANGES, poll=lambda: State(URI, "polled"), do_not_sync=["/polled"]
+        roscore=types.SimpleNamespace(has=lambda method: tells and method == CHANGES),
+        poll=lambda: State(URI, "polled"),
+        do_not_sync=["/polled"],
     )
     return Source(poller, lambda: Follower(roscore.uri, "/master_discovery", Mirror(URI, "own"), identity, stamps), 0.5)
 
@@ -201,7 +203,7 @@ def test_rosmaster_tells_no_changes():
 
     roscore = Master(URI, "/own")
     roscore.rpc = types.SimpleNamespace(call=fault)
-    assert Poller(roscore, URI, "own", Identity(), dict).tells(CHANGES) is False
+    assert Poller(roscore, URI, "own", Identity(), dict).roscore.has(CHANGES) is False
 
 
 def test_nobody_is_woken_for_a_poll_that_brought_nothing():

@@ -39,7 +39,7 @@ class Poller:
         stamps: Optional[Stamps] = None,
     ) -> None:
         """`uri`, `name`: of the master. `sync_info(service)` asks another implementation; it may raise anything."""
-        self._roscore, self._of, self._identity = roscore, (uri, name), identity
+        self.roscore, self._of, self._identity = roscore, (uri, name), identity
         self._sync_info, self._stamps = sync_info, stamps or Stamps()
         self._system: Any = None  # the registrations of the last poll, as the roscore sent them
         self._last = Last()  # the digest of that answer
@@ -78,18 +78,14 @@ class Poller:
 
         The roscore is then the same one, too, since it has the service of this node.
         """
-        answers = self._roscore.ask(("getSystemState",), last=last)
+        answers = self.roscore.ask(("getSystemState",), last=last)
         if not answers:
             return False
         (system,) = answers
         if system is None:
-            raise OSError(f"{self._roscore.rpc.uri} does not tell its state")
+            raise OSError(f"{self.roscore.rpc.uri} does not tell its state")
         self._system = system
         return True
-
-    def tells(self, method: str) -> bool:
-        """True where the roscore has this method. Raises as `poll`."""
-        return self._roscore.has(method)
 
     def _look_up(self, changed: bool) -> State:
         """The graph with types. The URIs of new names are asked, and of some others: a node may come back under its name."""
@@ -101,12 +97,12 @@ class Poller:
         turn, lookups = self._select_lookups(graph)
         service = self._identity.service
         last = digests.setdefault(turn, Last())
-        answers = self._roscore.ask(*self._identity.calls(), *lookups, *REST_CALLS, last=last)
+        answers = self.roscore.ask(*self._identity.calls(), *lookups, *REST_CALLS, last=last)
         if answers:
             pid, own, *uris, types, text, self.do_not_sync = answers
             self._identity.check(service, pid, own)
             if types is None:
-                raise OSError(f"{self._roscore.rpc.uri} does not tell its types")
+                raise OSError(f"{self.roscore.rpc.uri} does not tell its types")
             self._learn(lookups, uris, text)
             graph = graph_of(*self._of, self._system, types)
         self._rest = digests

@@ -93,7 +93,7 @@ class Source:
         self.pause = 0.0
         try:
             if self._follower is None and monotonic() >= self._known_until:
-                self._follower = self._make() if self._poller.tells(CHANGES) else None
+                self._follower = self._make() if self._poller.roscore.has(CHANGES) else None
                 self._known_until = monotonic() + KNOWN
             if self._follower is not None:
                 state = self._follower.next()
