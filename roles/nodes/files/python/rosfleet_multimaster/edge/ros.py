@@ -174,16 +174,8 @@ class DiscoveryNode:
 SYNC_INFO_TIMEOUT, LIST_TIMEOUT = 1.0, 5.0  # seconds
 
 
-def _call(service: str, kind: Any, seconds: float) -> Any:
-    """The answer of a service. rospy waits for ever: after the time limit its connection is cut. May raise anything."""
-    proxy = rospy.ServiceProxy(service, kind, persistent=True)  # persistent: only then its connection is known
-    try:
-        return run_with_limit(seconds, proxy)
-    finally:
-        _end(proxy)
-
-
 def _end(proxy: Any) -> None:
+    """Cut the connection of a service: rospy waits for its answer for ever."""
     connection = getattr(proxy.transport, "socket", None)
     if connection is not None:
         cut(connection)
@@ -192,11 +184,14 @@ def _end(proxy: Any) -> None:
 
 def sync_info(service: str) -> Dict[Tuple[str, str], str]:
     """(node, URI) -> URI of its master: what another implementation of master_sync has registered. Blocks; may raise."""
-    found = {}
-    for host in _call(service, srv.GetSyncInfo, SYNC_INFO_TIMEOUT).hosts:
-        for entry in [*host.publisher, *host.subscriber, *host.services]:
-            found[(entry.node, entry.nodeuri)] = host.masteruri
-    return found
+    # Persistent: only then its connection is known.
+    proxy = rospy.ServiceProxy(service, srv.GetSyncInfo, persistent=True)
+    try:
+        hosts = run_with_limit(SYNC_INFO_TIMEOUT, proxy).hosts
+    finally:
+        _end(proxy)
+    parts = ((host, entry) for host in hosts for entry in [*host.publisher, *host.subscriber, *host.services])
+    return {(entry.node, entry.nodeuri): host.masteruri for host, entry in parts}
 
 
 # master_sync
