@@ -26,7 +26,6 @@ FAILURES = (OSError, ValueError, xmlrpc.client.Fault)  # what a call to another 
 
 LOG = logging.getLogger("rosfleet")
 
-_LEVELS = {"WARN": "WARNING", "FATAL": "CRITICAL"}
 _EVERY = 60.0  # seconds between two lines about one thing
 _LINES = 60  # limited lines in that time, whatever they are about
 
@@ -42,7 +41,7 @@ def start_log(level: str = "INFO") -> None:
         handler.setFormatter(journal.Format())
         LOG.addHandler(handler)
         LOG.propagate = False
-    LOG.setLevel(_LEVELS.get(level, level))
+    LOG.setLevel(level)
 
 
 class LimitedLog:
