@@ -52,15 +52,13 @@ class Display:
     def look(self, topic: Optional[Any]) -> None:
         """Show what is due. `topic`: the publisher of /diagnostics, where there is one."""
         now = monotonic()
-        if topic is not None and self._publishes(now, topic):
+        due = now >= self._publish_due
+        if topic is not None and (self._stale or (due and topic.has_listeners())):
             self._stale, self._publish_due = False, now + PUBLISH - EARLY
             topic.publish(self._entries(), wall_clock(), self._robot)
         if self._path and now >= self._write_due:
             self._write_due = now + WRITE - EARLY
             self._write()
-
-    def _publishes(self, now: float, topic: Any) -> bool:
-        return self._stale or (now >= self._publish_due and bool(topic.has_listeners()))
 
     def _write(self) -> None:
         common = metrics.node_samples(self._node, wall_clock(), self._loop.queue_length, rpc_client.RECEIVED.value)
