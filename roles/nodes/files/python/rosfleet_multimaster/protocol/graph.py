@@ -9,6 +9,7 @@ it runs; what master_sync registered for another master carries that master's UR
 import math
 import re
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
@@ -224,17 +225,14 @@ def document(state: State, rules: Iterable[Rules] = ()) -> List[Any]:
     """The ten elements of masterInfo. A thing that any of the rules refuses is left out."""
     every = list(rules)
 
-    def admits_publisher(node: str, topic: str) -> bool:
-        return all(rule.topic(node, topic, state.types.get(topic, ""), True) for rule in every)
-
-    def admits_subscriber(node: str, topic: str) -> bool:
-        return all(rule.topic(node, topic, state.types.get(topic, ""), False) for rule in every)
+    def admits_topic(publisher: bool, node: str, topic: str) -> bool:
+        return all(rule.topic(node, topic, state.types.get(topic, ""), publisher) for rule in every)
 
     def admits_service(node: str, service: str) -> bool:
         return all(rule.service(node, service) for rule in every)
 
-    publishers = _select_allowed(state.publishers, admits_publisher)
-    subscribers = _select_allowed(state.subscribers, admits_subscriber)
+    publishers = _select_allowed(state.publishers, partial(admits_topic, True))
+    subscribers = _select_allowed(state.subscribers, partial(admits_topic, False))
     provided = _select_allowed(state.services, admits_service)
     names = dict.fromkeys(name for name, _nodes in publishers + subscribers)
     used = dict.fromkeys(node for _name, nodes in publishers + subscribers + provided for node in nodes)
