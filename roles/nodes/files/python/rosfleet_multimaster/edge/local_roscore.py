@@ -18,9 +18,9 @@ from .rpc_client import Rpc
 WATCHED, HEALTH, AWAY_HEALTH = 10.0, 0.5, 0.1
 
 
-def wait_for_roscore(uri: str, timeout: Optional[float] = None) -> str:
-    """The URI that the roscore calls itself, as soon as it answers. Raises program.Fatal after `timeout` seconds."""
-    started, said = monotonic(), False
+def wait_for_roscore(uri: str) -> str:
+    """The URI that the roscore calls itself, as soon as it answers."""
+    said = False
     while True:
         try:
             answer = Rpc(uri, 2.0).call("getUri", "/rosfleet")
@@ -28,8 +28,6 @@ def wait_for_roscore(uri: str, timeout: Optional[float] = None) -> str:
                 return answer[2]
             raise ValueError("no URI")
         except program.FAILURES as problem:
-            if timeout is not None and monotonic() - started > timeout:
-                raise program.Fatal(f"the roscore at {uri} does not answer after {timeout:g} s: {problem}") from None
             if not said:
                 program.LOG.warning("waiting for the roscore at %s: %s", uri, problem)
                 said = True
