@@ -3,6 +3,7 @@
 """The addresses of this computer, and those of names (IPv4 only, as ROS 1 is by default)."""
 
 import contextlib
+import math
 import os
 import socket
 import struct
@@ -10,6 +11,7 @@ from functools import partial
 from typing import Dict, Iterable, Iterator, List, NamedTuple, Set, Tuple
 
 from ..protocol.members import host_of
+from .clock import monotonic
 from .patience import run_with_limit
 
 # linux/netlink.h
@@ -130,10 +132,12 @@ def address_of(host: str) -> str:
     return socket.gethostbyname(host)
 
 
-def addresses_of_all(hosts: Iterable[str]) -> Dict[str, str]:
-    """Host -> IPv4 address. Hosts without one are left out."""
-    found = {}
+def addresses_of_all(hosts: Iterable[str], seconds: float = math.inf) -> Dict[str, str]:
+    """Host -> IPv4 address. Hosts without one are left out, and those whose turn would come after so many seconds."""
+    found, until = {}, monotonic() + seconds
     for host in hosts:
+        if monotonic() > until:
+            break
         with contextlib.suppress(OSError, UnicodeError):  # one that is no host name must not hide the others
             found[host] = address_of(host)
     return found

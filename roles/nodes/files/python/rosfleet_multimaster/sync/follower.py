@@ -3,9 +3,9 @@
 """Follows the changes of another master: it is asked for news, and answers as soon as there are some."""
 
 import random
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, Dict, Optional
 
-from ..edge.addresses import address_of, network, networks
+from ..edge.addresses import addresses_of_all, network, networks
 from ..edge.clock import monotonic, processor_time
 from ..edge.loop import EndFlag, start_thread
 from ..edge.rpc_client import Rpc
@@ -88,21 +88,8 @@ class StateFilter:
 
     def places(self, state: State) -> Places:
         """The places where the nodes of a state may be."""
-        addresses = _resolve(names_to_resolve(state, self._members))
+        addresses = addresses_of_all(names_to_resolve(state, self._members), LOOKUPS)
         return Places(self._members, self._fetch.uri, self._fetch.monitor_uri, self._networks.read(), addresses)
-
-
-def _resolve(names: List[str]) -> Dict[str, str]:
-    """The addresses of names, of as many as can be looked up in a short time."""
-    until, addresses = monotonic() + LOOKUPS, {}
-    for name in names:
-        if monotonic() > until:
-            break
-        try:
-            addresses[name] = address_of(name)
-        except (OSError, UnicodeError):  # no host name
-            pass
-    return addresses
 
 
 class Follower:
