@@ -75,11 +75,7 @@ class Pattern:
 
     def matches(self, name: str) -> bool:
         """True where the whole name matches."""
-        if not self.text or len(name) > MAX_NAME:
-            return False
-        if len(self.text) > _CACHED:
-            return self._expression.match(name) is not None
-        return _matches(self.text, name)
+        return bool(self.text) and len(name) <= MAX_NAME and self._expression.match(name) is not None
 
     @cached_property
     def cheap(self) -> bool:
@@ -88,7 +84,7 @@ class Pattern:
 
     @cached_property
     def _expression(self) -> "re.Pattern[str]":
-        return _compile(self.text)
+        return (_compile_once if len(self.text) <= _CACHED else _compile)(self.text)
 
 
 NO_NAME = "(?!)"  # as people write it: a pattern that matches no name
@@ -136,11 +132,6 @@ def _compile(text: str) -> "re.Pattern[str]":
 
 
 _compile_once = lru_cache(maxsize=64)(_compile)
-
-
-@lru_cache(maxsize=65536)
-def _matches(text: str, name: str) -> bool:
-    return _compile_once(text).match(name) is not None
 
 
 def _check(text: str, what: str, costly: bool = True) -> None:
