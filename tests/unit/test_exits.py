@@ -228,7 +228,7 @@ def through_diagnostics(text):
     with patch.dict(sys.modules, modules), patch.dict("os.environ"):
         sys.modules.pop("rosfleet_multimaster.edge.ros", None)
         from rosfleet_multimaster.edge import ros
-        from rosfleet_multimaster.protocol.diagnosis import Diagnosis
+        from rosfleet_multimaster.protocol.messages import Diagnosis
 
         ros.hostname = lambda: "robot1"
         said = []

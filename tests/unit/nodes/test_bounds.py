@@ -22,11 +22,12 @@ from rosfleet_multimaster.edge import loop, rpc_client
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.rpc_client import Rpc
-from rosfleet_multimaster.protocol.filters import InvalidPattern, Rules
+from rosfleet_multimaster.protocol.filters import InvalidPattern
 from rosfleet_multimaster.protocol.graph import State, build, document
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.parameters import Settings
 from rosfleet_multimaster.protocol.plain_text import is_plain
+from rosfleet_multimaster.protocol.wire_filters import read_rules
 from rosfleet_multimaster.protocol.xml_rpc import STATE as STATE_BYTES
 from rosfleet_multimaster.protocol.xml_rpc import DocumentTooLarge, loads, unpack
 
@@ -161,7 +162,7 @@ class Server:
 
     def filtered(self, value):
         try:
-            return document(STATE, (Rules.from_wire(value),))
+            return document(STATE, (read_rules(value),))
         except InvalidPattern as problem:
             raise RefusedCall(str(problem)) from None
 

@@ -20,6 +20,7 @@ from rosfleet_multimaster.protocol.graph import InvalidDocument, State, add_stam
 from rosfleet_multimaster.protocol.heartbeat import SIZE, Heartbeat, Kind, Stamp, decode, encode
 from rosfleet_multimaster.protocol.messages import Master
 from rosfleet_multimaster.protocol.parameters import Settings
+from rosfleet_multimaster.protocol.wire_filters import read_pattern, read_rules, write_rules
 from rosfleet_multimaster.sync.core.sync import Candidate, View, calls, plan, select
 
 slow = settings(
@@ -252,7 +253,7 @@ texts = patterns | st.text("ab/*.+?{}()[]|\\AZ^$0123,:=!<>P'", max_size=60) | st
 def test_a_strangers_pattern_is_cheap_or_refused(text):
     with within(1.5):
         try:
-            pattern = Pattern.from_wire(text)
+            pattern = read_pattern(text)
         except InvalidPattern as problem:
             assert 0 < len(str(problem)) < 1000 + len(text)
             return
@@ -295,18 +296,18 @@ def nested(depth):
 @given(values | st.lists(values | texts, min_size=7, max_size=12))
 def test_any_value_is_a_filter_or_refused_with_a_sentence(value):
     try:
-        rules = Rules.from_wire(value)
+        rules = read_rules(value)
     except InvalidPattern as problem:
         assert 0 < len(str(problem)) < 1000
     else:
-        assert all(isinstance(text, str) for text in rules.to_wire(False)[1:])
+        assert all(isinstance(text, str) for text in write_rules(rules, False)[1:])
 
 
 @pytest.mark.parametrize("element", [nested(5000), ["x"] * 100_000, "x" * 100_000, {"a": nested(3000)}])
 def test_a_filter_too_big_or_too_deep_is_refused_in_few_words(element):
     for value in (element, [False] + [element] * 10):
         with pytest.raises(InvalidPattern) as refused:
-            Rules.from_wire(value)
+            read_rules(value)
         assert len(str(refused.value)) < 1000
         with pytest.raises(InvalidDocument) as refused:
             parse(value)

@@ -24,6 +24,7 @@ from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import InvalidDocument, Node, Policy, State, document
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.protocol.wire_filters import write_rules
 from rosfleet_multimaster.protocol.xml_rpc import STATE
 from rosfleet_multimaster.sync import fetcher
 from rosfleet_multimaster.sync import follower as module
@@ -35,7 +36,7 @@ URI, OWN = "http://robot2:11311/", "http://own:11311/"
 NODE = Node("http://robot2:5000/", URI, "local")
 TRUE = State(URI, "robot2", 1.0, 1.0, {"/a": ("/one",)}, {}, {}, {"/a": "x/Y"}, {"/one": NODE})
 NOTHING = [[], [], []]
-ASK = Filters({}).rules("robot2").to_wire(False)
+ASK = write_rules(Filters({}).rules("robot2"), False)
 
 
 def rows(**parts):

@@ -8,7 +8,7 @@ from rosfleet_multimaster.edge import display
 from rosfleet_multimaster.edge.loop import Loop
 from rosfleet_multimaster.edge.process import program
 from rosfleet_multimaster.protocol import metrics, parameters
-from rosfleet_multimaster.protocol.diagnosis import Diagnosis
+from rosfleet_multimaster.protocol.messages import Diagnosis
 
 
 class Topic:

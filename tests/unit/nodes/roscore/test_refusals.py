@@ -3,7 +3,7 @@
 """What the roscore has refused: counted, told at most every two seconds, and read where the roscore is followed."""
 
 from rosfleet_multimaster.discovery.core.report import roscore
-from rosfleet_multimaster.protocol.diagnosis import OK
+from rosfleet_multimaster.protocol.messages import OK
 from rosfleet_multimaster.protocol.mirror import REFUSED, Mirror
 from rosfleet_multimaster.roscore.core.bounds import Refusal
 from rosfleet_multimaster.roscore.refusals import Refusals

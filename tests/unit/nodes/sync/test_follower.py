@@ -19,12 +19,13 @@ from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED
 from rosfleet_multimaster.protocol.filters import Filters, Pattern, Rules
 from rosfleet_multimaster.protocol.graph import InvalidDocument, Node, Policy, Provider, State, document
 from rosfleet_multimaster.protocol.members import Members
+from rosfleet_multimaster.protocol.wire_filters import write_rules
 from rosfleet_multimaster.sync import fetcher, follower
 from rosfleet_multimaster.sync.core.sync import Fetch
 from rosfleet_multimaster.sync.follower import Answer, LocalNetworkCache, StateFilter
 
 URI = "http://robot2:11311/"
-ASK = Filters({}).rules("robot2").to_wire(False)
+ASK = write_rules(Filters({}).rules("robot2"), False)
 
 
 class Discovery:

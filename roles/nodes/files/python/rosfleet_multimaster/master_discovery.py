@@ -31,11 +31,10 @@ from .edge.process import memory, program
 from .edge.process.systemd import notify
 from .edge.roscore import Roscore
 from .protocol import metrics, parameters
-from .protocol.diagnosis import Diagnosis
 from .protocol.differences import Stamps
 from .protocol.graph import Policy, State
 from .protocol.members import Members, Networks
-from .protocol.messages import Master
+from .protocol.messages import Diagnosis, Master
 from .protocol.mirror import Mirror
 from .protocol.parameters import Settings
 

@@ -15,10 +15,9 @@ from .edge.loop import DirectRunner, RecurringJob, Workers
 from .edge.process import memory, program
 from .edge.process.systemd import notify
 from .protocol import metrics, parameters
-from .protocol.diagnosis import Diagnosis
 from .protocol.filters import Filters
 from .protocol.members import Members
-from .protocol.messages import Master, Registration
+from .protocol.messages import Diagnosis, Master, Registration
 from .protocol.plain_text import quote
 from .sync.core import report
 from .sync.core.sync import NEVER, Refusal, Sync

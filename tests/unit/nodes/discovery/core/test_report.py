@@ -6,7 +6,7 @@ import pytest
 from rosfleet_multimaster.discovery.core.health import Answer, LinkHealth, LinkList
 from rosfleet_multimaster.discovery.core.outsiders import Outsider
 from rosfleet_multimaster.discovery.core.report import links, outsiders, roscore
-from rosfleet_multimaster.protocol.diagnosis import ERROR, OK, VALUES, WARN
+from rosfleet_multimaster.protocol.messages import ERROR, OK, VALUES, WARN
 
 LINK = LinkHealth("tibi", "http://tibi:11311/", True, 100.0, 0.3, 0, Answer(0.002, 0.01))
 

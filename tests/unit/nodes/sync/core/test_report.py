@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The entries of /diagnostics about refusals."""
 
-from rosfleet_multimaster.protocol.diagnosis import OK, VALUES, WARN
+from rosfleet_multimaster.protocol.messages import OK, VALUES, WARN
 from rosfleet_multimaster.sync.core.report import diagnoses
 from rosfleet_multimaster.sync.core.sync import Refusal
 

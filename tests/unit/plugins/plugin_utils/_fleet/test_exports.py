@@ -23,6 +23,7 @@ from hypothesis import strategies as st
 sys.path.insert(0, str(pathlib.Path(__file__).parents[5] / "roles/nodes/files/python"))
 
 from rosfleet_multimaster.protocol import filters, graph, parameters  # noqa: E402
+from rosfleet_multimaster.protocol.wire_filters import read_rules, write_rules
 
 VERIFY = "/multimaster_verify/*"
 
@@ -573,7 +574,7 @@ class Taken:
 
     def __init__(self, of_taker, master):
         taken = filters.Filters(of_taker)
-        self.rules = filters.Rules.from_wire(taken.rules(master).to_wire(False)) if taken.wants_host(master) else None
+        self.rules = read_rules(write_rules(taken.rules(master), False)) if taken.wants_host(master) else None
 
     def has(self, key, name, publisher=True):
         if self.rules is None:

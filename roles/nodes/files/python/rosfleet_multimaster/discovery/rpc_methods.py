@@ -20,6 +20,7 @@ from ..protocol.graph import Policy, State, document, local_types, shareable_par
 from ..protocol.members import ALLOW, Members
 from ..protocol.messages import Master
 from ..protocol.plain_text import LINE, plain
+from ..protocol.wire_filters import read_rules
 from .core.outsiders import Outsider
 from .rpc_server import Callers, LongPoll, Method, PerCaller, RefusedCall, RpcServer
 from .state_feed import LONGEST_WAIT, CallerView, StateFeed
@@ -179,7 +180,7 @@ class RpcMethods:
 
 def _parse_filter(filters: Any) -> Rules:
     try:
-        return Rules.from_wire(filters)
+        return read_rules(filters)
     except InvalidPattern as problem:
         raise RefusedCall(f"the filter is not usable: {problem}") from None
 

@@ -5,8 +5,8 @@
 from typing import Any, Callable, List, Mapping, Optional
 
 from ..protocol import metrics
-from ..protocol.diagnosis import Diagnosis
 from ..protocol.members import Members
+from ..protocol.messages import Diagnosis
 from . import rpc_client
 from .clock import monotonic, wall_clock
 from .loop import Loop

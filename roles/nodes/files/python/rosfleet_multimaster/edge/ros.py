@@ -23,8 +23,7 @@ import rospy
 import std_srvs.srv
 from fkie_multimaster_msgs import msg, srv
 
-from ..protocol.diagnosis import Diagnosis
-from ..protocol.messages import Link, Master, Registration
+from ..protocol.messages import Diagnosis, Link, Master, Registration
 from ..protocol.plain_text import LINE, plain
 from . import diagnostic_classes
 from .patience import run_with_limit

@@ -16,20 +16,17 @@ import re
 import reprlib
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
-from math import comb
-from typing import Any, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 try:
-    from re import _compiler, _parser  # type: ignore[attr-defined]  # Python 3.11 and later, undocumented
+    from re import _compiler  # type: ignore[attr-defined]  # Python 3.11 and later, undocumented
 except ImportError:
     import sre_compile as _compiler
-    import sre_parse as _parser
 
 MAX_TEXT = 65536  # characters of all patterns of a request
 MAX_NAME = 255  # characters of a name; a longer one is not exchanged
-MAX_COST = 5_000_000  # steps of one match of a pattern from another computer: about 0.1 s, in which nothing else runs
 UNKNOWN_TYPES = ("", "*", "None")  # written by a master that does not know the type of a topic
-_CACHED = 4096  # characters of a text that is kept compiled
+CACHED = 4096  # characters of a text that is kept compiled
 _NODE = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]{0,255}\Z")
 
 
@@ -55,19 +52,13 @@ class Pattern:
                 raise InvalidPattern(f"{what}: {reprlib.repr(item)} is no text")
             if item.strip():
                 text = expression(item)
-                _check(text, f"{what}: the pattern {item.strip()!r}")
+                check_pattern(text, f"{what}: the pattern {item.strip()!r}")
                 texts.append(rf"\A(?:{text})\Z" if "|" in text else rf"\A{text}\Z")
-                _check(texts[-1], f"{what}: the pattern {item.strip()!r} in its anchors")  # (?i) may only come first
+                check_pattern(
+                    texts[-1], f"{what}: the pattern {item.strip()!r} in its anchors"
+                )  # (?i) may only come first
         text = "|".join(texts)
-        _check(text, f"{what}: all patterns together")  # a named group may only come once
-        return cls(text)
-
-    @classmethod
-    def from_wire(cls, text: Any) -> "Pattern":
-        """Accept the pattern of another computer. Raises InvalidPattern, also where it would be too costly."""
-        if not isinstance(text, str):
-            raise InvalidPattern(f"{reprlib.repr(text)} is no text")
-        _check(text, "the pattern", costly=False)
+        check_pattern(text, f"{what}: all patterns together")  # a named group may only come once
         return cls(text)
 
     def __bool__(self) -> bool:
@@ -78,13 +69,8 @@ class Pattern:
         return bool(self.text) and len(name) <= MAX_NAME and self._expression.match(name) is not None
 
     @cached_property
-    def cheap(self) -> bool:
-        """True where another computer would accept it."""
-        return len(self.text) <= MAX_TEXT and _is_cheap(self.text)
-
-    @cached_property
     def _expression(self) -> "re.Pattern[str]":
-        return (_compile_once if len(self.text) <= _CACHED else _compile)(self.text)
+        return (_compile_once if len(self.text) <= CACHED else _compile)(self.text)
 
 
 NO_NAME = "(?!)"  # as people write it: a pattern that matches no name
@@ -134,14 +120,13 @@ def _compile(text: str) -> "re.Pattern[str]":
 _compile_once = lru_cache(maxsize=64)(_compile)
 
 
-def _check(text: str, what: str, costly: bool = True) -> None:
-    """Raise InvalidPattern where the text is too long, no regular expression, or (unless `costly`) too slow to match."""
+def check_pattern(text: str, what: str, limit: Callable[[str], Any] = str) -> None:
+    """Raise InvalidPattern where the text is too long, or no regular expression. `limit` may refuse it before it is compiled."""
     if len(text) > MAX_TEXT:
         raise InvalidPattern(f"{what} is longer than {MAX_TEXT} characters")
     try:
-        if not costly and not _is_cheap(text):
-            raise InvalidPattern(f"{what} would be too costly: it has too many repetitions, or one in another")
-        (_can_be_compiled if len(text) <= _CACHED else _compile)(text)
+        limit(text)
+        (_can_be_compiled if len(text) <= CACHED else _compile)(text)
     except InvalidPattern:
         raise
     except (re.error, ValueError, RecursionError, OverflowError) as problem:
@@ -152,53 +137,6 @@ def _check(text: str, what: str, costly: bool = True) -> None:
 def _can_be_compiled(text: str) -> bool:
     """Raise what `_compile` raises. Once for a text: twenty masters with the same filters cost a third of all computing."""
     return _compile(text) is not None
-
-
-def _is_cheap(text: str) -> bool:
-    return (_is_cheap_once if len(text) <= _CACHED else _is_cheap_once.__wrapped__)(text)
-
-
-@lru_cache(maxsize=64)
-def _is_cheap_once(text: str) -> bool:
-    return _cost(_parser.parse(text, re.IGNORECASE)) <= MAX_COST
-
-
-def _cost(tree: Any) -> int:
-    """Steps of the worst match: n choices one after the other can divide a name in so many ways.
-
-    The alternatives of the whole pattern are tried one after the other, so their costs add up.
-    """
-    parts = list(tree)
-    if parts and str(parts[-1][0]) == "BRANCH":  # what all alternatives begin with stands before them
-        return sum(_cost([*parts[:-1], *branch]) for branch in parts[-1][1][1])
-    choices = _choices(parts)
-    return comb(MAX_NAME + choices, choices) if choices < _MANY else MAX_COST + 1
-
-
-_MANY = 7  # choices that are too many in any case
-
-
-def _choices(tree: Any) -> int:
-    """Number of choices that follow each other in a pattern. A repeated one counts as often, or as too many."""
-    count = 0
-    for operation, argument in tree:
-        name = str(operation)
-        if "REPEAT" in name:
-            low, high, inner = argument
-            count += _choices(inner) * min(high, _MANY) + (1 if low != high else 0)
-        elif name == "BRANCH":
-            count += max(_choices(branch) for branch in argument[1]) + (len(argument[1]).bit_length() + 3) // 4
-        elif name == "SUBPATTERN":
-            count += _choices(argument[-1])
-        elif name == "ATOMIC_GROUP":
-            count += _choices(argument)
-        elif name in ("ASSERT", "ASSERT_NOT"):
-            count += _choices(argument[1])
-        elif name == "IN":  # names are ASCII, and a wide range takes long to compile
-            count += _MANY * any(str(kind) == "RANGE" and value[1] > 0xFF for kind, value in argument)
-        elif name in ("GROUPREF", "GROUPREF_EXISTS", "GROUPREF_IGNORE"):
-            count += _MANY
-    return count
 
 
 # The rules for one master
@@ -256,32 +194,10 @@ class Rules:
             return self
         return replace(self, sync_topics=self.sync_topics or NOTHING, sync_services=self.sync_services or NOTHING)
 
-    def to_wire(self, sync_remote_nodes: bool) -> List[Any]:
-        """Make the list that masterInfoFiltered takes.
-
-        The other master may refuse a costly pattern, so that one is left empty. All rules are applied again here.
-        """
-        costly = {name for name in _ON_THE_WIRE if not getattr(self, name).cheap}
-        if sum(len(getattr(self, name).text) for name in _ON_THE_WIRE) > MAX_TEXT:
-            costly = set(_ON_THE_WIRE)
-        if costly.intersection(WHITE_LISTS):  # one of them without another would admit less
-            costly.update(WHITE_LISTS)
-        return [sync_remote_nodes] + ["" if name in costly else getattr(self, name).text for name in _ON_THE_WIRE]
-
-    @classmethod
-    def from_wire(cls, value: Any) -> "Rules":
-        """Read the rules of another computer: 8 to 11 elements, the first is sync_remote_nodes. Raises InvalidPattern."""
-        if not isinstance(value, (list, tuple)) or not 8 <= len(value) <= 11:
-            raise InvalidPattern("the filter is no array of 8 to 11 elements")
-        if sum(len(text) for text in value[1:] if isinstance(text, str)) > MAX_TEXT:
-            raise InvalidPattern(f"the patterns are longer than {MAX_TEXT} characters")
-        return cls(**{name: Pattern.from_wire(text) for name, text in zip(_ON_THE_WIRE, value[1:])})
-
 
 # The names of the filters
 
 NAMES = tuple(rule.name for rule in fields(Rules))
-_ON_THE_WIRE = NAMES[:10]  # as upstream reads them; further ones apply here only
 HOSTS = ("ignore_hosts", "sync_hosts")
 WHITE_LISTS = ("sync_nodes", "sync_topics", "sync_services")
 #: Parameters of master_discovery that hide something from every other master -> the filter that each of them is.

@@ -13,6 +13,7 @@ from ..protocol import json_text
 from ..protocol.differences import apply_difference, digest
 from ..protocol.graph import InvalidDocument, State, parse
 from ..protocol.members import Members, Networks
+from ..protocol.wire_filters import write_rules
 from .core.limits import limit_state, size
 from .core.pace import Pace
 from .core.places import LocalNetwork, Places, names_to_resolve
@@ -79,7 +80,7 @@ class StateFilter:
         self, fetch: Fetch, own_uri: str, sync_remote_nodes: bool, members: Members, networks: LocalNetworkCache
     ) -> None:
         self._fetch, self._own_uri, self._remote_nodes, self._members = fetch, own_uri, sync_remote_nodes, members
-        self.rules = fetch.rules.to_wire(sync_remote_nodes)  # for the master
+        self.rules = write_rules(fetch.rules, sync_remote_nodes)  # for the master
         self._networks = networks
 
     def limit(self, state: State, before: Optional[State]) -> State:

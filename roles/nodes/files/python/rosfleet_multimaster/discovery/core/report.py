@@ -5,7 +5,7 @@
 from typing import Any, Callable, Dict, Iterable, List, Optional, Sequence, Tuple
 
 from ...protocol import metrics
-from ...protocol.diagnosis import ERROR, OK, PREFIX, VALUES, WARN, Diagnosis, warning
+from ...protocol.messages import ERROR, OK, PREFIX, VALUES, WARN, Diagnosis, warning
 from .health import APART, LinkHealth, LinkList
 from .outsiders import Outsider
 

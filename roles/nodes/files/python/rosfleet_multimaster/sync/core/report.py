@@ -6,8 +6,7 @@ from collections import Counter
 from typing import Iterable, List, Mapping, Sequence, Tuple
 
 from ...protocol import metrics
-from ...protocol.diagnosis import Diagnosis, warning
-from ...protocol.messages import Registration
+from ...protocol.messages import Diagnosis, Registration, warning
 from ...protocol.plain_text import quote
 from .limits import sentence
 from .sync import Refusal
