@@ -207,7 +207,6 @@ def main() -> int:
         return 0
     # Also until the loop runs: a store may be the reason that it never does.
     program.on_request(partial(_forget_at_once, options.store))
-    memory.give_back()
     Roscore(options).run()
     return 0
 
