@@ -93,7 +93,7 @@ ORIGINS = {("/far", URIS["/far"]): CONTACT.uri}
 
 
 def state(system=None, types=None, uris=None, origins=None):
-    graph = graph_of(URI, "robot1", SYSTEM if system is None else system, TYPES if types is None else types)
+    graph = graph_of(State(URI, "robot1"), SYSTEM if system is None else system, TYPES if types is None else types)
     return build(graph, URIS if uris is None else uris, SERVICES, ORIGINS if origins is None else origins)
 
 

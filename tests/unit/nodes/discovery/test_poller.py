@@ -9,6 +9,8 @@ import pytest
 from rosfleet_multimaster.discovery import poller as module
 from rosfleet_multimaster.edge.local_roscore import Identity
 from rosfleet_multimaster.edge.process import program
+from rosfleet_multimaster.protocol.differences import Stamps
+from rosfleet_multimaster.protocol.graph import State
 
 URI, R2 = "http://robot1:11311/", "http://robot2:11311/"
 SYNC, FAR = ("/upstream_sync", "http://robot1:1/"), ("/far", "http://robot2:2/")
@@ -32,7 +34,7 @@ class Roscore:
 
 def test_the_first_state_waits_until_origins_are_known():
     answers = []
-    poller = module.Poller(Roscore(), URI, "robot1", Identity(), lambda service: answers[0])
+    poller = module.Poller(Roscore(), State(URI, "robot1"), Identity(), lambda service: answers[0], Stamps())
     with pytest.raises(OSError):
         poller.poll()
     answers.append({FAR: R2})
@@ -42,7 +44,7 @@ def test_the_first_state_waits_until_origins_are_known():
 def test_the_first_state_does_not_wait_for_ever(monkeypatch):
     clock = [100.0]
     monkeypatch.setattr(module, "monotonic", lambda: clock[0])
-    poller = module.Poller(Roscore(), URI, "robot1", Identity(), lambda service: 1 / 0)
+    poller = module.Poller(Roscore(), State(URI, "robot1"), Identity(), lambda service: 1 / 0, Stamps())
     with pytest.raises(OSError):
         poller.poll()
     clock[0] += module.POSTPONE + 0.1
@@ -82,7 +84,7 @@ def _clock(monkeypatch):
 
 def quiet():
     roscore = Quiet()
-    return roscore, module.Poller(roscore, URI, "robot1", Identity(), lambda service: {})
+    return roscore, module.Poller(roscore, State(URI, "robot1"), Identity(), lambda service: {}, Stamps())
 
 
 def test_an_answer_that_is_the_last_one_again_is_not_read(clock):
@@ -152,7 +154,7 @@ def test_an_answer_that_could_not_be_made_a_state_is_read_again(clock, monkeypat
 def test_every_node_is_looked_up_again_in_its_turn(clock, count):
     roscore, poller = quiet()
     names = [f"/{number}" for number in range(count)]
-    graph = module.State("http://own:11311/", "own", publishers={"/one": tuple(names)})
+    graph = State("http://own:11311/", "own", publishers={"/one": tuple(names)})
     assert sorted(name for _method, name in poller._select_lookups(graph)[1]) == sorted(names)
     poller._node_uris.update(dict.fromkeys([*names, "/gone"], "http://x:1/"))
     turns = [poller._select_lookups(graph) for _turn in range(math.ceil(count / module.LOOKUPS))]

@@ -203,7 +203,7 @@ def test_rosmaster_tells_no_changes():
 
     roscore = Master(URI, "/own")
     roscore.rpc = types.SimpleNamespace(call=fault)
-    assert Poller(roscore, URI, "own", Identity(), dict).roscore.has(CHANGES) is False
+    assert Poller(roscore, State(URI, "own"), Identity(), dict, Stamps()).roscore.has(CHANGES) is False
 
 
 def test_nobody_is_woken_for_a_poll_that_brought_nothing():

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rosfleet_multimaster.protocol.filters import Filters, Rules
-from rosfleet_multimaster.protocol.graph import InvalidDocument, add_stamps, build, document, graph_of, parse
+from rosfleet_multimaster.protocol.graph import InvalidDocument, State, add_stamps, build, document, graph_of, parse
 
 URI = "http://kobuki1computer:11311/"
 OTHER = "http://kobuki2computer:11311/"
@@ -23,7 +23,9 @@ ORIGINS = {("/far", NODES["/far"]): OTHER}
 
 
 def state(system=None, types=None, nodes=None, origins=None):
-    graph = graph_of(URI, "kobuki1computer", SYSTEM if system is None else system, TYPES if types is None else types)
+    graph = graph_of(
+        State(URI, "kobuki1computer"), SYSTEM if system is None else system, TYPES if types is None else types
+    )
     nodes, origins = NODES if nodes is None else nodes, ORIGINS if origins is None else origins
     return build(graph, nodes, SERVICES, origins)
 

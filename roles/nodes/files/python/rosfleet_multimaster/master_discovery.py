@@ -330,7 +330,7 @@ def _make_own_master(start: local_roscore.Start) -> ServedMaster:
 def _source(start: local_roscore.Start, own: ServedMaster, identity: local_roscore.Identity) -> Source:
     """The states of the own master, by connections of their own."""
     stamps, of, (uri, caller) = Stamps(), (own.uri, own.name), (start.roscore.rpc.uri, start.roscore.caller)
-    poller = Poller(Roscore(uri, caller), *of, identity, ros.sync_info, stamps)
+    poller = Poller(Roscore(uri, caller), State(*of), identity, ros.sync_info, stamps)
     period = 1.0 / start.values["rosmaster_hz"]
     return Source(poller, lambda: Follower(uri, caller, Mirror(*of), identity, stamps), period)
 

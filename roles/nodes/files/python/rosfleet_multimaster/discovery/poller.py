@@ -29,18 +29,13 @@ SyncInfo = Callable[[str], Dict[Tuple[str, str], str]]  # service -> (node, URI)
 class Poller:
     """Reads the state of the roscore."""
 
-    def __init__(
-        self,
-        roscore: Roscore,
-        uri: str,
-        name: str,
-        identity: Identity,
-        sync_info: SyncInfo,
-        stamps: Optional[Stamps] = None,
-    ) -> None:
-        """`uri`, `name`: of the master. `sync_info(service)` asks another implementation; it may raise anything."""
-        self.roscore, self._of, self._identity = roscore, (uri, name), identity
-        self._sync_info, self._stamps = sync_info, stamps or Stamps()
+    def __init__(self, roscore: Roscore, empty: State, identity: Identity, sync_info: SyncInfo, stamps: Stamps) -> None:
+        """`empty`: the state of the master, without registrations.
+
+        `sync_info(service)` asks another implementation; it may raise anything.
+        """
+        self.roscore, self._empty, self._identity = roscore, empty, identity
+        self._sync_info, self._stamps = sync_info, stamps
         self._system: Any = None  # the registrations of the last poll, as the roscore sent them
         self._last = Last()  # the digest of that answer
         self._rest: Dict[int, Last] = {}  # turn -> the digest of the answer about the rest
@@ -93,7 +88,7 @@ class Poller:
         if self._graph is not None and not changed and began < self._rest_due:
             return self._graph
         digests, self._rest = ({} if changed else self._rest), {}  # kept only after a whole look
-        graph = graph_of(*self._of, self._system, []) if changed or self._graph is None else self._graph
+        graph = graph_of(self._empty, self._system, []) if changed or self._graph is None else self._graph
         turn, lookups = self._select_lookups(graph)
         service = self._identity.service
         last = digests.setdefault(turn, Last())
@@ -104,7 +99,7 @@ class Poller:
             if types is None:
                 raise OSError(f"{self.roscore.rpc.uri} does not tell its types")
             self._learn(lookups, uris, text)
-            graph = graph_of(*self._of, self._system, types)
+            graph = graph_of(self._empty, self._system, types)
         self._rest = digests
         self._rest_due = monotonic() + self._rest_pace.pause(began, monotonic() - began)
         return graph
@@ -155,6 +150,6 @@ class Poller:
             if silent >= GIVE_UP:
                 del self._silent[provider]
             return silent <= POSTPONE
-        self._origins.update({key: master for key, master in origins.items() if master != self._of[0]})
+        self._origins.update({key: master for key, master in origins.items() if master != self._empty.uri})
         del self._silent[provider]
         return False

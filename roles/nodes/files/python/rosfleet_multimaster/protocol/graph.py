@@ -69,13 +69,13 @@ def users_of(*tables: Endpoints) -> Set[str]:
     return set(chain.from_iterable(chain.from_iterable(table.values() for table in tables)))
 
 
-def graph_of(uri: str, name: str, system_state: Sequence[Any], topic_types: Sequence[Any]) -> State:
-    """The registrations of a master, from the values of getSystemState and getTopicTypes: a state of these alone."""
+def graph_of(empty: State, system_state: Sequence[Any], topic_types: Sequence[Any]) -> State:
+    """The state of a master with its registrations alone, from the values of getSystemState and getTopicTypes."""
     publishers, subscribers, services = (
         {str(name): tuple(sorted(map(str, nodes))) for name, nodes in part} for part in system_state
     )
     types = {str(topic): str(kind) for topic, kind in topic_types}
-    return State(uri, name, publishers=publishers, subscribers=subscribers, services=services, types=types)
+    return replace(empty, publishers=publishers, subscribers=subscribers, services=services, types=types)
 
 
 def build(graph: State, node_uris: Mapping[str, str], service_uris: Mapping[str, str], origins: Origins) -> State:
