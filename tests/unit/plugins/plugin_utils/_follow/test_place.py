@@ -90,7 +90,7 @@ def test_an_answer_is_lost_on_its_own_way():
     assert place.describe_place(found, CHART).startswith("the answers to pings from one to two came in at gate")
 
 
-def test_a_hardware_address_of_no_computer_is_named_with_the_right_one():
+def test_a_strange_hardware_address_is_named_with_the_right_one():
     seen = cross("request", ["one", "gate"])
     seen["gate"].append(capture(True, "request", "02:00:00:00:00:99"))
     found = find(seen)
@@ -151,7 +151,7 @@ def test_an_errno_of_the_sender_is_evidence():
         assert show(find(nothing, CALL, SentProbe(3, Outcome.FAILED, number))) == part
 
 
-def test_a_short_life_is_told_from_routers_that_send_packets_back():
+def test_a_short_life_is_told_from_a_circle_of_routers():
     for ttl, part in ((1, Part("setting", "one", "ttl")), (64, None)):
         seen = cross("request", ["one", "gate"], ttl=ttl)
         seen["one"].append(capture(False, "error", icmp_type=11, icmp_code=0, reporter="10.0.1.254", ttl=64))

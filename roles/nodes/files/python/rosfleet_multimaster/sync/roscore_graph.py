@@ -9,7 +9,7 @@ from typing import Any, Callable, List, Optional, Sequence, Tuple
 from xmlrpc.client import Fault
 
 from ..edge.roscore import Roscore
-from ..protocol.graph import graph_of
+from ..protocol.graph import State, graph_of
 from ..protocol.json_text import unpack_rows
 from ..protocol.mirror import CHANGES, Mirror
 from .core.sync import View
@@ -73,7 +73,8 @@ class RoscoreGraph:
         types, system = self.roscore.ask(("getTopicTypes",), ("getSystemState",))
         if types is None or system is None:
             raise OSError("the roscore does not tell its state")
-        view = View(*graph_of(system, types))
+        state = graph_of(State("", ""), system, types)
+        view = View(state.publishers, state.subscribers, state.services, state.types)
         nodes, names = look_up(view)
         answers = self.roscore.ask(
             *[("lookupNode", node) for node in nodes], *[("lookupService", name) for name in names]
