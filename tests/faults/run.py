@@ -17,7 +17,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -76,14 +76,16 @@ class Catalogue:
         self.masters = {of.get("multimaster_master", name) for name, of in variables.items()}
         self.before = state.look(lab, variables, self.masters)
 
-    def tried(self, fault: Fault) -> Result:
-        """One fault from its injection until the fleet is as before."""
+    def tried(self, fault: Fault, is_harmful: Callable[[Fault], bool] = lambda _fault: True) -> Result | None:
+        """One fault from its injection until the fleet is as before; None for one that harms nothing."""
         remedied, made = "", True
         try:
             for step in fault.inject:
                 self._do(step)
             for step in fault.settled:
                 self._settle(step)
+            if not is_harmful(fault):
+                return None
             found, predicted, seconds = self._verified(fault)
             remedied = self._remedied(fault) if self.remedies and found.findings else ""
         except (AssertionError, subprocess.SubprocessError) as problem:  # the other faults are tried all the same
@@ -97,8 +99,8 @@ class Catalogue:
             for step in fault.undo:
                 self._do(step, check=False)
             left = state.back(self.lab, self.before, self.masters)
-        if left:
-            self._repair()
+            if left:
+                self._repair()
         verdict = judge.verdict(fault, found) if made else judge.UNMADE
         return Result(fault, verdict, found, seconds, tuple(left), predicted, remedied)
 
@@ -211,7 +213,9 @@ def run(faults: Sequence[Fault], record: Path | None, remedies: bool = False, na
         catalogue = Catalogue(lab, record, remedies)
         for number, fault in enumerate(faults, 1):
             print(f"[{number}/{len(faults)}] {fault.name}: {fault.title} ...", flush=True)
-            results.append(catalogue.tried(fault))
+            result = catalogue.tried(fault)
+            assert result is not None  # those of the catalogue all count
+            results.append(result)
             KEPT.put(fault, results[-1].row(tried))
             print("\n".join(told(results[-1])), flush=True)
     return results

@@ -8,6 +8,7 @@ import socket
 import time
 import typing
 
+from .._machine.network import neighbours
 from .._process.background import admit, answer, remove_door
 from .capture import Capture, Tag, read_packets
 from .counters import find_growth, read_counters
@@ -43,4 +44,5 @@ def serve(link: socket.socket, door: socket.socket, path: str, tag: Tag, lifetim
 def report(seen: typing.Sequence[Capture], missed: int, grown: typing.Dict[str, int]) -> Reply:
     """Return what was seen, as the module returns it."""
     counters = [{"counter": name, "more": more} for name, more in sorted(grown.items())[:MOST_COUNTERS]]
-    return {"seen": [dict(one._asdict()) for one in seen], "missed": missed, "counters": counters}
+    fixed = [hardware for hardware, by_hand in neighbours().values() if by_hand]
+    return {"seen": [dict(one._asdict()) for one in seen], "missed": missed, "counters": counters, "fixed": fixed}

@@ -13,7 +13,9 @@ import re
 import typing
 
 from .._module.plain_text import quote
-from .._process.commands import run
+from .._process.commands import run, text
+
+PERMANENT = 0x4  # the flag of a neighbour set by hand or by a program (ATF_PERM)
 
 
 class Address(typing.NamedTuple):
@@ -146,3 +148,10 @@ def route_from_text(output: str, destination: str) -> RouteTo:
     matches = [re.search(rf"\b{word} (\S+)", output) for word in ("via(?: inet6)?", "dev", "src", "metric")]
     gateway, device, source, metric = (match.group(1) if match else None for match in matches)
     return RouteTo(destination, gateway, device, source, metric)
+
+
+def neighbours(path: str = "/proc/net/arp") -> typing.Dict[str, typing.Tuple[str, bool]]:
+    """Read {address: (hardware address, set by hand)} of the neighbours that the kernel knows (proc(5), linux/if_arp.h)."""
+    rows = [line.split() for line in text(path).splitlines()[1:]]
+    known = [row for row in rows if len(row) >= 6 and row[3] != "00:00:00:00:00:00"]
+    return {row[0]: (row[3], bool(int(row[2], 16) & PERMANENT)) for row in known}

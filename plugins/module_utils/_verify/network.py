@@ -31,7 +31,6 @@ MOST_COUNTED = 32  # computers to which they are sent
 DOWN = ("down", "lowerlayerdown", "notpresent", "dormant")  # operational states of RFC 2863 in which nothing passes
 CLOSED, MOST_LINES = ("blackhole ", "unreachable ", "prohibit "), 100
 UNUSED = 9  # a TCP port that no program uses: discard (RFC 863)
-PERMANENT = 0x4  # the flag of a neighbour set by hand or by a program (ATF_PERM)
 LARGEST = 1500  # bytes of a large packet: what Ethernet takes
 # From linux/in.h; Python's socket has no names for them: set "do not fragment", and do not ask the kernel's own memory.
 IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3
@@ -137,7 +136,7 @@ def _look_closer(answered: typing.List[typing.Dict[str, typing.Any]]) -> None:
         if entry["ping_address"].ok
     }
     large = ping(sizes, sizes=sizes)
-    known = neighbours()
+    known = machine.neighbours()
     lost = losses(sample([entry["address"] for entry in answered]))
     silent = [entry["address"] for entry in answered if entry["address"] not in sizes]
     tcp = dict(zip(silent, call_all(try_unused_port, silent, 10.0, lambda address: (Outcome.NO_ANSWER, "no answer"))))
@@ -226,13 +225,6 @@ def user_addresses(names: typing.List[str]) -> typing.Dict[str, typing.List[str]
     )
     found = last_line(answer.output) if answer.status == 0 else None
     return found if isinstance(found, dict) else {}
-
-
-def neighbours(path: str = "/proc/net/arp") -> typing.Dict[str, typing.Tuple[str, bool]]:
-    """Read {address: (hardware address, set by hand)} of the neighbours that the kernel knows (proc(5), linux/if_arp.h)."""
-    rows = [line.split() for line in text(path).splitlines()[1:]]
-    known = [row for row in rows if len(row) >= 6 and row[3] != "00:00:00:00:00:00"]
-    return {row[0]: (row[3], bool(int(row[2], 16) & PERMANENT)) for row in known}
 
 
 def resolve(name: str) -> typing.Tuple[typing.List[str], str]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from .._case.parts import Part
 from .._checks.engine import Verification
+from .._observed.second_look import SeenPackets
 from .place import Map, Place, Trip, describe_counters, describe_place, locate
 from .probes import list_links
 from .suspects import find_sign, is_consistent, name_place
@@ -63,7 +64,6 @@ def find_ends(verification: Verification) -> list[SeenEnd]:
     for place in locate(looks, chart, routes):
         if place.is_fault:
             packets = looks[place.at].packets if place.at in looks else None
-            counters = packets.counters if packets else ()
-            words = [describe_place(place, chart), describe_counters(counters)]
-            found.append(SeenEnd(place, "; ".join(filter(None, words)), find_sign(place, counters)))
+            words = [describe_place(place, chart), describe_counters(packets.counters if packets else ())]
+            found.append(SeenEnd(place, "; ".join(filter(None, words)), find_sign(place, packets or SeenPackets())))
     return found

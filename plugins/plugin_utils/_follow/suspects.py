@@ -11,11 +11,11 @@ suspects is left, the place itself is the part.
 from __future__ import annotations
 
 import errno
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from .._case.parts import Part
-from .._observed.second_look import Counter
+from .._observed.second_look import SeenPackets
 from .place import LARGE, Place, Stage
 
 AT, NEXT, BETWEEN = (
@@ -112,51 +112,53 @@ def name_place(place: Place, words: str) -> Part:
 
 # What an errno, an ICMP error or a counter says beside the place
 
-Grown = Mapping[str, int]  # counter -> by how much
-
 
 class Sign(NamedTuple):
     """A sign that makes a place one part of the table of faults."""
 
     stages: tuple[Stage, ...]
-    is_shown: Callable[[Place, Grown], bool]
+    is_shown: Callable[[Place, SeenPackets], bool]
     make: Callable[[Place], Part]
 
 
-def _has_no_port(place: Place, _grown: Grown) -> bool:
+def _has_no_port(place: Place, _packets: SeenPackets) -> bool:
     return place.sent is not None and place.sent.errno == errno.EADDRNOTAVAIL
 
 
-def _is_refused_here(place: Place, _grown: Grown) -> bool:
+def _is_refused_here(place: Place, _packets: SeenPackets) -> bool:
     return place.sent is not None and place.sent.errno in REFUSED_HERE
 
 
-def _began_short(place: Place, _grown: Grown) -> bool:
+def _began_short(place: Place, _packets: SeenPackets) -> bool:
     """Say if a router reports that a packet lived too long which began with a short life."""
     exceeded = place.last is not None and place.last.icmp_type == EXCEEDED
     return exceeded and 0 < place.first_ttl < SHORT
 
 
-def _ends_life(place: Place, _grown: Grown) -> bool:
+def _ends_life(place: Place, _packets: SeenPackets) -> bool:
     """Say if a packet came in with the last second of its life."""
     return place.last is not None and not place.last.outgoing and place.last.ttl == 1
 
 
-def _counts_reverse_path(_place: Place, grown: Grown) -> bool:
-    return "TcpExtIPReversePathFilter" in grown
+def _counts_reverse_path(_place: Place, packets: SeenPackets) -> bool:
+    return "TcpExtIPReversePathFilter" in packets.grown
 
 
-def _counts_rule(_place: Place, grown: Grown) -> bool:
-    return any(RULE in name for name in grown)
+def _counts_rule(_place: Place, packets: SeenPackets) -> bool:
+    return any(RULE in name for name in packets.grown)
 
 
-def _counts_full_queue(place: Place, grown: Grown) -> bool:
+def _counts_full_queue(place: Place, packets: SeenPackets) -> bool:
     """Say if a program takes no connections any more, so its queue is full (listen(2))."""
-    return bool(_name_program(place)) and not grown.keys().isdisjoint(("TcpExtListenOverflows", "TcpExtListenDrops"))
+    return bool(_name_program(place)) and not packets.grown.isdisjoint(("TcpExtListenOverflows", "TcpExtListenDrops"))
 
 
 def _name_program(place: Place) -> str:
     return {"roscore": "roscore", "rpc": "discovery"}.get(place.probe.traffic, "")
+
+
+def _is_fixed(place: Place, packets: SeenPackets) -> bool:
+    return place.last is not None and place.last.target_mac in packets.fixed
 
 
 def _make_lifetime(place: Place) -> Part:
@@ -171,6 +173,11 @@ def _make_filter(place: Place, direction: str) -> Part:
 SIGNS = (
     Sign((Stage.SOURCE,), _has_no_port, lambda place: Part("computer", place.at, "ports")),
     Sign((Stage.SOURCE,), _is_refused_here, lambda place: _make_filter(place, "out")),
+    Sign(
+        (Stage.STRANGER, Stage.WIRE),
+        _is_fixed,
+        lambda place: Part("neighbour", place.at, "fixed", place.next or "a computer"),
+    ),
     Sign((Stage.REPORTED,), _began_short, _make_lifetime),
     Sign((Stage.HOP, Stage.TARGET), _ends_life, _make_lifetime),
     Sign((Stage.HOP, Stage.TARGET), _counts_reverse_path, lambda place: Part("reverse_path", place.at, "strict")),
@@ -180,9 +187,8 @@ SIGNS = (
 )
 
 
-def find_sign(place: Place, counters: Iterable[Counter]) -> Part | None:
-    """Return the one part of the table that place and counters show together; None where they leave several."""
-    grown = {one.counter: one.more for one in counters}
+def find_sign(place: Place, packets: SeenPackets) -> Part | None:
+    """Return the one part of the table that is shown by a place, and by what its computer tells; None where several are left."""
     return next(
-        (sign.make(place) for sign in SIGNS if place.stage in sign.stages and sign.is_shown(place, grown)), None
+        (sign.make(place) for sign in SIGNS if place.stage in sign.stages and sign.is_shown(place, packets)), None
     )

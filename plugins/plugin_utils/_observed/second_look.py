@@ -93,6 +93,12 @@ class SeenPackets:
     seen: tuple[Capture, ...] = ()
     missed: int = 0
     counters: tuple[Counter, ...] = ()
+    fixed: tuple[str, ...] = ()  # hardware addresses that were set by hand
+
+    @property
+    def grown(self) -> frozenset[str]:
+        """The names of the counters that have grown."""
+        return frozenset(one.counter for one in self.counters)
 
 
 @dataclass(frozen=True)

@@ -118,7 +118,7 @@ def test_a_neighbour_that_was_set_by_hand_is_told(tmp_path):
         "10.99.0.3        0x1         0x6         02:00:00:00:00:03     *        eth0\n"
         "10.99.0.4        0x1         0x0         00:00:00:00:00:00     *        eth0\n"
     )
-    assert network.neighbours(str(table)) == {
+    assert network.machine.neighbours(str(table)) == {
         "10.99.0.2": ("02:00:00:00:00:02", False),
         "10.99.0.3": ("02:00:00:00:00:03", True),
     }

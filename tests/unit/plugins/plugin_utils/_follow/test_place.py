@@ -137,7 +137,7 @@ def test_packets_that_turn_round_come_to_an_end():
 
 
 def show(found, *counters):
-    return suspects.find_sign(found, [Counter(name, 1) for name in counters])
+    return suspects.find_sign(found, SeenPackets(counters=tuple(Counter(name, 1) for name in counters)))
 
 
 def test_an_errno_of_the_sender_is_evidence():
@@ -168,6 +168,15 @@ def test_a_counter_is_a_hint_only_where_packets_end():
     assert show(hop, "IpOutDiscards") is None
     target = find(cross("request", ROUTE, CALL), CALL)
     assert show(target, '"rule of filter INPUT: tcp dport 11611 drop"') == Part("filter", "two", "rpc in")
+
+
+def test_a_hardware_address_set_by_hand_is_evidence():
+    seen = cross("request", ["one", "gate"])
+    seen["gate"].append(capture(True, "request", "02:00:00:00:00:99"))
+    found = find(seen)
+    assert show(found) is None
+    fixed = SeenPackets(fixed=("02:00:00:00:00:99",))
+    assert suspects.find_sign(found, fixed) == Part("neighbour", "gate", "fixed", "two")
 
 
 @pytest.mark.parametrize(
