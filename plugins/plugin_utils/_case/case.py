@@ -135,7 +135,7 @@ class Case:  # no dataclass: a large fleet has hundreds of thousands, and many c
     """The fleet, an observer, and a target: a member or a master of the plan."""
 
     def __init__(
-        self, state: FleetState, observer: Participant, target: str, address: str, target_master: Master | None
+        self, state: FleetState, observer: Participant, target: str, target_master: Master | None = None
     ) -> None:
         self.state = state
         self.fleet = state.fleet
@@ -143,9 +143,9 @@ class Case:  # no dataclass: a large fleet has hundreds of thousands, and many c
         self.run = state.run
         self.observer = observer
         self.target = target
-        self.address = address  # of the target
-        self.counted = False  # a good result is only counted, so it needs no sentences
         self.target_master = target_master  # in a check of masters only
+        # of the target; empty for the router
+        self.address = str(target_master.address) if target_master else self.ways.addresses.get(target, "")
         # the result of multimaster_verify on the observer; empty without one
         self.probe = observer.probe
         # the target, if it takes part in this run, and the datagrams between the two

@@ -14,11 +14,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from .._case.case import Case, FleetState, Participant
+from .._case.case import Case, FleetState
 from .._case.needs import Parts
 from .._case.pairs import ALL, choose_pairs, number
 from .._observed.observations import Observation
-from .._plan.model import FleetPlan, Master
+from .._plan.model import FleetPlan
 
 OK, WARNING, FAILED, UNKNOWN = "ok", "warning", "failed", "unknown"
 VERDICTS = (OK, WARNING, FAILED, UNKNOWN)
@@ -49,8 +49,6 @@ class Judgement(NamedTuple):
     expected: str = ""
     found: str = ""
 
-
-PASSED = Judgement(OK)  # a judge may return it for a case that is only counted, so that no sentence is made
 
 # robot of the observer, robot of the target, and the checks that passed -> number of pairs
 Passed = Counter[tuple[str, str, tuple[str, ...]]]
@@ -111,24 +109,34 @@ class Verification:
         With `passed`, good results between two computers are only counted there: a million good rows help no reader.
         """
         for checks, case in self._cases():
-            if passed is None or case.target == case.observer.name:
-                yield from _judge_case(checks, case)
-            else:
-                yield from _count_passes(checks, case, passed)
+            counts, good = passed is not None and case.target != case.observer.name, []
+            for check in checks:
+                judgement = check.judge(case)
+                if judgement is None:
+                    continue
+                if counts and judgement.verdict == OK and not check.shown:
+                    good.append(check.id)
+                else:
+                    yield Row(check.id, case.observer.name, case.target, *judgement)
+            if passed is not None and counts:
+                own, its = case.robots
+                passed[own or case.observer.name, its or case.target, tuple(good)] += 1
 
     def _cases(self) -> Iterator[tuple[Sequence[Check], Case]]:
         """Make every case, with the checks that look at it."""
         alone, itself, others = self._select(COMPUTER), self._select(ITSELF_TOO), self._select(ITSELF_TOO, MEMBER)
         own_master, masters = self._select(MASTER_TOO), self._select(MASTER, MASTER_TOO)
-        addresses = [(master, master.computer, str(master.address)) for master in self.fleet.masters]
         for observer in self.run.values():
             name, targets = observer.name, self.tried[observer.name]
-            yield alone, self._case(observer, name, str(observer.plan.address))
-            for target, address in self.ways.addresses.items():
+            yield alone, Case(self.state, observer, name)
+            for target in self.ways.members:
                 if target in targets or target == name:
-                    yield itself if target == name else others, self._case(observer, target, address)
-            for master, target, address in addresses:
-                yield own_master if target == name else masters, self._case(observer, target, address, master)
+                    yield itself if target == name else others, Case(self.state, observer, target)
+            for target, master in self.ways.master_at.items():
+                yield own_master if target == name else masters, Case(self.state, observer, target, master)
+
+    def _select(self, *scopes: str) -> list[Check]:
+        return [check for check in self.checks if check.scope in scopes]
 
     @property
     def pairs(self) -> tuple[int, int]:
@@ -136,59 +144,22 @@ class Verification:
         chosen = {name: self.tried[name] for name in self.run}
         return number(chosen), sum(len(self.ways.members.keys() - {name}) for name in self.run)
 
-    def cases(self, observer: str, target: str) -> Iterator[tuple[Check, Case]]:
-        """Make the cases of one pair, one for each scope, and give each check its own."""
-        cases = {}
-        for check in self.checks:
-            if check.scope not in cases:
-                cases[check.scope] = self.case(check, observer, target)
-            if case := cases[check.scope]:
-                yield check, case
+    def select_checks(self, observer: str, target: str) -> list[Check]:
+        """Select the checks that look at one pair, if they have an observation of it."""
+        if observer not in self.run:
+            return []
+        scopes = [COMPUTER] if observer == target else []
+        if target in self.ways.members:
+            scopes += [ITSELF_TOO] if observer == target else [ITSELF_TOO, MEMBER]
+        if target in self.ways.master_at:
+            scopes += [MASTER_TOO] if observer == target else [MASTER_TOO, MASTER]
+        return self._select(*scopes)
 
-    def case(self, check: Check, observer: str, target: str) -> Case | None:
-        """Make the case of one pair; None where the check has none."""
-        if observer not in self.run or (observer != target) < (check.scope in (MEMBER, MASTER)):
-            return None
-        computer = self.run[observer]
-        if check.scope in (MASTER, MASTER_TOO):
-            master = self.ways.master_at.get(target)
-            return self._case(computer, target, str(master.address), master) if master else None
-        if check.scope == COMPUTER:
-            return self._case(computer, target, str(computer.plan.address)) if observer == target else None
-        address = self.ways.addresses.get(target)
-        return self._case(computer, target, address) if address else None
+    def case(self, check: Check, observer: str, target: str) -> Case:
+        """Make the case of one pair, as a check looks at it."""
+        master = self.ways.master_at[target] if check.scope in (MASTER, MASTER_TOO) else None
+        return Case(self.state, self.run[observer], target, master)
 
     def make_case(self, observer: str, target: str) -> Case:
         """Make a case of two computers of the run, or of one, for questions about the way between them."""
-        computer = self.run[observer]
-        return self._case(computer, target, self.ways.addresses.get(target, str(computer.plan.address)))
-
-    def _case(self, observer: Participant, target: str, address: str, master: Master | None = None) -> Case:
-        return Case(self.state, observer, target, address, master)
-
-    def _select(self, *scopes: str) -> list[Check]:
-        return [check for check in self.checks if check.scope in scopes]
-
-
-def _judge_case(checks: Sequence[Check], case: Case) -> Iterator[Row]:
-    for check in checks:
-        judgement = check.judge(case)
-        if judgement is not None:
-            yield Row(check.id, case.observer.name, case.target, *judgement)
-
-
-def _count_passes(checks: Sequence[Check], case: Case, passed: Passed) -> Sequence[Row]:
-    """Count the good results of a case together, and return the other rows."""
-    case.counted = True
-    good, rows = [], []
-    for check in checks:
-        judgement = check.judge(case)
-        if judgement is None:
-            continue
-        if judgement is PASSED or (judgement.verdict == OK and not check.shown):
-            good.append(check.id)
-        else:
-            rows.append(Row(check.id, case.observer.name, case.target, *judgement))
-    own, its = case.robots
-    passed[own or case.observer.name, its or case.target, tuple(good)] += 1
-    return rows
+        return Case(self.state, self.run[observer], target, None)

@@ -146,8 +146,6 @@ class _Diagnosis:
         """Note what a row shows to be broken, or whom it lets suspect."""
         check = self.checks[row.check]
         case = self.verification.case(check, row.observer, row.target)
-        if case is None:
-            return
         if evidence := self._read_end(row) or check.evidence(case) or self._find_drop(check, row):
             for part in evidence:
                 self.broken[part].proof.append(row)
@@ -259,11 +257,7 @@ class _Diagnosis:
 
     def _loss_suspects(self, row: Row) -> Parts:
         case = self.verification.case(self.checks[row.check], row.observer, row.target)
-        return (
-            needs.loss_parts(case, row.observer, row.target) | needs.loss_parts(case, *case.masters)
-            if case
-            else frozenset()
-        )
+        return needs.loss_parts(case, row.observer, row.target) | needs.loss_parts(case, *case.masters)
 
     def _doubt(self, part: Part) -> float | None:
         """Say what it costs more to conclude a part that reading did not show; None where it would have shown it."""
@@ -332,9 +326,9 @@ class _Diagnosis:
     def _find_successes(self, observer: str, target: str) -> dict[str, Parts]:
         """Find the checks that succeed in a pair, with the parts that they need."""
         found = {}
-        for check, case in self.verification.cases(observer, target):
+        for check in self.verification.select_checks(observer, target):
             if (check.id, observer, target) not in self.bad:
-                case.counted = True  # its verdict is enough
+                case = self.verification.case(check, observer, target)
                 judged = check.judge(case)
                 if judged is not None and judged.verdict == OK:
                     found[check.id] = check.needs(case)
