@@ -91,14 +91,14 @@ class Participant:
         ]
 
     @property
+    def is_set_up(self) -> bool:
+        """The collection has records there. Without a look there, it counts as set up."""
+        return self.seen.found is None or self.seen.found.set_up
+
+    @property
     def lacks_ros(self) -> bool:
         """True for the router, and for a second computer of a robot without ROS; a master's computer needs ROS."""
         return not self.plan.is_master and (self.seen.probe is None or bool(self.seen.probe.ros_missing))
-
-
-def _is_set_up(computer: Participant) -> bool:
-    """Say if the collection has records there. Without a look there, it counts as set up."""
-    return computer.seen.found is None or computer.seen.found.set_up
 
 
 def _find_usual_mtus(computers: Iterable[Participant]) -> dict[str, int]:
@@ -181,7 +181,7 @@ class Case:  # no dataclass: a large fleet has hundreds of thousands, and many c
     @property
     def is_set_up_by_hand(self) -> bool:
         """The collection set up neither this computer nor its robot's master; on a master, something else runs the nodes."""
-        if _is_set_up(self.observer):
+        if self.observer.is_set_up:
             return False
         master = self.run.get(self.masters[0])
         if master is None or master.seen.found is None:
@@ -191,12 +191,12 @@ class Case:  # no dataclass: a large fleet has hundreds of thousands, and many c
     @property
     def was_never_set_up(self) -> bool:
         """The collection has no records on the observer, and nothing else runs the nodes of its robot."""
-        return not _is_set_up(self.observer) and not self.is_set_up_by_hand
+        return not self.observer.is_set_up and not self.is_set_up_by_hand
 
     @property
     def was_none_set_up(self) -> bool:
         """The collection has no records on any of the several computers of this run."""
-        return len(self.run) > 1 and not any(map(_is_set_up, self.run.values()))
+        return len(self.run) > 1 and not any(computer.is_set_up for computer in self.run.values())
 
     @property
     def back_udp(self) -> Datagrams | None:

@@ -13,8 +13,8 @@ from .._case.ways import COMMON
 from .._observed.observations import DefaultRoute, ForwardingInterface, Service
 from .._observed.outcomes import Outcome
 from .._observed.uris import is_same_uri
-from .engine import COMPUTER, FAILED, OK, UNKNOWN, WARNING, Check, Judgement
-from .manual_setup import guard_evidence, guard_judge
+from .engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement
+from .manual_setup import guard
 
 # The kernel of gateways and of the router
 
@@ -29,6 +29,21 @@ def _interfaces(case: Case) -> list[ForwardingInterface]:
     return [entry for entry in case.observer.interfaces if planned & set(entry.addresses)]
 
 
+def _forwarding_evidence(case: Case) -> Parts:
+    name = case.observer.name
+    if case.probe.forwarding.ip_forward is None:
+        return make_parts("setting", name, "unread", what="net.ipv4.ip_forward")
+    return make_parts("forwarding", name, "off")
+
+
+@Check(
+    title="gateways and the router pass packets on",
+    about="gateways, router",
+    expected="`net.ipv4.ip_forward` is 1, also on the interfaces of the plan",
+    report="4.2",
+    needs=lambda case: make_parts("forwarding", case.observer.name, "off"),
+    evidence=_forwarding_evidence,
+)
 def _judge_forwarding(case: Case) -> Judgement | None:
     if not case.observer.is_probed or not _passes_packets_on(case):
         return None
@@ -42,33 +57,7 @@ def _judge_forwarding(case: Case) -> Judgement | None:
     return Judgement(FAILED, expected, f"1, but net.ipv4.conf.{closed[0]}.forwarding is 0")
 
 
-def _forwarding_evidence(case: Case) -> Parts:
-    name = case.observer.name
-    if case.probe.forwarding.ip_forward is None:
-        return make_parts("setting", name, "unread", what="net.ipv4.ip_forward")
-    return make_parts("forwarding", name, "off")
-
-
-FORWARDING = Check(
-    id="forwarding",
-    title="gateways and the router pass packets on",
-    scope=COMPUTER,
-    judge=_judge_forwarding,
-    about="gateways, router",
-    expected="`net.ipv4.ip_forward` is 1, also on the interfaces of the plan",
-    report="4.2",
-    needs=lambda case: make_parts("forwarding", case.observer.name, "off"),
-    evidence=_forwarding_evidence,
-)
-
-
 # Reachable
-
-
-def _judge_reachable(case: Case) -> Judgement:
-    if case.observer.seen.unreachable:
-        return Judgement(FAILED, "an answer to the controller", case.observer.seen.problem or "no answer")
-    return Judgement(OK, "an answer to the controller", "an answer")
 
 
 def _reachable_needs(case: Case) -> Parts:
@@ -88,16 +77,16 @@ def _reachable_suspects(case: Case) -> Parts:
     return parts
 
 
-REACHABLE = Check(
-    id="reachable",
+@Check(
     title="computer answers the controller",
-    scope=COMPUTER,
-    judge=_judge_reachable,
-    about="computer",
     expected="it answers the controller",
     needs=_reachable_needs,
     suspects=_reachable_suspects,
 )
+def _judge_reachable(case: Case) -> Judgement:
+    if case.observer.seen.unreachable:
+        return Judgement(FAILED, "an answer to the controller", case.observer.seen.problem or "no answer")
+    return Judgement(OK, "an answer to the controller", "an answer")
 
 
 # Services
@@ -105,26 +94,6 @@ REACHABLE = Check(
 
 def _has_services(case: Case) -> bool:
     return case.observer.is_probed and bool(case.observer.services)
-
-
-def _judge_services(case: Case) -> Judgement | None:
-    planned = case.observer.services
-    if not _has_services(case):
-        return None
-    states = {entry.name: entry for entry in case.probe.services}
-    broken, restarted = [], []
-    for name in planned:
-        entry = states.get(name)
-        if entry is None or entry.active_state != "active":
-            state = "unknown" if entry is None else _describe_state(entry)
-            broken.append(f"multimaster-{name}.service is {state}")
-        elif entry.restarts:
-            restarted.append(f"{entry.unit} was started again {entry.restarts} times")
-    expected = f"{', '.join(planned)} active"
-    if broken:
-        return Judgement(FAILED, expected, ", ".join(broken))
-    verdict = WARNING if restarted else OK
-    return Judgement(verdict, f"{expected}, never started again", ", ".join(restarted) or "all active")
 
 
 def _describe_state(entry: Service) -> str:
@@ -163,19 +132,50 @@ def _services_needs(case: Case) -> Parts:
     )
 
 
-SERVICES = Check(
-    id="services",
+@guard(_has_services)
+@Check(
     title="services are active",
-    scope=COMPUTER,
-    judge=guard_judge(_judge_services, _has_services),
-    about="computer",
     expected="its services are active and were never started again by systemd",
     report="3.3",
     needs=_services_needs,
-    evidence=guard_evidence(_services_evidence),
+    evidence=_services_evidence,
 )
+def _judge_services(case: Case) -> Judgement | None:
+    planned = case.observer.services
+    if not _has_services(case):
+        return None
+    states = {entry.name: entry for entry in case.probe.services}
+    broken, restarted = [], []
+    for name in planned:
+        entry = states.get(name)
+        if entry is None or entry.active_state != "active":
+            state = "unknown" if entry is None else _describe_state(entry)
+            broken.append(f"multimaster-{name}.service is {state}")
+        elif entry.restarts:
+            restarted.append(f"{entry.unit} was started again {entry.restarts} times")
+    expected = f"{', '.join(planned)} active"
+    if broken:
+        return Judgement(FAILED, expected, ", ".join(broken))
+    verdict = WARNING if restarted else OK
+    return Judgement(verdict, f"{expected}, never started again", ", ".join(restarted) or "all active")
 
 
+def _environment_evidence(case: Case) -> Parts:
+    services = case.probe.services
+    differing = sorted({name for entry in services if entry.active_state == "active" for name in entry.differing or ()})
+    if not differing:
+        return make_parts("setting", case.observer.name, "unread", what="the environment of a service")
+    return make_parts("environment", case.observer.name, "service", what=", ".join(differing))
+
+
+@guard(_has_services)
+@Check(
+    title="services run with the planned environment",
+    expected="the process of each service really has the variables of the environment file and of the plan",
+    report="3.2",
+    needs=lambda case: make_parts("environment", case.observer.name, "service"),
+    evidence=_environment_evidence,
+)
 def _judge_environment(case: Case) -> Judgement | None:
     running = [entry for entry in case.probe.services if entry.active_state == "active"]
     if not running:
@@ -188,30 +188,20 @@ def _judge_environment(case: Case) -> Judgement | None:
     return Judgement(FAILED if differing else OK, expected, "; ".join(differing) or "the same")
 
 
-def _environment_evidence(case: Case) -> Parts:
-    services = case.probe.services
-    differing = sorted({name for entry in services if entry.active_state == "active" for name in entry.differing or ()})
-    if not differing:
-        return make_parts("setting", case.observer.name, "unread", what="the environment of a service")
-    return make_parts("environment", case.observer.name, "service", what=", ".join(differing))
-
-
-ENVIRONMENT = Check(
-    id="environment",
-    title="services run with the planned environment",
-    scope=COMPUTER,
-    judge=guard_judge(_judge_environment, _has_services),
-    about="computer",
-    expected="the process of each service really has the variables of the environment file and of the plan",
-    report="3.2",
-    needs=lambda case: make_parts("environment", case.observer.name, "service"),
-    evidence=guard_evidence(_environment_evidence),
-)
-
-
 # Measured
 
 
+def _find_problem(case: Case) -> str:
+    seen = case.observer.seen
+    return (seen.problem or next(iter(seen.probe.problems if seen.probe else ()), "")).rstrip(".")
+
+
+@Check(
+    title="computer could be looked at",
+    expected="the measurements gave a result",
+    needs=lambda case: make_parts("computer", case.observer.name, "unmeasured"),
+    evidence=lambda case: make_parts("computer", case.observer.name, "unmeasured", what=_find_problem(case)),
+)
 def _judge_measured(case: Case) -> Judgement | None:
     seen = case.observer.seen
     if seen.unreachable:
@@ -226,23 +216,6 @@ def _judge_measured(case: Case) -> Judgement | None:
     return Judgement(FAILED if problems else OK, expected, " ".join(problems).rstrip(".") or good)
 
 
-def _find_problem(case: Case) -> str:
-    seen = case.observer.seen
-    return (seen.problem or next(iter(seen.probe.problems if seen.probe else ()), "")).rstrip(".")
-
-
-MEASURED = Check(
-    id="measured",
-    title="computer could be looked at",
-    scope=COMPUTER,
-    judge=_judge_measured,
-    about="computer",
-    expected="the measurements gave a result",
-    needs=lambda case: make_parts("computer", case.observer.name, "unmeasured"),
-    evidence=lambda case: make_parts("computer", case.observer.name, "unmeasured", what=_find_problem(case)),
-)
-
-
 # Addresses
 
 DOWN = ("down", "lowerlayerdown")  # operational states of an interface without a link
@@ -251,17 +224,6 @@ DOWN = ("down", "lowerlayerdown")  # operational states of an interface without 
 def _find_missing_addresses(case: Case) -> list[str]:
     present = {address for entry in case.observer.interfaces for address in entry.addresses}
     return [str(entry.address) for entry in case.observer.plan.networks if str(entry.address) not in present]
-
-
-def _judge_addresses(case: Case) -> Judgement | None:
-    if not case.observer.interfaces:
-        return None
-    expected = ", ".join(f"{entry.address}/{entry.network.prefixlen}" for entry in case.observer.plan.networks)
-    problems = [f"no interface has {address}" for address in _find_missing_addresses(case)]
-    problems += [f"the link to {network} is down" for network in _find_down_links(case)]
-    problems += [f"{address}/{size}" for _name, address, size, _planned in case.observer.find_wrong_prefixes()]
-    # Where it does harm, other checks fail. A robot alone works without any network.
-    return Judgement(WARNING if problems else OK, expected, ", ".join(problems) or "all of them")
 
 
 def _find_down_links(case: Case) -> list[str]:
@@ -314,17 +276,22 @@ def _addresses_needs(case: Case) -> Parts:
     return make_parts("interface", case.observer.name, "address", "prefix") | up
 
 
-ADDRESSES = Check(
-    id="addresses",
+@Check(
     title="interfaces have the planned addresses",
-    scope=COMPUTER,
-    judge=_judge_addresses,
-    about="computer",
     expected="an interface has each of its addresses with the prefix length of its network, and its link is up (warning)",
     needs=_addresses_needs,
     suspects=_addresses_suspects,
     evidence=_addresses_evidence,
 )
+def _judge_addresses(case: Case) -> Judgement | None:
+    if not case.observer.interfaces:
+        return None
+    expected = ", ".join(f"{entry.address}/{entry.network.prefixlen}" for entry in case.observer.plan.networks)
+    problems = [f"no interface has {address}" for address in _find_missing_addresses(case)]
+    problems += [f"the link to {network} is down" for network in _find_down_links(case)]
+    problems += [f"{address}/{size}" for _name, address, size, _planned in case.observer.find_wrong_prefixes()]
+    # Where it does harm, other checks fail. A robot alone works without any network.
+    return Judgement(WARNING if problems else OK, expected, ", ".join(problems) or "all of them")
 
 
 def _odd_sizes(case: Case) -> dict[str, str]:
@@ -337,19 +304,8 @@ def _odd_sizes(case: Case) -> dict[str, str]:
     return sizes
 
 
-def _judge_mtu(case: Case) -> Judgement | None:
-    if not case.observer.mtus:
-        return None
-    odd = _odd_sizes(case)
-    return Judgement(WARNING if odd else OK, "the MTU of the others", "; ".join(odd.values()) or "the same")
-
-
-MTU = Check(
-    id="mtu",
+@Check(
     title="interfaces have the MTU of the others",
-    scope=COMPUTER,
-    judge=_judge_mtu,
-    about="computer",
     expected="each interface has the MTU that most have on its network (warning)",
     needs=lambda case: join_parts(
         make_parts("interface", case.observer.name, "mtu", what=network) for network in case.observer.mtus
@@ -358,11 +314,23 @@ MTU = Check(
         make_parts("interface", case.observer.name, "mtu", what=network) for network in _odd_sizes(case)
     ),
 )
+def _judge_mtu(case: Case) -> Judgement | None:
+    if not case.observer.mtus:
+        return None
+    odd = _odd_sizes(case)
+    return Judgement(WARNING if odd else OK, "the MTU of the others", "; ".join(odd.values()) or "the same")
 
 
 # More of the kernel
 
 
+@Check(
+    title="no strict reverse-path filter",
+    about="gateways, router",
+    expected="the reverse-path filter is not strict: the larger value of `all` and the interface is not 1 (warning)",
+    needs=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
+    evidence=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
+)
 def _judge_reverse_path(case: Case) -> Judgement | None:
     if not case.observer.is_probed or not _passes_packets_on(case):
         return None
@@ -372,18 +340,12 @@ def _judge_reverse_path(case: Case) -> Judgement | None:
     return Judgement(WARNING if strict else OK, expected, found)
 
 
-REVERSE_PATH = Check(
-    id="reverse_path",
-    title="no strict reverse-path filter",
-    scope=COMPUTER,
-    judge=_judge_reverse_path,
-    about="gateways, router",
-    expected="the reverse-path filter is not strict: the larger value of `all` and the interface is not 1 (warning)",
-    needs=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
-    evidence=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
+@Check(
+    title="router sends no redirects",
+    about="router",
+    expected="no ICMP redirects are sent into the common network (warning)",
+    evidence=lambda case: make_parts("redirects", case.observer.name, "sent"),
 )
-
-
 def _judge_redirects(case: Case) -> Judgement | None:
     if not case.observer.is_probed or not case.observer.plan.is_router:
         return None
@@ -392,17 +354,12 @@ def _judge_redirects(case: Case) -> Judgement | None:
     return Judgement(WARNING if sending else OK, "no ICMP redirects", found)
 
 
-REDIRECTS = Check(
-    id="redirects",
-    title="router sends no redirects",
-    scope=COMPUTER,
-    judge=_judge_redirects,
-    about="router",
-    expected="no ICMP redirects are sent into the common network (warning)",
-    evidence=lambda case: make_parts("redirects", case.observer.name, "sent"),
+@Check(
+    title="kernel answers pings",
+    expected="`net.ipv4.icmp_echo_ignore_all` is 0, as pings of the fleet need it (warning)",
+    needs=lambda case: make_parts("setting", case.observer.name, "icmp_all"),
+    evidence=lambda case: make_parts("setting", case.observer.name, "icmp_all"),
 )
-
-
 def _judge_answers_pings(case: Case) -> Judgement | None:
     ignored = case.probe.forwarding.icmp_echo_ignore_all
     if ignored is None:
@@ -410,35 +367,7 @@ def _judge_answers_pings(case: Case) -> Judgement | None:
     return Judgement(WARNING if ignored else OK, "net.ipv4.icmp_echo_ignore_all is 0", str(ignored))
 
 
-ANSWERS_PINGS = Check(
-    id="answers_pings",
-    title="kernel answers pings",
-    scope=COMPUTER,
-    judge=_judge_answers_pings,
-    about="computer",
-    expected="`net.ipv4.icmp_echo_ignore_all` is 0, as pings of the fleet need it (warning)",
-    needs=lambda case: make_parts("setting", case.observer.name, "icmp_all"),
-    evidence=lambda case: make_parts("setting", case.observer.name, "icmp_all"),
-)
-
-
 # The robot's roscore
-
-
-def _judge_master_uri(case: Case) -> Judgement | None:
-    if not case.observer.is_probed or case.observer.lacks_ros:
-        return None
-    expected = case.ways.masters[case.observer.plan.robot].uri
-    roscore = case.probe.roscore
-    if roscore.error:
-        return Judgement(FAILED, expected, roscore.error)
-    good = is_same_uri(roscore.answer, expected) and is_same_uri(roscore.uri, expected)
-    found = (
-        roscore.answer
-        if is_same_uri(roscore.answer, roscore.uri)
-        else f"ROS_MASTER_URI {roscore.uri}, and the roscore calls itself {roscore.answer}"
-    )
-    return Judgement(OK if good else FAILED, expected, found)
 
 
 def _roscore_suspects(case: Case) -> Parts:
@@ -457,19 +386,29 @@ def _master_uri_evidence(case: Case) -> Parts:
     return frozenset() if seen.error else make_parts("roscore", case.masters[0], "name", what=seen.answer)
 
 
-MASTER_URI = Check(
-    id="master_uri",
+@Check(
     title="ROS_MASTER_URI means the robot's roscore",
-    scope=COMPUTER,
-    judge=_judge_master_uri,
     carries=ROSCORE,
-    about="computer",
     expected="`ROS_MASTER_URI` and the roscore's own `getUri` are the planned URI",
     report="3.2",
     needs=lambda case: needs.roscore(case, case.observer.name, case.masters[0]),
     suspects=_roscore_suspects,
     evidence=_master_uri_evidence,
 )
+def _judge_master_uri(case: Case) -> Judgement | None:
+    if not case.observer.is_probed or case.observer.lacks_ros:
+        return None
+    expected = case.ways.masters[case.observer.plan.robot].uri
+    roscore = case.probe.roscore
+    if roscore.error:
+        return Judgement(FAILED, expected, roscore.error)
+    good = is_same_uri(roscore.answer, expected) and is_same_uri(roscore.uri, expected)
+    found = (
+        roscore.answer
+        if is_same_uri(roscore.answer, roscore.uri)
+        else f"ROS_MASTER_URI {roscore.uri}, and the roscore calls itself {roscore.answer}"
+    )
+    return Judgement(OK if good else FAILED, expected, found)
 
 
 # Names
@@ -477,6 +416,13 @@ MASTER_URI = Check(
 ASK_OTHERS = ("dns", "mdns", "nis", "ldap", "wins")  # the beginnings of sources that ask a server in the network
 
 
+@Check(
+    title="/etc/hosts is asked for names first",
+    expected="the line `hosts` of `/etc/nsswitch.conf` has `files` before what asks a name server (warning)",
+    report="3.1",
+    needs=lambda case: make_parts("names", case.observer.name, "order"),
+    evidence=lambda case: make_parts("names", case.observer.name, "order"),
+)
 def _judge_name_order(case: Case) -> Judgement | None:
     sources = case.probe.name_sources
     if not sources:
@@ -486,22 +432,21 @@ def _judge_name_order(case: Case) -> Judgement | None:
     return Judgement(OK if first else WARNING, "files before dns", " ".join(sources))
 
 
-NAME_ORDER = Check(
-    id="name_order",
-    title="/etc/hosts is asked for names first",
-    scope=COMPUTER,
-    judge=_judge_name_order,
-    about="computer",
-    expected="the line `hosts` of `/etc/nsswitch.conf` has `files` before what asks a name server (warning)",
-    report="3.1",
-    needs=lambda case: make_parts("names", case.observer.name, "order"),
-    evidence=lambda case: make_parts("names", case.observer.name, "order"),
-)
-
-
 # Default routes
 
 
+def _describe_route(route: DefaultRoute) -> str:
+    metric = f" with the metric {route.metric}" if route.metric else ""
+    return f"{route.gateway or 'no gateway'} on {route.device}{metric}"
+
+
+@Check(
+    title="one default route at most",
+    expected="one at most, of whatever metric (warning)",
+    report="4.2",
+    needs=lambda case: make_parts("route", case.observer.name, "defaults"),
+    evidence=lambda case: make_parts("route", case.observer.name, "defaults"),
+)
 def _judge_default_routes(case: Case) -> Judgement | None:
     if not case.observer.is_probed:
         return None
@@ -510,42 +455,19 @@ def _judge_default_routes(case: Case) -> Judgement | None:
     return Judgement(OK if len(routes) <= 1 else WARNING, "one default route at most", found)
 
 
-def _describe_route(route: DefaultRoute) -> str:
-    metric = f" with the metric {route.metric}" if route.metric else ""
-    return f"{route.gateway or 'no gateway'} on {route.device}{metric}"
-
-
-DEFAULT_ROUTES = Check(
-    id="default_routes",
-    title="one default route at most",
-    scope=COMPUTER,
-    judge=_judge_default_routes,
-    about="computer",
-    expected="one at most, of whatever metric (warning)",
-    report="4.2",
-    needs=lambda case: make_parts("route", case.observer.name, "defaults"),
-    evidence=lambda case: make_parts("route", case.observer.name, "defaults"),
-)
-
-
 # The packet filter
 
 
+@guard(lambda case: case.observer.seen.packet_filter is not None)
+@Check(
+    title="the packet filter is as planned",
+    expected="with `multimaster_firewall: fleet`: all its rules are there, now and at boot",
+    needs=lambda case: make_parts("filter", case.observer.name, "changed"),
+    evidence=lambda case: make_parts("filter", case.observer.name, "changed"),
+)
 def _judge_packet_filter(case: Case) -> Judgement | None:
     found = case.observer.seen.packet_filter
     if found is None:
         return None
     expected = "the packet filter of the plan" if case.observer.plan.firewall else "no packet filter of the collection"
     return Judgement(FAILED if found.changed or found.failed else OK, expected, found.msg)
-
-
-PACKET_FILTER = Check(
-    id="packet_filter",
-    title="the packet filter is as planned",
-    scope=COMPUTER,
-    judge=guard_judge(_judge_packet_filter, lambda case: case.observer.seen.packet_filter is not None),
-    about="computer",
-    expected="with `multimaster_firewall: fleet`: all its rules are there, now and at boot",
-    needs=lambda case: make_parts("filter", case.observer.name, "changed"),
-    evidence=guard_evidence(lambda case: make_parts("filter", case.observer.name, "changed")),
-)

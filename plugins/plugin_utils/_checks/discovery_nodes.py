@@ -15,7 +15,7 @@ from .._case.ways import COMMON
 from .._observed.observations import Datagrams, ListedMaster, Route
 from .._observed.outcomes import Outcome
 from .._observed.uris import host_of, is_same_uri
-from .engine import COMPUTER, FAILED, MASTER, MASTER_TOO, MEMBER, OK, WARNING, Check, Judgement
+from .engine import FAILED, MASTER, MASTER_TOO, MEMBER, OK, WARNING, Check, Judgement
 
 # The share of datagrams that may be lost.
 LOSS = 0.05
@@ -39,21 +39,8 @@ def _membership_interfaces(case: Case) -> set[str] | None:
     return {entry.interface for entry in multicast.memberships if entry.group == group}
 
 
-def _judge_membership(case: Case) -> Judgement | None:
-    interfaces = _membership_interfaces(case)
-    planned = case.observer.interface_on.get(COMMON)
-    if interfaces is None or planned is None:
-        return None
-    expected = f"a program has joined {case.fleet.multicast_group} on {planned.interface}"
-    found = f"on {' and '.join(sorted(interfaces))}" if interfaces else "on no interface"
-    return Judgement(OK if planned.interface in interfaces else _transport_verdict(case, True), expected, found)
-
-
-MEMBERSHIP = Check(
-    id="membership",
+@Check(
     title="discovery has joined the group",
-    scope=COMPUTER,
-    judge=_judge_membership,
     about="masters",
     expected="a program has joined the group on the planned interface, as the kernel has it in `/proc/net/igmp`",
     report="3.3",
@@ -63,6 +50,14 @@ MEMBERSHIP = Check(
         else make_parts("discovery", case.observer.name, "group")
     ),
 )
+def _judge_membership(case: Case) -> Judgement | None:
+    interfaces = _membership_interfaces(case)
+    planned = case.observer.interface_on.get(COMMON)
+    if interfaces is None or planned is None:
+        return None
+    expected = f"a program has joined {case.fleet.multicast_group} on {planned.interface}"
+    found = f"on {' and '.join(sorted(interfaces))}" if interfaces else "on no interface"
+    return Judgement(OK if planned.interface in interfaces else _transport_verdict(case, True), expected, found)
 
 
 # Datagrams on the group
@@ -76,23 +71,6 @@ def _on_group(case: Case) -> Datagrams | None:
     if own.robot == planned.robot and udp.other_interfaces:
         return None  # a gateway that passes the group on hears its own robot on the inner interface
     return udp if own.multicast and planned.multicast else None
-
-
-def _judge_udp_multicast(case: Case) -> Judgement | None:
-    udp = _on_group(case)
-    if udp is None:
-        return None
-    address = case.ways.discovery_addresses[case.target]
-    loss = (case.back_udp.loss if case.back_udp else None) or 0.0  # the sender knows how many it has sent
-    expected = f"datagrams on {case.ways.group} from {address}"
-    if not udp.heard_from:
-        elsewhere = f"none, but on {', '.join(udp.other_interfaces)}" if udp.other_interfaces else "none"
-        return Judgement(_transport_verdict(case, udp.unicast), expected, elsewhere)
-    if udp.source_address != address:
-        return Judgement(FAILED, expected, f"from {udp.source_address}")
-    if loss > LOSS:
-        return Judgement(WARNING, expected, f"{loss:.0%} of them are lost")
-    return Judgement(OK, expected, f"{udp.heard} datagrams")
 
 
 def _transport_verdict(case: Case, other: bool | None) -> str:
@@ -139,11 +117,9 @@ def _translator(case: Case, computer: str) -> Parts:
     )
 
 
-UDP_MULTICAST = Check(
-    id="udp_multicast",
+@Check(
     title="datagrams on the multicast group arrive",
     scope=MEMBER,
-    judge=_judge_udp_multicast,
     carries=GROUP,
     about="pair that the group reaches",
     expected="UDP datagrams on the group and port in use arrive, from the planned address",
@@ -152,6 +128,21 @@ UDP_MULTICAST = Check(
     suspects=_group_suspects,
     evidence=_group_evidence,
 )
+def _judge_udp_multicast(case: Case) -> Judgement | None:
+    udp = _on_group(case)
+    if udp is None:
+        return None
+    address = case.ways.discovery_addresses[case.target]
+    loss = (case.back_udp.loss if case.back_udp else None) or 0.0  # the sender knows how many it has sent
+    expected = f"datagrams on {case.ways.group} from {address}"
+    if not udp.heard_from:
+        elsewhere = f"none, but on {', '.join(udp.other_interfaces)}" if udp.other_interfaces else "none"
+        return Judgement(_transport_verdict(case, udp.unicast), expected, elsewhere)
+    if udp.source_address != address:
+        return Judgement(FAILED, expected, f"from {udp.source_address}")
+    if loss > LOSS:
+        return Judgement(WARNING, expected, f"{loss:.0%} of them are lost")
+    return Judgement(OK, expected, f"{udp.heard} datagrams")
 
 
 # Datagrams to the computer
@@ -164,18 +155,6 @@ def _is_translated(case: Case) -> bool:
     return seen is not None and seen != case.ways.discovery_addresses.get(case.observer.name)
 
 
-def _judge_udp_unicast(case: Case) -> Judgement | None:
-    if case.udp is None:
-        return None
-    expected = f"datagrams to port {case.fleet.multicast_port} arrive there"
-    if case.udp.unicast:
-        return Judgement(OK, expected, "they arrive")
-    if case.fleet.transport == "multicast":
-        return None  # no computer needs them
-    found = "no answer" if case.udp.unicast is None else "none arrives"
-    return Judgement(_transport_verdict(case, case.udp.heard_from), expected, found)
-
-
 def _unicast_needs(case: Case) -> Parts:
     one, other = case.observer.name, case.target
     there = needs.passes(one, other, "udp") | make_parts("computer", other, "unmeasured", "login")
@@ -183,11 +162,9 @@ def _unicast_needs(case: Case) -> Parts:
     return needs.way(case, one, other) - nobody_asks | there | _outside(case)
 
 
-UDP_UNICAST = Check(
-    id="udp_unicast",
+@Check(
     title="datagrams to the computer arrive",
     scope=MEMBER,
-    judge=_judge_udp_unicast,
     carries="udp",
     about="pair with discovery",
     expected="UDP datagrams to the computer itself arrive on that port",
@@ -200,11 +177,35 @@ UDP_UNICAST = Check(
     ),
     evidence=lambda case: _translator(case, case.observer.name) if _is_translated(case) else frozenset(),
 )
+def _judge_udp_unicast(case: Case) -> Judgement | None:
+    if case.udp is None:
+        return None
+    expected = f"datagrams to port {case.fleet.multicast_port} arrive there"
+    if case.udp.unicast:
+        return Judgement(OK, expected, "they arrive")
+    if case.fleet.transport == "multicast":
+        return None  # no computer needs them
+    found = "no answer" if case.udp.unicast is None else "none arrives"
+    return Judgement(_transport_verdict(case, case.udp.heard_from), expected, found)
 
 
 # The source address of datagrams
 
 
+@Check(
+    title="datagrams arrive from the planned address",
+    scope=MEMBER,
+    about="pair between networks",
+    expected="datagrams arrive from the planned address: no gateway translates it (warning)",
+    report="4.2",
+    needs=lambda case: _unicast_needs(case) | needs.translation_parts(case, case.observer.name, case.target),
+    # Whatever drops the questions of ARP may drop the answers, too.
+    suspects=lambda case: (
+        _unicast_needs(case)
+        | needs.neighbours(case, case.target, case.observer.name)
+        | needs.active_translations(case, case.observer.name, case.target)
+    ),
+)
 def _judge_source(case: Case) -> Judgement | None:
     """Judge if a gateway between networks translates addresses: the helper on the target counts who called."""
     multicast = case.peer.seen.multicast if case.peer else None
@@ -218,45 +219,12 @@ def _judge_source(case: Case) -> Judgement | None:
     return Judgement(OK if arrived else WARNING, expected, "they arrive" if arrived else "none arrives")
 
 
-SOURCE = Check(
-    id="source",
-    title="datagrams arrive from the planned address",
-    scope=MEMBER,
-    judge=_judge_source,
-    about="pair between networks",
-    expected="datagrams arrive from the planned address: no gateway translates it (warning)",
-    report="4.2",
-    needs=lambda case: _unicast_needs(case) | needs.translation_parts(case, case.observer.name, case.target),
-    # Whatever drops the questions of ARP may drop the answers, too.
-    suspects=lambda case: (
-        _unicast_needs(case)
-        | needs.neighbours(case, case.target, case.observer.name)
-        | needs.active_translations(case, case.observer.name, case.target)
-    ),
-)
-
-
 # Pings of the group
 
 
-def _judge_icmp_rounds(case: Case) -> Judgement | None:
-    icmp = case.observer.seen.multicast.icmp if case.observer.seen.multicast else None
-    if icmp is None or case.peer is None or not case.peer.answers_broadcasts:
-        return None  # by plan it does not answer: the kernel's default, and no harm
-    if not (case.observer.plan.common_address and case.peer.plan.common_address):
-        return None  # such a ping stays on the common network
-    missed = [number for number, answered in case.observer.rounds if case.target not in answered]
-    expected = f"an answer to each of {len(icmp.rounds)} pings of {icmp.group}"
-    if icmp.error or missed:
-        return Judgement(WARNING, expected, icmp.error or f"none in the rounds {', '.join(map(str, missed))}")
-    return Judgement(OK, expected, "all")
-
-
-ICMP_ROUNDS = Check(
-    id="icmp_rounds",
+@Check(
     title="ping of the multicast group (informs only)",
     scope=MEMBER,
-    judge=_judge_icmp_rounds,
     about="pair on the common network",
     expected="an answer in each round of `ping 224.0.0.1`; informs only, and only where computers are to answer",
     report="3.2",
@@ -273,6 +241,17 @@ ICMP_ROUNDS = Check(
         | needs.loss_parts(case, case.observer.name, case.target)
     ),
 )
+def _judge_icmp_rounds(case: Case) -> Judgement | None:
+    icmp = case.observer.seen.multicast.icmp if case.observer.seen.multicast else None
+    if icmp is None or case.peer is None or not case.peer.answers_broadcasts:
+        return None  # by plan it does not answer: the kernel's default, and no harm
+    if not (case.observer.plan.common_address and case.peer.plan.common_address):
+        return None  # such a ping stays on the common network
+    missed = [number for number, answered in case.observer.rounds if case.target not in answered]
+    expected = f"an answer to each of {len(icmp.rounds)} pings of {icmp.group}"
+    if icmp.error or missed:
+        return Judgement(WARNING, expected, icmp.error or f"none in the rounds {', '.join(map(str, missed))}")
+    return Judgement(OK, expected, "all")
 
 
 # The port of a discovery node
@@ -281,16 +260,6 @@ ICMP_ROUNDS = Check(
 def _connect_outcome(case: Case) -> Outcome:
     entry = case.observer.masters.get(case.target)
     return entry.outcome if entry else Outcome.NOT_TRIED
-
-
-def _judge_rpc_port(case: Case) -> Judgement | None:
-    entry = case.observer.masters.get(case.target)
-    if entry is None:
-        return None
-    expected = f"TCP port {entry.port} of {case.address} opens"
-    if entry.open:
-        return Judgement(OK, expected, f"{entry.connect_ms} ms")
-    return Judgement(FAILED, expected, entry.error)
 
 
 def _outside(case: Case) -> Parts:
@@ -333,11 +302,9 @@ def _port_evidence(case: Case) -> Parts:
     return frozenset()
 
 
-RPC_PORT = Check(
-    id="rpc_port",
+@Check(
     title="port of the discovery node opens",
     scope=MASTER_TOO,
-    judge=_judge_rpc_port,
     carries="rpc",
     about="to masters",
     expected="the TCP port of the discovery node opens",
@@ -345,6 +312,14 @@ RPC_PORT = Check(
     suspects=_port_suspects,
     evidence=_port_evidence,
 )
+def _judge_rpc_port(case: Case) -> Judgement | None:
+    entry = case.observer.masters.get(case.target)
+    if entry is None:
+        return None
+    expected = f"TCP port {entry.port} of {case.address} opens"
+    if entry.open:
+        return Judgement(OK, expected, f"{entry.connect_ms} ms")
+    return Judgement(FAILED, expected, entry.error)
 
 
 # The route to a discovery node
@@ -385,12 +360,9 @@ def _to_master(case: Case) -> Route | None:
     return entry.route if entry and case.target != case.observer.name else None
 
 
-MASTER_ROUTE = Check(
-    id="master_route",
+@Check(
     title="route to the discovery node",
     scope=MASTER,
-    judge=lambda case: _judge_route(case, _to_master(case), case.master.address),
-    about="to masters",
     expected="packets to the address of its discovery node leave by the planned gateway",
     report="4.2",
     needs=lambda case: make_parts(
@@ -399,6 +371,8 @@ MASTER_ROUTE = Check(
     suspects=lambda case: make_parts("interface", case.observer.name, "prefix", "address"),
     evidence=lambda case: _route_evidence(case, _to_master(case), case.master.address),
 )
+def _judge_master_route(case: Case) -> Judgement | None:
+    return _judge_route(case, _to_master(case), case.master.address)
 
 
 # The same for the other address of a gateway, which is no master: its datagrams are measured there
@@ -412,11 +386,9 @@ def _to_outer(case: Case) -> Route | None:
     return case.member.discovery_route if case.member else None
 
 
-OUTER_ROUTE = Check(
-    id="outer_route",
+@Check(
     title="route to the other address of a gateway",
     scope=MEMBER,
-    judge=lambda case: _judge_route(case, _to_outer(case), _outer(case)),
     about="to gateways",
     expected="packets to its address in the common network leave by the planned gateway",
     report="4.2",
@@ -424,11 +396,20 @@ OUTER_ROUTE = Check(
     suspects=lambda case: make_parts("interface", case.observer.name, "prefix", "address"),
     evidence=lambda case: _route_evidence(case, _to_outer(case), _outer(case)),
 )
+def _judge_outer_route(case: Case) -> Judgement | None:
+    return _judge_route(case, _to_outer(case), _outer(case))
 
 
 # The port of a roscore, seen from others: no other computer needs it, but it tells a roscore that has ended
 
 
+@Check(
+    title="port of the roscore is not refused",
+    scope=MASTER,
+    expected="the TCP port of its roscore opens, or nothing comes back; refused: it has ended (warning)",
+    needs=lambda case: make_parts("roscore", case.target, "dead"),
+    evidence=lambda case: make_parts("roscore", case.target, "dead"),
+)
 def _judge_roscore_port(case: Case) -> Judgement | None:
     entry = case.observer.masters.get(case.target)
     if entry is None or entry.roscore_outcome == Outcome.NOT_TRIED:
@@ -440,32 +421,7 @@ def _judge_roscore_port(case: Case) -> Judgement | None:
     return Judgement(WARNING, expected, entry.roscore) if entry.roscore_outcome == Outcome.REFUSED else None
 
 
-ROSCORE_PORT = Check(
-    id="roscore_port",
-    title="port of the roscore is not refused",
-    scope=MASTER,
-    judge=_judge_roscore_port,
-    about="to masters",
-    expected="the TCP port of its roscore opens, or nothing comes back; refused: it has ended (warning)",
-    needs=lambda case: make_parts("roscore", case.target, "dead"),
-    evidence=lambda case: make_parts("roscore", case.target, "dead"),
-)
-
-
 # Clocks
-
-
-def _judge_clock(case: Case) -> Judgement | None:
-    entry = case.observer.masters.get(case.target)
-    if entry is None:
-        return None
-    expected = f"less than {CLOCK_WARNING} s apart"
-    offset = entry.clock_offset_s
-    if offset is None:
-        return Judgement(FAILED, expected, entry.clock_error or "no answer")
-    sure = abs(offset) - (entry.clock_uncertainty_s or 0.0)
-    verdict = OK if sure < CLOCK_WARNING else WARNING if sure < CLOCK_FAILED else FAILED
-    return Judgement(verdict, expected, f"{offset:+.4f} s")
 
 
 def _clock_needs(case: Case) -> Parts:
@@ -494,36 +450,27 @@ def _clock_suspects(case: Case) -> Parts:
     return _port_suspects(case)
 
 
-CLOCK = Check(
-    id="clock",
+@Check(
     title="clocks agree",
     scope=MASTER,
-    judge=_judge_clock,
-    about="to masters",
     expected="less than 0.1 s apart (warning), less than 0.5 s (failure)",
     needs=_clock_needs,
     suspects=_clock_suspects,
 )
+def _judge_clock(case: Case) -> Judgement | None:
+    entry = case.observer.masters.get(case.target)
+    if entry is None:
+        return None
+    expected = f"less than {CLOCK_WARNING} s apart"
+    offset = entry.clock_offset_s
+    if offset is None:
+        return Judgement(FAILED, expected, entry.clock_error or "no answer")
+    sure = abs(offset) - (entry.clock_uncertainty_s or 0.0)
+    verdict = OK if sure < CLOCK_WARNING else WARNING if sure < CLOCK_FAILED else FAILED
+    return Judgement(verdict, expected, f"{offset:+.4f} s")
 
 
 # The masters that a discovery node lists
-
-
-def _judge_list_masters(case: Case) -> Judgement | None:
-    if not case.observer.is_probed or case.observer.lacks_ros:
-        return None
-    master = case.master
-    entry = case.observer.listed.get(master.name)
-    good = (
-        entry is not None and entry.online and is_same_uri(entry.uri, master.uri) and _has_planned_address(entry, case)
-    )
-    expected = f"{master.name} online, {master.uri}, monitored at {master.monitor_uri}"
-    if entry is None:
-        error = case.probe.list_masters.error
-        return Judgement(FAILED, expected, error or f"not among {', '.join(sorted(case.observer.listed)) or 'none'}")
-    state = "online" if entry.online else "offline"
-    found = f"{entry.name} {state}, {entry.uri}, monitored at {entry.monitoruri}"
-    return Judgement(OK if good else FAILED, expected, found)
 
 
 def _has_planned_address(entry: ListedMaster, case: Case) -> bool:
@@ -579,11 +526,9 @@ def _list_evidence(case: Case) -> Parts:
     return _translator(case, case.target)
 
 
-LIST_MASTERS = Check(
-    id="list_masters",
+@Check(
     title="rosservice call /master_discovery/list_masters",
     scope=MASTER_TOO,
-    judge=_judge_list_masters,
     about="to masters",
     expected="`rosservice call /master_discovery/list_masters` has the master online, with its planned URIs",
     report="3.3, Fig. 8",
@@ -591,3 +536,18 @@ LIST_MASTERS = Check(
     suspects=_list_suspects,
     evidence=_list_evidence,
 )
+def _judge_list_masters(case: Case) -> Judgement | None:
+    if not case.observer.is_probed or case.observer.lacks_ros:
+        return None
+    master = case.master
+    entry = case.observer.listed.get(master.name)
+    good = (
+        entry is not None and entry.online and is_same_uri(entry.uri, master.uri) and _has_planned_address(entry, case)
+    )
+    expected = f"{master.name} online, {master.uri}, monitored at {master.monitor_uri}"
+    if entry is None:
+        error = case.probe.list_masters.error
+        return Judgement(FAILED, expected, error or f"not among {', '.join(sorted(case.observer.listed)) or 'none'}")
+    state = "online" if entry.online else "offline"
+    found = f"{entry.name} {state}, {entry.uri}, monitored at {entry.monitoruri}"
+    return Judgement(OK if good else FAILED, expected, found)

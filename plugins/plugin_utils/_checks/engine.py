@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from .._case.case import Case, FleetState
@@ -23,12 +23,12 @@ from .._plan.model import FleetPlan
 OK, WARNING, FAILED, UNKNOWN = "ok", "warning", "failed", "unknown"
 VERDICTS = (OK, WARNING, FAILED, UNKNOWN)
 
-# The scope of a check: the targets that each observer looks at.
+# The scope of a check: the targets that each observer looks at, in the words of docs/operate/verification.md.
 COMPUTER = "computer"  # the observer itself
-ITSELF_TOO = "itself too"  # every member, and the observer
-MEMBER = "member"  # every other member
-MASTER = "master"  # every other master
-MASTER_TOO = "master too"  # every master, also the observer's own
+ITSELF_TOO = "pair, itself too"  # every member, and the observer
+MEMBER = "pair"  # every other member
+MASTER = "to masters"  # every other master
+MASTER_TOO = "to masters, its own too"  # every master, also the observer's own
 
 
 class Row(NamedTuple):  # there are millions in a large fleet, and a frozen dataclass is five times slower to make
@@ -54,31 +54,38 @@ class Judgement(NamedTuple):
 Passed = Counter[tuple[str, str, tuple[str, ...]]]
 
 
+Judge = Callable[[Case], Judgement | None]
+
+
 def _find_no_parts(_case: Case) -> Parts:
     return frozenset()
 
 
 @dataclass(frozen=True)
 class Check:
-    """A check: its targets, its judge, and the meaning of its results for the parts of the fleet.
+    """A check: its targets, its judge, and the meaning of its results for the parts of the fleet. It decorates its judge.
 
     The judge returns None where there is nothing to judge, for example since a different check says it already. A success
     needs the parts of `needs`, so it clears them. A failure has its reason among `suspects`; without such a function it is
     among `needs`. `evidence` are parts that a value shows to be broken; then no other part is suspected.
     """
 
-    id: str
     title: str
-    scope: str
-    judge: Callable[[Case], Judgement | None]
-    about: str  # the targets, as docs/operate/verification.md names them
-    expected: str  # the same place
+    expected: str  # as docs/operate/verification.md has it
+    scope: str = COMPUTER
+    about: str = ""  # the targets, as named there; empty: the words of the scope
     report: str = ""  # where the report has it
     needs: Callable[[Case], Parts] = _find_no_parts
     suspects: Callable[[Case], Parts] | None = None
     evidence: Callable[[Case], Parts] = _find_no_parts
     carries: str = ""  # its packets, a word of packet_filters.TRAFFIC: a rule that drops them is evidence, too
     shown: bool = False  # good results have rows, too
+    id: str = ""  # the name of the judge without `_judge_`
+    judge: Judge = lambda case: None
+
+    def __call__(self, judge: Judge) -> Check:
+        """Return the check with its judge."""
+        return replace(self, id=judge.__name__.removeprefix("_judge_"), judge=judge)
 
 
 class Verification:

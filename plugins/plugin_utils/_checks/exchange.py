@@ -13,20 +13,12 @@ from .._case.registrations import Conflict
 from .._fleet.sentences import shorten_list
 from .._observed.observations import SilentNode
 from .._observed.outcomes import Outcome
-from .engine import COMPUTER, FAILED, MASTER, OK, UNKNOWN, WARNING, Check, Judgement
+from .engine import FAILED, MASTER, OK, UNKNOWN, WARNING, Check, Judgement
 
 NAMED = 4  # registrations, names or connections that a finding names
 
 
 # Registered nodes
-
-
-def _judge_nodes_answer(case: Case) -> Judgement | None:
-    if case.exchange is None or case.exchange.error:
-        return None
-    silent = case.exchange.silent
-    found = f"no answer of {shorten_list(silent, NAMED)}" if silent else "they answer"
-    return Judgement(WARNING if silent else OK, "every node that is registered answers", found)
 
 
 def _silent_suspects(case: Case) -> Parts:
@@ -57,11 +49,8 @@ def _has_ended(case: Case, entry: SilentNode) -> bool:
     return entry.outcome == Outcome.REFUSED and filtered is None
 
 
-NODES_ANSWER = Check(
-    id="nodes_answer",
+@Check(
     title="registered nodes answer",
-    scope=COMPUTER,
-    judge=_judge_nodes_answer,
     about="roscore",
     expected="each of the robot's nodes that is registered answers (warning)",
     needs=lambda case: (
@@ -70,6 +59,12 @@ NODES_ANSWER = Check(
     suspects=_silent_suspects,
     evidence=_silent_evidence,
 )
+def _judge_nodes_answer(case: Case) -> Judgement | None:
+    if case.exchange is None or case.exchange.error:
+        return None
+    silent = case.exchange.silent
+    found = f"no answer of {shorten_list(silent, NAMED)}" if silent else "they answer"
+    return Judgement(WARNING if silent else OK, "every node that is registered answers", found)
 
 
 # Names
@@ -77,16 +72,6 @@ NODES_ANSWER = Check(
 
 def _has_both_contents(case: Case) -> bool:
     return case.exchange is not None and all(robot in case.state.exchanges.robots for robot in case.robots)
-
-
-def _judge_names(case: Case) -> Judgement | None:
-    if not _has_both_contents(case):
-        return None
-    own, its = case.robots
-    clashes = case.state.exchanges.clashes(its, own)
-    names = (f"the {clash.kind} {clash.name} is of {' and of '.join(clash.robots)}" for clash in clashes)
-    found = shorten_list(names, NAMED)
-    return Judgement(FAILED if clashes else OK, "each name once", found or "no name twice")
 
 
 def _names_evidence(case: Case) -> Parts:
@@ -97,30 +82,24 @@ def _names_evidence(case: Case) -> Parts:
     )
 
 
-NAMES = Check(
-    id="names",
+@Check(
     title="no node or service name twice",
     scope=MASTER,
-    judge=_judge_names,
     about="pair of roscores",
     expected="no node and no service that is exchanged has a name that another robot has too",
     evidence=_names_evidence,
 )
+def _judge_names(case: Case) -> Judgement | None:
+    if not _has_both_contents(case):
+        return None
+    own, its = case.robots
+    clashes = case.state.exchanges.clashes(its, own)
+    names = (f"the {clash.kind} {clash.name} is of {' and of '.join(clash.robots)}" for clash in clashes)
+    found = shorten_list(names, NAMED)
+    return Judgement(FAILED if clashes else OK, "each name once", found or "no name twice")
 
 
 # Types
-
-
-def _judge_types(case: Case) -> Judgement | None:
-    if case.exchange is None or not _has_both_contents(case):
-        return None
-    own, its = case.robots
-    conflicts, expected = case.state.exchanges.conflicts(its, own), "each topic has one type"
-    if conflicts:
-        return Judgement(FAILED, expected, shorten_list(map(_describe_conflict, conflicts), NAMED))
-    if case.exchange.types_error:
-        return Judgement(UNKNOWN, expected, f"the md5 sums are not known: {case.exchange.types_error}")
-    return Judgement(OK, expected, "the same types")
 
 
 def _describe_conflict(conflict: Conflict) -> str:
@@ -144,32 +123,28 @@ def _types_evidence(case: Case) -> Parts:
     )
 
 
-TYPES = Check(
-    id="types",
+@Check(
     title="topics have the same type on both sides",
     scope=MASTER,
-    judge=_judge_types,
     about="pair of roscores",
     expected="a topic that is exchanged has one type and one md5 sum on both robots",
     evidence=_types_evidence,
 )
+def _judge_types(case: Case) -> Judgement | None:
+    if case.exchange is None or not _has_both_contents(case):
+        return None
+    own, its = case.robots
+    conflicts, expected = case.state.exchanges.conflicts(its, own), "each topic has one type"
+    if conflicts:
+        return Judgement(FAILED, expected, shorten_list(map(_describe_conflict, conflicts), NAMED))
+    if case.exchange.types_error:
+        return Judgement(UNKNOWN, expected, f"the md5 sums are not known: {case.exchange.types_error}")
+    return Judgement(OK, expected, "the same types")
 
 
 # The flow
 
 MOST_REGISTRATIONS = 5000  # of one master: the same number as in the nodes' sync/core/limits.py
-
-
-def _judge_flow(case: Case) -> Judgement | None:
-    if case.exchange is None:
-        return None
-    own, its = case.robots
-    if case.exchange.error:
-        return Judgement(UNKNOWN, f"what {its} gives", case.exchange.error)
-    missing, superfluous = case.state.exchanges.find_missing(its, own), case.state.exchanges.superfluous(its, own)
-    parts = [("not there", missing), ("there against the plan", superfluous)]
-    found = "; ".join(f"{words}: {shorten_list(map(str, items), NAMED)}" for words, items in parts if items)
-    return Judgement(FAILED if found else OK, f"what {its} gives to {own}, and nothing else", found or "just that")
 
 
 def _flow_suspects(case: Case) -> Parts:
@@ -192,11 +167,9 @@ def _flow_evidence(case: Case) -> Parts:
     return frozenset()
 
 
-FLOW = Check(
-    id="flow",
+@Check(
     title="robot has what it is to get, and nothing else",
     scope=MASTER,
-    judge=_judge_flow,
     about="pair of roscores",
     expected="what the one robot is to give is registered at the other, and nothing else of it is",
     report="3.3",
@@ -205,11 +178,28 @@ FLOW = Check(
     suspects=_flow_suspects,
     evidence=_flow_evidence,
 )
+def _judge_flow(case: Case) -> Judgement | None:
+    if case.exchange is None:
+        return None
+    own, its = case.robots
+    if case.exchange.error:
+        return Judgement(UNKNOWN, f"what {its} gives", case.exchange.error)
+    missing, superfluous = case.state.exchanges.find_missing(its, own), case.state.exchanges.superfluous(its, own)
+    parts = [("not there", missing), ("there against the plan", superfluous)]
+    found = "; ".join(f"{words}: {shorten_list(map(str, items), NAMED)}" for words, items in parts if items)
+    return Judgement(FAILED if found else OK, f"what {its} gives to {own}, and nothing else", found or "just that")
 
 
 # Connections
 
 
+@Check(
+    title="connections only as exchanged",
+    scope=MASTER,
+    about="pair of roscores",
+    expected="nodes of the two robots are connected only by what is exchanged",
+    evidence=lambda case: frozenset({Part.from_pair("registration", "link", *case.robots)}),
+)
 def _judge_cross_link(case: Case) -> Judgement | None:
     if case.exchange is None or case.exchange.error:
         return None
@@ -220,14 +210,3 @@ def _judge_cross_link(case: Case) -> Judgement | None:
     )
     found = shorten_list(links, NAMED)
     return Judgement(FAILED if crossing else OK, "only connections of what is exchanged", found or "only such")
-
-
-CROSS_LINK = Check(
-    id="cross_link",
-    title="connections only as exchanged",
-    scope=MASTER,
-    judge=_judge_cross_link,
-    about="pair of roscores",
-    expected="nodes of the two robots are connected only by what is exchanged",
-    evidence=lambda case: frozenset({Part.from_pair("registration", "link", *case.robots)}),
-)

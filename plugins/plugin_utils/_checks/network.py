@@ -13,7 +13,7 @@ from .._case.needs import Parts, join_parts, make_parts
 from .._case.ways import COMMON
 from .._observed.observations import Ping, Route
 from .._observed.outcomes import Outcome
-from .engine import COMPUTER, FAILED, ITSELF_TOO, MEMBER, OK, WARNING, Check, Judgement
+from .engine import FAILED, ITSELF_TOO, MEMBER, OK, WARNING, Check, Judgement
 from .policy_routing import taker
 
 LOST = 0.2  # of the pings to one computer: in a wireless network some are always lost, and few are sent
@@ -37,14 +37,6 @@ def _find_duplicates(case: Case) -> dict[str, list[str]]:
     return found
 
 
-def _judge_address_once(case: Case) -> Judgement | None:
-    if not case.probe.claims:
-        return None
-    twice = _find_duplicates(case)
-    found = "; ".join(f"for {address} also {' and '.join(macs)}" for address, macs in twice.items())
-    return Judgement(FAILED if twice else OK, "one computer answers for each address", found or "one for each")
-
-
 def _duplicate_evidence(case: Case) -> Parts:
     return join_parts(
         make_parts("interface", case.ways.name_at(address), "duplicate") for address in _find_duplicates(case)
@@ -59,16 +51,19 @@ def _duplicate_needs(case: Case) -> Parts:
     )
 
 
-ADDRESS_ONCE = Check(
-    id="address_once",
+@Check(
     title="nobody else answers for an address",
-    scope=COMPUTER,
-    judge=_judge_address_once,
     about="computer, its networks",
     expected="asked by ARP, one hardware address answers for each address of the fleet, none for its own",
     needs=_duplicate_needs,
     evidence=_duplicate_evidence,
 )
+def _judge_address_once(case: Case) -> Judgement | None:
+    if not case.probe.claims:
+        return None
+    twice = _find_duplicates(case)
+    found = "; ".join(f"for {address} also {' and '.join(macs)}" for address, macs in twice.items())
+    return Judgement(FAILED if twice else OK, "one computer answers for each address", found or "one for each")
 
 
 # The name
@@ -99,6 +94,14 @@ def _is_loopback(address: str) -> bool:
         return False
 
 
+@Check(
+    title="name means the planned address",
+    scope=ITSELF_TOO,
+    expected="the name resolves to the planned address and no other",
+    report="3.1, Fig. 6",
+    needs=lambda case: needs.names(case.observer.name, case.target),
+    evidence=_name_evidence,
+)
 def _judge_name(case: Case) -> Judgement | None:
     if case.member is None or case.observer.plan.is_router:
         return None
@@ -112,22 +115,16 @@ def _judge_name(case: Case) -> Judgement | None:
     return Judgement(OK if good else verdict, expected, found)
 
 
-NAME = Check(
-    id="name",
-    title="name means the planned address",
-    scope=ITSELF_TOO,
-    judge=_judge_name,
-    about="pair, itself too",
-    expected="the name resolves to the planned address and no other",
-    report="3.1, Fig. 6",
-    needs=lambda case: needs.names(case.observer.name, case.target),
-    evidence=_name_evidence,
-)
-
-
 # The name, as others than root look it up
 
 
+@Check(
+    title="name means the same without rights",
+    scope=ITSELF_TOO,
+    expected="a user without rights, as nodes are, gets the same addresses for the name",
+    needs=lambda case: make_parts("names", case.observer.name, "rights"),
+    evidence=lambda case: make_parts("names", case.observer.name, "rights", what=case.target),
+)
 def _judge_user_name(case: Case) -> Judgement | None:
     found = case.member.user_addresses if case.member else None
     if found is None or _addresses(case) != (case.address,) or case.observer.plan.is_router:
@@ -136,32 +133,7 @@ def _judge_user_name(case: Case) -> Judgement | None:
     return Judgement(OK if good else FAILED, f"{case.address}, as for root", ", ".join(found) or "no address")
 
 
-USER_NAME = Check(
-    id="user_name",
-    title="name means the same without rights",
-    scope=ITSELF_TOO,
-    judge=_judge_user_name,
-    about="pair, itself too",
-    expected="a user without rights, as nodes are, gets the same addresses for the name",
-    needs=lambda case: make_parts("names", case.observer.name, "rights"),
-    evidence=lambda case: make_parts("names", case.observer.name, "rights", what=case.target),
-)
-
-
 # The route
-
-
-def _judge_route(case: Case) -> Judgement | None:
-    route = case.member.route if case.member else None
-    if route is None:
-        return None
-    way = case.way
-    good = not route.error and route.source == way.source and (route.gateway or "") in way.hops
-    expected = f"a route from {way.source}" + (f" by {way.next_hop}" if way.next_hop else "")
-    if route.error:
-        return Judgement(FAILED, expected, route.error)
-    via = f" by {route.gateway}" if route.gateway else ""
-    return Judgement(OK if good else FAILED, expected, f"on {route.device} from {route.source}{via}")
 
 
 def _route_needs(case: Case) -> Parts:
@@ -219,17 +191,25 @@ def _has_no_routes(case: Case) -> bool:
     return all(route.error for route in routes)
 
 
-ROUTE = Check(
-    id="route",
+@Check(
     title="packets leave from the planned address",
     scope=MEMBER,
-    judge=_judge_route,
-    about="pair",
     expected="packets leave from the planned address, and by the planned gateway",
     report="4.2",
     needs=_route_needs,
     evidence=_route_evidence,
 )
+def _judge_route(case: Case) -> Judgement | None:
+    route = case.member.route if case.member else None
+    if route is None:
+        return None
+    way = case.way
+    good = not route.error and route.source == way.source and (route.gateway or "") in way.hops
+    expected = f"a route from {way.source}" + (f" by {way.next_hop}" if way.next_hop else "")
+    if route.error:
+        return Judgement(FAILED, expected, route.error)
+    via = f" by {route.gateway}" if route.gateway else ""
+    return Judgement(OK if good else FAILED, expected, f"on {route.device} from {route.source}{via}")
 
 
 # The ping by address
@@ -288,10 +268,6 @@ def _unreachable(case: Case, reporter: str) -> Parts:
     return found
 
 
-def _judge_ping_address(case: Case) -> Judgement | None:
-    return _judge_ping(case, case.member.ping_address if case.member else None, case.address)
-
-
 def _judge_ping(case: Case, ping: Ping | None, whom: str, size: str = "") -> Judgement | None:
     if ping is None:
         return None
@@ -301,25 +277,31 @@ def _judge_ping(case: Case, ping: Ping | None, whom: str, size: str = "") -> Jud
     return Judgement(OK, expected, "as planned" if ping.rtt_ms is None else f"{ping.rtt_ms} ms")
 
 
-PING_ADDRESS = Check(
-    id="ping_address",
+@Check(
     title="ping by address",
     scope=MEMBER,
-    judge=_judge_ping_address,
     carries="icmp",
-    about="pair",
     expected="one of three ICMP echo requests to its address is answered",
     report="3.2, 4.2",
     needs=_ping_needs,
     suspects=_ping_suspects,
     evidence=_ping_evidence,
 )
+def _judge_ping_address(case: Case) -> Judgement | None:
+    return _judge_ping(case, case.member.ping_address if case.member else None, case.address)
 
 
 # TCP, where no ping is answered: a packet filter that drops pings alone is told from a computer that is off
 
 
-def _judge_answers_tcp(case: Case) -> Judgement | None:
+@Check(
+    title="TCP is refused, so the computer is there",
+    scope=MEMBER,
+    about="pair without an answered ping",
+    expected="a TCP port that nobody uses refuses; tells a lost ping from a computer that is off",
+    needs=lambda case: needs.way(case, case.observer.name, case.target),
+)
+def _judge_tcp_answer(case: Case) -> Judgement | None:
     if case.member is None or not case.member.tcp:
         return None
     expected = "a TCP port that nobody uses refuses"
@@ -327,32 +309,12 @@ def _judge_answers_tcp(case: Case) -> Judgement | None:
     return Judgement(OK, expected, "refused") if case.member.tcp_outcome == Outcome.REFUSED else None
 
 
-TCP_ANSWER = Check(
-    id="tcp_answer",
-    title="TCP is refused, so the computer is there",
-    scope=MEMBER,
-    judge=_judge_answers_tcp,
-    about="pair without an answered ping",
-    expected="a TCP port that nobody uses refuses; tells a lost ping from a computer that is off",
-    needs=lambda case: needs.way(case, case.observer.name, case.target),
-)
-
-
 # The ping by name
 
 
-def _judge_ping_name(case: Case) -> Judgement | None:
-    if case.observer.plan.is_router:
-        return None
-    return _judge_ping(case, case.member.ping_name if case.member else None, case.target)
-
-
-PING_NAME = Check(
-    id="ping_name",
+@Check(
     title="ping by name",
     scope=MEMBER,
-    judge=_judge_ping_name,
-    about="pair",
     expected="one of three ICMP echo requests to what its name means is answered",
     report="3.2, 4.2",
     needs=lambda case: _ping_needs(case) | needs.names(case.observer.name, case.target),
@@ -362,11 +324,21 @@ PING_NAME = Check(
         else _ping_needs(case) | needs.names(case.observer.name, case.target)
     ),
 )
+def _judge_ping_name(case: Case) -> Judgement | None:
+    if case.observer.plan.is_router:
+        return None
+    return _judge_ping(case, case.member.ping_name if case.member else None, case.target)
 
 
 # Large packets
 
 
+@Check(
+    title="large packets arrive",
+    scope=MEMBER,
+    expected="an ICMP echo request as large as the interface allows is answered, or a router tells that it is too large (warning)",
+    needs=lambda case: needs.large(case, case.observer.name, case.target),
+)
 def _judge_ping_large(case: Case) -> Judgement | None:
     """Judge by warnings: some devices drop only large pings. Where large packets are lost, other checks fail, too."""
     judged = _judge_ping(case, case.member.ping_large if case.member else None, case.address, " to a large packet")
@@ -375,20 +347,15 @@ def _judge_ping_large(case: Case) -> Judgement | None:
     return judged if judged is None or judged.verdict == OK else judged._replace(verdict=WARNING)
 
 
-PING_LARGE = Check(
-    id="ping_large",
-    title="large packets arrive",
-    scope=MEMBER,
-    judge=_judge_ping_large,
-    about="pair",
-    expected="an ICMP echo request as large as the interface allows is answered, or a router tells that it is too large (warning)",
-    needs=lambda case: needs.large(case, case.observer.name, case.target),
-)
-
-
 # Lost packets
 
 
+@Check(
+    title="few pings are lost",
+    scope=MEMBER,
+    expected="of further ICMP echo requests at most every fifth has no answer (warning)",
+    needs=lambda case: needs.loss_parts(case, case.observer.name, case.target),
+)
 def _judge_ping_loss(case: Case) -> Judgement | None:
     loss = case.member.loss if case.member else None
     if loss is None or loss == 1.0:  # nothing at all arrives: another check judges that
@@ -396,27 +363,7 @@ def _judge_ping_loss(case: Case) -> Judgement | None:
     return Judgement(WARNING if loss > LOST else OK, f"less than {LOST:.0%} of the pings are lost", f"{loss:.0%}")
 
 
-PING_LOSS = Check(
-    id="ping_loss",
-    title="few pings are lost",
-    scope=MEMBER,
-    judge=_judge_ping_loss,
-    about="pair",
-    expected="of further ICMP echo requests at most every fifth has no answer (warning)",
-    needs=lambda case: needs.loss_parts(case, case.observer.name, case.target),
-)
-
-
 # The neighbour
-
-
-def _judge_neighbour(case: Case) -> Judgement | None:
-    seen = case.member.neighbour.lower() if case.member else ""
-    known = case.peer.macs if seen and case.peer is not None and not case.way.crosses else None
-    if not known:
-        return None
-    expected = f"{case.address} is at {' or '.join(sorted(known))}"
-    return Judgement(OK if seen in known else WARNING, expected, f"it is at {seen}")  # a proxy may answer for it
 
 
 def _neighbour_evidence(case: Case) -> Parts:
@@ -425,16 +372,21 @@ def _neighbour_evidence(case: Case) -> Parts:
     return make_parts("interface", case.target, "duplicate", what=case.observer.name)
 
 
-NEIGHBOUR = Check(
-    id="neighbour",
+@Check(
     title="address belongs to one computer",
     scope=MEMBER,
-    judge=_judge_neighbour,
     about="pair on one network",
     expected="the hardware address of its address is one of that computer's own (warning)",
     needs=lambda case: make_parts("interface", case.target, "duplicate", what=case.observer.name),
     evidence=_neighbour_evidence,
 )
+def _judge_neighbour(case: Case) -> Judgement | None:
+    seen = case.member.neighbour.lower() if case.member else ""
+    known = case.peer.macs if seen and case.peer is not None and not case.way.crosses else None
+    if not known:
+        return None
+    expected = f"{case.address} is at {' or '.join(sorted(known))}"
+    return Judgement(OK if seen in known else WARNING, expected, f"it is at {seen}")  # a proxy may answer for it
 
 
 # Whether a neighbour answers, whatever its packet filters drop
@@ -449,6 +401,19 @@ def _arp_question(case: Case) -> tuple[str, str]:
     return (outer, COMMON) if own != its and outer in case.observer.claimed else ("", "")
 
 
+def _arp_needs(case: Case) -> Parts:
+    one, other, network = case.observer.name, case.target, _arp_question(case)[1]
+    return needs.silent_parts(one, other, network) | make_parts("neighbour", other, "mute")
+
+
+@Check(
+    title="computer on the same network answers ARP",
+    scope=MEMBER,
+    about="pair on one network",
+    expected="somebody answers the question who has its address, which no packet filter for IP drops; tells such a filter from a "
+    "network that is dead",
+    needs=_arp_needs,
+)
 def _judge_answers_arp(case: Case) -> Judgement | None:
     address, _network = _arp_question(case)
     answered = case.observer.claimed.get(address)
@@ -456,20 +421,3 @@ def _judge_answers_arp(case: Case) -> Judgement | None:
         return None  # the question may have got lost
     expected = f"somebody answers who has {address}"
     return Judgement(OK if answered else FAILED, expected, "somebody does" if answered else "nobody answers")
-
-
-def _arp_needs(case: Case) -> Parts:
-    one, other, network = case.observer.name, case.target, _arp_question(case)[1]
-    return needs.silent_parts(one, other, network) | make_parts("neighbour", other, "mute")
-
-
-ANSWERS_ARP = Check(
-    id="answers_arp",
-    title="computer on the same network answers ARP",
-    scope=MEMBER,
-    judge=_judge_answers_arp,
-    about="pair on one network",
-    expected="somebody answers the question who has its address, which no packet filter for IP drops; tells such a filter from a "
-    "network that is dead",
-    needs=_arp_needs,
-)

@@ -9,43 +9,32 @@ from collections.abc import Callable
 
 from .._case.case import Case
 from .._case.needs import Parts, join_parts, make_parts
-from .engine import COMPUTER, FAILED, OK, Check, Judgement
-from .manual_setup import NOT_OURS, guard_evidence
-
-
-def _judge(kind: str, planned: Callable[[Case], bool], expected: str) -> Callable[[Case], Judgement | None]:
-    def judge(case: Case) -> Judgement | None:
-        if not case.observer.is_probed or not planned(case):
-            return None
-        state = case.observer.seen.found
-        if state is not None and not state.set_up:  # one sentence for all kinds is enough
-            return NOT_OURS if kind == "unit" and case.is_set_up_by_hand else None
-        entries = [entry for entry in case.probe.next_boot if entry.kind == kind]
-        states = "; ".join(f"{entry.name}: {entry.found}" for entry in entries)
-        return Judgement(FAILED if entries else OK, entries[0].expected if entries else expected, states or expected)
-
-    return judge
-
-
-def _evidence(kind: str) -> Callable[[Case], Parts]:
-    def find_parts(case: Case) -> Parts:
-        entries = case.probe.next_boot
-        names = [entry.name for entry in entries if entry.kind == kind]
-        return join_parts(make_parts("boot", case.observer.name, kind, what=name) for name in names)
-
-    return guard_evidence(find_parts)
+from .engine import FAILED, OK, Check, Judgement
+from .manual_setup import guard
 
 
 def _check(kind: str, title: str, planned: Callable[[Case], bool], fine: str, expected: str) -> Check:
-    return Check(
-        id=f"next_boot_{kind}",
-        title=title,
-        scope=COMPUTER,
-        judge=_judge(kind, planned, fine),
-        about="computer",
-        expected=expected,
-        needs=lambda case: make_parts("boot", case.observer.name, kind),
-        evidence=_evidence(kind),
+    def find_evidence(case: Case) -> Parts:
+        names = [entry.name for entry in case.probe.next_boot if entry.kind == kind]
+        return join_parts(make_parts("boot", case.observer.name, kind, what=name) for name in names)
+
+    def judge(case: Case) -> Judgement | None:
+        if not case.observer.is_probed or not planned(case) or not case.observer.is_set_up:
+            return None
+        entries = [entry for entry in case.probe.next_boot if entry.kind == kind]
+        states = "; ".join(f"{entry.name}: {entry.found}" for entry in entries)
+        return Judgement(FAILED if entries else OK, entries[0].expected if entries else fine, states or fine)
+
+    # Where the collection has not set it up, one sentence for all kinds is enough.
+    return guard(lambda case: kind == "unit" and case.observer.is_probed and planned(case))(
+        Check(
+            title=title,
+            expected=expected,
+            needs=lambda case: make_parts("boot", case.observer.name, kind),
+            evidence=find_evidence,
+            id=f"next_boot_{kind}",
+            judge=judge,
+        )
     )
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from .._case.case import Case
 from .._case.needs import Parts, join_parts, make_parts
 from .._observed.observations import Disk, ParameterDifference
-from .engine import COMPUTER, FAILED, OK, Check, Judgement
-from .manual_setup import guard_evidence, guard_judge
+from .engine import FAILED, OK, Check, Judgement
+from .manual_setup import guard
 
 # The parameters of the nodes
 
@@ -25,15 +25,6 @@ KINDS = {"master_discovery": "discovery", "master_sync": "sync"}
 
 def _has_parameters(case: Case) -> bool:
     return case.observer.plan.is_master and bool(case.probe.parameters.nodes)
-
-
-def _judge_parameters(case: Case) -> Judgement | None:
-    if not _has_parameters(case):
-        return None
-    differing = case.probe.parameters.differing
-    expected = "; ".join(f"{entry.name} {entry.expected}" for entry in differing)
-    found = "; ".join(f"{entry.name} of {entry.node} is {entry.found}" for entry in differing)
-    return Judgement(FAILED, expected, found) if differing else Judgement(OK, "the parameters of the plan", "the same")
 
 
 def _parameters_evidence(case: Case) -> Parts:
@@ -55,17 +46,22 @@ def _parameters_needs(case: Case) -> Parts:
     return parts | (make_parts("sync", name, "configuration") if "master_sync" in nodes else frozenset())
 
 
-PARAMETERS = Check(
-    id="parameters",
+@guard(_has_parameters)
+@Check(
     title="nodes have the planned parameters",
-    scope=COMPUTER,
-    judge=guard_judge(_judge_parameters, _has_parameters),
     about="roscore",
     expected="the parameters of discovery and sync on the roscore are those of the plan",
     report="3.3",
     needs=_parameters_needs,
-    evidence=guard_evidence(_parameters_evidence),
+    evidence=_parameters_evidence,
 )
+def _judge_parameters(case: Case) -> Judgement | None:
+    if not _has_parameters(case):
+        return None
+    differing = case.probe.parameters.differing
+    expected = "; ".join(f"{entry.name} {entry.expected}" for entry in differing)
+    found = "; ".join(f"{entry.name} of {entry.node} is {entry.found}" for entry in differing)
+    return Judgement(FAILED, expected, found) if differing else Judgement(OK, "the parameters of the plan", "the same")
 
 
 # Room
@@ -83,6 +79,14 @@ def _full(case: Case) -> list[Disk]:
     ]
 
 
+@Check(
+    title="services have room to write",
+    expected="where services write, 1 MiB and 16 files are left for others than root",
+    needs=lambda case: make_parts("computer", case.observer.name, "disk"),
+    evidence=lambda case: join_parts(
+        make_parts("computer", case.observer.name, "disk", what=disk.path) for disk in _full(case)
+    ),
+)
 def _judge_room(case: Case) -> Judgement | None:
     if not case.probe.disks:
         return None
@@ -90,17 +94,3 @@ def _judge_room(case: Case) -> Judgement | None:
     return Judgement(
         FAILED if full else OK, "1 MiB and 16 files left where services write", "; ".join(full) or "enough"
     )
-
-
-ROOM = Check(
-    id="room",
-    title="services have room to write",
-    scope=COMPUTER,
-    judge=_judge_room,
-    about="computer",
-    expected="where services write, 1 MiB and 16 files are left for others than root",
-    needs=lambda case: make_parts("computer", case.observer.name, "disk"),
-    evidence=lambda case: join_parts(
-        make_parts("computer", case.observer.name, "disk", what=disk.path) for disk in _full(case)
-    ),
-)

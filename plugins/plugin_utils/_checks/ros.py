@@ -19,23 +19,6 @@ TALKER_TYPE, TALKER_NODE = "std_msgs/String", "/multimaster_verify_talker_"
 # A topic is heard
 
 
-def _judge_topic_heard(case: Case) -> Judgement | None:
-    target = case.peer
-    if not case.observer.is_probed or target is None or case.observer.lacks_ros or _gives_nothing(case):
-        return None
-    entry = case.topic
-    if entry is None:
-        # A talker that never was is no fault of this pair.
-        silent = target.seen.unreachable or (target.seen.probe is not None and target.lacks_ros)
-        return None if silent else Judgement(FAILED, "its message", "not listened to")
-    expected = f"a message on {entry.topic}"
-    if entry.heard:
-        return Judgement(OK, expected, "heard")
-    if _is_filtered(case, entry.topic):
-        return Judgement(UNKNOWN, expected, "the topic is left out by multimaster_filters")
-    return Judgement(FAILED, expected, entry.error or "nothing")
-
-
 def _gives_nothing(case: Case) -> bool:
     """The target's robot declares that it gives the observer's nothing."""
     own, its = case.robots
@@ -106,12 +89,9 @@ def _topic_evidence(case: Case) -> Parts:
     return frozenset()
 
 
-TOPIC_HEARD = Check(
-    id="topic_heard",
+@Check(
     title="subscriber hears the other's talker",
     scope=MEMBER,
-    judge=_judge_topic_heard,
-    about="pair",
     expected="a subscriber hears what the talker of that computer says in this run",
     report="3.3, 4.3, Fig. 9",
     needs=_topic_needs,
@@ -119,18 +99,24 @@ TOPIC_HEARD = Check(
     carries="nodes",
     evidence=_topic_evidence,
 )
+def _judge_topic_heard(case: Case) -> Judgement | None:
+    target = case.peer
+    if not case.observer.is_probed or target is None or case.observer.lacks_ros or _gives_nothing(case):
+        return None
+    entry = case.topic
+    if entry is None:
+        # A talker that never was is no fault of this pair.
+        silent = target.seen.unreachable or (target.seen.probe is not None and target.lacks_ros)
+        return None if silent else Judgement(FAILED, "its message", "not listened to")
+    expected = f"a message on {entry.topic}"
+    if entry.heard:
+        return Judgement(OK, expected, "heard")
+    if _is_filtered(case, entry.topic):
+        return Judgement(UNKNOWN, expected, "the topic is left out by multimaster_filters")
+    return Judgement(FAILED, expected, entry.error or "nothing")
 
 
 # The connection is direct
-
-
-def _judge_direct_connection(case: Case) -> Judgement | None:
-    if case.topic is None or not case.topic.publishers:
-        return None
-    publishers = case.topic.publishers
-    good = all(host_of(publisher.uri) in case.ways.called[case.target] for publisher in publishers)
-    found = ", ".join(publisher.uri or f"{publisher.node}, which is not registered here" for publisher in publishers)
-    return Judgement(OK if good else FAILED, f"the publisher is on {case.target}", found)
 
 
 def _connection_evidence(case: Case) -> Parts:
@@ -143,22 +129,34 @@ def _connection_evidence(case: Case) -> Parts:
     )
 
 
-DIRECT_CONNECTION = Check(
-    id="direct_connection",
+@Check(
     title="rostopic info shows a direct connection",
     scope=MEMBER,
-    judge=_judge_direct_connection,
-    about="pair",
     expected="the publisher in `rostopic info` is a node on that computer",
     report="3.3",
     suspects=lambda case: needs.registration_parts(case, case.observer.name, case.target),
     evidence=_connection_evidence,
 )
+def _judge_direct_connection(case: Case) -> Judgement | None:
+    if case.topic is None or not case.topic.publishers:
+        return None
+    publishers = case.topic.publishers
+    good = all(host_of(publisher.uri) in case.ways.called[case.target] for publisher in publishers)
+    found = ", ".join(publisher.uri or f"{publisher.node}, which is not registered here" for publisher in publishers)
+    return Judgement(OK if good else FAILED, f"the publisher is on {case.target}", found)
 
 
 # Throughput, where it is measured
 
 
+@Check(
+    title="throughput",
+    scope=MEMBER,
+    about="pair, with `verify_throughput`",
+    expected="a stream to its talker is as fast as `verify_throughput_least` says (warning); without that it only informs",
+    needs=lambda case: needs.slow(case, case.observer.name, case.target) if case.state.least else frozenset(),
+    shown=True,
+)
 def _judge_throughput(case: Case) -> Judgement | None:
     """Judge by what the user expects: the user alone knows how fast a link is to be."""
     stream = case.observer.streams.get(case.target)
@@ -168,15 +166,3 @@ def _judge_throughput(case: Case) -> Judgement | None:
     if stream.mbit_s is None:
         return Judgement(UNKNOWN, expected, f"not measured: {stream.error}")
     return Judgement(OK if stream.mbit_s >= case.state.least else WARNING, expected, f"{stream.mbit_s:.1f} Mbit/s")
-
-
-THROUGHPUT = Check(
-    id="throughput",
-    title="throughput",
-    scope=MEMBER,
-    judge=_judge_throughput,
-    about="pair, with `verify_throughput`",
-    expected="a stream to its talker is as fast as `verify_throughput_least` says (warning); without that it only informs",
-    needs=lambda case: needs.slow(case, case.observer.name, case.target) if case.state.least else frozenset(),
-    shown=True,
-)

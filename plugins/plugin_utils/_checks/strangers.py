@@ -12,20 +12,7 @@ from .._case.needs import Parts, join_parts, make_parts
 from .._case.ways import COMMON
 from .._observed.observations import Outsider
 from .._observed.uris import host_of, is_same_uri
-from .engine import COMPUTER, OK, WARNING, Check, Judgement
-
-
-def _judge_strangers(case: Case) -> Judgement | None:
-    if not case.observer.is_probed or not (case.observer.seen.multicast or case.observer.listed):
-        return None
-    guests = _find_guests(case)
-    welcome = sorted(name for name, address in guests.items() if _is_allowed(case, address))
-    ignored = [f"{_title(entry)} is ignored: {entry.why}" for entry in case.probe.outsiders]
-    unwanted = [f"master {name} at {guests[name]}" for name in sorted(set(guests) - set(welcome))]
-    named = {*guests.values(), *(entry.address for entry in case.probe.outsiders)}
-    found = [*ignored, *unwanted, *_datagrams(case, named)]
-    fine = f"only those, and the allowed {', '.join(welcome)}" if welcome else "only those"
-    return Judgement(WARNING if found else OK, "only computers of the fleet", ", ".join(found) or fine)
+from .engine import OK, WARNING, Check, Judgement
 
 
 def _find_guests(case: Case) -> dict[str, str]:
@@ -85,12 +72,19 @@ def _misread_member_parts(case: Case, entry: Outsider) -> Parts:
     return make_parts("translation", computer, "on", what=beyond)
 
 
-STRANGERS = Check(
-    id="strangers",
+@Check(
     title="nobody else is on the group",
-    scope=COMPUTER,
-    judge=_judge_strangers,
-    about="computer",
     expected="nobody else on the group, no other master, none that is ignored (warning)",
     evidence=_evidence,
 )
+def _judge_strangers(case: Case) -> Judgement | None:
+    if not case.observer.is_probed or not (case.observer.seen.multicast or case.observer.listed):
+        return None
+    guests = _find_guests(case)
+    welcome = sorted(name for name, address in guests.items() if _is_allowed(case, address))
+    ignored = [f"{_title(entry)} is ignored: {entry.why}" for entry in case.probe.outsiders]
+    unwanted = [f"master {name} at {guests[name]}" for name in sorted(set(guests) - set(welcome))]
+    named = {*guests.values(), *(entry.address for entry in case.probe.outsiders)}
+    found = [*ignored, *unwanted, *_datagrams(case, named)]
+    fine = f"only those, and the allowed {', '.join(welcome)}" if welcome else "only those"
+    return Judgement(WARNING if found else OK, "only computers of the fleet", ", ".join(found) or fine)

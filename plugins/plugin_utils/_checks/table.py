@@ -3,7 +3,7 @@
 
 """The checks of the verification, one table: the rows of each file beside this one, in the order of FILES.
 
-In each file a row stands below its functions.
+In each file a row stands below its functions, and above its judge.
 """
 
 from __future__ import annotations
@@ -21,6 +21,6 @@ def markdown_table() -> str:
     lines = ["| check | for | expected | report |", "|---|---|---|---|"]
     for check in CHECKS:
         lines.append(
-            f"| `{check.id}` | {check.about} | {check.expected} | {check.report + ' ' if check.report else ''}|"
+            f"| `{check.id}` | {check.about or check.scope} | {check.expected} | {check.report + ' ' if check.report else ''}|"
         )
     return "\n".join(lines) + "\n"
