@@ -12,7 +12,9 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field, replace
 from random import Random
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import diagnose
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import OK, Verification
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import explain_rows
 
 from tests.simulator import faults, inventories
 from tests.simulator.observe import observe
@@ -98,6 +100,12 @@ def _injected(random, number, state, run, rows):
 def _measured(state, run, number):
     """The observations without the rules that were read: a rule that drops nothing is no fault."""
     return {name: replace(seen, filters=None) for name, seen in observe(state, run, number).items()}
+
+
+def diagnose(fleet, observations):
+    """The diagnosis of the observations of a fleet."""
+    verification = Verification(CHECKS, fleet, observations)
+    return explain_rows(verification, [row for row in verification.rows() if row.verdict != OK])
 
 
 def named(trial):

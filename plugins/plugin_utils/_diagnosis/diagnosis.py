@@ -10,7 +10,7 @@ explained by the parts that it needs (cover.py); a success of the same kind clea
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 
@@ -20,12 +20,9 @@ from .._case.needs import Parts
 from .._case.packet_filters import GROUP, ROSCORE
 from .._case.parts import ANY, FOLLOWS, HEARSAY, RULED, Part
 from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Check, Row, Verification
-from .._checks.table import CHECKS
 from .._fleet.sentences import shorten_list
 from .._follow.findings import SeenEnd, find_ends
 from .._follow.probes import list_links, list_trips
-from .._observed.observations import Observation
-from .._plan.model import FleetPlan
 from .commands import command
 from .cover import Failure, explain
 from .offsets import offset
@@ -43,15 +40,15 @@ NOT_FOUND = 2.0  # what a packet filter costs more where the rules were read and
 NAMED = 4  # names, networks and the like that a finding names
 
 
-@dataclass(frozen=True)
+@dataclass
 class Finding:
     """A finding: a part that is broken, the observations that show it, and those that follow from it."""
 
     part: Part
     verdict: str = FAILED
     rivals: tuple[Part, ...] = ()  # that explain the same: it is one of these
-    proof: tuple[Row, ...] = ()  # rows with a value that shows it
-    rows: tuple[Row, ...] = ()  # rows that it explains
+    proof: list[Row] = field(default_factory=list)  # rows with a value that shows it
+    rows: list[Row] = field(default_factory=list)  # rows that it explains
     also: tuple[Part, ...] = ()  # the same at the same place: other names, other networks
 
     passed: tuple[str, ...] = ()  # the checks that succeed in the same pairs, once for each
@@ -88,12 +85,6 @@ class Diagnosis:
     total: int = 0  # all rows that are not ok
 
 
-def diagnose(fleet: FleetPlan, observations: Mapping[str, Observation]) -> Diagnosis:
-    """Find the parts that explain what is not as expected; nothing where all is."""
-    verification = Verification(CHECKS, fleet, observations)
-    return explain_rows(verification, [row for row in verification.rows() if row.verdict != OK])
-
-
 def explain_rows(verification: Verification, rows: Sequence[Row]) -> Diagnosis:
     """Explain the rows that are not ok; of very many, some out of all of them, since they say the same again and again."""
     if not rows:
@@ -117,23 +108,12 @@ def _sample(rows: Sequence[Row]) -> list[Row]:
     return [row for number, row in enumerate(rows) if number % step == 0 or row.observer == row.target]
 
 
-@dataclass
-class _Evidence:
-    """A part on its way to a finding."""
-
-    proof: list[Row] = field(default_factory=list)
-    rows: list[Row] = field(default_factory=list)
-    rivals: tuple[Part, ...] = ()
-    passed: tuple[str, ...] = ()
-    followed: tuple[str, ...] = ()
-
-
 class _Diagnosis:
     def __init__(self, verification: Verification, rows: Sequence[Row]) -> None:
         self.verification = verification
         self.checks = {check.id: check for check in verification.checks}
         self.bad = {(row.check, row.observer, row.target) for row in rows}
-        self.broken: dict[Part, _Evidence] = defaultdict(_Evidence)
+        self.broken: dict[Part, Finding] = {}  # a finding for each part, at first
         self.places: dict[tuple[str, ...], list[Part]] = defaultdict(list)  # what was read to be broken, by place
         self.cleared: dict[tuple[str, str], Counter[Part]] = {}
         self.open: list[tuple[Row, Parts]] = []
@@ -148,7 +128,7 @@ class _Diagnosis:
         case = self.verification.case(check, row.observer, row.target)
         if evidence := self._read_end(row) or check.evidence(case) or self._find_drop(check, row):
             for part in evidence:
-                self.broken[part].proof.append(row)
+                self._finding(part).proof.append(row)
         else:
             self.open.append((row, (check.suspects or check.needs)(case)))
 
@@ -168,6 +148,9 @@ class _Diagnosis:
             if same:
                 return next((end for end in same if end.trip == trip), same[0])
         return None
+
+    def _finding(self, part: Part) -> Finding:
+        return self.broken.setdefault(part, Finding(part))
 
     def _find_drop(self, check: Check, row: Row) -> Parts:
         """Find the packet filter with a rule that drops what a check has sent in vain."""
@@ -195,16 +178,16 @@ class _Diagnosis:
         chosen, rest = explain(failures, {*self.broken, *told, *ends}, self.successes, self._doubt)
         for entry in chosen:
             known = entry.part if entry.part in self.broken else told.get(entry.part, entry.part)
-            broken = self.broken[known]
+            broken = self._finding(known)
             broken.rows += [self.open[number][0] for number in entry.failures]
             broken.rivals = broken.rivals or entry.rivals
             broken.passed = self._list_successes(broken.rows)
             broken.followed = tuple(dict.fromkeys(end.words for end in self.shown[known]))[:NAMED]
         for number in rest:
             if by_chance[number]:
-                self.broken[min(by_chance[number])].rows.append(self.open[number][0])
+                self._finding(min(by_chance[number])).rows.append(self.open[number][0])
         unexplained = tuple(self.open[number][0] for number in rest if not by_chance[number])
-        return Diagnosis(tuple(map(self._add_details, _findings(self.broken))), unexplained)
+        return Diagnosis(tuple(map(self._add_details, _findings(self.broken.values()))), unexplained)
 
     def _use_ends(self) -> None:
         """Let what failed on a way that was followed suspect only what the packets left there."""
@@ -252,7 +235,7 @@ class _Diagnosis:
             return frozenset()
         chosen, _rest = explain([Failure(suspects) for _row, suspects in measured], set(self.broken), self.successes)
         for entry in chosen:
-            self.broken[entry.part].rivals = entry.rivals
+            self._finding(entry.part).rivals = entry.rivals
         return frozenset(entry.part for entry in chosen)
 
     def _loss_suspects(self, row: Row) -> Parts:
@@ -357,25 +340,12 @@ class _Diagnosis:
         )
 
 
-def _findings(broken: Mapping[Part, _Evidence]) -> list[Finding]:
+def _findings(broken: Iterable[Finding]) -> list[Finding]:
     """Make one finding of the parts that are one for a person, and sort them."""
     groups: dict[Part, list[Finding]] = defaultdict(list)
-    for part, entry in broken.items():
-        verdicts = {row.verdict for row in (*entry.proof, *entry.rows)}
-        worst = next((verdict for verdict in SERIOUS if verdict in verdicts), UNKNOWN)
-        groups[part._replace(what="")].append(
-            Finding(
-                part,
-                worst,
-                entry.rivals,
-                tuple(entry.proof),
-                tuple(entry.rows),
-                passed=entry.passed,
-                followed=entry.followed,
-            )
-        )
-    found = [_merge(group) for group in groups.values()]
-    return sorted(found, key=_importance)
+    for entry in broken:
+        groups[entry.part._replace(what="")].append(entry)
+    return sorted(map(_merge, groups.values()), key=_importance)
 
 
 def _add_clock_offset(entry: Finding) -> Finding:
@@ -394,11 +364,9 @@ def _importance(entry: Finding) -> tuple[int, bool, int, Part]:
 
 def _merge(group: Sequence[Finding]) -> Finding:
     first = min(group, key=lambda entry: (-len(entry.proof) - len(entry.rows), entry.part))
-    return replace(
-        first,
-        verdict=min((entry.verdict for entry in group), key=SERIOUS.index),
-        proof=tuple(chain.from_iterable(entry.proof for entry in group)),
-        rows=tuple(chain.from_iterable(entry.rows for entry in group)),
-        followed=tuple(chain.from_iterable(entry.followed for entry in group))[:NAMED],
-        also=tuple(sorted(entry.part for entry in group if entry is not first)),
-    )
+    proof, rows = [row for entry in group for row in entry.proof], [row for entry in group for row in entry.rows]
+    verdicts = {row.verdict for row in (*proof, *rows)}
+    worst = next((verdict for verdict in SERIOUS if verdict in verdicts), UNKNOWN)
+    also = tuple(sorted(entry.part for entry in group if entry is not first))
+    followed = tuple(words for entry in group for words in entry.followed)[:NAMED]
+    return replace(first, verdict=worst, proof=proof, rows=rows, also=also, followed=followed)

@@ -6,7 +6,6 @@
 from random import Random
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import diagnose
 
 from tests.simulator import faults, harness, inventories
 from tests.simulator.observe import observe
@@ -55,5 +54,5 @@ def test_a_fleet_where_site_never_ran_is_one_finding(number):
     state = healthy(random, fleet)
     for name in fleet.computers:
         state = faults.never_set_up(state, random, state.world.machines[name])
-    (finding,) = diagnose(fleet, observe(state, None, number)).findings
+    (finding,) = harness.diagnose(fleet, observe(state, None, number)).findings
     assert finding.sentence().startswith("site.yml has not run on any computer of this run")

@@ -452,13 +452,19 @@ def _silent(seen, observer, target):
         update(its, callers=[entry for entry in its.callers if entry.address != member.route.source])
 
 
+def diagnose(fleet, seen):
+    """The diagnosis of the observations of a fleet."""
+    verification = engine.Verification(CHECKS, fleet, seen)
+    return diagnosis.explain_rows(verification, [row for row in verification.rows() if row.verdict != OK])
+
+
 def diagnosed(change=None, fleet=None):
     """The diagnosis of good observations after a change."""
     fleet = fleet or plan()
     seen = observed(fleet)
     if change:
         change(seen)
-    return diagnosis.diagnose(fleet, seen)
+    return diagnose(fleet, seen)
 
 
 def parts(found):

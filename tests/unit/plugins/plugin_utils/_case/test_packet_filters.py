@@ -6,13 +6,12 @@
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FOLLOWS, Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis import diagnosis
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     FilterChain,
     FilterChains,
     FilterRule,
 )
-from fleets import fig12, no_answer, observed, parts, update
+from fleets import diagnose, fig12, no_answer, observed, parts, update
 
 GATE, INNER, OTHER = "tibi-visio", "tibi-nav", "car-nav"  # a gateway, a computer behind it, and one of another robot
 NODES = (32768, 60999)
@@ -171,7 +170,7 @@ def test_a_gateway_that_lets_in_only_answers_is_one_finding():
             for heard in seen[name].probe.topics:
                 if heard.computer == INNER:
                     update(heard, heard=False, error="timed out")
-    found = diagnosis.diagnose(fleet, seen)
+    found = diagnose(fleet, seen)
     assert parts(found) == [("filter", GATE, "forward")] and not found.unexplained
 
 

@@ -8,6 +8,8 @@ from collections import Counter
 import fleets
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import pairs
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import Verification
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis import diagnosis
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Ping
@@ -69,7 +71,7 @@ def test_a_fault_in_a_sampled_fleet_is_named():
                 fleets.update(
                     member, ping_address=Ping(error="no answer to 3 requests"), ping_name=Ping(error="none"), loss=1.0
                 )
-    verification = diagnosis.Verification(diagnosis.CHECKS, fleet, seen, pairs.AUTO)
+    verification = Verification(CHECKS, fleet, seen, pairs.AUTO)
     summary = judge(verification, False, False).summary
     some, everything = summary.pairs
     assert everything == 36 * 35
@@ -91,10 +93,10 @@ def test_pairs_that_were_not_tried_are_no_findings():
             members=[entry for entry in probe.members if entry.name in chosen[name] or entry.name == name],
             topics=[entry for entry in probe.topics if entry.computer in chosen[name]],
         )
-    verification = diagnosis.Verification(diagnosis.CHECKS, fleet, seen, pairs.AUTO)
+    verification = Verification(CHECKS, fleet, seen, pairs.AUTO)
     summary = judge(verification, False, False).summary
     assert not summary.notable
-    whole = diagnosis.Verification(diagnosis.CHECKS, fleet, seen, pairs.ALL)
+    whole = Verification(CHECKS, fleet, seen, pairs.ALL)
     assert judge(whole, False, False).summary.notable  # the talkers of the others are missed
 
 

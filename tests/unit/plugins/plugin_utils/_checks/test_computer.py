@@ -5,7 +5,6 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, UNKNOWN, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis import diagnosis
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     ListMasters,
     Observation,
@@ -17,6 +16,7 @@ from fleets import (
     ROBOTS,
     TWO,
     assert_told,
+    diagnose,
     diagnosed,
     evaluate,
     fig12,
@@ -198,7 +198,7 @@ def test_a_computer_that_is_down_is_named_once():
         update(probe, topics=without(probe.topics, TWO, "computer"))
         update(of(multicast.udp, TWO), heard_from=False, unicast=None, source_address=None)
     no_arp(seen, TWO)
-    found = diagnosis.diagnose(fleet, seen)
+    found = diagnose(fleet, seen)
     assert parts(found) == [("computer", TWO, "off")] and not found.unexplained
     assert "no route to host" in {row.found for row in found.findings[0].rows}
     others = {ONE, "kobuki3computer"}
@@ -220,13 +220,13 @@ def test_behind_a_gateway_that_is_down_nobody_is_named():
         for entry in one.multicast.udp if one.multicast else ():
             if entry.name == "car-visio":
                 update(entry, heard_from=False, unicast=None, source_address=None, own_source_address=None)
-    assert parts(diagnosis.diagnose(fleet, seen)) == [("computer", "car-visio", "off")]
+    assert parts(diagnose(fleet, seen)) == [("computer", "car-visio", "off")]
 
 
 def test_a_computer_without_a_result_is_named():
     fleet = plan()
     seen = {ONE: good(fleet, ONE), TWO: Observation(problem="MODULE FAILURE")}
-    found = diagnosis.diagnose(fleet, seen)
+    found = diagnose(fleet, seen)
     assert parts(found) == [("computer", TWO, "unmeasured")]
     assert found.findings[0].proof[0].found == "MODULE FAILURE"
 

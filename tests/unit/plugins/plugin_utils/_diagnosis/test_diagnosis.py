@@ -6,6 +6,8 @@
 import time
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import Verification
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis import diagnosis
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
@@ -15,6 +17,7 @@ from fleets import (
     INNER_TIBI,
     ONE,
     TWO,
+    diagnose,
     diagnosed,
     fig12,
     lost_route,
@@ -100,7 +103,7 @@ def test_what_is_behind_a_gateway_that_is_off_was_not_examined():
         if one.probe:
             update(one.probe, topics=[entry for entry in one.probe.topics if not entry.computer.startswith("car")])
             update(one.probe.list_masters, masters=without(one.probe.list_masters.masters, "car-visio"))
-    verification = diagnosis.Verification(diagnosis.CHECKS, fleet, seen)
+    verification = Verification(CHECKS, fleet, seen)
     summary = judge(verification, False, False).summary
     found = diagnosis.explain_rows(verification, summary.notable)
     assert parts(found) == [("computer", "car-visio", "off")]
@@ -126,7 +129,7 @@ def test_one_fault_in_a_large_fleet_is_one_finding_in_seconds():
             update(one.probe, topics=without(one.probe.topics, TWO, "computer"))
             update(one.probe.list_masters, masters=without(one.probe.list_masters.masters, TWO))
     began = time.process_time()
-    found = diagnosis.diagnose(fleet, seen)
+    found = diagnose(fleet, seen)
     assert parts(found) == [("computer", TWO, "off")]
     assert time.process_time() - began < 20.0
 
