@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ from .._checks.engine import FAILED, OK, Passed, Row, Verification
 from .._checks.table import CHECKS
 from .._diagnosis.diagnosis import Diagnosis, explain_rows
 from . import content
-from .matrices import Matrices
+from .matrices import MOST, Matrices
 from .run import Run
 from .summary import Summary, is_small, summarise
 
@@ -51,16 +51,14 @@ def judge(verification: Verification, pages: bool, everything: bool) -> Judgemen
     """Judge all rows, and keep none without `pages`. Those of a large fleet that are ok are kept for `everything` alone."""
     began = time.monotonic()
     fleet, computers = verification.fleet, list(verification.run)
-    matrices = Matrices(fleet) if pages else None
-    whole = is_small(computers) or bool(matrices and (matrices.single or everything))
+    whole = is_small(computers) or (pages and (len(fleet.computers) <= MOST or everything))
     passed: Passed | None = None if whole else Counter()
-    rows: Iterable[Row] = verification.rows(passed)
-    if matrices:
-        rows = matrices.collect(rows, passed)
-    kept = list(rows) if whole else []
-    summary = summarise(kept or rows, computers, len(fleet.computers), verification.pairs, passed)
+    rows = list(verification.rows(passed))
+    matrices = Matrices(fleet, rows, passed) if pages else None
+    summary = summarise(rows, computers, len(fleet.computers), verification.pairs, passed)
     diagnosis = explain_rows(verification, summary.notable)
-    return Judgement(summary, diagnosis, (kept or summary.notable) if pages else (), matrices, time.monotonic() - began)
+    kept = (rows if whole else summary.notable) if pages else ()
+    return Judgement(summary, diagnosis, kept, matrices, time.monotonic() - began)
 
 
 def judge_run(run: Run, pages: bool, everything: bool) -> Judgement:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import log2
 from typing import NamedTuple
@@ -109,39 +109,35 @@ class Matrix:
 
 
 class Matrices:
-    """The collector of all cells: each row passes through it once."""
+    """All cells of some rows. `passed` counts good results without a row."""
 
-    def __init__(self, fleet: FleetPlan) -> None:
+    def __init__(self, fleet: FleetPlan, rows: Iterable[Row], passed: Passed | None = None) -> None:
         self.single = len(fleet.computers) <= MOST
         self.robots = {name: plan.robot or name for name, plan in fleet.computers.items()}
         self.order = tuple(fleet.computers if self.single else dict.fromkeys(self.robots.values()))
         self.room = ROOM
         self.measured = 0  # number of streams
         self._cells: dict[str, dict[tuple[str, str], Cell]] = defaultdict(lambda: defaultdict(Cell))
-
-    def collect(self, rows: Iterable[Row], passed: Passed | None = None) -> Iterator[Row]:
-        """Fill the cells, and hand each row on. `passed` counts good results without a row; it is complete after the last row."""
         for row in rows:
-            kind = _KIND_OF.get(row.check) or (ITSELF if row.observer == row.target else OTHERS)
-            if kind == ITSELF:
-                cell = self._cells[ITSELF][row.observer, TITLES[row.check]]
-            else:
-                cell = self._cells[kind][(row.observer, row.target) if self.single else self._robot_pair(row)]
-            cell.add(row, self._describe(row) if self.single or row.verdict != OK else "")
-            if self.single and row.check in _MEASURED and row.verdict == OK:
-                cell.text = plain(row.found, 12)
-            if row.check == _STREAM and (number := _MBIT_S.match(row.found)):
-                mbit_s = float(number[1])
-                cell.least = mbit_s if cell.least is None else min(cell.least, mbit_s)
-                cell.text = f"{cell.least:.3g}"
-                self.measured += 1
-            yield row
-        self._count(passed or Counter())
-
-    def _count(self, passed: Passed) -> None:
-        for (own, its, checks), pairs in passed.items():
+            self._add(row)
+        for (own, its, checks), pairs in (passed or {}).items():
             for check in checks:
                 self._cells[_KIND_OF.get(check, OTHERS)][own, its].counts[OK] += pairs
+
+    def _add(self, row: Row) -> None:
+        kind = _KIND_OF.get(row.check) or (ITSELF if row.observer == row.target else OTHERS)
+        if kind == ITSELF:
+            cell = self._cells[ITSELF][row.observer, TITLES[row.check]]
+        else:
+            cell = self._cells[kind][(row.observer, row.target) if self.single else self._robot_pair(row)]
+        cell.add(row, self._describe(row) if self.single or row.verdict != OK else "")
+        if self.single and row.check in _MEASURED and row.verdict == OK:
+            cell.text = plain(row.found, 12)
+        if row.check == _STREAM and (number := _MBIT_S.match(row.found)):
+            mbit_s = float(number[1])
+            cell.least = mbit_s if cell.least is None else min(cell.least, mbit_s)
+            cell.text = f"{cell.least:.3g}"
+            self.measured += 1
 
     def _robot_pair(self, row: Row) -> tuple[str, str]:
         return self.robots.get(row.observer, row.observer), self.robots.get(row.target, row.target)

@@ -56,7 +56,7 @@ def summarise(
     pairs: tuple[int, int] = (0, 0),
     passed: Passed | None = None,
 ) -> Summary:
-    """Look at each row once. `passed` counts good results without a row; it is complete after the last row."""
+    """Look at each row once. `passed` counts good results without a row."""
     summary = Summary(computers, fleet, pairs)
     small = is_small(computers)
     for row in rows:

@@ -35,20 +35,18 @@ def test_a_cell_has_the_worst_of_its_results_and_the_number():
     assert (good.verdict, good.text) == (OK, "0.4 ms")
 
 
-def test_every_row_passes_and_is_in_a_cell():
+def test_every_row_is_in_a_cell():
     fleet = fleets.fig12()
     rows = fleets.judged(fleet, fleets.observed(fleet))
-    found = Matrices(fleet)
-    assert list(found.collect(rows)) == rows
+    found = Matrices(fleet, rows)
     counted = sum(cell.counts.total() for matrix in found.tables() for cell in matrix.cells.values())
     assert counted + sum(cell.counts.total() for cell in found.computer_matrix().cells.values()) == len(rows)
 
 
 def test_in_a_large_fleet_a_cell_is_two_robots():
     fleet = fleets.plan(21, 2)
-    found = Matrices(fleet)
     bad = Row("ping_address", "kobuki1computer-1", "kobuki2computer", FAILED, "an answer", "none")
-    list(found.collect([bad._replace(verdict=OK), bad]))
+    found = Matrices(fleet, [bad._replace(verdict=OK), bad])
     (matrix,) = found.tables()
     cell = matrix.cells["kobuki1", "kobuki2"]
     assert (cell.verdict, cell.counts.total()) == (FAILED, 2)
@@ -56,9 +54,9 @@ def test_in_a_large_fleet_a_cell_is_two_robots():
 
 
 def test_throughput_is_a_number_and_a_shade():
-    found = Matrices(fleets.fig12())
     rows = [Row("throughput", "tibi-nav", to, OK, "any", f"{mbit_s:.1f} Mbit/s") for to, mbit_s in SPEEDS.items()]
-    list(found.collect([*rows, Row("throughput", "tibi-nav", "car-nav", UNKNOWN, "any", "not measured: refused")]))
+    rows.append(Row("throughput", "tibi-nav", "car-nav", UNKNOWN, "any", "not measured: refused"))
+    found = Matrices(fleets.fig12(), rows)
     (matrix,) = found.tables()
     shown = {to: (cell.text, cell.shade) for (_from, to), cell in matrix.cells.items()}
     assert shown == {"dabo-nav": ("941", 5), "dabo-visio": ("400", 4), "car-visio": ("0.3", 1), "car-nav": ("", 0)}
@@ -69,9 +67,8 @@ SPEEDS = {"dabo-nav": 941.0, "dabo-visio": 400.0, "car-visio": 0.3}
 
 
 def test_the_slowest_stream_is_shown_in_a_large_fleet():
-    found = Matrices(fleets.plan(21, 2))
     row = Row("throughput", "kobuki1computer", "kobuki2computer", OK, "any", "90 Mbit/s")
-    list(found.collect([row, row._replace(observer="kobuki1computer-1", found="11.5 Mbit/s")]))
+    found = Matrices(fleets.plan(21, 2), [row, row._replace(observer="kobuki1computer-1", found="11.5 Mbit/s")])
     (matrix,) = found.tables()
     assert matrix.cells["kobuki1", "kobuki2"].text == "11.5"
 
@@ -81,9 +78,9 @@ def test_what_is_only_counted_fills_the_same_cells():
     seen = fleets.observed(fleet)
     fleets.silent(seen, list(seen), ["kobuki7computer"])
     fleets.update(seen[fleets.ONE], streams=Streams((Stream(fleets.TWO, 90.0),)))  # a number that is shown
-    verification, whole, quick, passed = Verification(CHECKS, fleet, seen), Matrices(fleet), Matrices(fleet), Counter()
-    rows = list(whole.collect(verification.rows()))
-    made = list(quick.collect(verification.rows(passed), passed))
+    verification, passed = Verification(CHECKS, fleet, seen), Counter()
+    rows, made = list(verification.rows()), list(verification.rows(passed))
+    whole, quick = Matrices(fleet, rows), Matrices(fleet, made, passed)
     assert len(made) < len(rows) / 3
     for one, other in [
         (whole.computer_matrix(), quick.computer_matrix()),
