@@ -9,7 +9,7 @@ Pure: the plan and the facts in; plain data, sentences and a table out.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
 from typing import NamedTuple
@@ -23,6 +23,7 @@ from .packets import Trace
 CONNECTIONS, LARGE = "connections of nodes", "large packets"
 REACHES, FAILS, UNSURE = "reaches", "fails", "unsure"
 TRANSLATED = "translated"
+FULL = 1500  # bytes of a large packet
 NODES = 45000  # stands for the ports of nodes, which the kernel chooses above 32768
 WIDTH = 120
 MATRIX = 16  # computers: a larger matrix is not printed
@@ -31,28 +32,25 @@ PAIRS, MOST = 4, 8  # pairs and machines that are named in a sentence
 
 
 class Traffic(NamedTuple):
-    """A kind of packets that the fleet needs: its name, its computers, and the packet to an address."""
+    """A kind of packets that the fleet needs."""
 
     name: str
-    concerns: Callable[[Member], bool]
-    packet: Callable[[FleetPlan, IPv4Address], Packet]
-    by_source: bool = False  # the receiver ignores it if its source address was translated
+    protocol: str
+    port: int = 0
+    size: int = 100
+    discovery: bool = False  # for discovery nodes, which ignore it if its source address was translated
+
+    def packet(self, fleet: FleetPlan, to: Member) -> Packet:
+        """Make a packet to a computer. A full one must not be cut."""
+        address, port = (to.discovery_address, fleet.multicast_port) if self.discovery else (to.address, self.port)
+        return Packet(self.protocol, address, port=port, size=self.size, whole=self.size == FULL)
 
 
 TRAFFIC = (
-    Traffic("ping", lambda member: True, lambda fleet, address: Packet("icmp", address)),
-    Traffic(
-        "heartbeats",
-        lambda member: member.discovery,
-        lambda fleet, address: Packet("udp", address, port=fleet.multicast_port),
-        by_source=True,
-    ),
-    Traffic(CONNECTIONS, lambda member: True, lambda fleet, address: Packet("tcp", address, port=NODES)),
-    Traffic(
-        LARGE,
-        lambda member: True,
-        lambda fleet, address: Packet("tcp", address, port=NODES, size=1500, whole=True),
-    ),
+    Traffic("ping", "icmp"),
+    Traffic("heartbeats", "udp", discovery=True),
+    Traffic(CONNECTIONS, "tcp", NODES),
+    Traffic(LARGE, "tcp", NODES, FULL),
 )
 
 
@@ -128,9 +126,8 @@ def _pairs(fleet: FleetPlan, now: World, after: World) -> Iterator[Pair]:
     same = now == after  # as after every site.yml
     for one, other, traffics in choose_ways(fleet.members):
         for traffic in traffics:
-            if traffic.concerns(one) and traffic.concerns(other):
-                address = other.discovery_address if traffic.name == "heartbeats" else other.address
-                packet = traffic.packet(fleet, address)
+            if not traffic.discovery or (one.discovery and other.discovery):
+                packet = traffic.packet(fleet, other)
                 later, end = _outcome(fleet, after, one.name, other.name, packet, traffic)
                 before = later if same else _outcome(fleet, now, one.name, other.name, packet, traffic)[0]
                 yield Pair(traffic.name, one.name, other.name, before, later, end)
@@ -164,7 +161,7 @@ def _outcome(
     if failure is None and way.there.where == target and way.back is not None:
         if way.there.translations:
             where = way.there.translations[0][0]
-            return (FAILS if traffic.by_source else REACHES), End(
+            return (FAILS if traffic.discovery else REACHES), End(
                 TRANSLATED, where, _network(fleet, packet.destination), "", ""
             )
         return REACHES, None
