@@ -121,9 +121,8 @@ class ReadFilters:
 
 def _apply_rules(machine: Machine, seen: Observation, filters: FilterChains) -> Machine:
     """Return the planned machine with the interface names and the rules that were read. Without sense they make it unclear."""
-    chains = [to_plain(chain) for chain in filters.chains]
     try:
-        rules, unclear = facts.read_rules(chains), facts.find_unclear(chains)
+        rules, unclear = facts.read_rules(to_plain(chain) for chain in filters.chains)
     except (LookupError, TypeError, ValueError):
         return replace(machine, unclear=frozenset({IN, OUT, FORWARD}))
     names = _read_names(machine, seen)

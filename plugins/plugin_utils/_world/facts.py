@@ -69,6 +69,7 @@ def _machine(fleet: FleetPlan, plan: ComputerPlan, info: Info) -> Machine:
     )
     names = {one.name for one in interfaces}
     own = plan_world.make_rules(fleet, plan) if any("firewall" in name for name in info.get("owned", ())) else ()
+    rules, unclear = read_rules(info["filters"]["chains"])
     return Machine(
         name=plan.computer,
         interfaces=interfaces,
@@ -77,8 +78,8 @@ def _machine(fleet: FleetPlan, plan: ComputerPlan, info: Info) -> Machine:
         ),
         lookups=lookups(info["routing"].get("rules", ())),
         tables={entry["table"]: tuple(map(_route, entry["routes"])) for entry in info["routing"].get("tables", ())},
-        rules=(*own, *read_rules(info["filters"]["chains"])),
-        unclear=find_unclear(info["filters"]["chains"]),
+        rules=(*own, *rules),
+        unclear=unclear,
         groups=plan_world.list_groups(plan)
         if any("multicast_routing" in name for name in info.get("owned", ()))
         else frozenset(),
@@ -125,15 +126,16 @@ def _address(text: str) -> IPv4Address | None:
     return IPv4Address(text) if text and ":" not in text else None
 
 
-def read_rules(chains: Iterable[Info]) -> tuple[Rule, ...]:
-    """Make the rules of the chains; the policy of each is its last rule."""
-    rules = []
+def read_rules(chains: Iterable[Info]) -> tuple[tuple[Rule, ...], frozenset[str]]:
+    """Make the rules of the chains; the policy of each is its last rule. Return them, and the chains with rules that say more."""
+    rules, unclear = [], set()
     for number, chain in enumerate(chains):
         hook, table = HOOKS[chain["hook"]], f"{number} {chain['table']}"
         rules += [_rule(hook, table, entry) for entry in chain["rules"]]
+        unclear |= {hook} if chain["unread"] else set()
         if chain["policy"] != ACCEPT:
             rules.append(Rule(hook, chain["policy"], table=table))
-    return tuple(rules)
+    return tuple(rules), frozenset(unclear)
 
 
 def _rule(hook: str, table: str, entry: Info) -> Rule:
@@ -151,11 +153,6 @@ def _rule(hook: str, table: str, entry: Info) -> Rule:
         above=entry.get("above", 0),
         table=table,
     )
-
-
-def find_unclear(chains: Iterable[Info]) -> frozenset[str]:
-    """Return the chains with rules that `read_rules` does not understand."""
-    return frozenset(HOOKS[chain["hook"]] for chain in chains if chain["unread"])
 
 
 def _merge_links(fleet: FleetPlan, world: World) -> World:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from ipaddress import IPv4Address
 from typing import NamedTuple
 
@@ -43,17 +43,18 @@ class Hop(NamedTuple):
     to: IPv4Address | None = None  # the next machine; None at the end
 
 
-@dataclass(frozen=True)
+@dataclass
 class Trace:
     """The way of a packet. `where` is the machine or the link at which it ends, `by` the last machine that had it."""
 
-    outcome: str
-    where: str
+    packet: Packet  # as it is at the end: a translated source is the new one
     by: str
-    hops: tuple[Hop, ...]
-    packet: Packet  # as it was at the end: a translated source is the new one
-    links: tuple[str, ...] = ()  # that it has crossed
-    translations: tuple[tuple[str, IPv4Address, IPv4Address], ...] = ()  # machine, new source, the one before
+    outcome: str = ""
+    where: str = ""
+    hops: list[Hop] = field(default_factory=list)
+    links: list[str] = field(default_factory=list)  # that it has crossed
+    # machine, new source, the one before
+    translations: list[tuple[str, IPv4Address, IPv4Address]] = field(default_factory=list)
     device: str = ""  # by which it came in at its end
     kept: float = 1.0  # the share of such packets that no interface on the way loses
     rule: Rule | None = None  # of the packet filter that ends it
@@ -79,19 +80,15 @@ class _End(Exception):
         self.outcome, self.where, self.rule = outcome, where, rule
 
 
-class _Journey:
+@dataclass(kw_only=True)
+class _Journey(Trace):
     """A packet on its way."""
 
-    def __init__(self, world: World, packet: Packet, known: Mapping[tuple[str, IPv4Address], IPv4Address]) -> None:
-        self.world, self.packet, self.known = world, packet, known
-        self.hops: list[Hop] = []
-        self.links: list[str] = []
-        self.translations: list[tuple[str, IPv4Address, IPv4Address]] = []
-        self.by = self.device = ""
-        self.kept = 1.0
+    world: World
+    known: Mapping[tuple[str, IPv4Address], IPv4Address]
 
-    def run(self, machine: Machine) -> Trace:
-        self.by = machine.name
+    def run(self, machine: Machine) -> None:
+        """Follow the packet from a machine to its end."""
         try:
             if not machine.on:
                 raise _End(OFF, machine.name)
@@ -103,10 +100,7 @@ class _Journey:
                 machine, interface = self._arrive(machine, interface)
             raise _End(CIRCLE, self.by)
         except _End as end:
-            hops, links = tuple(self.hops), tuple(self.links)
-            changed = tuple(self.translations)
-            way = Trace(end.outcome, end.where, self.by, hops, self.packet, links, changed, self.device, self.kept)
-            return replace(way, rule=end.rule) if end.rule else way
+            self.outcome, self.where, self.rule = end.outcome, end.where, end.rule
 
     def _local(self, machine: Machine) -> bool:
         destination = self.packet.destination
@@ -213,7 +207,9 @@ def trace(
     world: World, start: str, packet: Packet, known: Mapping[tuple[str, IPv4Address], IPv4Address] | None = None
 ) -> Trace:
     """Follow a packet from a machine. `known` are translations that are undone: (machine, address) -> the one before."""
-    return _Journey(world, packet, known or {}).run(world.machines[start])
+    way = _Journey(packet, start, world=world, known=known or {})
+    way.run(world.machines[start])
+    return way
 
 
 @dataclass(frozen=True)

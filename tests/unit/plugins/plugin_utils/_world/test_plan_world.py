@@ -37,7 +37,7 @@ def test_packets_take_the_planned_way():
     way = echo(world, "tibi-nav", ping("192.168.10.100"))
     assert [hop.machine for hop in way.there.hops] == ["tibi-nav", "tibi-visio", "dabo-visio", "dabo-nav"]
     assert [hop.machine for hop in way.back.hops] == ["dabo-nav", "dabo-visio", "tibi-visio", "tibi-nav"]
-    assert way.there.links == ("the network of tibi", COMMON, "the network of dabo")
+    assert way.there.links == ["the network of tibi", COMMON, "the network of dabo"]
     assert way.there.packet.source == IPv4Address("192.168.11.100")
     assert echo(world, "tibi-visio", ping("192.168.10.100")).there.packet.source == IPv4Address("192.168.1.201")
 
