@@ -15,6 +15,8 @@ from typing import NamedTuple
 from .._fleet import advice
 from .._fleet.plain_text import quote
 
+READ, ALWAYS = "where it was looked at", "always"
+
 
 class Fault(NamedTuple):
     """How a part of a kind may be broken: in a sentence, what to do, and the command that shows it.
@@ -23,7 +25,7 @@ class Fault(NamedTuple):
     `see` only shows the fault. A command made from an observation stands before the remedy (commands.py).
     `cost` says how rare it is: of two parts that explain the same, the cheaper one is named.
     A `hard` fault lets nothing pass, so a success that needs the part clears it. Of other faults a success says little.
-    A fault that is `read` is never concluded: a value on the machine shows it.
+    A fault that is `read` is not concluded, since a value on the machine shows it: READ is for places with an observation.
     """
 
     sentence: str
@@ -31,8 +33,7 @@ class Fault(NamedTuple):
     decide: str = ""  # empty: the remedy shows it, too
     cost: float = 3.0
     hard: bool = True
-    read: bool = False
-    unseen: bool = True  # although `read`, it may be concluded for a place without an observation
+    read: str = ""
     what: str = ""  # stands for a part's `what` where it has none
 
     @property
@@ -150,7 +151,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("computer", "unmeasured"): Fault(
         "{place} could not be looked at: {what}",
         "see on the controller: ansible-playbook playbooks/verify.yml -vv --limit {place}",
-        read=True,
+        read=READ,
         what="a measurement gave no result",
     ),
     ("computer", "overloaded"): Fault(
@@ -164,53 +165,46 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "end the program that holds thousands of connections, or give the kernel more ports; see on {place}: ss -s; "
         "sysctl net.ipv4.ip_local_port_range net.ipv4.ip_local_reserved_ports",
         "on {place}: ss -s; sysctl net.ipv4.ip_local_port_range net.ipv4.ip_local_reserved_ports",
-        read=True,
-        unseen=False,
+        read=ALWAYS,
     ),
     ("computer", "disk"): Fault(
         "{place} has no room on {what}", "make room there; see on {place}: df -h; du -xsh /var/log", what="a disk"
     ),
     # Names
-    ("names", "unknown"): Fault(
-        "{place} does not know {what}", f"{SITE}, which writes /etc/hosts", HOSTS, cost=2.0, read=True, what="a name"
-    ),
-    ("names", "loopback"): Fault(
-        "/etc/hosts on {place} binds {what} to the loopback interface",
-        f"{SITE}, which also keeps cloud-init from writing the line again at boot",
-        HOSTS,
-        cost=2.0,
-        read=True,
-        what="a name",
-    ),
-    ("names", "old"): Fault(
-        "on {place} {what} means another address: an older line of /etc/hosts, or a name server",
-        f"{SITE}, which names the line that stands against it",
-        HOSTS,
-        cost=2.0,
-        read=True,
-        what="a name",
-    ),
-    ("names", "several"): Fault(
-        "on {place} {what} has a second address: another line of /etc/hosts, or a name server",
-        "correct the other line of /etc/hosts, or the name server",
-        HOSTS,
-        cost=2.0,
-        read=True,
-        what="a name",
-    ),
+    **{
+        ("names", mode): Fault(sentence, remedy, HOSTS, cost=2.0, read=READ, what="a name")
+        for mode, sentence, remedy in (
+            ("unknown", "{place} does not know {what}", f"{SITE}, which writes /etc/hosts"),
+            (
+                "loopback",
+                "/etc/hosts on {place} binds {what} to the loopback interface",
+                f"{SITE}, which also keeps cloud-init from writing the line again at boot",
+            ),
+            (
+                "old",
+                "on {place} {what} means another address: an older line of /etc/hosts, or a name server",
+                f"{SITE}, which names the line that stands against it",
+            ),
+            (
+                "several",
+                "on {place} {what} has a second address: another line of /etc/hosts, or a name server",
+                "correct the other line of /etc/hosts, or the name server",
+            ),
+        )
+    },
     ("names", "rights"): Fault(
         "on {place} root alone can look up {what}: the rights of /etc/hosts or /etc/nsswitch.conf",
         "on {place}: chmod 644 /etc/hosts /etc/nsswitch.conf",
         "on {place}: ls -l /etc/hosts /etc/nsswitch.conf; runuser -u nobody -- getent ahostsv4 {what}",
         what="names",
-        read=True,
+        read=READ,
     ),
     ("names", "order"): Fault(
         "{place} asks a name server before /etc/hosts, or not /etc/hosts at all",
         r"on {place}: sed -i -E -e '/^hosts:/s/[[:space:]]+files\b//' -e 's/^hosts:/hosts: files/' /etc/nsswitch.conf; see the line "
         "hosts there: files stands first, so that /etc/hosts counts, which site.yml has written",
         "on {place}: grep ^hosts /etc/nsswitch.conf",
-        read=True,
+        read=READ,
     ),
     # Interfaces and links
     ("interface", "address"): Fault(
@@ -246,8 +240,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: ip neighbour flush nud permanent; see on {place}: ip neighbour show nud permanent",
         "on {place}: ip neighbour show nud permanent",
         what="a computer",
-        read=True,
-        unseen=False,
+        read=ALWAYS,
     ),
     ("interface", "multicast"): Fault(
         "multicast of {place} leaves, or comes in, by another interface than planned",
@@ -343,23 +336,21 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         ROUTES,
         cost=2.0,
         what="the others",
-        read=True,
+        read=READ,
     ),
     ("route", "closed"): Fault(
         "a route of {place} leads nowhere: {what}",
         f"look for the program or the file that makes it; see {ROUTES}",
         f"{ROUTES} show table all",
         what="of the type blackhole, unreachable or prohibit",
-        read=True,
-        unseen=False,
+        read=ALWAYS,
     ),
     ("route", "rule"): Fault(
         "a rule for routing on {place} sends packets another way than planned: {what}",
         f"look for the program or the file that makes it; see {ROUTES}",
         ROUTES,
         what="see ip rule",
-        read=True,
-        unseen=False,
+        read=ALWAYS,
     ),
     ("route", "defaults"): Fault(
         "{place} has two default routes",
@@ -368,13 +359,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         ROUTES,
         cost=2.5,
         hard=False,
-        read=True,
+        read=READ,
     ),
     ("route", "circle"): Fault(
         "{place} sends packets for {what} back to where they came from",
         f"{SITE} on it; see there: ip route",
         what="the others",
-        read=True,
+        read=READ,
     ),
     ("forwarding", "off"): Fault(
         "{place} drops what is meant for another network, so nobody gets through it",
@@ -400,8 +391,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         f"{SITE}; if it changes again, see on {{place}} what else changes the packet filter",
         RULES,
         hard=False,
-        read=True,
-        unseen=False,
+        read=ALWAYS,
     ),
     ("filter", "pair"): Fault(
         "something drops packets between {place}, and between nobody else: a packet filter or a route with the other's address",
@@ -414,8 +404,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: sysctl -a --pattern rp_filter",
         cost=3.5,
         hard=False,
-        read=True,
-        unseen=False,
+        read=ALWAYS,
     ),
     ("redirects", "sent"): Fault(
         "{place} sends ICMP redirects, because packets turn round on the common network",
@@ -441,7 +430,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: systemctl show --property Environment multimaster-discovery",
         cost=2.0,
         what="the variables of ROS",
-        read=True,
+        read=READ,
     ),
     ("environment", "shell"): Fault(
         "nodes started on {place} have another environment than planned: {what}",
@@ -449,7 +438,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: bash -lc env | grep ^ROS; grep -n ROS_ ~/.bashrc ~/.profile",
         cost=2.0,
         what="ROS_HOSTNAME or ROS_IP",
-        read=True,
+        read=READ,
     ),
     ("roscore", "dead"): Fault("no roscore answers on {place}", f"{RESTART}; see {ROSCORE}", ROSCORE, cost=1.5),
     ("roscore", "hung"): Fault(
@@ -461,7 +450,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: rosparam get /rosdistro; env | grep ^ROS",
         cost=2.0,
         what="otherwise than planned",
-        read=True,
+        read=READ,
     ),
     ("discovery", "dead"): Fault(
         "the discovery node of {place} does not run", f"{RESTART_DISCOVERY}; see {DISCOVERY}", DISCOVERY, cost=1.5
@@ -535,7 +524,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="multimaster-*",
     ),
     ("service", "missing"): Fault(
-        "{what} was not set up on {place}", f"{SITE} on it", cost=1.0, what="multimaster-*", read=True
+        "{what} was not set up on {place}", f"{SITE} on it", cost=1.0, what="multimaster-*", read=READ
     ),
     # Registrations and their exchange
     ("registration", "ghost"): Fault(
@@ -569,7 +558,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "{place} leaves out what the others need: {what}",
         "correct multimaster_exports or multimaster_filters of the robot, and run site.yml",
         what="see multimaster_exports",
-        read=True,
+        read=READ,
     ),
     ("messages", "differ"): Fault(
         "message definitions differ on {place}: {what}",
@@ -582,7 +571,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="rospy fails there",
     ),
     ("set_up", "never"): Fault(
-        "site.yml has not run on {place}, or teardown.yml has run since", SITE, read=True, unseen=False, cost=1.0
+        "site.yml has not run on {place}, or teardown.yml has run since", SITE, read=ALWAYS, cost=1.0
     ),
     # The set-up by others
     ("set_up", "by_hand"): Fault(
@@ -607,8 +596,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "{place} answers no pings, by a setting of its kernel",
         "on {place}: sysctl -w net.ipv4.icmp_echo_ignore_all=0; see on {place} who sets it: grep -r icmp_echo_ignore_all /etc/sysctl.*",
         "on {place}: sysctl net.ipv4.icmp_echo_ignore_all",
-        read=True,
-        unseen=False,
+        read=ALWAYS,
     ),
     ("setting", "ttl"): Fault(
         "packets of {place} begin with a time to live that is too small for the way",

@@ -18,7 +18,7 @@ from .._case import needs
 from .._case.case import Participant
 from .._case.needs import Parts
 from .._case.packet_filters import GROUP, ROSCORE
-from .._case.parts import ANY, FOLLOWS, HEARSAY, RULED, Part
+from .._case.parts import ALWAYS, ANY, FOLLOWS, HEARSAY, RULED, Part
 from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Check, Row, Verification
 from .._fleet.sentences import shorten_list
 from .._follow.findings import SeenEnd, find_ends
@@ -245,15 +245,10 @@ class _Diagnosis:
     def _doubt(self, part: Part) -> float | None:
         """Say what it costs more to conclude a part that reading did not show; None where it would have shown it."""
         if part.fault.read:
-            return UNREAD if self._unread(part) else None
+            computer = self._computer(part)
+            is_read = part.fault.read == ALWAYS or (computer is not None and computer.seen.probe is not None)
+            return None if is_read else UNREAD
         return NOT_FOUND if (part.kind, part.mode) in RULED and self.verification.state.filters.lets_pass(part) else 0.0
-
-    def _unread(self, part: Part) -> bool:
-        """Say if the place of a part could not be looked at."""
-        if not part.fault.unseen:
-            return False
-        computer = self._computer(part)
-        return computer is None or computer.seen.probe is None
 
     def _computer(self, part: Part) -> Participant | None:
         """The computer of the run that a part is on; None for a part between two."""
