@@ -26,7 +26,7 @@ from run import INVENTORY, WORK, Catalogue, LabError, lab_of  # first: it finds 
 from catalogue import Fault, facts_of  # isort: skip
 from grammar import KINDS, MASTERS, PORTS, draw_faults  # isort: skip
 from harm import find_harm  # isort: skip
-from judge import Named, is_at  # isort: skip
+from judge import UNMADE, Named, is_at  # isort: skip
 from machines.layout import read_inventory  # isort: skip
 
 PART, COMPUTER, OTHER, NOTHING = "part or hop", "computer", "another place", "nothing"
@@ -72,8 +72,8 @@ def try_faults(number: int, seed: int, record: Path | None, name: str) -> list[G
             if len(graded) == number:
                 break
             result = catalogue.tried(fault, lambda fault: _is_harmful(lab, fleet, fault))
-            if result is None:
-                print(f"    breaks nothing: {fault.title}", flush=True)
+            if result is None or result.verdict == UNMADE:
+                print(f"    {'could not be made' if result else 'breaks nothing'}: {fault.title}", flush=True)
                 continue
             graded.append(Graded(fault, grade(fault, result.found), result.found.text, result.seconds))
             print(f"[{len(graded)}/{number}] {graded[-1].grade} ({result.seconds:.0f} s): {fault.title}", flush=True)

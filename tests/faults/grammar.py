@@ -184,7 +184,7 @@ def _signal(place: Place) -> Draw:
 
 def _limit(place: Place) -> Draw:
     unit = f"multimaster-{place.choose(UNITS)}"
-    made = f"prlimit --pid $(systemctl show --value --property MainPID {unit}) --nofile=8:524288"
+    made = f"prlimit --pid $(systemctl show --value --property MainPID {unit}) --nofile=8:"
     back = "systemctl restart multimaster-roscore multimaster-discovery multimaster-sync"
     return Draw(f"{unit} may open eight files", made, back, ("service", "computer", unit.rpartition("-")[2]))
 

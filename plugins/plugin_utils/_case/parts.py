@@ -514,8 +514,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: systemctl status {what}; ps -eo pid,stat,args",
         cost=2.0,
         what="multimaster-*",
-        read=True,
-        unseen=False,
+        read=ALWAYS,
     ),
     ("service", "restarting"): Fault(
         "on {place} {what} ended by itself and was started again",
@@ -665,7 +664,13 @@ CALLS = (
     *(("registration", mode) for mode in ("talker", "listener")),
     *(("filter", f"{mode} out") for mode in ("rpc", "roscore", "nodes", "all")),
 )
+STOPPED = ("service", "stopped")
 _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
+    **dict.fromkeys(
+        (*((node, "hung") for node in ("roscore", "discovery", "sync")), ("sync", "stale"), ("sync", "untold")),
+        (STOPPED,),
+    ),
+    **dict.fromkeys((("registration", "talker"), ("registration", "listener")), (STOPPED,)),
     **{
         ("filter", f"{mode} {way}"): tuple(
             ("filter", more) for more in (mode, f"all {way}", "all") if more != f"{mode} {way}"

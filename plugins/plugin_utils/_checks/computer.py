@@ -114,6 +114,8 @@ def _services_evidence(case: Case) -> Parts:
                 parts |= make_parts("service", name, "missing", what=unit)
             else:
                 parts |= _service_down_parts(name, service, unit)
+        elif entry.stopped:
+            parts |= make_parts("service", name, "stopped", what=unit)
         elif entry.restarts:
             parts |= make_parts("service", name, "restarting", what=unit)
     return parts
@@ -151,6 +153,8 @@ def _judge_services(case: Case) -> Judgement | None:
         if entry is None or entry.active_state != "active":
             state = "unknown" if entry is None else _describe_state(entry)
             broken.append(f"multimaster-{name}.service is {state}")
+        elif entry.stopped:
+            broken.append(f"the process of {entry.unit} is stopped")
         elif entry.restarts:
             restarted.append(f"{entry.unit} was started again {entry.restarts} times")
     expected = f"{', '.join(planned)} active"

@@ -27,20 +27,16 @@ KINDS: Mapping[str, str] = {"ping_large": LARGE}
 def list_trips(verification: Verification, row: Row) -> list[Trip]:
     """List what a failed check has sent in vain, as far as it can be followed: its own packets, then its questions to nodes."""
     check = next((one for one in verification.checks if one.id == row.check), None)
-    case = verification.case(check, row.observer, row.target) if check else None
-    if check is None or case is None or row.verdict not in (FAILED, WARNING):
+    if check is None or row.verdict not in (FAILED, WARNING):
         return []
-    master = case.masters[0]
-    trips = {
-        GROUP: Trip(GROUP, row.target, row.observer),
-        ROSCORE: Trip(ROSCORE, row.observer, master),
-        "": Trip("", "", ""),
-    }
-    own = check.carries or KINDS.get(row.check, "")
-    found = [trips.get(own, Trip(own, row.observer, row.target))]
+    case = verification.case(check, row.observer, row.target)
     suspects = (check.suspects or check.needs)(case)
+    master, own = case.masters[0], check.carries or KINDS.get(row.check, "")
+    asked = Trip(ROSCORE, row.observer, master)
+    others = {GROUP: Trip(GROUP, row.target, row.observer), ROSCORE: asked, "": Trip("", "", "")}
+    found = [others.get(own, Trip(own, row.observer, row.target))]
     if Part("roscore", master, "hung") in suspects:
-        found.append(trips[ROSCORE])
+        found.append(asked)
     if Part("discovery", row.target, "hung") in suspects:
         found.append(Trip("rpc", row.observer, row.target))
     return [trip for trip in dict.fromkeys(found) if trip.sender != trip.target and _can_follow(verification, trip)]

@@ -141,16 +141,16 @@ def _ends_life(place: Place, _packets: SeenPackets) -> bool:
 
 
 def _counts_reverse_path(_place: Place, packets: SeenPackets) -> bool:
-    return "TcpExtIPReversePathFilter" in packets.grown
+    return "TcpExtIPReversePathFilter" in packets.counter_names
 
 
 def _counts_rule(_place: Place, packets: SeenPackets) -> bool:
-    return any(RULE in name for name in packets.grown)
+    return any(RULE in name for name in packets.counter_names)
 
 
 def _counts_full_queue(place: Place, packets: SeenPackets) -> bool:
     """Say if a program takes no connections any more, so its queue is full (listen(2))."""
-    return bool(_name_program(place)) and not packets.grown.isdisjoint(("TcpExtListenOverflows", "TcpExtListenDrops"))
+    return bool(_name_program(place)) and not packets.counter_names.isdisjoint(("TcpExtListenOverflows", "TcpExtListenDrops"))
 
 
 def _name_program(place: Place) -> str:

@@ -209,10 +209,10 @@ class Service:
     active_state: str = ""
     sub_state: str = ""
     restarts: int = 0
-    stopped: bool = False  # by a signal or a debugger
     differing: tuple[str, ...] | None = ()
     drop_ins: tuple[str, ...] = ()  # files of somebody else that set its variables, where some differ
     since: str = ""  # the time of its last change of state, as systemd writes it
+    stopped: bool = False  # by a signal or a debugger
 
 
 @dataclass(frozen=True)

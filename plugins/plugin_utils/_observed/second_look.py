@@ -96,7 +96,7 @@ class SeenPackets:
     fixed: tuple[str, ...] = ()  # hardware addresses that were set by hand
 
     @property
-    def grown(self) -> frozenset[str]:
+    def counter_names(self) -> frozenset[str]:
         """The names of the counters that have grown."""
         return frozenset(one.counter for one in self.counters)
 

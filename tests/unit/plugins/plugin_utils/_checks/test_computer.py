@@ -130,6 +130,7 @@ FAULTS = [
     (_service(active_state="failed", sub_state="failed"), "services", FAILED, "set_up", ONE, "others"),
     (_ended, "services", FAILED, "roscore", ONE, "dead"),
     (_service(restarts=4), "services", WARNING, "service", ONE, "restarting"),
+    (_service(stopped=True), "services", FAILED, "service", ONE, "stopped"),
     (_service(differing=None), "environment", UNKNOWN, "setting", ONE, "unread"),
     (_service(differing=["ROS_HOSTNAME"]), "environment", FAILED, "environment", ONE, "service"),
     (_roscore(answer="http://localhost:11311/"), "master_uri", FAILED, "roscore", ONE, "name"),
