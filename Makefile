@@ -60,8 +60,8 @@ systems: lab-tests ## injected faults and the commands of the README, on real sy
 test-long: bench-site ## what takes too long for 'make test': losses of minutes, Debian 11, and the bench
 	@$(PYTHON) tools/test.py long
 
-test-faults: lab-tests ## the catalogue of faults on real systems, and its table in docs/operate/verification.md (an hour)
-	@$(PYTHON) tools/test.py faults
+test-faults: lab-tests ## the catalogue of faults on real systems, and its table in docs/operate/verification.md (an hour); FUZZ=200 SEED=1: drawn ones
+	@$(if $(FUZZ),$(PYTHON) tests/faults/fuzz.py --number $(FUZZ) --seed $(or $(SEED),1),$(PYTHON) tools/test.py faults)
 
 test-interop: checkout lab-tests ## the bundled nodes with those of multimaster_fkie 1.3.2 (FKIE=checkout)
 	@FKIE="$(abspath $(FKIE))" $(PYTHON) tools/test.py interop

@@ -300,6 +300,13 @@ findings:
       elements: dict
       sample:
         - {check: name, observer: kobuki1computer, target: kobuki2computer, verdict: failed, expected: 192.168.1.239, found: 127.0.1.1}
+    sure:
+      description:
+        - How sure it is. V(seen), a value on a computer shows it. V(located), packets were followed to it. V(inferred), it explains best what
+          failed; then RV(findings[].remedy) says only what to look at.
+      returned: always
+      type: str
+      sample: seen
     followed:
       description: What the second look has seen of it, a sentence for each place; see M(rosfleet.multimaster.multimaster_follow).
       returned: always

@@ -28,6 +28,7 @@ from .cover import Failure, explain
 from .offsets import offset
 from .onset import describe_onset
 
+SEEN, LOCATED, INFERRED = "seen", "located", "inferred"
 WEIGHTS = {FAILED: 1.0, WARNING: 0.9, UNKNOWN: 0.5}
 SERIOUS = (FAILED, WARNING, UNKNOWN)
 CHANCE = 0.3  # what a failure counts where packets are known to get lost
@@ -57,6 +58,11 @@ class Finding:
     command: str = ""  # that mends it, where what was read gives one
 
     @property
+    def sure(self) -> str:
+        """How sure it is: a value showed it, packets were seen to end there, or it is what explains most."""
+        return SEEN if self.proof else LOCATED if self.followed else INFERRED
+
+    @property
     def candidates(self) -> tuple[Part, ...]:
         """It is one of these."""
         return (self.part, *self.rivals)
@@ -71,7 +77,9 @@ class Finding:
         return self.part._replace(what=self.subjects).sentence()
 
     def remedy(self) -> str:
-        """Say what to do: the command first, and what to look at if it does not last."""
+        """Say what to do: the command first, and what to look at if it does not last. What is inferred is only looked at."""
+        if self.sure == INFERRED:
+            return self.part.decide()
         return f"{self.command}; if it does not last, {self.part.remedy()}" if self.command else self.part.remedy()
 
 

@@ -150,7 +150,9 @@ def _counts_rule(_place: Place, packets: SeenPackets) -> bool:
 
 def _counts_full_queue(place: Place, packets: SeenPackets) -> bool:
     """Say if a program takes no connections any more, so its queue is full (listen(2))."""
-    return bool(_name_program(place)) and not packets.counter_names.isdisjoint(("TcpExtListenOverflows", "TcpExtListenDrops"))
+    return bool(_name_program(place)) and not packets.counter_names.isdisjoint(
+        ("TcpExtListenOverflows", "TcpExtListenDrops")
+    )
 
 
 def _name_program(place: Place) -> str:

@@ -46,6 +46,7 @@ def list_findings(diagnosis: Diagnosis) -> list[dict[str, Any]]:
             "sentence": entry.sentence(),
             "remedy": entry.remedy(),
             "decide": entry.part.decide(),
+            "sure": entry.sure,
             "followed": list(entry.followed),
             "since": entry.since,
             "rivals": [

@@ -12,7 +12,7 @@ from itertools import count
 
 from .._checks.engine import FAILED, OK, UNKNOWN, VERDICTS, WARNING, Row
 from .._checks.table import CHECKS, TITLES
-from .._diagnosis.diagnosis import Diagnosis, Finding
+from .._diagnosis.diagnosis import INFERRED, Diagnosis, Finding
 from .._fleet.sentences import shorten_list
 from .._judgement.summary import Summary, is_small
 
@@ -120,7 +120,7 @@ def _finding(entry: Finding) -> Iterator[tuple[str, str]]:
     yield "     behind:   ", _name_unexamined(entry)
     if entry.rivals:
         yield "     decide:   ", "; ".join(dict.fromkeys(part.decide() for part in entry.candidates))
-    yield "     do:       ", entry.remedy()
+    yield "     look:     " if entry.sure == INFERRED else "     do:       ", entry.remedy()
 
 
 def _example(rows: Sequence[Row]) -> str:

@@ -73,7 +73,7 @@ Warnings:
      besides:  in the same pairs these succeed: name means the planned address (1), ping by name (1)
      decide:   on kobuki1computer: chronyc tracking; date --utc +%T.%N; on kobuki2computer: chronyc tracking; date --utc
                +%T.%N
-     do:       run chrony on all computers with one of them, or a server, as the source
+     look:     on kobuki1computer: chronyc tracking; date --utc +%T.%N
 
 Not judged:
   4. kobuki1 leaves out what the others need: the test topic
