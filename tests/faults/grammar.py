@@ -184,9 +184,15 @@ def _signal(place: Place) -> Draw:
 
 def _limit(place: Place) -> Draw:
     unit = f"multimaster-{place.choose(UNITS)}"
-    made = f"prlimit --pid $(systemctl show --value --property MainPID {unit}) --nofile=8:"
-    back = "systemctl restart multimaster-roscore multimaster-discovery multimaster-sync"
-    return Draw(f"{unit} may open eight files", made, back, ("service", "computer", unit.rpartition("-")[2]))
+    folder = f"/run/systemd/system/{unit}.service.d"
+    words = f"mkdir -p {folder}; printf '[Service]\\nLimitNOFILE=%s\\n' 12 > {folder}/fault.conf"
+    restart = "systemctl daemon-reload; systemctl restart multimaster-roscore multimaster-discovery multimaster-sync"
+    return Draw(
+        f"{unit} may open twelve files",
+        f"{words}; {restart} || true",
+        f"rm -r {folder}; {restart}",
+        ("service", "computer", unit.rpartition("-")[2]),
+    )
 
 
 def _file(place: Place) -> Draw:
