@@ -84,14 +84,15 @@ class ManagedServices(ModuleRun):
             unit.name: self.systemd.find_newer_file(unit.content, self.states[unit.name]) for unit in self.units
         }
 
+    def _find_removed(self, owned: typing.Container[str]) -> typing.List[str]:
+        """List the former units that are ours. One whose file an interrupted run never wrote may be another program's."""
+        return [name for name in self.former if not self.states[name].fragment or self.states[name].fragment in owned]
+
     def _plan(self) -> None:
         owned = files.find_owned_files(self.remembered, self.machine)
         units.check(self.units, self.states, owned)
         self.files = files.plan_files(self.wanted, self.remembered, self.machine)
-        # A unit whose file an interrupted run never wrote is not owned: the unit of this name may be another program's.
-        self.removed = [
-            name for name in self.former if not self.states[name].fragment or self.states[name].fragment in owned
-        ]
+        self.removed = self._find_removed(owned)
         paths = {name: file.path for name, file in zip(self.names, self.wanted)}
         written = {file.path for file in self.files.writes}
         self.written = [name for name, path in paths.items() if path in written]

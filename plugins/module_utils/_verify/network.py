@@ -90,6 +90,24 @@ def members(
 
     Without `by_name` no name is looked up: the router is not told any.
     """
+    found = _look_up(others, by_name)
+    strange = [entry for entry in found if entry["name"] != own]
+    pings = ping(address for entry in strange for address in [entry["address"], *entry["addresses"][:1]])
+    _add_routes(strange, {member["name"]: member.get("discovery_address") or "" for member in others})
+    for entry in strange:
+        unknown = Answer(Outcome.UNKNOWN_NAME)
+        entry.update(
+            ping_address=pings[entry["address"]],
+            ping_name=pings[entry["addresses"][0]] if entry["addresses"] else unknown,
+        )
+    _look_closer(strange)
+    for entry in strange:
+        entry.update((key, entry[key] and entry[key].to_plain()) for key in ("ping_address", "ping_name", "ping_large"))
+    return found
+
+
+def _look_up(others: typing.List[typing.Dict[str, str]], by_name: bool) -> typing.List[typing.Dict[str, typing.Any]]:
+    """Begin the entry of each member with its addresses, as root and as a user without rights look them up."""
     if by_name:
         resolved = call_all(
             lambda member: resolve(member["name"]), others, 15.0, lambda member: ([], "no answer within 15 s")
@@ -103,18 +121,6 @@ def members(
     ]
     for entry in found:
         entry["user_addresses"] = usual.get(entry["name"])
-    strange = [entry for entry in found if entry["name"] != own]
-    pings = ping(address for entry in strange for address in [entry["address"], *entry["addresses"][:1]])
-    _add_routes(strange, {member["name"]: member.get("discovery_address") or "" for member in others})
-    for entry in strange:
-        unknown = Answer(Outcome.UNKNOWN_NAME)
-        entry.update(
-            ping_address=pings[entry["address"]],
-            ping_name=pings[entry["addresses"][0]] if entry["addresses"] else unknown,
-        )
-    _look_closer(strange)
-    for entry in strange:
-        entry.update((key, entry[key] and entry[key].to_plain()) for key in ("ping_address", "ping_name", "ping_large"))
     return found
 
 

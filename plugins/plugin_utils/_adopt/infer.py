@@ -265,13 +265,18 @@ def _fleet(scene: _Scene, router: Choice | None) -> Choices:
     masters = [group for group in scene.found.groups if scene.machine(group.master).roscores]
     roscores = [(scene.name(group.master), _roscore(scene, group)[0]) for group in masters]
     nodes = [(name, node) for name, roscore in roscores for node in roscore.discovery]
-    choices["multicast_group"] = _choose_majority(nodes, lambda node: str(node.group or GROUP), GROUP)
-    port = _choose_majority(nodes, lambda node: node.group_port or PORT, PORT)
-    if port.value != PORT or port.why and nodes:
-        choices["multicast_port"] = port
+    choices.update(_choose_group(nodes))
     uris = [roscore.uri for _name, roscore in roscores if roscore.uri]
     if uris and all(uri.is_address for uri in uris):
         choices["advertise"] = Choice("address")
+    return choices
+
+
+def _choose_group(nodes: Sequence[tuple[str, facts.Discovery]]) -> Choices:
+    choices = {"multicast_group": _choose_majority(nodes, lambda node: str(node.group or GROUP), GROUP)}
+    port = _choose_majority(nodes, lambda node: node.group_port or PORT, PORT)
+    if port.value != PORT or (port.why and nodes):
+        choices["multicast_port"] = port
     return choices
 
 

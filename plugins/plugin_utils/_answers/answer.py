@@ -58,9 +58,7 @@ def find_answer(output: str) -> str:
 def check_answer(text: str, answer: Answer) -> CheckedAnswer:
     """Return the documented part of the text that a robot has answered. Raises StrangeAnswer."""
     data = _parse(text)
-    orders = sorted(name for name in data if name in ORDERS or name.startswith(INTERNAL))
-    if orders:
-        raise StrangeAnswer(f"the key {quote(orders[0], NAME)}, which no module of the collection answers")
+    _refuse_orders(data)
     reader = _Reader()
     result = {name: reader.read_value(kind, data[name], name) for name, kind in answer.items() if name in data}
     _refuse_gaps(result, answer)
@@ -76,6 +74,13 @@ def check_answer(text: str, answer: Answer) -> CheckedAnswer:
     known = {*answer, *MESSAGES, CHANGES, TRACE, OPTIONS}
     more = [quote(name, NAME) for name in data if name not in known]
     return CheckedAnswer(result, plain_lines(trace), reader.left_out + more)
+
+
+def _refuse_orders(data: Mapping[str, Any]) -> None:
+    """Raise StrangeAnswer if there is a key by which Ansible would do something."""
+    orders = sorted(name for name in data if name in ORDERS or name.startswith(INTERNAL))
+    if orders:
+        raise StrangeAnswer(f"the key {quote(orders[0], NAME)}, which no module of the collection answers")
 
 
 def _refuse_gaps(result: Result, answer: Answer) -> None:

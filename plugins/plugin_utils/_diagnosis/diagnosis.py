@@ -180,22 +180,27 @@ class _Diagnosis:
             Failure(self._add_reasons(suspects), WEIGHTS[row.verdict] * (CHANCE if maybe - suspects else 1.0))
             for (row, suspects), maybe in zip(self.open, by_chance, strict=True)
         ]
+        rest = self._choose_parts(failures)
+        for number in rest:
+            if by_chance[number]:
+                self._finding(min(by_chance[number])).rows.append(self.open[number][0])
+        for part, entry in self.broken.items():
+            entry.followed = tuple(dict.fromkeys(end.words for end in self.shown.get(part, ())))[:NAMED]
+        unexplained = tuple(self.open[number][0] for number in rest if not by_chance[number])
+        return Diagnosis(tuple(map(self._add_details, _findings(self.broken.values()))), unexplained)
+
+    def _choose_parts(self, failures: Sequence[Failure]) -> Sequence[int]:
+        """Choose the parts that explain the failures; return the numbers of the rest."""
         # what was read may have a text that says more; a row suspects the part without it
         told = {part._replace(what=""): part for part in self.broken}
         ends = {end.part for end in self.ends}
         chosen, rest = explain(failures, {*self.broken, *told, *ends}, self.successes, self._doubt)
         for entry in chosen:
-            known = entry.part if entry.part in self.broken else told.get(entry.part, entry.part)
-            broken = self._finding(known)
+            broken = self._finding(entry.part if entry.part in self.broken else told.get(entry.part, entry.part))
             broken.rows += [self.open[number][0] for number in entry.failures]
             broken.rivals = broken.rivals or entry.rivals
             broken.passed = self._list_successes(broken.rows)
-            broken.followed = tuple(dict.fromkeys(end.words for end in self.shown[known]))[:NAMED]
-        for number in rest:
-            if by_chance[number]:
-                self._finding(min(by_chance[number])).rows.append(self.open[number][0])
-        unexplained = tuple(self.open[number][0] for number in rest if not by_chance[number])
-        return Diagnosis(tuple(map(self._add_details, _findings(self.broken.values()))), unexplained)
+        return rest
 
     def _use_ends(self) -> None:
         """Let what failed on a way that was followed suspect only what the packets left there."""

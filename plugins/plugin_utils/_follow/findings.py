@@ -5,12 +5,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from .._case.parts import Part
 from .._checks.engine import Verification
-from .._observed.second_look import SeenPackets
+from .._observed.second_look import SecondLook, SeenPackets
 from .place import Map, Place, Trip, describe_counters, describe_place, locate
 from .probes import list_links
 from .suspects import find_sign, is_consistent, name_place
@@ -60,10 +60,10 @@ def find_ends(verification: Verification) -> list[SeenEnd]:
         )
         for probe in probes
     }
-    found = []
-    for place in locate(looks, chart, routes):
-        if place.is_fault:
-            packets = looks[place.at].packets if place.at in looks else None
-            words = [describe_place(place, chart), describe_counters(packets.counters if packets else ())]
-            found.append(SeenEnd(place, "; ".join(filter(None, words)), find_sign(place, packets or SeenPackets())))
-    return found
+    return [_describe(place, chart, looks) for place in locate(looks, chart, routes) if place.is_fault]
+
+
+def _describe(place: Place, chart: Map, looks: Mapping[str, SecondLook]) -> SeenEnd:
+    packets = (looks[place.at].packets if place.at in looks else None) or SeenPackets()
+    words = [describe_place(place, chart), describe_counters(packets.counters)]
+    return SeenEnd(place, "; ".join(filter(None, words)), find_sign(place, packets))

@@ -75,7 +75,6 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
     ),
 }
 
-REFUSED_HERE = (errno.EPERM, errno.EACCES)  # of a packet filter or a rule of the sender
 EXCEEDED = 11  # the type of ICMP for a time to live that is used up (RFC 792)
 RULE = "rule of "  # begins the name of a rule among the counters
 SHORT = 32  # a packet that begins with less has a time to live that somebody has set
@@ -125,8 +124,14 @@ def _has_no_port(place: Place, _packets: SeenPackets) -> bool:
     return place.sent is not None and place.sent.errno == errno.EADDRNOTAVAIL
 
 
-def _is_refused_here(place: Place, _packets: SeenPackets) -> bool:
-    return place.sent is not None and place.sent.errno in REFUSED_HERE
+def _is_dropped_here(place: Place, _packets: SeenPackets) -> bool:
+    """Say if a packet filter of the sender has dropped it (nf_hook_slow returns EPERM)."""
+    return place.sent is not None and place.sent.errno == errno.EPERM
+
+
+def _is_prohibited_here(place: Place, _packets: SeenPackets) -> bool:
+    """Say if a rule or a route of the sender leads nowhere (ip-route(8): EACCES for prohibit, EINVAL for blackhole)."""
+    return place.sent is not None and place.sent.errno in (errno.EACCES, errno.EINVAL)
 
 
 def _began_short(place: Place, _packets: SeenPackets) -> bool:
@@ -174,7 +179,8 @@ def _make_filter(place: Place, direction: str) -> Part:
 
 SIGNS = (
     Sign((Stage.SOURCE,), _has_no_port, lambda place: Part("computer", place.at, "ports")),
-    Sign((Stage.SOURCE,), _is_refused_here, lambda place: _make_filter(place, "out")),
+    Sign((Stage.SOURCE,), _is_dropped_here, lambda place: _make_filter(place, "out")),
+    Sign((Stage.SOURCE,), _is_prohibited_here, lambda place: Part("route", place.at, "rule")),
     Sign(
         (Stage.STRANGER, Stage.WIRE),
         _is_fixed,

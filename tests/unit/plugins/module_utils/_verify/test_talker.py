@@ -21,7 +21,8 @@ def test_topic_has_only_letters_of_a_graph_name():
 
 
 def test_the_talker_has_the_sandbox_of_the_services():
-    lines = {line for line in units._SERVICE.splitlines() if "=" in line and not line.startswith(("#", "Environment"))}
+    service = units._SERVICE.format(inputs="", configuration="", sandbox=units._SANDBOX)
+    lines = {line for line in service.splitlines() if "=" in line and not line.startswith(("#", "Environment"))}
     sandbox = {
         line
         for line in lines

@@ -145,7 +145,8 @@ def test_an_errno_of_the_sender_is_evidence():
     for number, part in (
         (errno.EADDRNOTAVAIL, Part("computer", "one", "ports")),
         (errno.EPERM, Part("filter", "one", "rpc out")),
-        (errno.EACCES, Part("filter", "one", "rpc out")),
+        (errno.EACCES, Part("route", "one", "rule")),
+        (errno.EINVAL, Part("route", "one", "rule")),
         (errno.ETIMEDOUT, None),
     ):
         assert show(find(nothing, CALL, SentProbe(3, Outcome.FAILED, number))) == part

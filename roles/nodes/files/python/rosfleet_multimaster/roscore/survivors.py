@@ -51,13 +51,8 @@ def ask(name: str, uri: str, records: Sequence[Record]) -> Optional[List[Record]
 
     Raises OSError where it says nothing.
     """
-    has: Dict[str, Set[str]] = {}  # kind -> topics, as far as it tells them
     try:
-        with closing(Rpc(uri, TIMEOUT, NODE)) as rpc:
-            rpc.call("getPid", CALLER)
-            for kind, method in _LISTS.items():
-                topics = _topics(rpc, method)
-                has.update({} if topics is None else {kind: topics})
+        has = _list_topics(uri)
     except (ConnectionRefusedError, ValueError, xmlrpc.client.Fault):  # no program has the port, or another one
         return None
     used = [record for record in records if record[0] in _LISTS]
@@ -66,6 +61,17 @@ def ask(name: str, uri: str, records: Sequence[Record]) -> Optional[List[Record]
     ended = [record for record in used if record[0] in has and record[1] not in has[record[0]]]
     services = [record for record in records if record[0] == "service"]
     return ended + [record for record in services if not _provides(name, record[1], record[3])]
+
+
+def _list_topics(uri: str) -> Dict[str, Set[str]]:
+    """Kind -> topics, as far as the node tells them. Raises OSError, ValueError or Fault."""
+    has: Dict[str, Set[str]] = {}
+    with closing(Rpc(uri, TIMEOUT, NODE)) as rpc:
+        rpc.call("getPid", CALLER)
+        for kind, method in _LISTS.items():
+            topics = _topics(rpc, method)
+            has.update({} if topics is None else {kind: topics})
+    return has
 
 
 _LISTS = {"publisher": "getPublications", "subscriber": "getSubscriptions"}

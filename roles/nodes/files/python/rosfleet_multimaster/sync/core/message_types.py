@@ -10,7 +10,20 @@ Free of sockets, threads and clocks.
 """
 
 import math
-from typing import AbstractSet, Dict, Generic, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, TypeVar
+from typing import (
+    AbstractSet,
+    Dict,
+    Generic,
+    Iterable,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+    TypeVar,
+)
 
 from ...protocol.filters import UNKNOWN_TYPES
 from ...protocol.messages import NodeKey
@@ -97,13 +110,8 @@ class TypeGuard:
         """
         users = view.local_nodes(claims)
         shared = [item for item in wanted if _type(item) and item.registration.name in users]
-        nodes: Dict[NodeKey, Set[str]] = {}  # own nodes that share topics -> these topics
         topics = {item.registration.name for item in shared}
-        for topic in topics:
-            for node in users[topic]:
-                if node[1]:
-                    nodes.setdefault(node, set()).add(topic)
-        asked_nodes = self._nodes.open(nodes, {}, now)
+        asked_nodes = self._nodes.open(_group_by_node(topics, users), {}, now)
         named = {topic: self._types_of_users(topic, users[topic]) for topic in topics}
         types = _group_by_master(shared, named)
         asked_masters = {master: types[master] for master in self._masters.open(types, stamps, now)}
@@ -191,6 +199,16 @@ class TypeGuard:
 def _type(item: Candidate) -> str:
     """The type of a wanted topic, "" where there is nothing to compare."""
     return "" if item.registration.kind == "service" or item.type in UNKNOWN_TYPES else item.type
+
+
+def _group_by_node(topics: Iterable[str], users: Mapping[str, Iterable[NodeKey]]) -> Dict[NodeKey, Set[str]]:
+    """Own node that shares topics, and can be asked -> these topics."""
+    nodes: Dict[NodeKey, Set[str]] = {}
+    for topic in topics:
+        for node in users[topic]:
+            if node[1]:
+                nodes.setdefault(node, set()).add(topic)
+    return nodes
 
 
 def _group_by_master(shared: Sequence[Candidate], named: Mapping[str, Mapping[str, str]]) -> Dict[str, Set[str]]:
