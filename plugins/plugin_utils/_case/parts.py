@@ -508,6 +508,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="another master",
     ),
     ("service", "down"): Fault("{what} does not run on {place}", RESTART_UNIT, cost=2.0, what="multimaster-*"),
+    ("ros", "broken"): Fault(
+        "nodes of the ROS on {place} cannot start any more; those that run were started before",
+        "install what is missing again; see on {place}: python3 -c 'import rospy'",
+        "on {place}: python3 -c 'import rospy'",
+        cost=2.0,
+        read=ALWAYS,
+    ),
     ("service", "stopped"): Fault(
         "the process of {what} on {place} is stopped, by a signal or a debugger, so it runs and does nothing",
         "on {place}: systemctl kill --signal=CONT {what}",
@@ -680,6 +687,7 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     },
     ("computer", "unmeasured"): (("link", "down"), ("interface", "address"), PORTS),
     ("set_up", "by_hand"): (("set_up", "others"),),
+    ("set_up", "refused"): (("ros", "broken"),),
     ("roscore", "dead"): (("interface", "duplicate"),),  # the other computer refuses
     ("discovery", "dead"): (("roscore", "dead"),),
     # A node whose datagrams its own kernel refuses leaves the group, and tries again.

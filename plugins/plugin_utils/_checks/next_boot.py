@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from .._case.case import Case
 from .._case.needs import Parts, join_parts, make_parts
-from .engine import FAILED, OK, Check, Judgement
+from .engine import FAILED, OK, WARNING, Check, Judgement
 from .manual_setup import guard
 
 
@@ -66,3 +66,19 @@ NAMES = _check(
     "nobody writes it anew",
     "where cloud-init is installed, it is kept from writing `/etc/hosts` anew",
 )
+
+
+@Check(
+    title="nodes can start",
+    expected="where ROS is installed, a user without rights can import rospy now: nodes that run were started before (on a computer "
+    "without a service: warning)",
+    needs=lambda case: make_parts("ros", case.observer.name, "broken"),
+    evidence=lambda case: make_parts("ros", case.observer.name, "broken"),
+)
+def _judge_next_start(case: Case) -> Judgement | None:
+    found = case.observer.seen.found
+    if found is None or case.observer.plan.is_router:
+        return None
+    verdict = FAILED if case.observer.plan.is_master else WARNING
+    broken = found.broken_ros.removeprefix(f"{case.observer.name}: ")
+    return Judgement(verdict if broken else OK, "nodes that are started now find their modules", broken or "as planned")

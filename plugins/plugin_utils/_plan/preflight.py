@@ -38,6 +38,7 @@ class MachineState:
     set_up: bool = True  # the collection has records there
     runs: tuple[str, ...] = ()  # a sentence for each other program on the ports of the plan
     noted: tuple[str, ...] = ()  # the other problems: sentences too
+    broken_ros: str = ""  # why nodes of the ROS that is installed cannot start; a sentence
     # Of ROS, as our file would have it. Empty where that file is there.
     environment: Mapping[str, str] = field(default_factory=dict)
 
@@ -94,6 +95,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
         set_up=bool(info.get("owned")),
         runs=_describe_holders(plan, holders),
         noted=tuple(problems),
+        broken_ros=_find_broken_ros(plan, info),
         environment=_list_environment(plan, info),
     )
     problems += [_refuse_port(plan, holder) for holder in holders]
@@ -114,6 +116,15 @@ def explain_failure(computer: str, failed: Mapping[str, Any], version: str) -> s
         f"sudo takes a password), and Python 3.6 or later that ansible-core {version} can manage: compare the table in "
         "docs/start/machines.md, set ansible_python_interpreter, or use a later release of the system."
     )
+
+
+def _find_broken_ros(plan: ComputerPlan, info: Mapping[str, Any]) -> str:
+    """Say why nodes of the ROS that is there cannot start; empty where they can, and where the import was not tried."""
+    chosen = None if plan.is_router else (info.get("ros") or {}).get("chosen")
+    # A set-up file that was not sourced has no variables. Debian's packages need none.
+    if not chosen or not (chosen["environment"] or chosen["kind"] == "debian"):
+        return ""
+    return next(iter(_check_ros(plan, info)), "") if chosen["missing"] else ""
 
 
 def _list_environment(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, str]:

@@ -4,7 +4,7 @@
 """What works now and not after the next boot: one part for each kind of it, and nothing else is suspected."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, UNKNOWN
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, UNKNOWN, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import BootDeviation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from fleets import ONE, assert_told, diagnosed, evaluate, fig12, notable, update
@@ -44,3 +44,17 @@ def test_a_computer_without_the_collection_is_not_judged(runs, verdicts):
 def test_the_router_has_no_names_and_no_services():
     checks = {row.check for row in evaluate(fleet=fig12()) if row.observer == "router" and row.verdict == OK}
     assert {check for check in checks if check.startswith("next_boot")} == {"next_boot_sysctl", "next_boot_route"}
+
+
+@pytest.mark.parametrize(("computer", "verdict"), [("tibi-visio", FAILED), ("tibi-nav", WARNING)])
+def test_modules_that_are_gone_are_a_fault_of_the_next_start(computer, verdict):
+    sentence = f"{computer}: the ROS of /opt/ros/noetic/setup.bash lacks the Python modules rospy; expected them for the nodes."
+
+    def change(seen):
+        update(seen[computer], found=MachineState(broken_ros=sentence, noted=(sentence,)))
+
+    rows = notable(evaluate(change, fleet=fig12()))
+    assert rows["next_start", computer, computer].verdict == verdict
+    assert rows["next_start", computer, computer].found.startswith("the ROS of /opt/ros")
+    (finding,) = diagnosed(change, fleet=fig12()).findings
+    assert (finding.part.kind, finding.part.place) == ("ros", computer)

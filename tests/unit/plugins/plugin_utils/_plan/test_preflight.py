@@ -177,6 +177,20 @@ def test_a_computer_without_our_files_has_their_environment():
     assert (bare.set_up, bare.environment) == (False, {})
 
 
+@pytest.mark.parametrize("is_master", [True, False])
+def test_modules_that_are_gone_are_told_of_every_computer(is_master):
+    more = {} if is_master else {"is_master": False, "ports": [], "discovery": {}}
+    assert not compare(**more).state.broken_ros
+    found = compare(lambda info: info["ros"]["chosen"].update(missing=["rospy"]), **more).state
+    assert 'lacks the Python modules "rospy"' in found.broken_ros
+
+    def refuse(info):  # a set-up file that is not sourced: nothing was imported
+        info["ros"]["chosen"].update(kind="prefix", missing=["rospy"], environment={})
+
+    assert not compare(refuse, **more).state.broken_ros
+    assert not compare(lambda info: info["ros"].update(chosen=None), **more).state.broken_ros
+
+
 def test_what_our_services_hold_is_no_strangers():
     own = [holder(11311, unit="multimaster-roscore.service"), holder(11511, "udp", "multimaster-discovery.service")]
     assert compare(lambda info: info.update(ports=own)).problems == ()
