@@ -57,7 +57,6 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
         (AT, "reverse_path", ()),
         (AT, "route", ()),
         (AT, "service", ()),
-        (AT, "interface", ("mtu",)),
     ),
     Stage.TARGET: (
         (AT, "filter", ("in", "out", "", "changed", "pair")),
