@@ -11,7 +11,8 @@ from collections.abc import Iterable, Mapping
 UNITS = "multimaster-roscore multimaster-discovery multimaster-sync"
 # What runs and what is configured; then, on a master, which robots its discovery lists.
 LOOK = f"""
-ip -4 -brief address; ip -4 route; ip -4 rule; ip -4 neighbour show nud permanent; ip -o link | grep -o NOARP; cat /sys/class/net/*/mtu; nft --stateless list ruleset; cat /etc/hosts
+ip -4 -brief address; ip -4 route; ip -4 rule; ip -4 neighbour show nud permanent; ip -o link | grep -o NOARP
+cat /sys/class/net/*/mtu; nft --stateless list ruleset; cat /etc/hosts
 sysctl net.ipv4.ip_forward net.ipv4.conf.all.rp_filter net.ipv4.ip_default_ttl net.ipv4.icmp_echo_ignore_all net.ipv4.conf.all.arp_ignore
 find /etc/sysctl.d /etc/network /etc/systemd/system /etc/rosfleet-multimaster /etc/cloud /etc/ld.so* -type f,l | sort | xargs sha256sum 2>/dev/null
 systemctl is-enabled {UNITS}; systemctl is-active {UNITS}

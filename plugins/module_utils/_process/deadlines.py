@@ -35,7 +35,7 @@ def call_all(function: typing.Callable, items: typing.Sequence, limit: float, la
             except Exception as problem:
                 failures.append(problem)
 
-    threads = [threading.Thread(target=work, daemon=True) for _ in range(min(WORKERS, len(items)))]
+    threads = [threading.Thread(target=work, daemon=True) for _number in range(min(WORKERS, len(items)))]
     for thread in threads:
         thread.start()
     deadline = time.monotonic() + limit

@@ -48,7 +48,7 @@ def join(*all_seen):
     return {name: [one for seen in all_seen for one in seen[name]] for name in ROUTE}
 
 
-def find(seen, probe=PING, sent=None, listening=ROUTE):
+def find(seen, probe=PING, sent=None, listening=tuple(ROUTE)):
     looks = {name: SecondLook(packets=SeenPackets(tuple(seen[name]))) for name in listening}
     sent = sent or SentProbe(probe.number, Outcome.NO_ANSWER, source_port=4000)
     first = looks.get("one", SecondLook())
