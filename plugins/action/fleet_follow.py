@@ -13,13 +13,13 @@ from ..plugin_utils._data.plain import Mismatch, to_plain
 from ..plugin_utils._diagnosis.diagnosis import list_unshown
 from ..plugin_utils._follow.probes import choose_probes, list_listeners
 from ..plugin_utils._judgement.judgement import make_verification
-from ..plugin_utils._judgement.run import OPTIONS, gather_run
+from ..plugin_utils._judgement.run import FIRST_LOOK, gather_run
 
 
 class ActionModule(ActionBase):
     """Judges the first look, and chooses probes for the failures that no value shows."""
 
-    _VALID_ARGS = frozenset(OPTIONS)
+    _VALID_ARGS = frozenset(FIRST_LOOK)
     _requires_connection = False
 
     def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:

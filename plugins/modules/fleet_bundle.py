@@ -18,6 +18,8 @@ description:
   - Runs on the controller and connects to no host, so it is run once.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
+  - rosfleet.multimaster.results
+  - rosfleet.multimaster.results.second_look
 attributes:
   check_mode:
     description: Writes the file in check mode, too, since it changes no computer of the fleet.
@@ -55,57 +57,11 @@ options:
     description: The name of the variable that every computer registered from C(multimaster_verify), for example V(verify_probe).
     type: str
     required: true
-  packet_filter:
-    description: The name of the variable that computers registered from C(firewall) in check mode, for example V(verify_filter); empty for none.
-    type: str
-    default: ""
-  plan:
-    description: The name of the variable with the plan of each computer, for example V(multimaster_plan); empty for none.
-    type: str
-    default: ""
-  earlier:
-    description: The names of the variables that earlier tasks registered, for example V([multimaster_info]); see M(rosfleet.multimaster.fleet_report).
-    type: list
-    elements: str
-    default: []
-  machine:
-    description: The name of the variable that every computer registered from M(rosfleet.multimaster.multimaster_info), for example
-      V(multimaster_info), whose versions are in the bundle; empty for none.
-    type: str
-    default: ""
-  pairs:
-    description: Which pairs of computers were to be tried; see M(rosfleet.multimaster.fleet_report).
-    type: str
-    choices: [auto, all]
-    default: all
   logs:
     description: The name of the variable that every computer registered from M(rosfleet.multimaster.multimaster_logs_info), for example
       V(verify_logs); empty for no logs. Of each computer the last 60000 letters are kept, of all computers 4000000.
     type: str
     default: ""
-  streams:
-    description: The name of the variable with the streams; see M(rosfleet.multimaster.fleet_report).
-    type: str
-    default: ""
-  follow:
-    description: The name of the variable that was registered from M(rosfleet.multimaster.fleet_follow), for example V(verify_ways); empty
-      for none.
-    type: str
-    default: ""
-  sent:
-    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_follow) with C(action=send), for
-      example V(verify_sent); empty for none.
-    type: str
-    default: ""
-  followed:
-    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_follow) with C(action=collect),
-      for example V(verify_captures); empty for none.
-    type: str
-    default: ""
-  least_mbit_s:
-    description: How many Mbit/s a stream is to have at least; see M(rosfleet.multimaster.fleet_report).
-    type: float
-    default: 0
 author:
   - rosfleet contributors (@rosfleet)
 seealso:

@@ -12,6 +12,7 @@ description:
   - M(rosfleet.multimaster.multimaster_follow) sends and sees these packets.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.info
+  - rosfleet.multimaster.results
 options:
   fleet:
     description: The return of M(rosfleet.multimaster.fleet_plan).
@@ -23,36 +24,6 @@ options:
   probe:
     description: As in M(rosfleet.multimaster.fleet_report), for example V(verify_probe).
     type: str
-  packet_filter:
-    description: As in M(rosfleet.multimaster.fleet_report), for example V(verify_filter).
-    type: str
-    default: ""
-  plan:
-    description: As in M(rosfleet.multimaster.fleet_report), for example V(multimaster_plan).
-    type: str
-    default: ""
-  earlier:
-    description: As in M(rosfleet.multimaster.fleet_report), for example V([verify_started]).
-    type: list
-    elements: str
-    default: []
-  machine:
-    description: As in M(rosfleet.multimaster.fleet_report), for example V(verify_started.machine).
-    type: str
-    default: ""
-  pairs:
-    description: As in M(rosfleet.multimaster.fleet_report), for example V(auto).
-    type: str
-    choices: [auto, all]
-    default: all
-  streams:
-    description: As in M(rosfleet.multimaster.fleet_report), for example V(verify_streams).
-    type: str
-    default: ""
-  least_mbit_s:
-    description: As in M(rosfleet.multimaster.fleet_report), for example V(20).
-    type: float
-    default: 0
 author:
   - rosfleet contributors (@rosfleet)
 seealso:

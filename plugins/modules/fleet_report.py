@@ -19,6 +19,8 @@ description:
   - Runs on the controller and connects to no host, so it is run once.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.info
+  - rosfleet.multimaster.results
+  - rosfleet.multimaster.results.second_look
 options:
   bundle:
     description:
@@ -51,25 +53,6 @@ options:
     description: The name of the variable that every computer registered from C(multimaster_verify), for example
       V(verify_probe).
     type: str
-  packet_filter:
-    description: The name of the variable that computers registered from C(firewall) in check mode, for example V(verify_filter);
-      empty for none.
-    type: str
-    default: ""
-  plan:
-    description:
-      - The name of the variable with the plan of each computer, which M(rosfleet.multimaster.fleet_check) returns with what it found on
-        the machine, for example V(multimaster_plan); empty for none.
-      - So robots that the collection did not set up are told as such, and judged by whether they talk.
-    type: str
-    default: ""
-  earlier:
-    description:
-      - The names of the variables that earlier tasks registered, for example V([multimaster_info]). A task among them
-        that has failed, or found the computer unreachable, says why there is no result.
-    type: list
-    elements: str
-    default: []
   path:
     description:
       - Where the report goes on the controller, as a page (HTML) and, beside it, as data (JSON).
@@ -86,43 +69,6 @@ options:
     description: A file on the controller for the results as JUnit XML, with a test case for each check, for example V(verify.xml). None, if empty.
     type: str
     default: ""
-  machine:
-    description: The name of the variable that every computer registered from M(rosfleet.multimaster.multimaster_info), for example
-      V(multimaster_info), whose versions are in the report; empty for none.
-    type: str
-    default: ""
-  pairs:
-    description:
-      - Which pairs of computers were to be tried, as for the filter P(rosfleet.multimaster.computers_tried#filter), for example
-        V(auto) in a fleet of 400 computers.
-      - A pair that was not to be tried has no result, and is no finding.
-    type: str
-    choices: [auto, all]
-    default: all
-  streams:
-    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_verify) with C(action=stream), for
-      example V(verify_streams); empty for none.
-    type: str
-    default: ""
-  follow:
-    description: The name of the variable that was registered from M(rosfleet.multimaster.fleet_follow), for example V(verify_ways); empty
-      for none.
-    type: str
-    default: ""
-  sent:
-    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_follow) with C(action=send), for
-      example V(verify_sent); empty for none.
-    type: str
-    default: ""
-  followed:
-    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_follow) with C(action=collect),
-      for example V(verify_captures); empty for none.
-    type: str
-    default: ""
-  least_mbit_s:
-    description: How many Mbit/s a stream is to have at least, for example V(20). A slower one is a warning. With V(0), any is good.
-    type: float
-    default: 0
 author:
   - rosfleet contributors (@rosfleet)
 seealso:

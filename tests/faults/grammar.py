@@ -185,6 +185,7 @@ def _signal(place: Place) -> Draw:
 def _limit(place: Place) -> Draw:
     unit = f"multimaster-{place.choose(UNITS)}"
     folder = f"/run/systemd/system/{unit}.service.d"
+    # A service that cannot start with so few files is the fault, not a failure of the lab.
     words = f"mkdir -p {folder}; printf '[Service]\\nLimitNOFILE=%s\\n' 12 > {folder}/fault.conf"
     restart = "systemctl daemon-reload; systemctl restart multimaster-roscore multimaster-discovery multimaster-sync"
     return Draw(

@@ -59,7 +59,7 @@ ROOMS = {
         "_observed": {"_data", "_fleet", "_plan"},
         "_case": {"_data", "_fleet", "_observed", "_plan", "_world"},
         "_checks": {"_case", "_fleet", "_observed", "_plan"},
-        "_follow": {"_case", "_checks", "_observed"},
+        "_follow": {"_case", "_checks", "_fleet", "_observed"},
         "_diagnosis": {"_case", "_checks", "_fleet", "_follow", "_observed", "_plan"},
         "_judgement": {"_case", "_checks", "_data", "_diagnosis", "_fleet", "_observed", "_plan"},
         "_report": {"_case", "_checks", "_diagnosis", "_fleet", "_judgement", "_plan"},

@@ -95,7 +95,7 @@ def _parameter(uri: str, name: str, default: typing.Any) -> typing.Any:
 
 
 def _state(uri: str) -> Tables:
-    """Return publishers, subscribers and services of a roscore: {name: nodes}. Raises OSError, and Strange where it is none."""
+    """Return publishers, subscribers and services of a roscore: {name: nodes}. Raises OSError, and Strange where the answer has another form."""
     state = ask(uri, CALLER, "getSystemState")
     try:
         return [{str(name): [str(node) for node in nodes] for name, nodes in state[part]} for part in range(3)]

@@ -3,6 +3,7 @@
 
 """The process that sees the packets of a run on this computer. It ends by itself: after its time, or when it was asked."""
 
+import collections
 import select
 import socket
 import time
@@ -13,7 +14,7 @@ from .._process.background import admit, answer, remove_door
 from .capture import Capture, Tag, read_packets
 from .counters import find_growth, read_counters
 
-MOST = 2000  # packets that are kept
+MOST = 500  # packets that are kept of each protocol: a flood of ARP hides no answer
 AT_ONCE = 200  # that are read in one turn
 MOST_COUNTERS = 60
 
@@ -24,18 +25,17 @@ def serve(link: socket.socket, door: socket.socket, path: str, tag: Tag, lifetim
     """See packets until the time is over, or a visitor asks for them."""
     until, before = time.monotonic() + lifetime, read_counters()
     seen: typing.List[Capture] = []
-    missed = 0
+    counts: typing.Counter[str] = collections.Counter()  # of each protocol
     try:
         while time.monotonic() < until:
             ready = select.select([link, door], [], [], max(0.0, until - time.monotonic()))[0]
             for found in read_packets(link, tag, AT_ONCE) if link in ready else ():
-                if len(seen) < MOST:
+                counts[found.protocol] += 1
+                if counts[found.protocol] <= MOST:
                     seen.append(found)
-                else:
-                    missed += 1
             if door in ready:
                 connection, _request = admit(door)
-                answer(connection, report(seen, missed, find_growth(before, read_counters())))
+                answer(connection, report(seen, sum(counts.values()) - len(seen), find_growth(before, read_counters())))
                 return
     finally:
         remove_door(path)

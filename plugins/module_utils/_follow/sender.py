@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What is followed: this computer sends once more what failed, with the tag of the run.
+"""The sender: this computer sends once more what failed, with the tag of the run.
 
 A connection is an ordinary one, since rules for users, connections and states must treat it as that of a node.
 """
@@ -22,7 +22,7 @@ Probe = typing.Dict[str, typing.Any]
 
 
 class SendResult(typing.NamedTuple):
-    """What became of a probe, as far as its sender knows."""
+    """The end of a probe, as far as its sender knows."""
 
     number: int
     outcome: Outcome

@@ -77,7 +77,7 @@ NAMES = _check(
 )
 def _judge_next_start(case: Case) -> Judgement | None:
     found = case.observer.seen.found
-    if found is None or case.observer.plan.is_router:
+    if found is None or case.observer.plan.is_router or (case.probe.ros_missing and not found.broken_ros):
         return None
     verdict = FAILED if case.observer.plan.is_master else WARNING
     broken = found.broken_ros.removeprefix(f"{case.observer.name}: ")

@@ -17,12 +17,11 @@ from itertools import chain, islice
 from .._case import needs
 from .._case.case import Participant
 from .._case.needs import Parts
-from .._case.packet_filters import GROUP, ROSCORE
 from .._case.parts import ALWAYS, ANY, FOLLOWS, HEARSAY, RULED, Part
 from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Check, Row, Verification
 from .._fleet.sentences import shorten_list
 from .._follow.findings import SeenEnd, find_ends
-from .._follow.probes import list_links, list_trips
+from .._follow.probes import find_trip, list_links, list_trips
 from .commands import command
 from .cover import Failure, explain
 from .offsets import offset
@@ -150,11 +149,12 @@ class _Diagnosis:
 
     def _find_end(self, row: Row) -> SeenEnd | None:
         """Find the place where packets of the same kind were seen to end on the way of a row."""
-        for trip in list_trips(self.verification, row) if self.ends else ():
+        for trip in list_trips(self.verification, self.checks[row.check], row) if self.ends else ():
+            own = [end for end in self.ends if end.trip == trip]
             computers = self._list_computers(trip.sender, trip.target)
             same = [end for end in self.ends if end.trip.traffic == trip.traffic and end.crosses(computers)]
-            if same:
-                return next((end for end in same if end.trip == trip), same[0])
+            if own or same:
+                return (own or same)[0]
         return None
 
     def _finding(self, part: Part) -> Finding:
@@ -162,12 +162,8 @@ class _Diagnosis:
 
     def _find_drop(self, check: Check, row: Row) -> Parts:
         """Find the packet filter with a rule that drops what a check has sent in vain."""
-        if not check.carries or row.verdict not in (FAILED, WARNING):
-            return frozenset()
-        ends = (row.target, row.observer) if check.carries == GROUP else (row.observer, row.target)
-        if check.carries == ROSCORE:
-            ends = row.observer, self.verification.ways.master(self.verification.run[row.observer].plan.robot)
-        part = self.verification.state.filters.find_drop(*ends, check.carries)
+        trip = find_trip(self.verification, check, row) if check.carries else None
+        part = trip and self.verification.state.filters.find_drop(trip.sender, trip.target, trip.traffic)
         return frozenset() if part is None else frozenset({part})
 
     def result(self) -> Diagnosis:
@@ -185,7 +181,8 @@ class _Diagnosis:
             if by_chance[number]:
                 self._finding(min(by_chance[number])).rows.append(self.open[number][0])
         for part, entry in self.broken.items():
-            entry.followed = tuple(dict.fromkeys(end.words for end in self.shown.get(part, ())))[:NAMED]
+            places = {end.place.step: end.words for end in self.shown.get(part, ())}
+            entry.followed = tuple(places.values())[:NAMED]
         unexplained = tuple(self.open[number][0] for number in rest if not by_chance[number])
         return Diagnosis(tuple(map(self._add_details, _findings(self.broken.values()))), unexplained)
 
@@ -220,10 +217,17 @@ class _Diagnosis:
         end = self._find_end(row)
         if end is None:
             return suspects
-        chosen = end.choose(part for part in suspects if part in self.broken or self._doubt(part) is not None)
+        chosen = end.choose(filter(self._is_possible, suspects))
         for part in chosen:
             self.shown[part].append(end)
         return chosen
+
+    def _is_possible(self, part: Part) -> bool:
+        """Say if a part may be broken by what was read at its own place: a setting that is right, or a filter without a rule."""
+        if part in self.broken:
+            return True
+        is_cleared = any(self._count_needs(place, place)[part] for place in part.places)
+        return not is_cleared and self._doubt(part) in (0.0, UNREAD)
 
     def _list_computers(self, one: str, other: str) -> set[str]:
         """Name the planned computers on the way between two."""

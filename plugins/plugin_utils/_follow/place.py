@@ -16,10 +16,13 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
+from .._case.packet_filters import GROUP
+from .._fleet.sentences import shorten_list
 from .._observed.outcomes import Outcome
 from .._observed.second_look import Capture, Counter, FollowedProbe, SecondLook, SentProbe
 
 MOST_HOPS = 16
+NAMED = 6  # counters that a sentence names
 REQUEST, ANSWER, ERROR, ARP = "request", "answer", "error", "arp"
 ONE_HOST = re.compile(r"[0-9a-f][02468ace](:[0-9a-f]{2}){5}")  # a hardware address of no group
 LARGE = "large"  # the traffic of an echo request as large as the usual MTU
@@ -59,6 +62,7 @@ class Place:
     next: str = ""  # the computer that was to see them; empty where none is known
     answer: bool = False  # the answer ends there
     last: Capture | None = None  # seen last
+    times: int = 0  # that it was seen there
     sent: SentProbe | None = None
     asked: str = ""  # the address that was asked for in vain
     first_ttl: int = 0  # with which the sender has sent them; 0 where it was not seen
@@ -69,6 +73,11 @@ class Place:
         return self.stage not in (Stage.ARRIVED, Stage.UNSEEN)
 
     @property
+    def step(self) -> tuple[Stage, str, str, bool]:
+        """The step that nobody saw: other packets may end there, too."""
+        return self.stage, self.at, self.next, self.answer
+
+    @property
     def places(self) -> tuple[str, ...]:
         """The computers concerned."""
         return tuple(name for name in (self.at, self.next) if name)
@@ -76,7 +85,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Map:
-    """What the controller knows of the computers: whose an address or a hardware address is."""
+    """The owners of addresses and hardware addresses, and the computers that listen."""
 
     hosts: Mapping[str, str]  # hardware address -> computer
     name_at: Callable[[str], str]  # IPv4 address -> computer, empty for one of no computer
@@ -90,71 +99,74 @@ class _Walk:
         self, probe: FollowedProbe, sent: SentProbe | None, chart: Map, seen: Mapping[str, Sequence[Capture]]
     ) -> None:
         self.probe, self.sent, self.chart = probe, sent, chart
-        connections = {
-            one.sequence
-            for one in seen.get(probe.sender, ())
-            if one.outgoing and one.protocol == "tcp" and (one.kind, one.port) == (REQUEST, probe.port)
-            and sent is not None and sent.source_port in (0, one.source_port)
-        }  # fmt: skip
+        connections = {one.sequence for one in seen.get(probe.sender, ()) if self._begins(one)}
         self.own = {host: [one for one in packets if self._is_own(one, connections)] for host, packets in seen.items()}
         self.asks = {host: [one for one in packets if one.protocol == ARP] for host, packets in seen.items()}
+
+    def _begins(self, one: Capture) -> bool:
+        """Say if a packet at the sender begins the connection of the probe. Programs there may call the same port."""
+        asked = (one.outgoing, one.protocol, one.kind) == (True, "tcp", REQUEST)
+        called = (one.destination, one.port) == (self.probe.address, self.probe.port)
+        return asked and called and self._is_from_port(one)
+
+    def _is_from_port(self, one: Capture) -> bool:
+        return self.sent is not None and one.source_port == self.sent.source_port
 
     def _is_own(self, one: Capture, connections: set[int]) -> bool:
         if one.protocol != self.probe.protocol:
             return False
         if one.protocol == "tcp":
             return one.sequence in connections
-        unnumbered = one.kind == ERROR and one.number < 0 and self.sent is not None
-        return one.number == self.probe.number or (
-            unnumbered and self.sent is not None and one.source_port == self.sent.source_port
-        )
+        if one.kind == ERROR and one.number < 0:  # it quotes too little to have the number
+            return self._is_from_port(one)
+        return one.number == self.probe.number
 
     def find_place(self, route: Sequence[str]) -> Place:
         """Find the place. `route` names the planned computers on the way, from the sender to the target."""
         there = self._walk(REQUEST, route)
-        first = self._pick(self.probe.sender, REQUEST, outgoing=True)
-        there = replace(there, first_ttl=first.ttl if first else 0)
+        first = self._list(self.probe.sender, REQUEST, outgoing=True)
+        there = replace(there, first_ttl=first[0].ttl if first else 0)
         report = next((one for one in self.own.get(self.probe.sender, ()) if one.kind == ERROR), None)
         if report and (report.icmp_type, report.icmp_code) != CLOSED_PORT:
             at = self.chart.name_at(report.reporter) or report.reporter
             return replace(there, stage=Stage.REPORTED, at=at, next="", last=report)
         if there.stage != Stage.ARRIVED or self.probe.protocol == "udp" or report:
             return there
-        if not self._pick(self.probe.target, ANSWER, outgoing=True):
+        if not self._list(self.probe.target, ANSWER, outgoing=True):
             return replace(there, stage=Stage.TARGET, at=self.probe.target)
         back = replace(self._walk(ANSWER, route[::-1]), answer=True, first_ttl=there.first_ttl)
         if back.stage == Stage.ARRIVED and self.sent and self.sent.data == Outcome.NO_ANSWER:
             return replace(back, stage=Stage.MUTE, at=self.probe.target)
         return back
 
-    def _pick(self, host: str, kind: str, outgoing: bool) -> Capture | None:
-        """Return the last packet of a kind at a computer."""
-        found = [one for one in self.own.get(host, ()) if one.kind == kind and one.outgoing == outgoing]
-        return found[-1] if found else None
+    def _list(self, host: str, kind: str, outgoing: bool) -> list[Capture]:
+        """List the packets of a kind at a computer."""
+        return [one for one in self.own.get(host, ()) if one.kind == kind and one.outgoing == outgoing]
 
     def _walk(self, kind: str, route: Sequence[str]) -> Place:
         """Walk from the first computer of the route to the last one."""
         at, end = route[0], route[-1]
-        came: Capture | None = None
+        came: list[Capture] = []
         following = dict(pairwise(route))
         for _hop in range(MOST_HOPS):
-            place = Place(self.probe, Stage.HOP, at, following.get(at, ""), last=came, sent=self.sent)
-            left = self._pick(at, kind, outgoing=True)
-            if left is None:
-                asked = self._find_question(at)
+            last = came[-1] if came else None
+            place = Place(self.probe, Stage.HOP, at, following.get(at, ""), last=last, times=len(came), sent=self.sent)
+            left = self._list(at, kind, outgoing=True)
+            if not left:
+                asked = self._find_question(at, route)
                 if asked:
                     return replace(place, stage=Stage.ASKED, asked=asked, next=self.chart.name_at(asked) or place.next)
-                return replace(place, stage=Stage.SOURCE if came is None else Stage.HOP)
-            place = replace(place, last=left)
-            to = self._find_receiver(left, place.next)
+                return replace(place, stage=Stage.HOP if came else Stage.SOURCE)
+            place = replace(place, last=left[-1])
+            to = self._find_receiver(left[-1], place.next)
             if not to:
                 return replace(place, stage=Stage.STRANGER)
-            came = self._pick(to, kind, outgoing=False)
-            if came is None:
+            came = self._list(to, kind, outgoing=False)
+            if not came:
                 lost = Stage.WIRE if to in self.chart.listening else Stage.UNSEEN
                 return replace(place, stage=lost, next=to)
             if to == end:
-                return replace(place, stage=Stage.ARRIVED, at=to, next="", last=came)
+                return replace(place, stage=Stage.ARRIVED, at=to, next="", last=came[-1], times=len(came))
             at = to
         return replace(place, stage=Stage.HOP)
 
@@ -162,11 +174,13 @@ class _Walk:
         """Name the computer for which a packet left; a group and an interface without hardware addresses name none."""
         return self.chart.hosts.get(left.target_mac, "") if ONE_HOST.fullmatch(left.target_mac) else planned
 
-    def _find_question(self, host: str) -> str:
-        """Return the address for which a computer asked in vain, of those on the way."""
-        asked = [one.destination for one in self.asks.get(host, ()) if one.outgoing and one.kind == REQUEST]
-        answered = {one.source for one in self.asks.get(host, ()) if not one.outgoing}
-        return next((address for address in asked if address not in answered), "")
+    def _find_question(self, host: str, route: Sequence[str]) -> str:
+        """Return the address for which a computer asked in vain, of those on the way: programs ask for others, too."""
+        asks = self.asks.get(host, ())
+        answered = {one.source for one in asks if not one.outgoing}
+        asked = [one.destination for one in asks if one.outgoing and one.kind == REQUEST]
+        due = (address for address in asked if self.chart.name_at(address) in route or address == self.probe.address)
+        return next((address for address in due if address not in answered), "")
 
 
 def locate(looks: Mapping[str, SecondLook], chart: Map, routes: Mapping[int, Sequence[str]]) -> list[Place]:
@@ -185,50 +199,46 @@ def locate(looks: Mapping[str, SecondLook], chart: Map, routes: Mapping[int, Seq
 
 # Words
 
+PROBES = {"icmp": "pings", "tcp": "connections to port {port}", "udp": "datagrams to port {port}"}
+#: stage -> what was seen last, and what was not seen
+SENTENCES: Mapping[Stage, str] = {
+    Stage.SOURCE: "do not leave {at}",
+    Stage.ASKED: "do not leave {at}: it asks who has {asked}, and no computer answers",
+    Stage.WIRE: "left {at}{interface} for {next}{mac}, and did not come in there",
+    Stage.STRANGER: "left {at}{interface} for{mac}, which no computer of the fleet has{expected}",
+    Stage.HOP: "came in at {at}{interface}, and did not leave it",
+    Stage.TARGET: "came in at {at}{interface}, which sent no answer",
+    Stage.MUTE: "open at {at}, and a question in them gets no answer",
+    Stage.REPORTED: "end at {at}, which reports ICMP type {type}, code {code}",
+}
+
 
 def describe_probe(probe: FollowedProbe) -> str:
     """Name what was sent, for a sentence."""
-    if probe.traffic == "group":
+    if probe.traffic == GROUP:
         return f"datagrams of {probe.sender} to the group"
-    words = {"icmp": "pings", "tcp": f"connections to port {probe.port}", "udp": f"datagrams to port {probe.port}"}
     size = f" of {probe.size} bytes" if probe.size else ""
-    return f"{words[probe.protocol]}{size} from {probe.sender} to {probe.target}"
+    return f"{PROBES[probe.protocol].format(port=probe.port)}{size} from {probe.sender} to {probe.target}"
 
 
 def describe_place(place: Place, chart: Map) -> str:
-    """Say what was seen last, and what was not seen."""
-    answers = "the answers to " if place.answer and place.stage != Stage.MUTE else ""
-    subject = f"{answers}{describe_probe(place.probe)}"
-    verb = {
-        Stage.SOURCE: f"do not leave {place.at}",
-        Stage.ASKED: f"do not leave {place.at}: it asks who has {place.asked}, and no computer answers",
-        Stage.WIRE: f"left {place.at}{_interface(place)} for {place.next}{_mac(place)}, and did not come in there",
-        Stage.STRANGER: f"left {place.at}{_interface(place)} for{_mac(place)}, which no computer of the fleet has",
-        Stage.HOP: f"came in at {place.at}{_interface(place)}, and did not leave it",
-        Stage.TARGET: f"came in at {place.at}{_interface(place)}, which sent no answer",
-        Stage.MUTE: f"open at {place.at}, and a question in them gets no answer",
-        Stage.REPORTED: f"end at {place.at}, which reports ICMP type {place.last and place.last.icmp_type}, "
-        f"code {place.last and place.last.icmp_code}",
-        Stage.UNSEEN: f"left {place.at}{_interface(place)} for {place.next}, which did not listen",
-        Stage.ARRIVED: "arrive now",
-    }[place.stage]
-    expected = ""
-    if place.stage == Stage.STRANGER and place.next:
-        own = sorted(mac for mac, name in chart.hosts.items() if name == place.next)
-        expected = f" ({place.next}, which was expected, has {' and '.join(own[:2])})" if own else ""
-    return f"{subject} {verb}{expected}"
-
-
-def _interface(place: Place) -> str:
-    return f" on {place.last.interface}" if place.last else ""
-
-
-def _mac(place: Place) -> str:
-    mac = place.last.target_mac if place.last else ""
-    return f" {mac}" if mac else ""
+    """Say what was seen last, and what was not seen, of a place that is a fault."""
+    last, answers = place.last, "the answers to " if place.answer and place.stage != Stage.MUTE else ""
+    own = sorted(mac for mac, name in chart.hosts.items() if name == place.next)
+    words = {
+        "at": place.at,
+        "next": place.next,
+        "asked": place.asked,
+        "interface": f" on {last.interface}" if last else "",
+        "mac": f" {last.target_mac}" if last and last.target_mac else "",
+        "type": last.icmp_type if last else "",
+        "code": last.icmp_code if last else "",
+        "expected": f" ({place.next}, which was expected, has {' and '.join(own[:2])})" if own else "",
+    }
+    return f"{answers}{describe_probe(place.probe)} {SENTENCES[place.stage].format(**words)}"
 
 
 def describe_counters(counters: Iterable[Counter]) -> str:
     """Say which counters of a computer have grown meanwhile; empty where none has."""
-    found = ", ".join(f"{one.counter} +{one.more}" for one in counters)
+    found = shorten_list([f"{one.counter} +{one.more}" for one in counters], NAMED)
     return f"meanwhile its kernel counted {found}" if found else ""

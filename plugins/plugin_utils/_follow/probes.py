@@ -14,7 +14,7 @@ from itertools import zip_longest
 from .._case import needs
 from .._case.packet_filters import GROUP, ROSCORE, TRAFFIC
 from .._case.parts import Part
-from .._checks.engine import FAILED, WARNING, Row, Verification
+from .._checks.engine import FAILED, WARNING, Check, Row, Verification
 from .._observed.second_look import FollowedProbe
 from .place import LARGE, Trip
 
@@ -24,19 +24,30 @@ MOST = 12  # probes of one run
 KINDS: Mapping[str, str] = {"ping_large": LARGE}
 
 
-def list_trips(verification: Verification, row: Row) -> list[Trip]:
+def find_trip(verification: Verification, check: Check, row: Row) -> Trip | None:
+    """Return what a failed check has sent itself; None for a check that sends nothing of its own."""
+    traffic = check.carries or KINDS.get(check.id, "")
+    if not traffic or row.verdict not in (FAILED, WARNING):
+        return None
+    if traffic == GROUP:
+        return Trip(traffic, row.target, row.observer)
+    target = _name_master(verification, row.observer) if traffic == ROSCORE else row.target
+    return Trip(traffic, row.observer, target)
+
+
+def _name_master(verification: Verification, computer: str) -> str:
+    return verification.ways.master(verification.run[computer].plan.robot)
+
+
+def list_trips(verification: Verification, check: Check, row: Row) -> list[Trip]:
     """List what a failed check has sent in vain, as far as it can be followed: its own packets, then its questions to nodes."""
-    check = next((one for one in verification.checks if one.id == row.check), None)
-    if check is None or row.verdict not in (FAILED, WARNING):
+    if row.verdict not in (FAILED, WARNING):
         return []
-    case = verification.case(check, row.observer, row.target)
-    suspects = (check.suspects or check.needs)(case)
-    master, own = case.masters[0], check.carries or KINDS.get(row.check, "")
-    asked = Trip(ROSCORE, row.observer, master)
-    others = {GROUP: Trip(GROUP, row.target, row.observer), ROSCORE: asked, "": Trip("", "", "")}
-    found = [others.get(own, Trip(own, row.observer, row.target))]
+    own, master = find_trip(verification, check, row), _name_master(verification, row.observer)
+    suspects = (check.suspects or check.needs)(verification.case(check, row.observer, row.target))
+    found = [own] if own else []
     if Part("roscore", master, "hung") in suspects:
-        found.append(asked)
+        found.append(Trip(ROSCORE, row.observer, master))
     if Part("discovery", row.target, "hung") in suspects:
         found.append(Trip("rpc", row.observer, row.target))
     return [trip for trip in dict.fromkeys(found) if trip.sender != trip.target and _can_follow(verification, trip)]
@@ -57,7 +68,8 @@ def choose_probes(verification: Verification, groups: Iterable[Sequence[Row]]) -
 def _list_ways(verification: Verification, rows: Iterable[Row]) -> list[Trip]:
     """List one trip for each kind of packet and each two robots."""
     found: dict[tuple[str, str, str], Trip] = {}
-    for trip in (trip for row in rows for trip in list_trips(verification, row)):
+    checks = {check.id: check for check in verification.checks}
+    for trip in (trip for row in rows for trip in list_trips(verification, checks[row.check], row)):
         robots = (verification.run[trip.sender].plan.robot, verification.ways.members[trip.target].robot)
         found.setdefault((trip.traffic, *robots), trip)
     return list(found.values())

@@ -11,6 +11,7 @@ suspects is left, the place itself is the part.
 from __future__ import annotations
 
 import errno
+import re
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
@@ -18,11 +19,8 @@ from .._case.parts import Part
 from .._observed.second_look import SeenPackets
 from .place import LARGE, Place, Stage
 
-AT, NEXT, BETWEEN = (
-    "at",
-    "next",
-    "between",
-)  # of a table: the part is at the place, at the next computer, or a network between
+# Where a part is: at the place, at the next computer, or a network between them
+AT, NEXT, BETWEEN = "at", "next", "between"
 # stage -> (where a part is, its kind, the modes that it may have; empty for all of them)
 CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
     Stage.SOURCE: (
@@ -74,8 +72,8 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
     ),
 }
 
-EXCEEDED = 11  # the type of ICMP for a time to live that is used up (RFC 792)
 RULE = "rule of "  # begins the name of a rule among the counters
+EXCEEDED = 11  # the type of ICMP for a time to live that is used up (RFC 792)
 SHORT = 32  # a packet that begins with less has a time to live that somebody has set
 
 
@@ -148,8 +146,11 @@ def _counts_reverse_path(_place: Place, packets: SeenPackets) -> bool:
     return "TcpExtIPReversePathFilter" in packets.counter_names
 
 
-def _counts_rule(_place: Place, packets: SeenPackets) -> bool:
-    return any(RULE in name for name in packets.counter_names)
+def _counts_rule(place: Place, packets: SeenPackets) -> bool:
+    """Say if a rule that drops or rejects has counted them all. At their target it must name them: broadcasts are dropped there, too."""
+    named = re.compile(rf"\b{place.probe.port or place.probe.protocol}\b")
+    counted = [one.counter for one in packets.counters if RULE in one.counter and one.more >= max(1, place.times)]
+    return any(place.stage == Stage.HOP or named.search(rule) for rule in counted)
 
 
 def _counts_full_queue(place: Place, packets: SeenPackets) -> bool:
@@ -186,11 +187,11 @@ SIGNS = (
         lambda place: Part("neighbour", place.at, "fixed", place.next or "a computer"),
     ),
     Sign((Stage.REPORTED,), _began_short, _make_lifetime),
-    Sign((Stage.HOP, Stage.TARGET), _ends_life, _make_lifetime),
+    Sign((Stage.HOP,), _ends_life, _make_lifetime),
     Sign((Stage.HOP, Stage.TARGET), _counts_reverse_path, lambda place: Part("reverse_path", place.at, "strict")),
-    Sign((Stage.TARGET,), _counts_full_queue, lambda place: Part(_name_program(place), place.at, "hung")),
     Sign((Stage.HOP,), _counts_rule, lambda place: Part("filter", place.at, "forward")),
     Sign((Stage.TARGET,), _counts_rule, lambda place: _make_filter(place, "in")),
+    Sign((Stage.TARGET,), _counts_full_queue, lambda place: Part(_name_program(place), place.at, "hung")),
 )
 
 

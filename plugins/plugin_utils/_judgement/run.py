@@ -17,7 +17,7 @@ from .._observed.task_results import KEY, find_result, list_plan_names, read_obs
 from .._plan.model import FleetPlan
 from . import content
 
-OPTIONS = (
+FIRST_LOOK = (
     "fleet",
     "multicast",
     "probe",
@@ -28,10 +28,8 @@ OPTIONS = (
     "machine",
     "streams",
     "least_mbit_s",
-    "follow",
-    "sent",
-    "followed",
 )
+OPTIONS = (*FIRST_LOOK, "follow", "sent", "followed")
 
 
 @dataclass(frozen=True)

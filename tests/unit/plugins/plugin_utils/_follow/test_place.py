@@ -4,6 +4,7 @@
 """The place where packets end: from what three computers captured of a ping, a connection and a datagram."""
 
 import errno
+from dataclasses import replace
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
@@ -18,6 +19,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.sec
     SeenPackets,
     SentProbe,
 )
+from hypothesis import given
+from hypothesis import strategies as st
 
 ROUTE = ["one", "gate", "two"]
 MACS = {"one": "02:00:00:00:00:01", "gate": "02:00:00:00:00:02", "two": "02:00:00:00:00:03"}
@@ -109,6 +112,18 @@ def test_a_question_without_an_answer_names_both_sides():
     assert find({"one": [asked, answer], "gate": [], "two": []}).stage == Stage.SOURCE
 
 
+def test_a_question_of_another_program_is_none_of_the_probe():
+    asked = Capture("eth0", True, "request", "arp", "10.0.1.1", "10.0.1.77")
+    assert find({"one": [asked], "gate": [], "two": []}).stage == Stage.SOURCE
+
+
+def test_a_connection_of_another_program_is_none_of_the_probe():
+    for more in ({"source_port": 4001}, {"destination": "10.0.2.2"}):
+        seen = {"one": [capture(True, "request", MACS["gate"], CALL)], "gate": [], "two": []}
+        seen["one"] = [replace(one, **more) for one in seen["one"]]
+        assert where(find(seen, CALL)) == (Stage.SOURCE, "one", "gate", False)
+
+
 def test_a_computer_that_did_not_listen_is_no_place():
     found = find(cross("request", ["one", "gate"]), listening=["one", "two"])
     assert found.stage == Stage.UNSEEN
@@ -178,6 +193,38 @@ def test_a_hardware_address_set_by_hand_is_evidence():
     assert show(found) is None
     fixed = SeenPackets(fixed=("02:00:00:00:00:99",))
     assert suspects.find_sign(found, fixed) == Part("neighbour", "gate", "fixed", "two")
+
+
+def test_a_rule_that_drops_something_else_is_no_evidence():
+    twice = join(cross("request", ["one", "gate"]), cross("request", ["one", "gate"]))
+    assert show(find(twice), '"rule of filter FORWARD: drop"') is None  # it has counted one of two
+    target = find(cross("request", ROUTE, CALL), CALL)
+    assert show(target, '"rule of filter INPUT: pkttype broadcast drop"') is None
+
+
+def test_the_last_hop_of_a_life_at_its_target_is_no_fault():
+    assert show(find(cross("request", ROUTE, ttl=1))) is None
+    assert show(find(cross("request", ["one", "gate"], ttl=1))) == Part("setting", "one", "ttl")
+
+
+HOSTILE = st.builds(
+    Capture,
+    st.sampled_from(["eth0", '"\u202e"']), st.booleans(), st.sampled_from(["request", "answer", "error", "x"]),
+    st.sampled_from(["icmp", "tcp", "udp", "arp", "x"]), st.sampled_from([*ADDRESSES, "x"]), st.sampled_from([*ADDRESSES, "x"]),
+    st.sampled_from([0, 4000]), st.sampled_from([0, 11611]), st.sampled_from([-1, 3]), st.sampled_from([0, 77]),
+    st.integers(-1, 300), st.integers(-1, 70000), st.booleans(), st.just(""), st.sampled_from([*MACS.values(), "", "zz"]),
+    st.integers(-1, 300), st.integers(-1, 300), st.sampled_from([*ADDRESSES, "x"]),
+)  # fmt: skip
+
+
+@given(
+    st.fixed_dictionaries({name: st.lists(HOSTILE, max_size=6) for name in ROUTE}), st.sampled_from([PING, CALL, BEAT])
+)
+def test_whatever_computers_tell_has_a_place_and_words(seen, probe):
+    found = find(seen, probe)
+    if found.is_fault:
+        assert place.describe_place(found, CHART)
+        assert suspects.find_sign(found, SeenPackets()) or suspects.name_place(found, "x").sentence()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""From failures that no value shows to probes, and from what computers captured of them to one finding."""
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import Verification
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import (
+    INFERRED,
+    LOCATED,
+    list_unshown,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._follow.probes import (
+    choose_probes,
+    list_links,
+    list_listeners,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import FilterChains
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.second_look import (
+    Capture,
+    SecondLook,
+    SeenPackets,
+    SentProbe,
+)
+from fleets import diagnose, fig12, mac, observed, parts, update, wall
+
+GATE = "tibi-visio"
+
+
+def follow(fleet, seen):
+    """The second look at a fleet in which the packets of each probe come in at a gateway, and end there."""
+    verification = Verification(CHECKS, fleet, seen)
+    probes = choose_probes(verification, list_unshown(verification))
+    captures = {name: [] for name in seen}
+    for probe in probes:
+        route = list(dict.fromkeys(place for place, _network in list_links(verification, probe.sender, probe.target)))
+        for before, after in zip(route, route[1:], strict=False):
+            values = {
+                "source_port": 4000,
+                "port": probe.port,
+                "number": probe.number,
+                "sequence": probe.number,
+                "ttl": 64,
+            }
+            ends = ("request", probe.protocol, "192.0.2.1", probe.address)
+            for place, outgoing in ((before, True), (after, False)):
+                captures[place].append(Capture("eth0", outgoing, *ends, **values, target_mac=mac(after)))
+            if after == GATE:
+                break
+    for name in list_listeners(verification, probes):
+        own = tuple(probe for probe in probes if probe.sender == name)
+        sent = tuple(SentProbe(probe.number, Outcome.NO_ANSWER, source_port=4000) for probe in own)
+        update(seen[name], second_look=SecondLook(own, sent, SeenPackets(tuple(captures[name]))))
+    return probes
+
+
+def test_a_healthy_fleet_has_nothing_to_follow():
+    fleet = fig12()
+    verification = Verification(CHECKS, fleet, observed(fleet))
+    assert choose_probes(verification, list_unshown(verification)) == []
+    assert list_listeners(verification, []) == []
+
+
+def test_each_way_that_fails_is_followed_once_and_twelve_at_most():
+    fleet = fig12()
+    seen = observed(fleet)
+    wall(seen)
+    verification = Verification(CHECKS, fleet, seen)
+    probes = choose_probes(verification, list_unshown(verification))
+    assert 0 < len(probes) <= 12
+    robots = {name: plan.robot for name, plan in fleet.computers.items()}
+    assert len({(one.traffic, robots[one.sender], robots[one.target]) for one in probes}) == len(probes)
+    assert "tibi" in {robots[name] for one in probes for name in (one.sender, one.target)}
+    assert GATE in list_listeners(verification, probes)
+
+
+@pytest.mark.parametrize(
+    ("filters", "part"),
+    [
+        (None, ("filter", GATE, "forward")),  # its rules could not be read
+        (FilterChains(True, ()), ("way", GATE, "ends")),  # they were read, and drop nothing; forwarding is on
+    ],
+    ids=["unread", "read"],
+)
+def test_where_packets_end_is_the_finding_or_what_it_leaves(filters, part):
+    fleet = fig12()
+    seen = observed(fleet)
+    wall(seen)
+    for observation in seen.values():
+        update(observation, filters=filters)
+    before = diagnose(fleet, seen).findings[0]
+    assert before.sure == INFERRED
+    assert "restart" not in before.remedy() and "site.yml" not in before.remedy()
+    follow(fleet, seen)
+    found = diagnose(fleet, seen)
+    assert parts(found)[0] == part
+    first = found.findings[0]
+    assert first.sure == LOCATED
+    assert f"came in at {GATE} on eth0, and did not leave it" in first.followed[0]
+    assert (first.followed[0] in first.sentence()) == (part[0] == "way")
