@@ -121,10 +121,10 @@ def explain_failure(computer: str, failed: Mapping[str, Any], version: str) -> s
 def _find_broken_ros(plan: ComputerPlan, info: Mapping[str, Any]) -> str:
     """Say why nodes of the ROS that is there cannot start; empty where they can, and where the import was not tried."""
     chosen = None if plan.is_router else (info.get("ros") or {}).get("chosen")
-    # A set-up file that was not sourced has no variables. Debian's packages need none.
-    if not chosen or not (chosen["environment"] or chosen["kind"] == "debian"):
+    # Without a version, the interpreter that was to import them has not answered.
+    if not chosen or not chosen["missing"] or not chosen["python_version"]:
         return ""
-    return next(iter(_check_ros(plan, info)), "") if chosen["missing"] else ""
+    return next(iter(_check_ros(plan, info)), "")
 
 
 def _list_environment(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, str]:

@@ -11,17 +11,17 @@ Icmp: InMsgs OutTimeExcds
 Icmp: 9 16
 """
 RULES = """table ip filter {
-	chain INPUT {
-		type filter hook input priority filter; policy accept;
-		tcp dport 11311 counter packets 3 bytes 180 drop
-		ip saddr 10.0.0.1 counter packets 7 bytes 420 accept
-	}
+    chain INPUT {
+        type filter hook input priority filter; policy accept;
+        tcp dport 11311 counter packets 3 bytes 180 drop
+        ip saddr 10.0.0.1 counter packets 7 bytes 420 accept
+    }
 }
 table inet fleet {
-	chain forward {
-		ct state new counter packets 2 bytes 120 reject
-		tcp dport 22 drop
-	}
+    chain forward {
+        ct state new counter packets 2 bytes 120 reject
+        tcp dport 22 drop
+    }
 }
 """
 

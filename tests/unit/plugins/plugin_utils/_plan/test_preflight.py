@@ -185,10 +185,17 @@ def test_modules_that_are_gone_are_told_of_every_computer(is_master):
     assert 'lacks the Python modules "rospy"' in found.broken_ros
 
     def refuse(info):  # a set-up file that is not sourced: nothing was imported
-        info["ros"]["chosen"].update(kind="prefix", missing=["rospy"], environment={})
+        info["ros"]["chosen"].update(kind="prefix", missing=["rospy"], environment={}, python_version="")
 
     assert not compare(refuse, **more).state.broken_ros
     assert not compare(lambda info: info["ros"].update(chosen=None), **more).state.broken_ros
+
+    def fail(info):  # the program that imports them could not run at all, as where systemd starts no unit
+        sentence = "The modules of Debian's packages cannot be imported: 'Failed to run event loop'."
+        info["ros"].update(problem=sentence)
+        info["ros"]["chosen"].update(missing=["rospy"], python_version="", problem=sentence)
+
+    assert not compare(fail, **more).state.broken_ros
 
 
 def test_what_our_services_hold_is_no_strangers():
