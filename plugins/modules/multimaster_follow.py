@@ -12,7 +12,7 @@ description:
   - It takes three tasks. With O(action=listen), a listener is left running. With O(action=send), the computer sends its
     O(probes). With O(action=collect), the listener tells what it saw, and ends. Use the C(linear) strategy (the default), so that a
     task is through on every computer before the next one begins.
-  - A listener sees packets of this O(run), ICMP errors and ARP messages alone, 2000 at most. It is in no promiscuous mode, and ends
+  - A listener sees packets of this O(run), ICMP errors and ARP messages alone, 500 of each protocol at most. It is in no promiscuous mode, and ends
     by itself after O(lifetime), also where the controller has vanished.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.probe
@@ -160,7 +160,7 @@ sent:
       type: str
       sample: not_tried
 seen:
-  description: The packets that came in and went out here, in the order of time, 2000 at most.
+  description: The packets that came in and went out here, in the order of time, 500 of each protocol at most.
   returned: when O(action=collect)
   type: list
   elements: dict

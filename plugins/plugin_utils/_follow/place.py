@@ -73,14 +73,14 @@ class Place:
         return self.stage not in (Stage.ARRIVED, Stage.UNSEEN)
 
     @property
-    def step(self) -> tuple[Stage, str, str, bool]:
+    def step(self) -> tuple[Stage, tuple[str, ...], bool]:
         """The step that nobody saw: other packets may end there, too."""
-        return self.stage, self.at, self.next, self.answer
+        return self.stage, self.places, self.answer
 
     @property
     def places(self) -> tuple[str, ...]:
-        """The computers concerned."""
-        return tuple(name for name in (self.at, self.next) if name)
+        """The computers concerned. What ends inside a computer ends there for all the next ones."""
+        return tuple(name for name in (self.at, self.next if self.stage != Stage.HOP else "") if name)
 
 
 @dataclass(frozen=True)
