@@ -30,6 +30,7 @@ def main():
             began = time.monotonic()
             table = harness.scores(trials(range(number), rows))
             print(f"{title} ({number} trials, {time.monotonic() - began:.0f} s)\n\n{harness.render(table)}\n")
+            print(f"findings of a trial: {harness.render_findings(table)}\n")
             print(harness.render_misses(table, chosen.misses) + "\n")
     alarms = list(harness.false_alarms(range(chosen.healthy)))
     print(f"Healthy: {chosen.healthy - len(alarms)} of {chosen.healthy} without a finding")

@@ -44,6 +44,7 @@ class Score:
     """What was named for one kind of fault."""
 
     verdicts: Counter = field(default_factory=Counter)
+    findings: Counter = field(default_factory=Counter)  # their number -> trials
     misses: list = field(default_factory=list)  # (number of the trial, place, what was named)
 
 
@@ -200,6 +201,7 @@ def scores(trials):
         for row, place, verdict in answers:
             score = table[row.name]
             score.verdicts[verdict] += 1
+            score.findings[len(found)] += 1
             if verdict not in (FIRST, EQUAL):
                 score.misses.append((trial.number, place + _unseen(trial, place), _said(found)))
     return table
@@ -241,6 +243,12 @@ def render(table):
         _line("all", width, total) + f"  first in {total[FIRST] / total.total():.1%}, with the equal ones {right:.1%}"
     )
     return "\n".join(lines)
+
+
+def render_findings(table):
+    """The share of trials by the number of their findings."""
+    total = sum((score.findings for score in table.values()), Counter())
+    return ", ".join(f"{count / total.total():.1%} with {number}" for number, count in sorted(total.items()))
 
 
 def _line(name, width, counts):

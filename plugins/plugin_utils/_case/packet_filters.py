@@ -49,18 +49,18 @@ class ReadFilters:
     def lets_pass(self, part: Part) -> bool:
         """Say if all rules at the place of a filter were understood, in the chains that would drop the packet."""
         seen = self._observations.get(part.place)
-        if seen is None or seen.filters is None or not seen.filters.readable or part.place not in self._world.machines:
+        if seen is None or seen.filters is None or not seen.filters.readable or part.place not in self.world.machines:
             return False
         chains = CHAINS.get(part.mode.rpartition(" ")[2], (IN, OUT))
-        return self._world.machines[part.place].unclear.isdisjoint(chains)
+        return self.world.machines[part.place].unclear.isdisjoint(chains)
 
     def _trace_packet(self, sender: str, target: str, traffic: str) -> Part | None:
-        member, machines = self._members.get(target), self._world.machines
+        member, machines = self._members.get(target), self.world.machines
         if member is None or sender not in machines or target not in machines:
             return None
         if traffic == GROUP:
             return self._trace_datagram(sender, target)
-        way = packets.echo(self._world, sender, self.make_packet(member, traffic))
+        way = packets.echo(self.world, sender, self.make_packet(member, traffic))
         failed = way.failure
         if failed is None or failed.rule is None or failed.rule.chain in machines[failed.where].unclear:
             return None  # no rule drops it, or one that was not understood may have let it pass
@@ -74,7 +74,7 @@ class ReadFilters:
 
     def _trace_datagram(self, sender: str, target: str) -> Part | None:
         """Return the filter at one of the two ends that drops a datagram to the group."""
-        speaker, hearer = (self._world.machines[name] for name in (sender, target))
+        speaker, hearer = (self.world.machines[name] for name in (sender, target))
         source, there = (self._address(name) for name in (sender, target))
         packet = Packet("udp", IPv4Address(self._fleet.multicast_group), source=source, port=self._fleet.multicast_port)
         leaving, coming = (_device(one, own) for one, own in ((speaker, source), (hearer, there)))
@@ -109,7 +109,8 @@ class ReadFilters:
         return (member.discovery_address or member.address) if member else self._fleet.computers[name].address
 
     @cached_property
-    def _world(self) -> World:
+    def world(self) -> World:
+        """The planned world, with the rules that were read."""
         world = plan_world.make_world(self._fleet)
         read = {
             name: _apply_rules(world.machines[name], seen, seen.filters)

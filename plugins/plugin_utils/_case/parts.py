@@ -674,7 +674,7 @@ CALLS = (
 STOPPED = ("service", "stopped")
 _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     **dict.fromkeys(
-        (*((node, "hung") for node in ("roscore", "discovery", "sync")), ("sync", "stale"), ("sync", "untold")),
+        (*((node, "hung") for node in ("roscore", "discovery", "sync")), ("sync", "stale")),
         (STOPPED,),
     ),
     **dict.fromkeys((("registration", "talker"), ("registration", "listener")), (STOPPED,)),
@@ -685,6 +685,7 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
         for mode in DROPPED
         for way in ("in", "out")
     },
+    ("sync", "untold"): (STOPPED, ("sync", "dead")),
     ("computer", "unmeasured"): (("link", "down"), ("interface", "address"), PORTS),
     ("set_up", "by_hand"): (("set_up", "others"),),
     ("set_up", "refused"): (("ros", "broken"),),

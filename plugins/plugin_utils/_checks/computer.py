@@ -9,6 +9,7 @@ from .._case import needs
 from .._case.case import Case
 from .._case.needs import Parts, join_parts, make_parts
 from .._case.packet_filters import ROSCORE
+from .._case.seen_world import DOWN
 from .._case.ways import COMMON
 from .._observed.observations import DefaultRoute, ForwardingInterface, Service
 from .._observed.outcomes import Outcome
@@ -221,8 +222,6 @@ def _judge_measured(case: Case) -> Judgement | None:
 
 
 # Addresses
-
-DOWN = ("down", "lowerlayerdown")  # operational states of an interface without a link
 
 
 def _find_missing_addresses(case: Case) -> list[str]:

@@ -24,6 +24,7 @@ from .._follow.findings import SeenEnd, find_ends
 from .._follow.probes import find_trip, list_links, list_trips
 from .commands import command
 from .cover import Failure, explain
+from .effects import Effects
 from .offsets import offset
 from .onset import describe_onset
 
@@ -169,6 +170,7 @@ class _Diagnosis:
     def result(self) -> Diagnosis:
         """Explain what no value explains."""
         self._drop_consequences()
+        self._use_effects()
         self._use_ends()
         lost = self._explain_loss()
         by_chance = [lost & self._loss_suspects(row) if lost else frozenset() for row, _suspects in self.open]
@@ -198,6 +200,17 @@ class _Diagnosis:
             broken.rivals = broken.rivals or entry.rivals
             broken.passed = self._list_successes(broken.rows)
         return rest
+
+    def _use_effects(self) -> None:
+        """Give what known faults explain to their findings: what was sent ends in the world as it was read, too."""
+        effects, rest = Effects(self.verification, self.broken), []
+        for row, suspects in self.open:
+            cause = effects.find_cause(self.checks[row.check], row, suspects)
+            if cause is None:
+                rest.append((row, suspects))
+            else:
+                self.broken[cause].rows.append(row)
+        self.open = rest
 
     def _use_ends(self) -> None:
         """Let what failed on a way that was followed suspect only what the packets left there."""

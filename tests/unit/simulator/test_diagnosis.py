@@ -14,6 +14,7 @@ from tests.simulator.state import healthy
 HEALTHY, ROUNDS, PAIRS = 40, 1, 20
 # What is reached; raise them with the diagnosis.
 FIRST, NAMED, FIRST_OF_PAIRS = 0.93, 0.96, 0.85
+ONE = 0.95  # of the faults that come alone: so many are one finding
 
 
 def share(table, *verdicts):
@@ -30,6 +31,8 @@ def test_one_fault_is_named_first():
     table = harness.scores(harness.single_faults(range(ROUNDS * len(faults.FAULTS))))
     assert share(table, harness.FIRST) >= FIRST, harness.render_misses(table)
     assert share(table, harness.FIRST, harness.EQUAL) >= NAMED, harness.render_misses(table)
+    single = sum(score.findings[1] for score in table.values())
+    assert single >= ONE * sum(score.findings.total() for score in table.values()), harness.render_findings(table)
 
 
 @pytest.mark.slow

@@ -1,0 +1,171 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The world as a verification has read it, with the faults in it that values show. Pure.
+
+The machines of the plan get the interfaces, rules and closed routes that were read on the computers, and the known faults. What
+the fleet sends ends in this world, too, where one of these faults is the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from ipaddress import IPv4Interface, IPv4Network
+
+from .._observed.observations import ForwardingInterface
+from .._plan.model import ComputerPlan, FleetPlan
+from .._world import packets, plan_world
+from .._world.model import Interface, Machine, Route, World, kernel_routes
+from .._world.policy import lookups
+from .case import FleetState, Participant
+from .packet_filters import TRAFFIC
+from .parts import Part
+
+DOWN = ("down", "lowerlayerdown")  # operational states of an interface without a link
+NOWHERE = "blackhole"
+
+
+class SeenWorld:
+    """The world as it was read, with some known faults."""
+
+    def __init__(self, state: FleetState, faults: Iterable[Part]) -> None:
+        self._state = state
+        self._faults = [part for part in faults if part.kind in KINDS]
+        self._world = _make_world(state, self._faults) if self._faults else None
+
+    def find_fault(self, sender: str, target: str, traffic: str) -> Part | None:
+        """Return the known fault at whose place a packet of this kind ends, or its answer; None where both arrive."""
+        ways, world = self._state.ways, self._world
+        member, own = ways.members.get(target), ways.members.get(sender)
+        if member is None or world is None or sender not in world.machines or traffic not in TRAFFIC:
+            return None
+        datagram = TRAFFIC[traffic] == "udp"
+        packet = self._state.filters.make_packet(member, "udp" if datagram else traffic)
+        source = (own.discovery_address or own.address) if datagram and own else None
+        end = packets.echo(world, sender, replace(packet, source=source)).failure
+        if end is None:
+            return None
+        asked = str(end.hops[-1].to) if end.outcome == packets.NOBODY and end.hops else ""
+        places = (end.where, ways.name_at(asked))
+        return next((part for place in places for part in self._faults if place in part.places), None)
+
+
+def _make_world(state: FleetState, faults: Sequence[Part]) -> World:
+    planned = state.filters.world
+    machines = {
+        name: _read_machine(state.fleet, planned.machines[name], computer)
+        for name, computer in state.run.items()
+        if computer.interfaces and name in planned.machines
+    }
+    world = World({**planned.machines, **machines}, planned.links)
+    for part in faults:
+        change = CHANGES.get((part.kind, part.mode))
+        world = change(state, world, part) if change else world
+    return world
+
+
+def _read_machine(fleet: FleetPlan, machine: Machine, computer: Participant) -> Machine:
+    """Return the machine with what was read there; as planned, where the texts make no sense."""
+    try:
+        interfaces = tuple(_read_interface(fleet, entry) for entry in computer.interfaces)
+    except ValueError:
+        return machine
+    return replace(
+        machine,
+        interfaces=interfaces,
+        routes=_list_routes(computer.plan, interfaces),
+        lookups=tuple(rule for rule in lookups(computer.probe.policy.rules) if rule.kind),
+    )
+
+
+def _read_interface(fleet: FleetPlan, entry: ForwardingInterface) -> Interface:
+    addresses = [IPv4Interface(f"{one}/{size}") for one, size in zip(entry.addresses, entry.prefixes, strict=False)]
+    networks = [fleet.common_network, *(network.network for network in fleet.networks)]
+    near = [network for address in addresses for network in networks if address.ip in network]
+    return Interface(
+        name=entry.interface,
+        addresses=tuple(addresses),
+        link=plan_world.name_link(fleet, near[0]) if near else "",
+        mtu=entry.mtu or 1500,
+        up=entry.state not in DOWN,
+        forwarding=entry.forwarding != 0,
+        rp_filter=entry.rp_filter or 0,
+    )
+
+
+def _list_routes(plan: ComputerPlan, interfaces: Sequence[Interface]) -> tuple[Route, ...]:
+    made = (route for one in interfaces for route in kernel_routes(one))
+    return (*made, *plan_world.list_routes(plan, [one for one in interfaces if one.up]))
+
+
+# The faults
+
+Change = Callable[[FleetState, World, Part], World]
+
+
+def _switch_off(_state: FleetState, world: World, part: Part) -> World:
+    machine = world.machines.get(part.place)
+    return world.replace_machine(replace(machine, on=False)) if machine else world
+
+
+def _cut_network(_state: FleetState, world: World, part: Part) -> World:
+    link = world.links.get(part.place)
+    return replace(world, links={**world.links, link.name: replace(link, up=False)}) if link else world
+
+
+def _cut_link(_state: FleetState, world: World, part: Part) -> World:
+    """Take an interface down, of a device without a probe, too."""
+    machine = world.machines.get(part.place)
+    if machine is None:
+        return world
+    interfaces = [replace(one, up=False) if part.what in ("", one.link) else one for one in machine.interfaces]
+    return world.replace_machine(replace(machine, interfaces=tuple(interfaces)))
+
+
+def _close_route(state: FleetState, world: World, part: Part) -> World:
+    """Take away the way to a network, or to all others: the packets go where nobody passes them on."""
+    machine, fleet = world.machines.get(part.place), state.fleet
+    if machine is None:
+        return world
+    networks = [fleet.common_network, *(entry.network for entry in fleet.networks)]
+    own = {address.network for one in machine.interfaces for address in one.addresses}
+    gone = [network for network in networks if part.what in ("", plan_world.name_link(fleet, network))]
+    closed = [Route(network, kind=NOWHERE) for network in gone if network not in own]
+    return world.replace_machine(replace(machine, routes=(*closed, *machine.routes)))
+
+
+def _close_address(_state: FleetState, world: World, part: Part) -> World:
+    """Close the way to what the words of a closed route name, such as "blackhole 192.168.12.0/24 table 7"."""
+    machine = world.machines.get(part.place)
+    try:
+        network = IPv4Network(part.what.split()[1].replace("default", "0.0.0.0/0"))
+    except (ValueError, IndexError):
+        return world
+    closed = Route(network, kind=NOWHERE)
+    return world.replace_machine(replace(machine, routes=(closed, *machine.routes))) if machine else world
+
+
+def _lose_neighbour(state: FleetState, world: World, part: Part) -> World:
+    """Close the routes by a neighbour whose hardware address is wrong."""
+    machine, plan = world.machines.get(part.place), state.fleet.computers.get(part.what)
+    if machine is None or plan is None:
+        return world
+    own = {entry.address for entry in plan.networks}
+    closed = [Route(IPv4Network(address), kind=NOWHERE) for address in own]
+    routes = [replace(one, kind=NOWHERE) if one.gateway in own else one for one in machine.routes]
+    return world.replace_machine(replace(machine, routes=(*closed, *routes)))
+
+
+# What the packets of a world need beside the interfaces, rules and filters that were read.
+CHANGES: Mapping[tuple[str, str], Change] = {
+    ("computer", "off"): _switch_off,
+    ("link", "down"): _cut_link,
+    ("network", "dead"): _cut_network,
+    ("route", "missing"): _close_route,
+    ("route", "other"): _close_route,
+    ("route", "closed"): _close_address,
+    ("neighbour", "fixed"): _lose_neighbour,
+}
+# The kinds of parts at whose place a packet may end.
+KINDS = frozenset({"interface", "forwarding", "reverse_path", "filter", *(kind for kind, _mode in CHANGES)})
