@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The packet filters on the planned way of a packet, by the rules that were read on the computers.
+"""The packet filters and rules for routing on the planned way of a packet, as they were read on the computers.
 
 A rule that drops the failed packet is the reason. Where all rules were understood and no rule drops it, a packet filter is a
 poor explanation. It stays possible, since some filters do not show themselves (XDP, the old iptables).
@@ -15,10 +15,10 @@ from functools import cached_property
 from ipaddress import IPv4Address
 
 from .._data.plain import to_plain
-from .._observed.observations import FilterChains, Observation
+from .._observed.observations import Observation
 from .._plan.model import FleetPlan, Member
-from .._world import facts, packets, plan_world
-from .._world.model import FORWARD, IN, OUT, Machine, Packet, Rule, World
+from .._world import facts, packets, plan_world, policy
+from .._world.model import FORWARD, IN, NO_WAY, OUT, Lookup, Machine, Packet, Rule, World
 from .._world.prediction import NODES
 from .parts import Part
 
@@ -62,8 +62,12 @@ class ReadFilters:
             return self._trace_datagram(sender, target)
         way = packets.echo(self.world, sender, self.make_packet(member, traffic))
         failed = way.failure
-        if failed is None or failed.rule is None or failed.rule.chain in machines[failed.where].unclear:
-            return None  # no rule drops it, or one that was not understood may have let it pass
+        if failed is None or failed.rule is None:
+            return None
+        if isinstance(failed.rule, Lookup):
+            return Part("route", failed.where, "rule", policy.write_rule(failed.rule))
+        if failed.rule.chain in machines[failed.where].unclear:
+            return None  # a rule that was not understood may have let it pass
         if _is_for_one_pair(failed.rule):
             return Part.from_pair("filter", "pair", sender, target)
         if failed.rule.chain == FORWARD:
@@ -112,16 +116,21 @@ class ReadFilters:
     def world(self) -> World:
         """The planned world, with the rules that were read."""
         world = plan_world.make_world(self._fleet)
-        read = {
-            name: _apply_rules(world.machines[name], seen, seen.filters)
-            for name, seen in self._observations.items()
-            if name in world.machines and seen.filters is not None and seen.filters.readable
-        }
-        return World({**world.machines, **read}, world.links)
+        seen = {name: one for name, one in self._observations.items() if name in world.machines}
+        return World(
+            {**world.machines, **{name: _apply_rules(world.machines[name], one) for name, one in seen.items()}},
+            world.links,
+        )
 
 
-def _apply_rules(machine: Machine, seen: Observation, filters: FilterChains) -> Machine:
+def _apply_rules(machine: Machine, seen: Observation) -> Machine:
     """Return the planned machine with the interface names and the rules that were read. Without sense they make it unclear."""
+    if seen.probe and seen.probe.policy.rules:
+        closed = (rule for rule in policy.lookups(seen.probe.policy.rules) if rule.kind in NO_WAY)
+        machine = replace(machine, lookups=tuple(closed))
+    filters = seen.filters
+    if filters is None or not filters.readable:
+        return machine
     try:
         rules, unclear = facts.read_rules(to_plain(chain) for chain in filters.chains)
     except (LookupError, TypeError, ValueError):

@@ -17,7 +17,6 @@ from .._observed.observations import ForwardingInterface
 from .._plan.model import ComputerPlan, FleetPlan
 from .._world import packets, plan_world
 from .._world.model import Interface, Machine, Route, World, kernel_routes
-from .._world.policy import lookups
 from .case import FleetState, Participant
 from .packet_filters import TRAFFIC
 from .parts import Part
@@ -75,7 +74,6 @@ def _read_machine(fleet: FleetPlan, machine: Machine, computer: Participant) -> 
         machine,
         interfaces=interfaces,
         routes=_list_routes(computer.plan, interfaces),
-        lookups=tuple(rule for rule in lookups(computer.probe.policy.rules) if rule.kind),
     )
 
 

@@ -134,7 +134,7 @@ class _Diagnosis:
         """Note what a row shows to be broken, or whom it lets suspect."""
         check = self.checks[row.check]
         case = self.verification.case(check, row.observer, row.target)
-        if evidence := self._read_end(row) or check.evidence(case) or self._find_drop(check, row):
+        if evidence := self._find_drop(check, row) or self._read_end(row) or check.evidence(case):
             for part in evidence:
                 self._finding(part).proof.append(row)
         else:

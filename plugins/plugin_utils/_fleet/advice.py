@@ -28,7 +28,8 @@ FORMS = {
     # what is deleted, as policy.py has read it
     "route": re.compile(r"(?:blackhole|unreachable|prohibit) (?:default|[0-9./]+)(?: table [A-Za-z0-9_.-]+)?"),
     "rule": re.compile(
-        r"priority [0-9]+(?: from (?:all|[0-9./]+))?(?: to [0-9./]+)? (?:table [A-Za-z0-9_.-]+|blackhole|unreachable|prohibit)"
+        r"priority [0-9]+(?: from (?:all|[0-9./]+))?(?: to [0-9./]+)?(?: ipproto [a-z0-9]+)?(?: [sd]port [0-9-]+)*"
+        r" (?:table [A-Za-z0-9_.-]+|blackhole|unreachable|prohibit)"
     ),
     # a name, address, unit or setting in the remedy of a part
     "what": re.compile(r"[A-Za-z0-9][A-Za-z0-9_./@:-]*"),

@@ -62,8 +62,10 @@ class Route:
     metric: int = 0
     source: IPv4Address | None = None
     kind: str = "unicast"
+    rule: Lookup | None = None  # of policy routing, that leads nowhere itself
 
 
+ANY_PORT = (0, 65535)
 MAIN, MAIN_PRIORITY = "main", 32766  # the table that counts where no rule says anything else (ip-rule(8))
 
 
@@ -78,9 +80,21 @@ class Lookup:
     incoming: str = ""  # the interface by which a packet comes in, lo for what is sent here
     kind: str = ""  # of NO_WAY: it leads nowhere itself
     longer: int = -1  # only routes with a longer prefix count (suppress_prefixlength)
+    protocol: str = ""
+    ports: tuple[int, int] = ANY_PORT  # of the destination, the first and the last one
+    source_ports: tuple[int, int] = ANY_PORT
 
-    def matches(self, destination: IPv4Address, source: IPv4Address | None, incoming: str) -> bool:
-        """Tell if this rule is for a packet."""
+    def matches(
+        self, destination: IPv4Address, source: IPv4Address | None, incoming: str, packet: Packet | None = None
+    ) -> bool:
+        """Tell if this rule is for a packet; where none is given, for one of no protocol."""
+        if self.protocol or self.ports != ANY_PORT or self.source_ports != ANY_PORT:
+            if packet is None or self.protocol not in ("", packet.protocol):
+                return False
+            if not self.ports[0] <= packet.port <= self.ports[1]:
+                return False
+            if not self.source_ports[0] <= packet.source_port <= self.source_ports[1]:
+                return False
         return (
             (self.destination is None or destination in self.destination)
             and (self.source is None or (source is not None and source in self.source))
@@ -182,15 +196,21 @@ class Machine:
         """Return the interface with this address."""
         return next((one for one in self.interfaces if any(entry.ip == address for entry in one.addresses)), None)
 
-    def route(self, destination: IPv4Address, source: IPv4Address | None = None, incoming: str = "") -> Route | None:
+    def route(
+        self,
+        destination: IPv4Address,
+        source: IPv4Address | None = None,
+        incoming: str = "",
+        packet: Packet | None = None,
+    ) -> Route | None:
         """Return the route to an address: the longest prefix counts, then the lowest metric. Rules may lead to other tables."""
         if not self.lookups:
             return _look_up(self._table, destination)
         for rule in sorted((*self.lookups, Lookup(MAIN_PRIORITY)), key=lambda rule: rule.priority):
-            if not rule.matches(destination, source, incoming):
+            if not rule.matches(destination, source, incoming, packet):
                 continue
             if rule.kind:
-                return Route(IPv4Network("0.0.0.0/0"), kind=rule.kind)
+                return Route(IPv4Network("0.0.0.0/0"), kind=rule.kind, rule=rule)
             chosen = _look_up(self._table if rule.table == MAIN else self._tables.get(rule.table, ()), destination)
             if chosen is not None and chosen.destination.prefixlen > rule.longer and chosen.kind != "throw":
                 return chosen

@@ -14,7 +14,22 @@ from dataclasses import dataclass, field, replace
 from ipaddress import IPv4Address
 from typing import NamedTuple
 
-from .model import FORWARD, IN, MASQUERADE, NAT, NO_WAY, OUT, REJECT, STRICT, Interface, Machine, Packet, Rule, World
+from .model import (
+    FORWARD,
+    IN,
+    MASQUERADE,
+    NAT,
+    NO_WAY,
+    OUT,
+    REJECT,
+    STRICT,
+    Interface,
+    Lookup,
+    Machine,
+    Packet,
+    Rule,
+    World,
+)
 
 # The outcomes of a packet
 DELIVERED = "delivered"
@@ -57,7 +72,7 @@ class Trace:
     translations: list[tuple[str, IPv4Address, IPv4Address]] = field(default_factory=list)
     device: str = ""  # by which it came in at its end
     kept: float = 1.0  # the share of such packets that no interface on the way loses
-    rule: Rule | None = None  # of the packet filter that ends it
+    rule: Rule | Lookup | None = None  # of the packet filter, or for routing, that ends it
 
     @property
     def ok(self) -> bool:
@@ -75,7 +90,7 @@ class Trace:
 class _End(Exception):
     """The end of a packet: the outcome, and the place."""
 
-    def __init__(self, outcome: str, where: str, rule: Rule | None = None) -> None:
+    def __init__(self, outcome: str, where: str, rule: Rule | Lookup | None = None) -> None:
         super().__init__(outcome, where)
         self.outcome, self.where, self.rule = outcome, where, rule
 
@@ -112,11 +127,13 @@ class _Journey(Trace):
 
     def _leave(self, machine: Machine, incoming: Interface | None) -> tuple[Machine, Interface]:
         """Send the packet from a machine to the next one."""
-        route = machine.route(self.packet.destination, self.packet.source, incoming.name if incoming else "")
+        route = machine.route(
+            self.packet.destination, self.packet.source, incoming.name if incoming else "", self.packet
+        )
         if route is None:
             raise _End(NO_ROUTE, machine.name)
         if route.kind in NO_WAY:
-            raise _End(REJECTED if route.kind == "prohibit" else CLOSED, machine.name)
+            raise _End(REJECTED if route.kind == "prohibit" else CLOSED, machine.name, route.rule)
         device, hop = machine.interface(route.device), route.gateway or self.packet.destination
         if incoming is None:
             source = self.packet.source or machine.source(route, self.packet.destination)
@@ -154,7 +171,10 @@ class _Journey(Trace):
         self.by, self.device = machine.name, interface.name
         packet = self.packet
         if interface.rp_filter and packet.source is not None:
-            back = machine.route(packet.source, packet.destination)
+            answer = replace(packet, port=packet.source_port, source_port=packet.port) if machine.lookups else packet
+            back = machine.route(packet.source, packet.destination, packet=answer)
+            if back is not None and back.rule is not None:
+                raise _End(CLOSED, machine.name, back.rule)
             if back is None or back.kind in NO_WAY or (interface.rp_filter == STRICT and back.device != interface.name):
                 raise _End(REVERSE_PATH, machine.name)
         before = self.known.get((machine.name, packet.destination)) if packet.answer else None

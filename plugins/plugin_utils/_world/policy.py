@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from ipaddress import IPv4Network
 
-from .model import NO_WAY, Lookup
+from .model import ANY_PORT, NO_WAY, Lookup
 
-# Rules for marked packets, kinds of service, users or ports do not match the packets of a prediction.
-OTHERS = ("fwmark", "tos", "dsfield", "uidrange", "ipproto", "sport", "dport", "oif", "l3mdev", "tun_id")
+# Rules for marked packets, kinds of service or users do not match the packets of a prediction.
+OTHERS = ("fwmark", "tos", "dsfield", "uidrange", "oif", "l3mdev", "tun_id")
+PROTOCOLS = {"1": "icmp", "6": "tcp", "17": "udp"}  # ip prints the name where /etc/protocols has it
 QUIET = ("proto", "protocol", "realms")  # they change nothing here
 DETACHED = "[detached]"  # behind the name of an interface that does not exist
 
@@ -52,7 +53,19 @@ def _rule(priority: int, words: list[str]) -> Lookup | None:
             return None
         else:
             fields[word] = next(rest, "")
-    known = {"from", "to", "iif", "lookup", "table", "kind", "suppress_prefixlength", *QUIET}
+    known = {
+        "from",
+        "to",
+        "iif",
+        "ipproto",
+        "sport",
+        "dport",
+        "lookup",
+        "table",
+        "kind",
+        "suppress_prefixlength",
+        *QUIET,
+    }
     if not known.issuperset(fields) or not ({"lookup", "table", "kind"} & fields.keys()):
         return None
     return Lookup(
@@ -63,7 +76,26 @@ def _rule(priority: int, words: list[str]) -> Lookup | None:
         incoming=fields.get("iif", ""),
         kind=fields.get("kind", ""),
         longer=int(fields.get("suppress_prefixlength", "-1")),
+        protocol=PROTOCOLS.get(fields.get("ipproto", ""), fields.get("ipproto", "")),
+        ports=_read_ports(fields.get("dport", "")),
+        source_ports=_read_ports(fields.get("sport", "")),
     )
+
+
+def _read_ports(text: str) -> tuple[int, int]:
+    """Read "11311" or "11311-11321". Raises ValueError."""
+    first, _dash, last = text.partition("-")
+    return (int(first), int(last or first)) if text else ANY_PORT
+
+
+def write_rule(rule: Lookup) -> str:
+    """Return the words of a rule that leads nowhere, as `ip rule del` takes them."""
+    words = [f"priority {rule.priority} from {rule.source or 'all'}"]
+    words += [f"to {rule.destination}"] if rule.destination else []
+    words += [f"ipproto {rule.protocol}"] if rule.protocol else []
+    for name, (first, last) in (("sport", rule.source_ports), ("dport", rule.ports)):
+        words += [f"{name} {first}" if first == last else f"{name} {first}-{last}"] if (first, last) != ANY_PORT else []
+    return " ".join([*words, rule.kind])
 
 
 def _network(text: str) -> IPv4Network | None:

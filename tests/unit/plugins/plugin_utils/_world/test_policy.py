@@ -3,17 +3,20 @@
 
 """Rules of policy routing: what `ip rule` prints, and the route that a kernel takes with them."""
 
+from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import advice
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
     Interface,
     Lookup,
     Machine,
+    Packet,
     Route,
     kernel_routes,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.policy import lookups
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.policy import lookups, write_rule
 
 ANY, NETWORK = IPv4Network("0.0.0.0/0"), IPv4Network("192.168.12.0/24")
 TARGET, OTHER = IPv4Address("192.168.12.7"), IPv4Address("192.168.13.7")
@@ -29,6 +32,11 @@ BY_RULE = Route(ANY, IPv4Address("192.168.1.77"), "eth0")
         ("100: from 192.168.1.5 lookup isp proto static", Lookup(100, "isp", source=IPv4Network("192.168.1.5"))),
         ("9: from all iif wlan0 [detached] lookup 9", Lookup(9, "9", incoming="wlan0")),
         ("9: from all to 192.168.12.0/24 blackhole", Lookup(9, "", destination=NETWORK, kind="blackhole")),
+        (
+            "99: from all ipproto tcp sport 5 dport 22-80 prohibit",
+            Lookup(99, "", kind="prohibit", protocol="tcp", ports=(22, 80), source_ports=(5, 5)),
+        ),
+        ("99: from all ipproto 6 lookup 9", Lookup(99, "9", protocol="tcp")),
         ("32764: from all lookup main suppress_prefixlength 0", Lookup(32764, "main", longer=0)),
         ("32765: not from all fwmark 0xca6c lookup 51820", Lookup(32765, "51820")),
     ],
@@ -42,7 +50,7 @@ def test_a_rule_is_read(line, expected):
     [
         "9: from all fwmark 0x1 lookup 9",
         "9: from all uidrange 0-99 lookup 9",
-        "9: from all ipproto tcp dport 22 lookup 9",
+        "9: from all ipproto tcp dport x lookup 9",
         "9: not from 192.168.1.0/24 lookup 9",
         "9: from all goto 100",
         "9: from somewhere lookup 9",
@@ -93,3 +101,25 @@ def test_a_rule_or_a_table_may_lead_nowhere_and_throw_goes_on():
     assert throws.route(TARGET) == BY_DEFAULT
     blackhole = machine(["100: from all lookup 78"], **{"78": (Route(NETWORK, kind="blackhole"),)})
     assert blackhole.route(TARGET).kind == "blackhole" and blackhole.route(OTHER) == BY_DEFAULT
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "priority 99 from all blackhole",
+        "priority 99 from 192.168.1.0/24 to 192.168.12.0/24 unreachable",
+        "priority 99 from all to 192.168.12.1/32 ipproto tcp sport 5 dport 22-80 prohibit",
+    ],
+)
+def test_a_rule_is_deleted_by_the_words_it_was_read_by(words):
+    (rule,) = lookups([words.replace("priority 99", "99:")])
+    assert write_rule(rule) == words
+    assert advice.command("ip rule del {}", ("rule", words)) == f"ip rule del {words}"
+
+
+def test_a_rule_for_a_port_takes_only_packets_to_it():
+    one = machine(["99: from all ipproto tcp dport 11311 prohibit"])
+    asked = Packet("tcp", TARGET, port=11311)
+    assert one.route(TARGET, packet=asked).kind == "prohibit"
+    for other in (replace(asked, port=11611), replace(asked, protocol="udp"), None):
+        assert one.route(TARGET, packet=other) == BY_DEFAULT
