@@ -1013,6 +1013,7 @@ topics:
         - {node: /multimaster_verify_talker_kobuki2computer_verify_1730000000, uri: "http://kobuki2computer:41233/"}
       reached: ""
       reached_outcome: not_tried
+      step: ""
       listened: true
       heard: true
       text: verify-1730000000 kobuki2computer
@@ -1062,6 +1063,14 @@ topics:
       returned: always
       type: str
       sample: not_tried
+    step:
+      description:
+        - Where nothing was heard, how far the call to a publisher has come.
+          V(told), the roscore has told the listener of it; V(answered), it has said where its topic is to be had; V(connected), its data port is open.
+          Empty otherwise, and where the roscore has told of none.
+      returned: always
+      type: str
+      sample: ""
     listened:
       description:
         - Whether the listener of this computer ran.
@@ -1088,6 +1097,50 @@ topics:
       returned: always
       type: str
       sample: ""
+sources:
+  description:
+    - What discovery nodes have of topics. The own one is asked for all that the roscore has, another one for those of talkers that are
+      to be heard here and that the own roscore has not.
+    - Where O(is_master=false) it is empty.
+  returned: when O(action=collect)
+  type: list
+  elements: dict
+  sample:
+    - computer: kobuki2computer
+      topics: [/multimaster_verify/kobuki2computer]
+      given: [/multimaster_verify/kobuki2computer]
+      error: ""
+      outcome: answered
+  contains:
+    computer:
+      description: The computer of the discovery node.
+      returned: always
+      type: str
+      sample: kobuki2computer
+    topics:
+      description: The topics that it was asked for. Of the own one those of this robot's talkers, and those that it has not, 50 at most.
+      returned: always
+      type: list
+      elements: str
+      sample: [/multimaster_verify/kobuki2computer]
+    given:
+      description: Those of them that it gives to this computer.
+      returned: always
+      type: list
+      elements: str
+      sample: [/multimaster_verify/kobuki2computer]
+    error:
+      description: Why it gave no answer, or empty.
+      returned: always
+      type: str
+      sample: ""
+    outcome:
+      description:
+        - The same as one word, V(answered), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(no_local_port),
+          V(unknown_name) or V(failed).
+      returned: always
+      type: str
+      sample: answered
 exchange:
   description:
     - What the roscore of this computer holds, by the robot that it is of, read at the end of the looking.
@@ -1434,6 +1487,7 @@ services:
       differing: []
       drop_ins: []
       since: Sun 2026-11-22 09:12:44 UTC
+      refused: []
   contains:
     name:
       description: The service.
@@ -1489,6 +1543,12 @@ services:
       returned: always
       type: str
       sample: Sun 2026-11-22 09:12:44 UTC
+    refused:
+      description: The names of other robots that this service refuses, as master_sync tells systemd.
+      returned: always
+      type: list
+      elements: str
+      sample: []
 talker:
   description: The talker of this computer.
   returned: unless O(action=stop) or O(is_router=true)

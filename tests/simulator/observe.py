@@ -117,6 +117,7 @@ def _probe(state, network, ros, name, started):
         list_masters=seen.ListMasters(error=missing) if missing else ros.list_masters(name),
         topics=ros.topics(name, started),
         outsiders=ros.outsiders(name),
+        sources=ros.sources(name) if plan.is_master else (),
         exchange=ros.exchange(name) if plan.is_master else seen.Exchange(error="not looked at"),
         parameters=ros.parameters(name) if plan.is_master else seen.NodeParameters(),
         clock=seen.Clock(name not in state.undisciplined),

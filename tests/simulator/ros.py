@@ -283,6 +283,7 @@ class Ros:
         publishers = (publisher,) if large or heard else ()
         if heard:
             return seen.HeardTopic(name, topic, publishers, heard=True, text=f"run {name}", seconds=0.2)
+        step = "told" if publishers else ""
         reached = ("open" if not problem else problem) if publishers else ""
         outcome = CONNECTED.get(problem, Outcome.UNKNOWN_NAME) if publishers else Outcome.NOT_TRIED
         return seen.HeardTopic(
@@ -291,6 +292,7 @@ class Ros:
             publishers,
             reached,
             outcome,
+            step,
             error="nothing" if large else f"{uri}: no whole answer within 5 s",
         )
 
@@ -348,6 +350,33 @@ class Ros:
             ),
             connections=tuple(connections),
         )
+
+    def sources(self, computer):
+        """What the discovery nodes have of the talkers' topics: of the own ones, and of those that are missing here."""
+        robot = self.fleet.computers[computer].robot
+        if not self.works(robot):
+            return ()
+        found = []
+        for master in self.fleet.masters:
+            topics = tuple(map(topic_of, self.talkers(master.robot)))
+            if master.robot != robot:
+                here = set(map(topic_of, self.imported_talkers(robot, master.robot)))
+                wanted = map(topic_of, self.fleet.talkers_by_robot(self.run)[robot])
+                its = {topic_of(entry.name) for entry in self.fleet.members if entry.robot == master.robot}
+                topics = tuple(sorted((its & set(wanted)) - here))
+            if topics:
+                found.append(self._source(computer, master, topics))
+        return tuple(found)
+
+    def _source(self, computer, master, topics):
+        error, machine = self.network.connect(computer, master.address, master.rpc_port)
+        its = self.state.robots[master.robot]
+        if error or machine != master.computer or its.discovery != RUNS or not self.works(master.robot):
+            return seen.Source(master.computer, topics, error=error or "timed out", outcome=Outcome.NO_ANSWER)
+        if computer != master.computer and not self._large(machine, computer, master.address):
+            return seen.Source(master.computer, topics, error="timed out", outcome=Outcome.NO_ANSWER)
+        has = set(map(topic_of, self.talkers(master.robot)))
+        return seen.Source(master.computer, topics, tuple(sorted(has & set(topics))), outcome=Outcome.ANSWERED)
 
     @staticmethod
     def _hung(its):

@@ -12,6 +12,7 @@ import re
 import threading
 import time
 import typing
+from functools import partial
 
 from .._module.plain_text import quote
 from . import node, tcpros
@@ -21,6 +22,8 @@ from .xml_rpc import server
 WORKERS = 32  # publishers that are asked at the same time: one that does not answer takes its worker for some seconds
 AGAIN = 0.5  # seconds until a publisher is asked again that did not answer
 FAREWELL = 30.0  # seconds in which a busy roscore may take the registrations back
+# How far a call has come: the roscore has told of a publisher, that has said where its topic is to be had, its data port is open.
+TOLD, ANSWERED, CONNECTED = "told", "answered", "connected"
 
 Message = typing.Dict[str, typing.Any]
 
@@ -46,6 +49,7 @@ class Listener:
         self.ros, self.wanted = ros, wanted
         self.heard: typing.Dict[str, Message] = {}  # topic -> text, node, seconds
         self.errors: typing.Dict[str, str] = {}  # topic -> why a publisher of it could not be heard
+        self.steps: typing.Dict[str, str] = {}  # topic -> how far the call to a publisher of it has come
         self._began = time.monotonic()
         self._publishers: typing.Dict[str, typing.Set[str]] = {topic: set() for topic in wanted}
         self._due: queue.Queue[typing.Tuple[str, str]] = queue.Queue()
@@ -92,6 +96,7 @@ class Listener:
         with self._lock:
             new, self._publishers[topic] = now - self._publishers[topic], now
         for uri in sorted(new):
+            self.steps.setdefault(topic, TOLD)
             self._due.put((topic, uri))
 
     def _work(self) -> None:
@@ -102,10 +107,13 @@ class Listener:
                 continue
             if topic not in self._open or uri not in self._publishers[topic]:
                 continue
+            steps = [TOLD]
             try:
-                self._hear(topic, *tcpros.hear(place_of(topic, uri, self.name), topic, self.name))
+                place = place_of(topic, uri, self.name)
+                steps.append(ANSWERED)
+                self._hear(topic, *tcpros.hear(place, topic, self.name, partial(steps.append, CONNECTED)))
             except Exception as problem:  # whatever a stranger answers
-                self.errors[topic] = f"{quote(uri)}: {quote(problem)}"
+                self.errors[topic], self.steps[topic] = f"{quote(uri)}: {quote(problem)}", steps[-1]
                 again = threading.Timer(AGAIN, self._due.put, ((topic, uri),))
                 again.daemon = True
                 again.start()

@@ -152,11 +152,17 @@ def call_by_name(master: str, service: str, known: Types, caller: str) -> typing
     return call(str(ask(master, caller, "lookupService", service)), service, known, caller)
 
 
-def hear(place: typing.Tuple[str, int], topic: str, caller: str) -> typing.Tuple[str, str]:
-    """Subscribe a topic of texts at its publisher, and return its next message, and its node. Raises OSError with a sentence."""
+def hear(
+    place: typing.Tuple[str, int], topic: str, caller: str, on_open: typing.Callable[[], None] = lambda: None
+) -> typing.Tuple[str, str]:
+    """Subscribe a topic of texts at its publisher, and return its next message, and its node. Raises OSError with a sentence.
+
+    `on_open` is called when the connection is open.
+    """
     deadline = time.monotonic() + CALL
     late, strange = f"no message within {CALL:g} s", "a message that is none"
     with _explain(late, strange), socket.create_connection(place, CALL) as connection:
+        on_open()
         fields = {"callerid": caller, "topic": topic, "type": node.TYPE, "md5sum": node.SUM, "tcp_nodelay": "1"}
         connection.sendall(node.header(fields))
         fields = node.fields_of(_read_block(connection, _HEADER, deadline))

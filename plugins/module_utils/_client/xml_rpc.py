@@ -42,6 +42,11 @@ class _Transport(xmlrpc.client.Transport):
             if answer.status != 200:
                 raise xmlrpc.client.ProtocolError(host + handler, answer.status, plain(answer.reason), {})
             return self._read(answer, deadline)
+        except Exception:
+            if time.monotonic() < deadline:
+                raise
+            # The limit has cut it, which looks as if the other end had closed it.
+            raise socket.timeout(f"no whole answer within {CALL:g} s") from None
         finally:
             limit.cancel()
             self.close()

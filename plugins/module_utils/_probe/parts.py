@@ -13,7 +13,7 @@ from .._module.module import validate_options
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem
 from .._process.deadlines import call_all
-from .._verify import changes, claims, exchange, masters, network, parameters, resources, services, topics
+from .._verify import changes, claims, exchange, masters, network, parameters, resources, services, sources, topics
 from .options import Params
 
 # Seconds; more than any part takes by its own limits. A part that is later is named and left behind.
@@ -91,6 +91,11 @@ def look_outsiders(params: Params, ros: Ros, deadline: float) -> typing.List[Res
     return masters.outsiders(own[0]) if own else []
 
 
+def look_sources(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+    robots = {member["name"]: member["robot"] for member in params["members"]}
+    return sources.sources(ros, params["masters"], robots, params["name"], list_talkers(params), deadline)
+
+
 def look_topics(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
     return topics.topics(ros, list_talkers(params), params["run"], params["name"], deadline)
 
@@ -152,6 +157,7 @@ PARTS = (
     ),
     Part("topics", look_topics, [], runs_commands=True),
     Part("outsiders", look_outsiders, [], final=True),
+    Part("sources", look_sources, [], runs_commands=True, final=True),
     Part(
         "exchange",
         lambda params, ros, deadline: exchange.exchange(ros, params["members"], params["name"]),

@@ -3,6 +3,7 @@
 
 """The services of the collection on this computer: their state, and the environment of their processes."""
 
+import re
 import typing
 
 from .._machine import systemd
@@ -20,7 +21,9 @@ _PROPERTIES = (
     "EnvironmentFiles",
     "DropInPaths",
     "StateChangeTimestamp",
+    "StatusText",
 )
+_REFUSED = 50  # names that a node refuses, which are told
 
 
 def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typing.List[typing.Dict[str, typing.Any]]:
@@ -39,6 +42,7 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             "differing": [],
             "drop_ins": [],
             "since": seen.get("StateChangeTimestamp", ""),
+            "refused": read_refusals(seen.get("StatusText", "")),
         }
         pid = seen.get("MainPID", "0")
         if pid != "0" and seen.get("EnvironmentFiles"):  # a service without the file needs no ROS
@@ -50,6 +54,12 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             entry["drop_ins"] = [path for path in seen.get("DropInPaths", "").split() if sets_environment(path)]
         found.append(entry)
     return found
+
+
+def read_refusals(status: str) -> typing.List[str]:
+    """List the names that master_sync refuses, as it tells systemd: what has not the form of a name is in quotes."""
+    told = status.rpartition("; refused: ")[2] if "; refused: " in status else ""
+    return re.findall(r'"[^"]+"|[^", ]+', told.partition("; not all of ")[0])[:_REFUSED]
 
 
 def sets_environment(path: str) -> bool:

@@ -27,16 +27,17 @@ def topics(
     if not talkers or ros.problem():
         return []
     roscore(ros, deadline)  # it may start only now
-    heard, errors, listened = listen(ros, talkers, label, own, deadline)
+    heard, errors, steps = listen(ros, talkers, label, own, deadline)
     settled = time.monotonic() + REGISTERING
     try:
-        published = _read_publishers(ros)
+        published = read_publishers(ros)
     except OSError as problem:
         published, errors = {}, dict.fromkeys(map(topic_of, talkers), str(problem))
     rows = []
     for talker in talkers:
         name = topic_of(talker)
-        entry = dict(_topic(talker, name, heard.get(name, {}), sentence_of(label, talker)), listened=listened)
+        entry = _topic(talker, name, heard.get(name, {}), sentence_of(label, talker))
+        entry.update(listened=steps is not None, step="" if entry["heard"] else (steps or {}).get(name, ""))
         nodes = published.get(name) or ([heard[name]["node"]] if heard.get(name, {}).get("node") else [])
         entry["publishers"] = [
             {"node": node, "uri": _uri(ros, node, settled if entry["heard"] else 0.0)} for node in nodes
@@ -84,7 +85,7 @@ def _topic(talker: str, name: str, message: typing.Dict[str, typing.Any], wanted
     }
 
 
-def _read_publishers(ros: Ros) -> typing.Dict[str, typing.List[str]]:
+def read_publishers(ros: Ros) -> typing.Dict[str, typing.List[str]]:
     """Read {topic: publishers} from the roscore. Raises OSError.
 
     A roscore may answer 500 while much is registered at the same time: it iterates over what is being changed.
@@ -99,18 +100,19 @@ def _read_publishers(ros: Ros) -> typing.Dict[str, typing.List[str]]:
 
 def listen(
     ros: Ros, talkers: typing.List[str], label: str, own: str, deadline: float
-) -> typing.Tuple[typing.Dict[str, Message], typing.Dict[str, str], bool]:
+) -> typing.Tuple[typing.Dict[str, Message], typing.Dict[str, str], typing.Optional[typing.Dict[str, str]]]:
     """Listen to all talkers.
 
-    Return {topic: text, node and seconds} of what was heard, {topic: why it was not}, and whether the listener itself ran.
+    Return {topic: text, node and seconds} of what was heard, {topic: why it was not}, and {topic: how far the call has come};
+    None instead where the listener itself has failed.
     """
     wanted = {topic_of(talker): sentence_of(label, talker) for talker in talkers}
     try:
         listener = Listener(ros, listener_of(own), wanted)
         listener.run(max(deadline, time.monotonic() + LEAST))
     except OSError as problem:
-        return {}, dict.fromkeys(wanted, f"the listener failed: {problem}"), False
-    return listener.heard, listener.errors, True
+        return {}, dict.fromkeys(wanted, f"the listener failed: {problem}"), None
+    return listener.heard, listener.errors, dict(listener.steps)
 
 
 def _uri(ros: Ros, node: str, end: float) -> str:

@@ -329,11 +329,16 @@ def _arrive(case: Case, sender: str, hearer: str) -> bool:
 def registration_parts(case: Case, observer: str, target: str) -> Parts:
     """List what the target's registrations need to reach the observer's roscore, and what a query there needs."""
     own, its = case.ways.master(_robot(case, observer)), case.ways.master(_robot(case, target))
-    own_parts = make_parts("registration", target, "talker") | make_parts("environment", target, "shell")
-    at_home, asked = roscore(case, target, its) | own_parts, roscore(case, observer, own)
+    at_home, asked = home_parts(case, target), roscore(case, observer, own)
     if own == its:
         return at_home | asked
     return at_home | asked | master_query_parts(case, own, its) | make_parts("sync", own, "dead", "hung")
+
+
+def home_parts(case: Case, target: str) -> Parts:
+    """List what the target's talker needs to be registered at its own roscore."""
+    own_parts = make_parts("registration", target, "talker") | make_parts("environment", target, "shell")
+    return roscore(case, target, case.ways.master(_robot(case, target))) | own_parts
 
 
 def node_connection_parts(case: Case, observer: str, target: str) -> Parts:

@@ -477,6 +477,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         DISCOVERY,
         cost=3.4,
     ),
+    ("discovery", "stale"): Fault(
+        "the discovery node of {place} has not followed its roscore: {what} is registered there, and not in its state",
+        f"{RESTART_DISCOVERY}; see {DISCOVERY}",
+        DISCOVERY,
+        what="a topic",
+        read=ALWAYS,
+    ),
     ("sync", "dead"): Fault("the sync node of {place} does not run", f"{RESTART_SYNC}; see {SYNC}", SYNC, cost=1.5),
     ("sync", "hung"): Fault(
         "the sync node of {place} runs and registers nothing of the others",
@@ -501,11 +508,19 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         f"{RESTART_SYNC}; see on {{place}}: rosservice call /master_sync/get_sync_info",
     ),
     ("sync", "stale"): Fault(
-        "the sync node of {place} has not followed the changes of {what}",
+        "the sync node of {place} has not followed the changes of {what}, which are given to it and are not registered",
         f"{RESTART_SYNC}; see {SYNC}",
         SYNC,
         cost=2.5,
         what="another master",
+        read=ALWAYS,
+    ),
+    ("sync", "refuses"): Fault(
+        "the sync node of {place} refuses {what}, since the name is taken, or the type or the place is another one",
+        f"see {SYNC}, whose log says why",
+        SYNC,
+        what="a registration",
+        read=ALWAYS,
     ),
     ("service", "down"): Fault("{what} does not run on {place}", RESTART_UNIT, cost=2.0, what="multimaster-*"),
     ("ros", "broken"): Fault(
@@ -554,6 +569,24 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "with many computers raise verify_patience; see on {place}: rostopic echo /rosout",
         cost=3.5,
         what="rospy fails there",
+    ),
+    ("registration", "untold"): Fault(
+        "nodes on {place} are not told of new publishers: its roscore has them, and does not reach the nodes there",
+        f"see on the computer of its roscore if it knows the name and reaches the ports of nodes on {{place}}; {RULES}",
+        RULES,
+        read=ALWAYS,
+    ),
+    ("registration", "closed"): Fault(
+        "a node on {place} says where its topic is to be had, and no connection to that port opens",
+        f"let all TCP ports above 1024 pass, not some of them; see {RULES}",
+        RULES,
+        read=ALWAYS,
+    ),
+    ("registration", "mute"): Fault(
+        "a node on {place} takes connections and says nothing: {what}; it hangs, or a signal or a debugger has stopped it",
+        "see on {place}: ps -eo pid,stat,args; kill -CONT <pid> lets a stopped process go on",
+        what="a node",
+        read=ALWAYS,
     ),
     ("registration", "link"): Fault(
         "nodes on {place} are connected though nothing is exchanged between them: {what}",
@@ -667,16 +700,20 @@ PORTS = ("computer", "ports")
 #: What needs a new connection of a computer.
 CALLS = (
     *((node, mode) for node in ("roscore", "discovery", "sync") for mode in ("dead", "hung")),
-    ("sync", "stale"),
+    *((node, "stale") for node in ("discovery", "sync")),
     *(("registration", mode) for mode in ("talker", "listener")),
     *(("filter", f"{mode} out") for mode in ("rpc", "roscore", "nodes", "all")),
 )
 STOPPED = ("service", "stopped")
 _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     **dict.fromkeys(
-        (*((node, "hung") for node in ("roscore", "discovery", "sync")), ("sync", "stale")),
+        (*((node, "hung") for node in ("roscore", "discovery", "sync")),),
         (STOPPED,),
     ),
+    **{
+        (node, "stale"): (STOPPED, *((name, mode) for name in (node, "roscore") for mode in ("dead", "hung")))
+        for node in ("discovery", "sync")
+    },
     **dict.fromkeys((("registration", "talker"), ("registration", "listener")), (STOPPED,)),
     **{
         ("filter", f"{mode} {way}"): tuple(

@@ -5,11 +5,15 @@
 
 from __future__ import annotations
 
-from .._case import needs
+from collections.abc import Iterable, Sequence
+from itertools import islice
+
+from .._case import needs, stages
 from .._case.case import Case
 from .._case.needs import Parts, join_parts, make_parts
 from .._case.parts import Part
 from .._case.registrations import Conflict
+from .._case.stages import Stage
 from .._fleet.sentences import shorten_list
 from .._observed.observations import SilentNode
 from .._observed.outcomes import Outcome
@@ -36,11 +40,8 @@ def _silent_evidence(case: Case) -> Parts:
     hung = {"/master_discovery": "discovery", "/master_sync": "sync"}
     nodes = join_parts(make_parts(kind, case.observer.name, "hung") for node, kind in hung.items() if node in silent)
     refused = [entry.node for entry in (case.exchange.silences if case.exchange else ()) if _has_ended(case, entry)]
-    return nodes | (
-        make_parts("registration", case.observer.name, "ghost", what=shorten_list(refused, NAMED))
-        if refused
-        else frozenset()
-    )
+    ended = make_parts("registration", case.observer.name, "ghost", what=shorten_list(refused, NAMED))
+    return nodes | stages.find_mute_talkers(case) | (ended if refused else frozenset())
 
 
 def _has_ended(case: Case, entry: SilentNode) -> bool:
@@ -144,12 +145,14 @@ def _judge_types(case: Case) -> Judgement | None:
 
 # The flow
 
+BETWEEN = (Stage.DISCOVERED, Stage.GIVEN, Stage.PLANNED, Stage.IMPORTED)  # two roscores
+ASKED = 20  # topics whose stages are looked at
 MOST_REGISTRATIONS = 5000  # of one master: the same number as in the nodes' sync/core/limits.py
 
 
 def _flow_suspects(case: Case) -> Parts:
     own, its = case.masters
-    sync = make_parts("sync", own, "dead", "hung", "configuration", "stale")
+    sync = make_parts("sync", own, "dead", "hung", "configuration")
     fetched = needs.discovery(own) | needs.master_query_parts(case, own, its) | needs.large(case, own, its)
     return sync | fetched | needs.heartbeats(case, own, its)
 
@@ -164,7 +167,22 @@ def _flow_evidence(case: Case) -> Parts:
         return make_parts("sync", observer, "configuration", what=shorten_list(map(str, superfluous), NAMED))
     if len(case.state.exchanges.find_imports(its, own)) >= MOST_REGISTRATIONS:
         return make_parts("sync", observer, "limit", what=case.target)
-    return frozenset()
+    missing = case.state.exchanges.find_missing(its, own)
+    refused = stages.find_refusals(case, [name for item in missing for name in (item.name, item.node)])
+    lacking = _find_lacking_stages(case, (item.name for item in missing if item.kind == "publisher"))
+    return refused or join_parts(stages.find_lacking(case, stage, topic) for topic, stage in lacking.items())
+
+
+def _find_lacking_stages(case: Case, missing: Iterable[str] = ()) -> dict[str, Stage]:
+    """Find the stages that lack topics of the target's robot: those of its talkers that are not here, and others that are missing.
+
+    A talker may be heard all the same, where the other robot has registered the subscriber.
+    """
+    asked = (topic for source in case.probe.sources if source.computer == case.masters[1] for topic in source.topics)
+    talkers = (topic for topic in asked if not stages.is_filtered(case, topic))
+    topics = islice(dict.fromkeys([*talkers, *missing]), ASKED)
+    found = {topic: stages.find_stage(stages.observe_exchange(case, topic)) for topic in topics}
+    return {topic: stage for topic, stage in found.items() if stage in BETWEEN}
 
 
 @Check(
@@ -185,7 +203,10 @@ def _judge_flow(case: Case) -> Judgement | None:
     if case.exchange.error:
         return Judgement(UNKNOWN, f"what {its} gives", case.exchange.error)
     missing, superfluous = case.state.exchanges.find_missing(its, own), case.state.exchanges.superfluous(its, own)
-    parts = [("not there", missing), ("there against the plan", superfluous)]
+    parts: list[tuple[str, Sequence[object]]] = [("not there", missing), ("there against the plan", superfluous)]
+    parts.append(
+        ("of its talkers", [f"{name} is not {stage.value}" for name, stage in _find_lacking_stages(case).items()])
+    )
     found = "; ".join(f"{words}: {shorten_list(map(str, items), NAMED)}" for words, items in parts if items)
     return Judgement(FAILED if found else OK, f"what {its} gives to {own}, and nothing else", found or "just that")
 

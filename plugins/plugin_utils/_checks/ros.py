@@ -5,16 +5,13 @@
 
 from __future__ import annotations
 
-from .._case import needs
+from .._case import needs, stages
 from .._case.case import Case
 from .._case.needs import Parts, make_parts
-from .._case.registrations import Item
+from .._case.stages import Stage
 from .._observed.outcomes import Outcome
 from .._observed.uris import host_of
 from .engine import FAILED, MEMBER, OK, UNKNOWN, WARNING, Check, Judgement
-
-TALKER_TYPE, TALKER_NODE = "std_msgs/String", "/multimaster_verify_talker_"
-
 
 # A topic is heard
 
@@ -23,13 +20,6 @@ def _gives_nothing(case: Case) -> bool:
     """The target's robot declares that it gives the observer's nothing."""
     own, its = case.robots
     return own != its and case.state.exchanges.flows.declares_nothing(its, own)
-
-
-def _is_filtered(case: Case, topic: str) -> bool:
-    """The filters between the two robots leave the topic out."""
-    own, its = case.robots
-    talker = Item("publisher", topic, TALKER_NODE + topic.rpartition("/")[2])
-    return own != its and not case.state.exchanges.flows.rules(its, own).passes(talker, TALKER_TYPE)
 
 
 def _topic_needs(case: Case) -> Parts:
@@ -56,6 +46,9 @@ def _topic_suspects(case: Case) -> Parts:
     if not topic.listened:
         failed = make_parts("registration", one, "listener") | make_parts("computer", one, "overloaded")
         return failed | needs.roscore(case, one, case.masters[0])
+    stage = stages.find_stage(stages.observe_call(case))
+    if stage == Stage.REGISTERED:
+        return needs.home_parts(case, other)
     if topic.reached_outcome == Outcome.OPEN:  # its message is late, or too large
         late = (
             make_parts("computer", one, "overloaded")
@@ -69,7 +62,7 @@ def _topic_suspects(case: Case) -> Parts:
         odd = make_parts("computer", one, "overloaded") | needs.large(case, one, other)
         return needs.node_connection_parts(case, one, other) - listens | told | odd
     own, its = case.masters
-    beyond = make_parts("sync", own, "configuration", "stale") | needs.discovery(own) | needs.heartbeats(case, own, its)
+    beyond = make_parts("sync", own, "configuration") | needs.discovery(own) | needs.heartbeats(case, own, its)
     sizes = needs.large(case, own, its) | needs.large(case, one, own) | needs.large(case, other, its)
     return needs.registration_parts(case, one, other) | sizes | (beyond if own != its else frozenset())
 
@@ -80,13 +73,14 @@ def _topic_evidence(case: Case) -> Parts:
         return frozenset()
     if own := needs.find_own_fault(case, topic.reached_outcome):
         return own
-    if _is_filtered(case, topic.topic):
+    if stages.is_filtered(case, topic.topic):
         return make_parts("declaration", case.robots[0], "narrow", what="the test topic /multimaster_verify/*")
-    if there is None or there.roscore.error or topic.publishers:  # without its roscore no talker runs
-        return frozenset()
-    if there.talker is not None and not there.talker.running:
-        return make_parts("registration", case.target, "talker", what=there.talker.error)
-    return frozenset()
+    ended = there is not None and there.talker is not None and not there.talker.running
+    if (
+        there is not None and ended and not there.roscore.error and not topic.publishers
+    ):  # without its roscore no talker runs
+        return make_parts("registration", case.target, "talker", what=there.talker.error if there.talker else "")
+    return stages.find_lacking(case, stages.find_stage(stages.observe_call(case)), topic.topic)
 
 
 @Check(
@@ -111,7 +105,7 @@ def _judge_topic_heard(case: Case) -> Judgement | None:
     expected = f"a message on {entry.topic}"
     if entry.heard:
         return Judgement(OK, expected, "heard")
-    if _is_filtered(case, entry.topic):
+    if stages.is_filtered(case, entry.topic):
         return Judgement(UNKNOWN, expected, "the topic is left out by multimaster_filters")
     return Judgement(FAILED, expected, entry.error or "nothing")
 

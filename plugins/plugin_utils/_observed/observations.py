@@ -192,6 +192,7 @@ class HeardTopic:
     publishers: tuple[Publisher, ...] = ()
     reached: str = ""  # where no message came from a publisher: "open", or why no connection to it opens
     reached_outcome: Outcome = Outcome.NOT_TRIED
+    step: str = ""  # how far the call has come, where nothing was heard: told, answered or connected; empty before that
     listened: bool = True  # False where the listener itself failed
     heard: bool = False
     text: str = ""
@@ -213,6 +214,7 @@ class Service:
     drop_ins: tuple[str, ...] = ()  # files of somebody else that set its variables, where some differ
     since: str = ""  # the time of its last change of state, as systemd writes it
     stopped: bool = False  # by a signal or a debugger
+    refused: tuple[str, ...] = ()  # names of others that a sync node refuses
 
 
 @dataclass(frozen=True)
@@ -357,6 +359,17 @@ class Outsider:
 
 
 @dataclass(frozen=True)
+class Source:
+    """What the discovery node of a master gives of the topics that it was asked for."""
+
+    computer: str
+    topics: tuple[str, ...] = ()
+    given: tuple[str, ...] = ()
+    error: str = ""  # why it gave no answer
+    outcome: Outcome = Outcome.NOT_TRIED
+
+
+@dataclass(frozen=True)
 class Probe:
     """The result of multimaster_verify with `action: collect`."""
 
@@ -371,6 +384,7 @@ class Probe:
     list_masters: ListMasters = ListMasters()
     topics: tuple[HeardTopic, ...] = ()
     outsiders: tuple[Outsider, ...] = ()
+    sources: tuple[Source, ...] = ()
     exchange: Exchange = Exchange()
     parameters: NodeParameters = NodeParameters()
     clock: Clock = Clock()

@@ -41,6 +41,7 @@ FORMS = {
     "kind": re.compile(r"[a-z]+"),
     "about": re.compile(r"names|settings|network|filter|start"),
     "reached": re.compile(r"open"),
+    "step": re.compile(r"told|answered|connected"),
     "roscore": re.compile(r"open"),
     "tcp": re.compile(r"refused"),
     **dict.fromkeys(

@@ -49,6 +49,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     SeenMember,
     SendErrors,
     Service,
+    Source,
     Talker,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
@@ -269,6 +270,7 @@ def good_probe(fleet, me, own):
             Service(service, f"multimaster-{service}.service", "loaded", "active", "running")
             for service in (*own.services, *(("multicast-routing",) if own.multicast_routing else ()))
         ),
+        sources=(own_source(fleet, own),) if own.is_master else (),
         exchange=exchange(fleet, own.robot) if own.is_master else Exchange(error="not looked at"),
         talker=Talker(),
     )
@@ -315,21 +317,34 @@ def topic(name, kind, publishers=(), subscribers=()):
     return RegisteredTopic(name, kind, tuple(publishers), tuple(subscribers))
 
 
-def registered(robot):
+def registered(fleet, robot):
     """List the registrations of a robot's nodes: a base with a service, a talker on a topic that all have, and rosout."""
     base, talker = f"/{robot}/base", f"/{robot}/talker"
     topics = (
         topic(f"/{robot}/odom", "nav_msgs/Odometry", [base]),
         topic("/chatter", "std_msgs/String", [talker], [base]),
         topic("/rosout", "rosgraph_msgs/Log", [base, talker], ["/rosout"]),
-        topic(f"/multimaster_verify/{robot}", "std_msgs/String", [f"/multimaster_verify_talker_{robot}"]),
+        *(
+            topic(f"/multimaster_verify/{name}", "std_msgs/String", [f"/multimaster_verify_talker_{name}"])
+            for name in talkers_of(fleet, robot)
+        ),
     )
     return topics, (RegisteredService(f"/{robot}/reset", base), RegisteredService(f"{base}/get_loggers", base))
 
 
-def imported(flows, master, robot):
+def talkers_of(fleet, robot):
+    return [member.name for member in fleet.members if member.robot == robot]
+
+
+def own_source(fleet, own):
+    """Tell what the own discovery node has of the own talkers: all."""
+    topics = tuple(f"/multimaster_verify/{name}" for name in talkers_of(fleet, own.robot))
+    return Source(own.computer, topics, topics, outcome=Outcome.ANSWERED)
+
+
+def imported(fleet, flows, master, robot):
     """List the registrations that a robot gets of another one, given by its master."""
-    its_topics, its_services = registered(master.robot)
+    its_topics, its_services = registered(fleet, master.robot)
     rules = flows.rules(master.robot, robot)
 
     def passing(kind, entry, nodes):
@@ -355,12 +370,12 @@ def imported(flows, master, robot):
 def exchange(fleet, robot):
     """Fill the roscore of a robot where everything works: what the plan lets pass, and one connection with each robot."""
     flows = registrations.Flows(fleet)
-    topics, services = registered(robot)
+    topics, services = registered(fleet, robot)
     imports, connections = [], []
     for master in fleet.masters:
         if master.robot == robot:
             continue
-        part = imported(flows, master, robot)
+        part = imported(fleet, flows, master, robot)
         if part.topics or part.services:
             imports.append(part)
         if any(entry.name == "/chatter" and entry.publishers for entry in part.topics):
@@ -515,6 +530,13 @@ def second_default_route(seen):
     update(probe, default_routes=[*probe.default_routes, DefaultRoute("eth0", gateway="192.168.12.1", metric="100")])
 
 
+def drop_import(seen, computer, topic):
+    """The roscore of a computer has not registered a topic of other robots."""
+    for part in seen[computer].probe.exchange.imports:
+        update(part, topics=without(part.topics, topic))
+
+
 def unheard(seen, **values):
-    """The first robot does not hear the talker of the second one."""
+    """The first robot does not hear the talker of the second one, and has not registered it."""
+    drop_import(seen, ONE, f"/multimaster_verify/{TWO}")
     update(of(seen[ONE].probe.topics, TWO, "computer"), heard=False, publishers=(), **values)

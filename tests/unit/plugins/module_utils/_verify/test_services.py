@@ -49,3 +49,18 @@ def test_a_process_that_is_stopped_is_seen(monkeypatch):
         process.kill()
         process.wait()
     assert not services.services(["sync"], {})[0]["stopped"]
+
+
+@pytest.mark.parametrize(
+    ("status", "names"),
+    [
+        ("", []),
+        ("no other master", []),
+        ("dabo: 3 topics, 1 services; refused: /odom, /base", ["/odom", "/base"]),
+        ('dabo: 3 topics, 1 services; refused: "a name, odd", /x; not all of dabo: too many', ['"a name, odd"', "/x"]),
+        ("x; refused: /y (offline): 0 topics, 0 services; refused: /z", ["/z"]),
+        ("; refused: " + ", ".join(f"/{number}" for number in range(90)), [f"/{number}" for number in range(50)]),
+    ],
+)
+def test_refusals_are_read_from_the_status(status, names):
+    assert services.read_refusals(status) == names

@@ -7,6 +7,7 @@ import socket
 import time
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import tcpros, xml_rpc
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import deadlines
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
@@ -36,6 +37,43 @@ def test_one_node_listens_to_all_talkers(made):
     assert (heard["heard"], heard["text"], heard["error"]) == (True, "run kobuki2computer", "")
     assert heard["seconds"] < 10 and heard["publishers"] == [{"node": "/talker", "uri": uri}]
     assert not silent["heard"] and silent["publishers"] == [] and "not registered" in silent["error"]
+
+
+class Publisher:
+    """A publisher that says where its topic is to be had, and is silent there or has ended."""
+
+    def __init__(self, port):
+        self.port = port
+
+    def requestTopic(self, caller, topic, protocols):
+        return 1, "", ["TCPROS", "127.0.0.1", self.port]
+
+
+@pytest.mark.parametrize(("listens", "step"), [(True, "connected"), (False, "answered")])
+def test_the_step_of_a_call_is_told(made, monkeypatch, listens, step):
+    monkeypatch.setattr(tcpros, "CALL", 0.3)
+    with socket.socket() as data:
+        data.bind(("127.0.0.1", 0))
+        if listens:
+            data.listen()
+        roscore = Roscore()
+        with served(roscore) as made.uri, served(Publisher(data.getsockname()[1])) as uri:
+            roscore.publishers[TOPIC] = {"/talker": uri}
+            (entry,) = topics.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0)
+    assert (entry["heard"], entry["step"], entry["reached"]) == (False, step, "open")
+
+
+def test_a_publisher_that_says_nothing_was_only_told(made, monkeypatch):
+    monkeypatch.setattr(xml_rpc, "CALL", 0.3)
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        roscore = Roscore()
+        with served(roscore) as made.uri:
+            roscore.publishers[TOPIC] = {"/talker": f"http://127.0.0.1:{silent.getsockname()[1]}/"}
+            told, untold = topics.topics(made, ["kobuki2computer", "kobuki3computer"], "run", "kobuki1computer", 0)
+    assert (told["step"], told["reached"], untold["step"]) == ("told", "open", "")
+    assert "no whole answer within 0.3 s" in told["error"] or "timed out" in told["error"]
 
 
 def test_an_older_talker_is_not_taken_for_this_run(made):

@@ -5,7 +5,12 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, UNKNOWN, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Connection, Import
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    Connection,
+    Import,
+    Source,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from fleets import (
     ONE,
     SUMS,
@@ -68,6 +73,19 @@ def _not_registered(seen):
     update(part, topics=without(part.topics, "/kobuki2/odom"))
 
 
+def _not_followed(seen):
+    """Nothing of the other robot is registered, which its discovery node gives when it is asked."""
+    update(seen[ONE].probe.exchange, imports=[])
+    talker = f"/multimaster_verify/{TWO}"
+    source = Source(TWO, (talker,), (talker,), outcome=Outcome.ANSWERED)
+    update(seen[ONE].probe, sources=[*seen[ONE].probe.sources, source])
+
+
+def _refused(seen):
+    _not_registered(seen)
+    update(of(seen[ONE].probe.services, "sync"), refused=["/kobuki2/odom", "/other"])
+
+
 def _against_the_plan(seen):
     part = seen[ONE].probe.exchange.imports[0]
     update(part, topics=[*part.topics, topic("/rosout", "rosgraph_msgs/Log", ["/kobuki2/base"])])
@@ -99,7 +117,9 @@ FAULTS = [
     (_other_type("std_msgs/String", "0123"), "types", FAILED, "messages", ROBOTS, "differ"),
     (_exchange_of(ONE, types_error="ImportError: no module named rospy"), "types", UNKNOWN, "messages", ONE, "unknown"),
     (_exchange_of(ONE, error="get_sync_info does not answer"), "flow", UNKNOWN, "sync", ONE, "untold"),
-    (_exchange_of(ONE, imports=[]), "flow", FAILED, "sync", ONE, "stale"),
+    (_not_followed, "flow", FAILED, "sync", ONE, "stale"),
+    (_not_registered, "flow", FAILED, "sync", ONE, "stale"),
+    (_refused, "flow", FAILED, "sync", ONE, "refuses"),
     (_too_many, "flow", FAILED, "sync", ONE, "limit"),
     (_against_the_plan, "flow", FAILED, "sync", ONE, "configuration"),
     (_stranger_of_a_node, "cross_link", FAILED, "registration", ROBOTS, "link"),
