@@ -78,7 +78,7 @@ def list_jobs(
 
 
 def _ask(job: Job) -> Row:
-    return _read(job, lambda: server(job[0]["monitor_uri"], NODE).masterInfoFiltered(FILTER))
+    return _read(job, server(job[0]["monitor_uri"], NODE).masterInfoFiltered, FILTER)
 
 
 def _ask_own(ros: Ros, masters: typing.List[Row], mine: typing.Set[str], own: str) -> typing.List[Row]:
@@ -90,7 +90,7 @@ def _ask_own(ros: Ros, masters: typing.List[Row], mine: typing.Set[str], own: st
     for master in (master for master in masters if master["computer"] == own):
         deadline, asked = time.monotonic() + FOLLOWS, set(topics.read_publishers(ros))
         while True:
-            row = _read((master, asked), lambda uri=master["monitor_uri"]: server(uri, STATE).masterInfo())
+            row = _read((master, asked), server(master["monitor_uri"], STATE).masterInfo)
             missing = asked.difference(row["given"])
             if row["error"] or not missing or time.monotonic() + PAUSE > deadline:
                 break
@@ -101,9 +101,9 @@ def _ask_own(ros: Ros, masters: typing.List[Row], mine: typing.Set[str], own: st
     return found
 
 
-def _read(job: Job, ask: typing.Callable[[], typing.Any]) -> Row:
+def _read(job: Job, method: typing.Callable[..., typing.Any], *arguments: typing.Any) -> Row:
     try:
-        return _make_row(job, (name for name, nodes in ask()[4] if isinstance(name, str) and nodes))
+        return _make_row(job, (name for name, nodes in method(*arguments)[4] if isinstance(name, str) and nodes))
     except (OSError, xmlrpc.client.Error) as problem:
         error = plain(str(problem)) or type(problem).__name__
         return _make_row(job, error=error, outcome=classify_error(problem)[0])
