@@ -259,6 +259,81 @@ findings:
       type: list
       elements: str
       sample: []
+    ways:
+      description: The way of the packets to each place of RV(findings[].followed), as the page draws it.
+      returned: always
+      type: list
+      elements: dict
+      sample: []
+      contains:
+        computers:
+          description: The planned computers, from the one that sends to the one that is to answer.
+          returned: always
+          type: list
+          elements: str
+          sample: [router, tibi-visio, tibi-nav]
+        hops:
+          description: The steps that were seen, those of the answer last. At most 16 in each direction.
+          returned: always
+          type: list
+          elements: dict
+          sample: []
+          contains:
+            sender:
+              description: The computer that the packet has left.
+              returned: always
+              type: str
+              sample: tibi-nav
+            receiver:
+              description: The computer with the hardware address; empty where none of the fleet has it.
+              returned: always
+              type: str
+              sample: tibi-visio
+            network:
+              description: The planned network between the two; empty where none is planned.
+              returned: always
+              type: str
+              sample: the network of tibi
+            left:
+              description: The interface that it has left by.
+              returned: always
+              type: str
+              sample: eth0
+            target_mac:
+              description: The hardware address for which it has left; empty on a link that has none.
+              returned: always
+              type: str
+              sample: 02:42:c0:a8:0b:65
+            ttl:
+              description: Its time to live when it left.
+              returned: always
+              type: int
+              sample: 1
+            answer:
+              description: Whether it is a step of the answer.
+              returned: always
+              type: bool
+              sample: true
+            arrived:
+              description: Whether the receiver saw it come in.
+              returned: always
+              type: bool
+              sample: true
+            came:
+              description: The interface that it came in by; empty where it was not seen there.
+              returned: always
+              type: str
+              sample: eth1
+        at:
+          description: The computer that saw the packet last, or the one that reports its end.
+          returned: always
+          type: str
+          sample: tibi-visio
+        words:
+          description: The sentence in RV(findings[].followed).
+          returned: always
+          type: str
+          sample: the answers to pings from router to tibi-nav came in at tibi-visio on eth1, and did not leave it
     follows:
       description: How many results are not as expected because of it. The file of O(path) lists them.
       returned: always

@@ -6,6 +6,7 @@
 The pictures in docs/images are written anew by UPDATE_IMAGES=1 pytest tests/browser/test_page.py
 """
 
+import json
 import os
 import pathlib
 import sys
@@ -22,6 +23,9 @@ from chromium import Chromium  # noqa: E402
 from reports import make_report  # noqa: E402
 
 IMAGES = ROOT / "docs/images"
+# The finding of a run of the demonstration: ip_default_ttl was 1 on tibi-nav. docs/operate/verification.md has the text of the same run.
+FOLLOWED = json.loads(pathlib.Path(__file__).with_name("followed.json").read_text(encoding="utf-8"))
+RESULT = "FAILED: 59 of 1870 checks failed (3 with a warning)."
 SINCE = {"since": "2026-11-21 14:02:00", "differences": ["tibi-nav is new", "topics of dabo: /scan is gone"]}
 
 
@@ -33,10 +37,14 @@ def wall(seen):
 STATES = {
     "well": lambda: make_report(fleets.fig12()),
     "wrong": lambda: make_report(fleets.fig12(), wall, **SINCE),
+    "followed": lambda: make_report(fleets.fig12(), verdict="failed", result=RESULT, findings=[FOLLOWED]),
     "large": lambda: make_report(
         fleets.plan(60, 2), lambda seen: fleets.silent(seen, list(seen), ["kobuki7computer"]), pairs="auto"
     ),
 }
+
+
+WINDOWS = {"followed": (720, 630, "#finding-1")}  # width, height and place of a picture that is not the usual one
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +105,32 @@ def test_failures_come_first_and_the_page_fits_the_window(browser, pages, width)
     assert browser.js("document.documentElement.scrollWidth") <= width
 
 
+@pytest.mark.parametrize("width", [1300, 390])
+def test_the_way_of_packets_can_be_read(browser, pages, width):
+    browser.open(pages / "followed.html", width=width)
+    assert browser.js("document.documentElement.scrollWidth") <= width
+    sizes = browser.js(
+        "(svg => [...svg.querySelectorAll('text, .cross')].map(e => [e.getBoundingClientRect(), svg.getBoundingClientRect()])"
+        ".map(([e, all]) => [e.left - all.left, all.right - e.right, all.bottom - e.bottom, e.height]))"
+        "(document.querySelector('.way svg'))"
+    )
+    assert len(sizes) > 10 and all(
+        left >= 0 and right >= 0 and below >= 0 and high > 9 for left, right, below, high in sizes
+    )
+    red, ink = (
+        browser.js(f"getComputedStyle(document.querySelector('.way {name}')).{key}")
+        for name, key in ((".cross", "stroke"), (".who", "fill"))
+    )
+    assert red == "rgb(180, 35, 24)" and red != ink
+
+
+def test_the_picture_and_the_text_are_of_one_run():
+    text = " ".join((ROOT / "docs/operate/verification.md").read_text(encoding="utf-8").split())
+    (way,) = FOLLOWED["ways"]
+    assert FOLLOWED["followed"] == [way["words"]]
+    assert f"followed: {way['words']}" in text and FOLLOWED["sentence"] in text
+
+
 def test_the_keyboard_leads_from_the_picture_to_the_evidence(browser, pages):
     browser.open(pages / "wrong.html")
     for _key in range(60):
@@ -132,6 +166,8 @@ def test_on_paper_everything_is_unfolded(browser, pages):
 def test_pictures_for_the_documentation(browser, pages, state, tmp_path):
     folder = IMAGES if os.environ.get("UPDATE_IMAGES") else tmp_path
     folder.mkdir(exist_ok=True)
-    browser.open(pages / f"{state}.html", width=1100, height=1400)
+    width, height, place = WINDOWS.get(state, (1100, 1400, "h1"))
+    browser.open(pages / f"{state}.html", width, height)
+    browser.js(f"document.querySelector('{place}').scrollIntoView({{block: 'nearest'}})")
     browser.screenshot(folder / f"report-{state}.png")
     assert (folder / f"report-{state}.png").stat().st_size > 20_000 and (IMAGES / f"report-{state}.png").exists()

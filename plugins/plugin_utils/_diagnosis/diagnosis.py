@@ -53,7 +53,7 @@ class Finding:
     also: tuple[Part, ...] = ()  # the same at the same place: other names, other networks
 
     passed: tuple[str, ...] = ()  # the checks that succeed in the same pairs, once for each
-    followed: tuple[str, ...] = ()  # what was seen where packets end, in words
+    followed: tuple[SeenEnd, ...] = ()  # where packets were seen to end
     since: str = ""  # empty where it is not known
     command: str = ""  # that mends it, where what was read gives one
 
@@ -183,7 +183,7 @@ class _Diagnosis:
             if by_chance[number]:
                 self._finding(min(by_chance[number])).rows.append(self.open[number][0])
         for part, entry in self.broken.items():
-            places = {end.place.step: end.words for end in self.shown.get(part, ())}
+            places = {end.place.step: end for end in self.shown.get(part, ())}
             entry.followed = tuple(places.values())[:NAMED]
         unexplained = tuple(self.open[number][0] for number in rest if not by_chance[number])
         return Diagnosis(tuple(map(self._add_details, _findings(self.broken.values()))), unexplained)
@@ -393,5 +393,5 @@ def _merge(group: Sequence[Finding]) -> Finding:
     verdicts = {row.verdict for row in (*proof, *rows)}
     worst = next((verdict for verdict in SERIOUS if verdict in verdicts), UNKNOWN)
     also = tuple(sorted(entry.part for entry in group if entry is not first))
-    followed = tuple(words for entry in group for words in entry.followed)[:NAMED]
+    followed = tuple(end for entry in group for end in entry.followed)[:NAMED]
     return replace(first, verdict=worst, proof=proof, rows=rows, also=also, followed=followed)

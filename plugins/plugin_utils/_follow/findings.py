@@ -7,13 +7,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 from .._case.parts import Part
 from .._checks.engine import Verification
 from .._observed.second_look import SecondLook, SeenPackets
-from .place import Map, Place, Trip, describe_counters, describe_place, locate
+from .place import Hop, Map, Place, Trip, describe_counters, describe_place, locate
 from .probes import list_links
 from .suspects import find_sign, is_consistent, name_place
+
+
+@dataclass(frozen=True)
+class Way:
+    """The way of followed packets to their end, as it is drawn."""
+
+    computers: tuple[str, ...]  # the planned ones, from the sender of the probe to its target
+    hops: tuple[Hop, ...]
+    at: str  # the computer that saw them last, or reports that they end
+    words: str  # what was seen at the end
 
 
 @dataclass(frozen=True)
@@ -28,6 +39,11 @@ class SeenEnd:
     def part(self) -> Part:
         """The part that the place shows, or the place itself."""
         return self.sign or name_place(self.place, self.words)
+
+    @property
+    def way(self) -> Way:
+        """The way of its packets."""
+        return Way(self.place.route, self.place.hops, self.place.at, self.words)
 
     @property
     def trip(self) -> Trip:
@@ -49,17 +65,15 @@ def find_ends(verification: Verification) -> list[SeenEnd]:
     """Find the places where the followed packets of a run end; nothing where none was followed."""
     looks = {name: one.seen.second_look for name, one in verification.run.items() if one.seen.second_look}
     probes = [probe for look in looks.values() for probe in look.probes]
+    links = {probe.number: list_links(verification, probe.sender, probe.target) for probe in probes}
+    steps = {step for own in links.values() for step in pairwise(own) if step[0][1] == step[1][1]}
     chart = Map(
         hosts={mac: name for name, one in verification.run.items() for mac in one.macs},
         name_at=verification.ways.name_at,
         listening=frozenset(name for name, look in looks.items() if look.packets),
+        networks={pair: network for (one, network), (two, _same) in steps for pair in ((one, two), (two, one))},
     )
-    routes = {
-        probe.number: list(
-            dict.fromkeys(place for place, _network in list_links(verification, probe.sender, probe.target))
-        )
-        for probe in probes
-    }
+    routes = {number: list(dict.fromkeys(place for place, _network in own)) for number, own in links.items()}
     return [_describe(place, chart, looks) for place in locate(looks, chart, routes) if place.is_fault]
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import enum
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -53,6 +53,21 @@ class Stage(enum.Enum):
 
 
 @dataclass(frozen=True)
+class Hop:
+    """A step of packets that was seen: out of a computer and, where the next one saw them too, into that."""
+
+    sender: str
+    receiver: str  # empty where no computer of the fleet has the hardware address
+    network: str  # the planned one between the two; empty where none is planned
+    left: str  # the interface of the sender
+    target_mac: str
+    ttl: int
+    answer: bool  # it is a step of the answer
+    arrived: bool  # the receiver saw them come in
+    came: str = ""  # the interface of the receiver; empty where they were not seen there
+
+
+@dataclass(frozen=True)
 class Place:
     """The place where the packets of a probe end, or those of its answer."""
 
@@ -66,6 +81,10 @@ class Place:
     sent: SentProbe | None = None
     asked: str = ""  # the address that was asked for in vain
     first_ttl: int = 0  # with which the sender has sent them; 0 where it was not seen
+    route: tuple[str, ...] = ()  # the planned computers, from the sender of the probe to its target
+    hops: tuple[
+        Hop, ...
+    ] = ()  # all that was seen before, those of the answer last; MOST_HOPS at most in each direction
 
     @property
     def is_fault(self) -> bool:
@@ -90,6 +109,7 @@ class Map:
     hosts: Mapping[str, str]  # hardware address -> computer
     name_at: Callable[[str], str]  # IPv4 address -> computer, empty for one of no computer
     listening: frozenset[str]
+    networks: Mapping[tuple[str, str], str] = field(default_factory=dict)  # (computer, the next one) -> planned network
 
 
 class _Walk:
@@ -101,6 +121,7 @@ class _Walk:
         self.probe, self.sent, self.chart = probe, sent, chart
         connections = {one.sequence for one in seen.get(probe.sender, ()) if self._begins(one)}
         self.own = {host: [one for one in packets if self._is_own(one, connections)] for host, packets in seen.items()}
+        self.hops: list[Hop] = []  # of all walks, in their order
         self.asks = {host: [one for one in packets if one.protocol == ARP] for host, packets in seen.items()}
 
     def _begins(self, one: Capture) -> bool:
@@ -159,9 +180,10 @@ class _Walk:
                 return replace(place, stage=Stage.HOP if came else Stage.SOURCE)
             place = replace(place, last=left[-1])
             to = self._find_receiver(left[-1], place.next)
+            came = self._list(to, kind, outgoing=False)
+            self.hops.append(self._make_hop(at, to, left[-1], came))
             if not to:
                 return replace(place, stage=Stage.STRANGER)
-            came = self._list(to, kind, outgoing=False)
             if not came:
                 lost = Stage.WIRE if to in self.chart.listening else Stage.UNSEEN
                 return replace(place, stage=lost, next=to)
@@ -169,6 +191,19 @@ class _Walk:
                 return replace(place, stage=Stage.ARRIVED, at=to, next="", last=came[-1], times=len(came))
             at = to
         return replace(place, stage=Stage.HOP)
+
+    def _make_hop(self, at: str, to: str, left: Capture, came: Sequence[Capture]) -> Hop:
+        return Hop(
+            sender=at,
+            receiver=to,
+            network=self.chart.networks.get((at, to), ""),
+            left=left.interface,
+            target_mac=left.target_mac,
+            ttl=left.ttl,
+            answer=left.kind == ANSWER,
+            arrived=bool(came),
+            came=came[-1].interface if came else "",
+        )
 
     def _find_receiver(self, left: Capture, planned: str) -> str:
         """Name the computer for which a packet left; a group and an interface without hardware addresses name none."""
@@ -186,14 +221,12 @@ class _Walk:
 def locate(looks: Mapping[str, SecondLook], chart: Map, routes: Mapping[int, Sequence[str]]) -> list[Place]:
     """Find the place of each probe. `routes` has the planned computers on the way of each."""
     seen = {host: look.packets.seen for host, look in looks.items() if look.packets}
-    found = []
+    found: list[Place] = []
     for look in looks.values():
         sent = {one.number: one for one in look.sent}
-        found += [
-            _Walk(probe, sent.get(probe.number), chart, seen).find_place(routes[probe.number])
-            for probe in look.probes
-            if probe.number in routes
-        ]
+        for probe in (probe for probe in look.probes if probe.number in routes):
+            walk, route = _Walk(probe, sent.get(probe.number), chart, seen), routes[probe.number]
+            found.append(replace(walk.find_place(route), route=tuple(route), hops=tuple(walk.hops)))
     return found
 
 

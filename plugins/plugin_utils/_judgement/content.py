@@ -11,6 +11,7 @@ from typing import Any
 from .._case.registrations import TEST_NODES
 from .._checks.engine import VERDICTS
 from .._checks.table import CHECKS
+from .._data.plain import to_plain
 from .._diagnosis.diagnosis import Diagnosis
 from .._observed.observations import Exchange, Observation
 from .._observed.uris import normalise_uri
@@ -47,7 +48,8 @@ def list_findings(diagnosis: Diagnosis) -> list[dict[str, Any]]:
             "remedy": entry.remedy(),
             "decide": entry.part.decide(),
             "sure": entry.sure,
-            "followed": list(entry.followed),
+            "followed": [end.words for end in entry.followed],
+            "ways": [to_plain(end.way) for end in entry.followed],
             "since": entry.since,
             "rivals": [
                 {"kind": part.kind, "place": part.place_text, "mode": part.mode, "sentence": part.sentence()}

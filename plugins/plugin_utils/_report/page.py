@@ -23,6 +23,7 @@ from .._fleet.plain_text import LINE, LONGEST, plain, plain_data
 from .._judgement.matrices import Matrices
 from .._plan.model import FleetPlan
 from .arrows import draw_arrows
+from .hops import draw_way
 from .picture import SIGNS, Mark, draw_fleet
 
 TEMPLATE = Path(__file__).with_name("page.html.j2")  # the doors read it
@@ -70,9 +71,10 @@ def make_page(template: str, fleet: FleetPlan, document: Mapping[str, Any], matr
 
 
 def _shorten(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a finding with the first of its rows."""
-    parts = plain_data({**entry, "seen": (), "follows": ()}, LINE)
-    return {**parts, "seen": _rows(entry["seen"]), "follows": _rows(entry["follows"])}
+    """Return a finding with the first of its rows, and its ways as pictures."""
+    parts = plain_data({**entry, "seen": (), "follows": (), "ways": ()}, LINE)
+    drawn = [Markup(draw_way(way)) for way in entry["ways"]]  # noqa: S704  # its texts are escaped there
+    return {**parts, "seen": _rows(entry["seen"]), "follows": _rows(entry["follows"]), "ways": drawn}
 
 
 def _rows(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -113,9 +113,9 @@ def _finding(entry: Finding) -> Iterator[tuple[str, str]]:
         yield "     for it:   ", _count_checks(row.check for row in entry.rows) + " fail" + _example(entry.rows)
         if entry.passed:
             yield "     besides:  ", "in the same pairs these succeed: " + _count_checks(entry.passed)
-    for words in entry.followed:
-        if words != entry.part.what:
-            yield "     followed: ", words
+    for end in entry.followed:
+        if end.words != entry.part.what:
+            yield "     followed: ", end.words
     yield "     since:    ", entry.since
     yield "     behind:   ", _name_unexamined(entry)
     if entry.rivals:

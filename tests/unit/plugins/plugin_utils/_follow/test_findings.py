@@ -98,5 +98,8 @@ def test_where_packets_end_is_the_finding_or_what_it_leaves(filters, part):
     assert parts(found)[0] == part
     first = found.findings[0]
     assert first.sure == LOCATED
-    assert f"came in at {GATE} on eth0, and did not leave it" in first.followed[0]
-    assert (first.followed[0] in first.sentence()) == (part[0] == "way")
+    assert f"came in at {GATE} on eth0, and did not leave it" in first.followed[0].words
+    way = first.followed[0].way
+    assert way.at == GATE == way.hops[-1].receiver and way.words == first.followed[0].words
+    assert [hop.network for hop in way.hops if hop.receiver == GATE][0] in ("the common network", "the network of tibi")
+    assert (first.followed[0].words in first.sentence()) == (part[0] == "way")

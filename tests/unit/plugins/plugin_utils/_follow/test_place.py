@@ -35,7 +35,8 @@ def capture(outgoing, kind, mac="", probe=PING, **more):
     number, sequence = (-1, 77) if probe.protocol == "tcp" else (probe.number, 0)
     ends = ("10.0.1.1", "10.0.2.1") if kind != "answer" else ("10.0.2.1", "10.0.1.1")
     values = {"source_port": 4000, "port": probe.port, "number": number, "sequence": sequence, "ttl": 64, "length": 60}
-    return Capture("eth0", outgoing, kind, probe.protocol, *ends, **{**values, "target_mac": mac, **more})
+    interface = more.pop("interface", "eth0")
+    return Capture(interface, outgoing, kind, probe.protocol, *ends, **{**values, "target_mac": mac, **more})
 
 
 def cross(kind, hops, probe=PING, **more):
@@ -57,7 +58,7 @@ def find(seen, probe=PING, sent=None, listening=tuple(ROUTE)):
     first = looks.get("one", SecondLook())
     looks["one"] = SecondLook((probe,), (sent,), first.packets)
     chart = Map(
-        CHART.hosts, CHART.name_at, frozenset(listening)
+        CHART.hosts, CHART.name_at, frozenset(listening), {("one", "gate"): "net 1"}
     )  # fmt: skip
     (found,) = place.locate(looks, chart, {probe.number: ROUTE})
     return found
@@ -84,6 +85,23 @@ def test_the_last_step_that_was_seen_is_the_place(probe):
     arrived = cross("request", ROUTE, probe)
     end = (Stage.ARRIVED, "two", "", False) if probe is BEAT else (Stage.TARGET, "two", "", False)
     assert where(find(arrived, probe)) == end
+
+
+def test_each_step_that_was_seen_is_kept_with_its_values():
+    seen = join(cross("request", ROUTE), cross("answer", ["two", "gate"], ttl=7))
+    seen["gate"].append(capture(True, "answer", "02:00:00:00:00:99", interface="eth1"))
+    found = find(seen)
+    assert found.route == tuple(ROUTE)
+    steps = [(one.sender, one.receiver, one.answer, one.arrived, one.ttl) for one in found.hops]
+    assert steps == [
+        ("one", "gate", False, True, 64),
+        ("gate", "two", False, True, 64),
+        ("two", "gate", True, True, 7),
+        ("gate", "", True, False, 64),
+    ]
+    last = found.hops[-1]
+    assert (last.network, last.left, last.target_mac, last.came) == ("", "eth1", "02:00:00:00:00:99", "")
+    assert [(one.network, one.came) for one in found.hops[:3]] == [("net 1", "eth0"), ("", "eth0"), ("", "eth0")]
 
 
 def test_an_answer_is_lost_on_its_own_way():
@@ -222,6 +240,8 @@ HOSTILE = st.builds(
 )
 def test_whatever_computers_tell_has_a_place_and_words(seen, probe):
     found = find(seen, probe)
+    assert len(found.hops) <= 2 * place.MOST_HOPS and all(one.arrived and one.receiver for one in found.hops[:-1])
+    assert all(one.sender and (one.receiver or not one.arrived) for one in found.hops[-1:])
     if found.is_fault:
         assert place.describe_place(found, CHART)
         assert suspects.find_sign(found, SeenPackets()) or suspects.name_place(found, "x").sentence()

@@ -85,6 +85,19 @@ def test_text_of_strangers_stays_text():
     assert "{{ 7 * 7 }}" in page.text and "\x1b" not in page.text and "\u202e" not in page.text
 
 
+def test_a_way_of_hostile_captures_stays_a_picture():
+    """Whatever other computers call their interfaces and hardware addresses."""
+    fleet, words = fleets.fig12(), {"network": EVIL, "left": EVIL, "target_mac": EVIL, "came": EVIL}
+    hop = {"sender": EVIL, "receiver": "tibi-nav", "ttl": 10**400, "answer": False, "arrived": True, **words}
+    way = {"computers": ["router", "tibi-nav"], "hops": [hop], "at": EVIL, "words": EVIL}
+    entry = make_report(fleet, fleets.wall).document["findings"][0]
+    page = Tags(make_report(fleet, findings=[{**entry, "ways": [way]}]).html)
+    assert sum(attributes.get("class") == "cross" for _tag, attributes in page.tags) == 1
+    assert not [tag for tag, _attributes in page.tags if tag in ("script", "img")]
+    assert not [key for _tag, attributes in page.tags for key in attributes if key.startswith("on")]
+    assert "{{ 7 * 7 }}" in page.text and "\x1b" not in page.text and "\u202e" not in page.text
+
+
 def test_each_cell_has_a_sign_and_its_numbers():
     page = Tags(make_report(fleets.fig12(), fleets.wall).html)
     cells = [attributes for tag, attributes in page.tags if tag == "td" and "title" in attributes]
