@@ -38,6 +38,7 @@ class ReadFilters:
         self._observations = observations
         self._members: Mapping[str, Member] = {member.name: member for member in fleet.members}
         self._known: dict[tuple[str, str, str], Part | None] = {}
+        self.rules: dict[Part, Rule] = {}  # that have shown a filter at an end
 
     def find_drop(self, sender: str, target: str, traffic: str) -> Part | None:
         """Return the packet filter that drops a packet of this kind, or its answer; None where no known rule does."""
@@ -64,17 +65,21 @@ class ReadFilters:
         failed = way.failure
         if failed is None or failed.rule is None:
             return None
-        if isinstance(failed.rule, Lookup):
-            return Part("route", failed.where, "rule", policy.write_rule(failed.rule))
-        if failed.rule.chain in machines[failed.where].unclear:
+        rule, where = failed.rule, failed.where
+        if isinstance(rule, Lookup):
+            return Part("route", where, "rule", policy.write_rule(rule))
+        if rule.chain in machines[where].unclear:
             return None  # a rule that was not understood may have let it pass
-        if _is_for_one_pair(failed.rule):
+        if _is_for_one_pair(rule):
             return Part.from_pair("filter", "pair", sender, target)
-        if failed.rule.chain == FORWARD:
-            return Part("filter", failed.where, "forward", TRAFFIC[traffic].upper() if failed.rule.protocol else "")
-        mode = traffic if failed.rule.protocol else ALL
-        answered = failed is way.back
-        return Part("filter", failed.where, mode if answered else f"{mode} {WORDS[failed.rule.chain]}")
+        if rule.chain == FORWARD:
+            return Part("filter", where, "forward", TRAFFIC[traffic].upper() if rule.protocol else "")
+        mode = traffic if rule.protocol else ALL
+        return self._note(rule, Part("filter", where, mode if failed is way.back else f"{mode} {WORDS[rule.chain]}"))
+
+    def _note(self, rule: Rule, part: Part) -> Part:
+        self.rules[part] = rule
+        return part
 
     def _trace_datagram(self, sender: str, target: str) -> Part | None:
         """Return the filter at one of the two ends that drops a datagram to the group."""
@@ -89,7 +94,7 @@ class ReadFilters:
         for machine, chain, rule in ends:
             if rule is not None and chain not in machine.unclear:
                 mode = GROUP if rule.destinations else "udp" if rule.protocol else ALL
-                return Part("filter", machine.name, f"{mode} {WORDS[chain]}")
+                return self._note(rule, Part("filter", machine.name, f"{mode} {WORDS[chain]}"))
         return None
 
     def make_packet(self, member: Member, traffic: str) -> Packet:

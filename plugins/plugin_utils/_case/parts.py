@@ -706,10 +706,7 @@ CALLS = (
 )
 STOPPED = ("service", "stopped")
 _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
-    **dict.fromkeys(
-        (*((node, "hung") for node in ("roscore", "discovery", "sync")),),
-        (STOPPED,),
-    ),
+    **{(node, "hung"): (STOPPED,) for node in ("roscore", "discovery", "sync")},
     **{
         (node, "stale"): (STOPPED, *((name, mode) for name in (node, "roscore") for mode in ("dead", "hung")))
         for node in ("discovery", "sync")

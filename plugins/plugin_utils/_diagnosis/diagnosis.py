@@ -31,6 +31,8 @@ from .onset import describe_onset
 SEEN, LOCATED, INFERRED = "seen", "located", "inferred"
 WEIGHTS = {FAILED: 1.0, WARNING: 0.9, UNKNOWN: 0.5}
 SERIOUS = (FAILED, WARNING, UNKNOWN)
+ALL_NODES = ("nodes", "nodes in", "nodes out")  # filters of any port, and so of the others, too
+NODES = ("roscore", "discovery", "sync", "registration")  # what others see of these needs the network
 CHANCE = 0.3  # what a failure counts where packets are known to get lost
 ASKED = 60  # pairs that are looked at for a success that clears a part
 MOST = 20_000  # rows that are explained
@@ -204,6 +206,10 @@ class _Diagnosis:
     def _use_effects(self) -> None:
         """Give what known faults explain to their findings: what was sent ends in the world as it was read, too."""
         effects, rest = Effects(self.verification, self.broken), []
+        for part in [part for part in self.broken if part.kind in NODES or part in self.shown]:
+            causes = {self._find_cause(effects, row) for row in self.broken[part].proof}
+            if not causes & {None, part} and causes <= self.broken.keys():
+                self.broken[min(filter(None, causes))].rows += self.broken.pop(part).proof
         for row, suspects in self.open:
             cause = effects.find_cause(self.checks[row.check], row, suspects)
             if cause is None:
@@ -211,6 +217,12 @@ class _Diagnosis:
             else:
                 self.broken[cause].rows.append(row)
         self.open = rest
+
+    def _find_cause(self, effects: Effects, row: Row) -> Part | None:
+        """Find the known fault from which follows what a row has shown of a node."""
+        check = self.checks[row.check]
+        case = self.verification.case(check, row.observer, row.target)
+        return effects.find_cause(check, row, (check.suspects or check.needs)(case))
 
     def _use_ends(self) -> None:
         """Let what failed on a way that was followed suspect only what the packets left there."""
@@ -297,8 +309,17 @@ class _Diagnosis:
     def _find_reason(self, part: Part) -> Part | None:
         """Find the part that was read, and from which another one of the same place follows."""
         kinds = FOLLOWS.get((part.kind, part.mode), ())
-        read = chain(self.places[part.places], self.places[ANY,])
-        return next((other for other in read if (other.kind, other.mode) in kinds), None)
+        read = [*self.places[part.places], *self.places[ANY,]]
+        same = self._list_same_rule(part, read)
+        first = max(same, key=lambda one: (one.mode in ALL_NODES, len(self.broken[one].proof), one), default=part)
+        if first != part:
+            return first
+        return next((one for one in read if (one.kind, one.mode) in kinds and one not in same), None)
+
+    def _list_same_rule(self, part: Part, read: Sequence[Part]) -> Sequence[Part]:
+        """List the packet filters that one rule has shown: it drops several kinds of packets."""
+        rules = self.verification.state.filters.rules
+        return [one for one in read if one in self.broken and rules.get(one) == rules[part]] if part in rules else []
 
     def _add_reasons(self, suspects: Parts) -> Parts:
         """Add to the suspects what some of them follow from."""

@@ -15,7 +15,14 @@ from .._follow.place import Trip
 from .._follow.probes import find_trip
 
 # Checks that no packet filter is blamed for, and the packets that take the same way.
-WAYS = {"route": "icmp", "outer_route": "udp", "master_route": "rpc", "ping_name": "icmp", "source": "udp"}
+WAYS = {
+    "route": "icmp",
+    "outer_route": "udp",
+    "master_route": "rpc",
+    "ping_name": "icmp",
+    "source": "udp",
+    "roscore_port": ROSCORE,
+}
 BY_NAME = (ROSCORE, "nodes")  # connections that begin with the name of a computer, and with a URI
 
 

@@ -90,12 +90,17 @@ def _read_ports(text: str) -> tuple[int, int]:
 
 def write_rule(rule: Lookup) -> str:
     """Return the words of a rule that leads nowhere, as `ip rule del` takes them."""
-    words = [f"priority {rule.priority} from {rule.source or 'all'}"]
-    words += [f"to {rule.destination}"] if rule.destination else []
+    words = [f"priority {rule.priority} from {_write_network(rule.source)}"]
+    words += [f"to {_write_network(rule.destination)}"] if rule.destination else []
     words += [f"ipproto {rule.protocol}"] if rule.protocol else []
     for name, (first, last) in (("sport", rule.source_ports), ("dport", rule.ports)):
         words += [f"{name} {first}" if first == last else f"{name} {first}-{last}"] if (first, last) != ANY_PORT else []
     return " ".join([*words, rule.kind])
+
+
+def _write_network(network: IPv4Network | None) -> str:
+    """Write a network as `ip rule` does: one address has no length."""
+    return "all" if network is None else str(network).removesuffix("/32")
 
 
 def _network(text: str) -> IPv4Network | None:

@@ -108,7 +108,7 @@ def test_a_rule_or_a_table_may_lead_nowhere_and_throw_goes_on():
     [
         "priority 99 from all blackhole",
         "priority 99 from 192.168.1.0/24 to 192.168.12.0/24 unreachable",
-        "priority 99 from all to 192.168.12.1/32 ipproto tcp sport 5 dport 22-80 prohibit",
+        "priority 99 from all to 192.168.12.1 ipproto tcp sport 5 dport 22-80 prohibit",
     ],
 )
 def test_a_rule_is_deleted_by_the_words_it_was_read_by(words):
