@@ -13,7 +13,7 @@ import stat
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +65,7 @@ class ActionModule(ActionBase):
         try:
             run = open_bundle(bundle) if bundle else read_run(self._task.args, task_vars)
             place = os.path.abspath(bundle) if bundle else str(task_vars.get("inventory_dir") or "")
-            result.update(self._report(run, place))
+            result.update(self._report(run, place, live=not bundle))
         except (Mismatch, Unreadable, UnwritableReport) as problem:
             result.update(failed=True, msg=str(problem))
         except STRANGE:  # a bundle may come from any person
@@ -74,15 +74,19 @@ class ActionModule(ActionBase):
             result.update(failed=True, msg=f"{bundle} {CONTRADICTION}")
         return result
 
-    def _report(self, run: Run, place: str) -> dict[str, Any]:
+    def _report(self, run: Run, place: str, live: bool) -> dict[str, Any]:
         """Judge, write and print. Raises NotWritten."""
         path, cases = (str(self._task.args.get(option) or "") for option in ("path", "junit"))
         files = Files.from_option(path, place)
+        before = files.read_previous() if files else {}
+        if live:
+            since_last = str(history.count_seconds(before, time.time()))
+            run = replace(run, about={**run.about, "since_last_s": since_last})
         judgement = judge_run(run, bool(files or cases), bool(files and not files.own))
         document = make_document(run, judgement)
         written = ""
         try:
-            written = write_files(files, cases, run.fleet, document, judgement.matrices)
+            written = write_files(files, cases, run.fleet, document, judgement.matrices, before)
         except OSError as problem:
             message = (
                 f"The report cannot be written to {problem.filename or path}: {problem.strerror}; name another file."
@@ -98,6 +102,7 @@ class ActionModule(ActionBase):
             "passed": document["verdict"] != FAILED,
             "msg": document["result"],
             "report": written,
+            "since_last_s": float(run.about.get("since_last_s") or 0),
             "checks": document["checks"],
             "pairs": document["pairs"],
             "findings": findings,
@@ -109,12 +114,17 @@ class ActionModule(ActionBase):
 
 
 def write_files(
-    files: Files | None, cases: str, fleet: FleetPlan, document: dict[str, Any], matrices: Matrices | None
+    files: Files | None,
+    cases: str,
+    fleet: FleetPlan,
+    document: dict[str, Any],
+    matrices: Matrices | None,
+    before: Mapping[str, Any],
 ) -> str:
     """Write the files of the options, and return the path of the page. Raises OSError."""
     if cases:
         write(os.path.abspath(os.path.expanduser(cases)), write_junit(document), NAMED_MODE)
-    return files.write(fleet, document, matrices) if files and matrices else ""
+    return files.write(fleet, document, matrices, before) if files and matrices else ""
 
 
 def join_rivals(finding: Mapping[str, Any]) -> dict[str, Any]:
@@ -132,7 +142,7 @@ def has_callbacks() -> bool:
 def read_run(options: Mapping[str, Any], task_vars: Mapping[str, Any]) -> Run:
     """Read the registered results of this run. Raises Mismatch."""
     about = {
-        "time": time.strftime("%Y-%m-%d %H:%M:%S %z"),
+        "time": time.strftime(history.TIME),
         "collection": collection_version(),
         "ansible": ansible_version,
         "python": platform.python_version(),
@@ -209,11 +219,10 @@ class Files:
             return cls(folder_of(inventory) / name, own=True)
         return cls(Path(name_file(path, name)), own=False)
 
-    def write(self, fleet: FleetPlan, document: dict[str, Any], matrices: Matrices) -> str:
+    def write(self, fleet: FleetPlan, document: dict[str, Any], matrices: Matrices, before: Mapping[str, Any]) -> str:
         """Write both, compare with the run before, and return the path of the page. Raises OSError."""
         if self.own:
             self.data.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        before = self._read_previous()
         differences = history.compare(before, document)
         document = {**document, "file": str(self.data), "since": before.get("time", ""), "differences": differences}
         template = TEMPLATE.read_text(encoding="utf-8")
@@ -227,7 +236,7 @@ class Files:
                 self.data.with_name(old).unlink(missing_ok=True)
         return str(shown)
 
-    def _read_previous(self) -> dict[str, Any]:
+    def read_previous(self) -> dict[str, Any]:
         """Read the data of the previous run: the file to be replaced, or else the latest in the folder."""
         name = self.data.name if self.data.exists() else history.find_latest(self._list_folder())
         path = self.data.with_name(name) if name else None

@@ -70,4 +70,11 @@ options:
       for example V(verify_captures); empty for none.
     type: str
     default: ""
+  since_last_s:
+    description:
+      - The seconds since the last verification, as M(rosfleet.multimaster.fleet_report) returns them. A service that systemd has started
+        again in this time, or in the last ten minutes, is a warning.
+      - M(rosfleet.multimaster.fleet_report) itself counts from the report before, and does not need it.
+    type: float
+    default: 0
 """

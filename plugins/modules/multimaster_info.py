@@ -462,13 +462,13 @@ filters:
           sample: drop
         rules:
           description:
-            - The rules that are understood, those of chains that are jumped to in their place. Each has C(verdict), and what it asks for of
-              C(protocol), C(ports) (the first and the last one), C(sources), C(destinations), C(incoming), C(leaving), C(state) and C(above)
-              (only packets of more bytes).
+            - The rules that are understood, those of chains that are jumped to in their place. Each has C(verdict), the C(chain) in
+              which it stands, and what it asks for of C(protocol), C(ports) (the first and the last one), C(sources), C(destinations),
+              C(incoming), C(leaving), C(state) and C(above) (only packets of more bytes).
           returned: always
           type: list
           elements: dict
-          sample: [{verdict: accept, protocol: tcp, ports: [22, 22]}]
+          sample: [{verdict: accept, chain: input, protocol: tcp, ports: [22, 22]}]
         unread:
           description: The number of rules that say more than that.
           returned: always

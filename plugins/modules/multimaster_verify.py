@@ -336,6 +336,7 @@ members:
       neighbour: 02:42:c0:a8:01:ef
       neighbour_fixed: false
       user_addresses: [192.168.1.239]
+      file_addresses: [192.168.1.239]
   contains:
     name:
       description: The name of the computer.
@@ -412,8 +413,7 @@ members:
           sample: ""
         outcome:
           description:
-            - The same as one word, V(answered), V(no_answer), V(network_unreachable), V(host_unreachable), V(prohibited), V(time_exceeded), V(too_large),
-              V(wrong_source), V(unknown_name) or V(failed).
+            - The same as one word, V(answered), V(prohibited), V(time_exceeded), V(too_large), V(wrong_source), or as RV(masters[].outcome).
           returned: always
           type: str
           sample: answered
@@ -460,8 +460,7 @@ members:
           sample: ""
         outcome:
           description:
-            - The same as one word, V(answered), V(no_answer), V(network_unreachable), V(host_unreachable), V(prohibited), V(time_exceeded), V(too_large),
-              V(wrong_source), V(unknown_name) or V(failed).
+            - The same as one word, V(answered), V(prohibited), V(time_exceeded), V(too_large), V(wrong_source), or as RV(masters[].outcome).
           returned: always
           type: str
           sample: answered
@@ -543,8 +542,7 @@ members:
           sample: ""
         outcome:
           description:
-            - The same as one word, V(answered), V(no_answer), V(network_unreachable), V(host_unreachable), V(prohibited), V(time_exceeded), V(too_large),
-              V(wrong_source), V(unknown_name) or V(failed).
+            - The same as one word, V(answered), V(prohibited), V(time_exceeded), V(too_large), V(wrong_source), or as RV(masters[].outcome).
           returned: always
           type: str
           sample: answered
@@ -585,7 +583,7 @@ members:
     tcp_outcome:
       description:
         - RV(members[].tcp) as one word,
-          V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(no_local_port), V(unknown_name), V(failed) or V(not_tried).
+          a word of RV(masters[].outcome).
       returned: for every other computer
       type: str
       sample: not_tried
@@ -598,6 +596,12 @@ members:
       sample: false
     user_addresses:
       description: The IPv4 addresses that its name has for the user C(nobody), or null where that was not looked up.
+      returned: always
+      type: list
+      elements: str
+      sample: [192.168.1.239]
+    file_addresses:
+      description: The addresses that its name has in C(/etc/hosts).
       returned: always
       type: list
       elements: str
@@ -847,8 +851,11 @@ masters:
       sample: ""
     outcome:
       description:
-        - The same as one word, V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(no_local_port), V(unknown_name),
-          V(failed) or V(not_tried).
+        - The same as one word, V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(unknown_name), V(failed) or
+          V(not_tried).
+        - An error of the kernel here is V(no_local_port) (C(EADDRNOTAVAIL)), V(no_file) (C(EMFILE)), V(no_file_here) (C(ENFILE)), V(no_memory)
+          (C(ENOBUFS), C(ENOMEM)), V(not_permitted) (C(EPERM), a packet filter), V(closed_route) (C(EACCES), C(EINVAL), a rule or a route that
+          leads nowhere) or V(reset) (C(ECONNRESET)).
       returned: always
       type: str
       sample: open
@@ -867,8 +874,7 @@ masters:
       sample: open
     roscore_outcome:
       description:
-        - The same as one word,
-          V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(no_local_port), V(unknown_name), V(failed) or V(not_tried).
+        - The same as one word, as RV(masters[].outcome).
       returned: always
       type: str
       sample: open
@@ -916,8 +922,7 @@ roscore:
       sample: ""
     outcome:
       description:
-        - The same as one word, V(answered), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(no_local_port), V(unknown_name),
-          V(failed) or V(not_tried).
+        - The same as one word, V(answered), or as RV(masters[].outcome).
       returned: always
       type: str
       sample: answered
@@ -1058,8 +1063,7 @@ topics:
       sample: ""
     reached_outcome:
       description:
-        - The same as one word,
-          V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(no_local_port), V(unknown_name), V(failed) or V(not_tried).
+        - The same as one word, as RV(masters[].outcome).
       returned: always
       type: str
       sample: not_tried
@@ -1283,7 +1287,7 @@ exchange:
           sample: Connection refused
         outcome:
           description:
-            - The same as one word, V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(no_local_port), V(unknown_name) or V(failed).
+            - The same as one word of RV(masters[].outcome).
           returned: always
           type: str
           sample: refused
@@ -1407,20 +1411,20 @@ disks:
       sample: 300000
 changes:
   description:
-    - When this computer was changed last, as far as its files and its services tell it. What a kernel was told by hand has
-      no time of its own; it is after the last start.
+    - When files were changed and services were started that may decide names and packet filters. What a kernel was told by hand has no time.
   returned: when O(action=collect)
   type: list
   elements: dict
   sample: [{about: names, what: /etc/hosts, how: was changed, when: 2026-11-22 09:12:44 UTC}]
   contains:
     about:
-      description: What it decides, V(names), V(settings) of the kernel, V(network), V(filter), or V(start) of the computer.
+      description: What it decides, V(names), the V(order) of name services, the rules of V(ufw), V(firewalld), V(docker), V(libvirtd) or
+        V(fail2ban), or those of a table of nftables, such as V(table inet filter).
       returned: always
       type: str
       sample: names
     what:
-      description: The file, the service, or the computer.
+      description: The file or the service.
       returned: always
       type: str
       sample: /etc/hosts
@@ -1445,6 +1449,7 @@ next_boot:
       expected: "1"
       found: /etc/sysctl.d/99-local.conf line 3 sets 0
       file: /etc/sysctl.d/99-local.conf line 3
+      when: 2026-11-22 09:12:44 UTC
   contains:
     kind:
       description: V(unit) for a service, V(sysctl) for a kernel setting, V(route), or V(names) for C(/etc/hosts).
@@ -1471,6 +1476,11 @@ next_boot:
       returned: always
       type: str
       sample: /etc/sysctl.d/99-local.conf line 3
+    when:
+      description: The last change of this file, empty where there is none.
+      returned: always
+      type: str
+      sample: 2026-11-22 09:12:44 UTC
 services:
   description: The services of O(services).
   returned: when O(action=collect)
@@ -1488,6 +1498,9 @@ services:
       drop_ins: []
       since: Sun 2026-11-22 09:12:44 UTC
       refused: []
+      age_s: 86400.5
+      open_files: 18
+      most_files: 1024
   contains:
     name:
       description: The service.
@@ -1549,6 +1562,21 @@ services:
       type: list
       elements: str
       sample: []
+    age_s:
+      description: The seconds since its last start, by a clock of this computer that nobody steps, or null.
+      returned: always
+      type: float
+      sample: 86400.5
+    open_files:
+      description: How many files its process with the fewest left has open, or null where it cannot be looked at.
+      returned: always
+      type: int
+      sample: 18
+    most_files:
+      description: How many files this process may have open (C(RLIMIT_NOFILE)), or null.
+      returned: always
+      type: int
+      sample: 1024
 talker:
   description: The talker of this computer.
   returned: unless O(action=stop) or O(is_router=true)

@@ -99,10 +99,10 @@ def hostile(random_):
 MORE = {
     "outsiders": [{"address": "192.0.2.7", "name": "?", "uri": "?", "why": "?"}, {"address": "?", "name": "?"}],
     "changes": [
-        {"about": about, "what": "?", "how": "?", "when": "?"} for about in ("names", "settings", "network", "start")
+        {"about": about, "what": "?", "how": "?", "when": "?"} for about in ("names", "order", "docker", "table inet t")
     ],
     "next_boot": [
-        {"kind": kind, "name": "?", "expected": "?", "found": "?", "file": "?"}
+        {"kind": kind, "name": "?", "expected": "?", "found": "?", "file": "?", "when": "?"}
         for kind in ("unit", "sysctl", "route", "names")
     ],
     "services": [
@@ -115,7 +115,14 @@ MORE = {
                 "sub_state": "?",
                 "restarts": 2,
             },
-            **{"differing": ["?"], "drop_ins": ["?"], "since": "?"},
+            **{
+                "differing": ["?"],
+                "drop_ins": ["?"],
+                "since": "?",
+                "age_s": 1e308,
+                "open_files": 1 << 80,
+                "most_files": 0,
+            },
         }
         for name in ("sync", "roscore", "other")
     ],

@@ -7,6 +7,7 @@ Small on purpose: every verification sends it to every computer. The modules tha
 """
 
 import os
+import time
 import typing
 
 from .._changes.record import RECORDS, Record
@@ -15,7 +16,7 @@ from .._machine import systemd
 from .._process import commands
 from .._sysctl import boot
 
-Row = typing.Dict[str, str]  # kind, name, expected, found, file
+Row = typing.Dict[str, str]  # kind, name, expected, found, file, when
 Options = typing.Mapping[str, typing.Any]
 
 _DEFAULT = {"default": "0.0.0.0/0"}
@@ -27,12 +28,24 @@ _PERMANENT = ("enabled", "static", "indirect", "alias", "generated")
 
 def differences(services: typing.Sequence[str], planned: Options, root: str = "/") -> typing.List[Row]:
     """Compare the next boot with the plan: units of `services`, and its `settings`, `routes` and `hosts`. Raises Problem."""
-    return (
+    rows = (
         units([f"multimaster-{name}.service" for name in services])
         + settings(planned["settings"], root)
         + routes(planned["routes"], root)
         + (hosts(root) if planned["hosts"] else [])
     )
+    return [
+        dict(row, when=find_change(os.path.join(root, row["file"].partition(" line ")[0].lstrip("/")))) for row in rows
+    ]
+
+
+def find_change(path: str) -> str:
+    """Tell when a file was changed last; empty where there is none."""
+    try:
+        when = os.stat(path) if os.path.isfile(path) else None
+    except OSError:
+        when = None
+    return "" if when is None else time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(when.st_mtime))
 
 
 def _row(kind: str, name: str, expected: str, found: str, file: str = "") -> Row:

@@ -81,18 +81,18 @@ class _Reader:
             if words is rules[-1] and "return" in words[-1]:
                 return
             try:
-                self._rule(words, before, depth)
+                self._rule(name, words, before, depth)
             except UnknownRule:
                 self.unread += 1
 
-    def _rule(self, words: typing.List[Words], before: Words, depth: int) -> None:
+    def _rule(self, name: str, words: typing.List[Words], before: Words, depth: int) -> None:
         rule = dict(before)
         for word in words:
             kind, value = next(iter(word.items()))
             if kind == "match":
                 _together(rule, _match(value))
             elif kind in VERDICTS:
-                self.flat.append(dict(rule, verdict=kind))
+                self.flat.append(dict(rule, verdict=kind, chain=name))
                 return
             elif kind in ("jump", "goto"):
                 if depth >= DEEPEST:

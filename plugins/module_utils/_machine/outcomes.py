@@ -24,17 +24,33 @@ class Outcome(enum.Enum):
     TIME_EXCEEDED = "time_exceeded"  # routers pass the packet round in a circle
     TOO_LARGE = "too_large"  # a router reports that the packet must be smaller
     WRONG_SOURCE = "wrong_source"  # the echo reply came from a different address
+    RESET = "reset"  # the other side has ended an open connection
     NO_LOCAL_PORT = "no_local_port"  # this computer has no free port for the connection
+    NO_FILE = "no_file"  # this process has as many files open as it may
+    NO_FILE_HERE = "no_file_here"  # all processes of this computer together have
+    NO_MEMORY = "no_memory"  # the kernel here has none for the socket or the packet
+    NOT_PERMITTED = "not_permitted"  # a packet filter here does not let it go out
+    CLOSED_ROUTE = "closed_route"  # a rule or a route here leads nowhere
     UNKNOWN_NAME = "unknown_name"  # the name has no address
     FAILED = "failed"  # anything else: the errno says more
 
 
+# What each stands for where packets are sent; ip-route(8) has those of routes, nf_hook_slow of the kernel that of packet filters.
 _OUTCOMES = {
     errno.ECONNREFUSED: Outcome.REFUSED,
+    errno.ECONNRESET: Outcome.RESET,
+    errno.EPIPE: Outcome.RESET,
     errno.ENETUNREACH: Outcome.NETWORK_UNREACHABLE,
     errno.EHOSTUNREACH: Outcome.HOST_UNREACHABLE,
     errno.ETIMEDOUT: Outcome.NO_ANSWER,
     errno.EADDRNOTAVAIL: Outcome.NO_LOCAL_PORT,
+    errno.EMFILE: Outcome.NO_FILE,
+    errno.ENFILE: Outcome.NO_FILE_HERE,
+    errno.ENOBUFS: Outcome.NO_MEMORY,
+    errno.ENOMEM: Outcome.NO_MEMORY,
+    errno.EPERM: Outcome.NOT_PERMITTED,
+    errno.EACCES: Outcome.CLOSED_ROUTE,  # prohibit
+    errno.EINVAL: Outcome.CLOSED_ROUTE,  # blackhole
 }
 
 

@@ -48,6 +48,15 @@ def start_time(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optio
     return time.time() - uptime + int(fields[19]) / os.sysconf("SC_CLK_TCK")
 
 
+def count_files(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optional[typing.Tuple[int, int]]:
+    """Count the open files of a process, and return its limit, too (getrlimit(2), RLIMIT_NOFILE); None where this user may not look."""
+    limit = re.search(r"^Max open files\s+(\d+)", text(f"{proc}/{pid}/limits"), re.M)
+    try:
+        return (len(os.listdir(f"{proc}/{pid}/fd")), int(limit.group(1))) if limit else None
+    except OSError:
+        return None
+
+
 def is_stopped(pid: typing.Union[int, str], proc: str = "/proc") -> bool:
     """Say if a process is stopped by a signal or a debugger (proc(5), /proc/PID/stat); False where it has ended."""
     state = re.match(r"\d+ \(.*\) (\S)", text(f"{proc}/{pid}/stat"), re.S)

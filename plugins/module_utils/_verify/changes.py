@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""When this computer was changed last: the files and services that decide its names, kernel settings, network and filter.
+"""When files and services of this computer were changed or started that may decide its names and its packet filter.
 
-A kernel does not tell since when a setting or a route is what it is. Its last start and these times bound it.
+A kernel does not tell since when a rule is there. Who has made it is told by its table and its chain (_diagnosis/onset.py of the controller).
 """
 
 import glob
@@ -15,54 +15,62 @@ import typing
 from .._machine import systemd
 from .._process import commands
 
-# about -> the files that decide it; of those of a folder the one that was changed last is told.
+# about -> the files that decide it; the one that was changed last is told.
 FILES = {
-    "names": (("/etc/hosts",), ("/etc/nsswitch.conf",)),
-    "settings": (
-        ("/etc/sysctl.conf", "/etc/sysctl.d/*.conf", "/usr/local/lib/sysctl.d/*.conf", "/etc/ufw/sysctl.conf"),
-    ),
-    "network": (
-        (
-            "/etc/network/interfaces",
-            "/etc/network/interfaces.d/*",
-            "/etc/netplan/*.yaml",
-            "/etc/systemd/network/*",
-            "/etc/NetworkManager/system-connections/*",
-        ),
-        ("/var/lib/dhcp/*.leases", "/var/lib/NetworkManager/*.lease", "/run/systemd/netif/leases/*"),
-    ),
-    "filter": (
-        (
-            "/etc/nftables.conf",
-            "/etc/nftables.d/*",
-            "/etc/iptables/*",
-            "/etc/ufw/*.rules",
-            "/etc/firewalld/zones/*.xml",
-            "/etc/firewalld/direct.xml",
-            "/etc/docker/daemon.json",
-        ),
-    ),
+    "names": ("/etc/hosts",),
+    "order": ("/etc/nsswitch.conf",),
+    "ufw": ("/etc/ufw/*.rules", "/etc/ufw/ufw.conf", "/etc/default/ufw"),
+    "firewalld": ("/etc/firewalld/zones/*.xml", "/etc/firewalld/policies/*.xml", "/etc/firewalld/direct.xml"),
+    "docker": ("/etc/docker/daemon.json",),
 }
-# Services that change the packet filter when they start.
-FILTERS = ("docker", "nftables", "ufw", "firewalld", "netfilter-persistent", "libvirtd", "fail2ban")
+# Services that make chains of their own in the packet filter when they start.
+MAKERS = ("ufw", "firewalld", "docker", "libvirtd", "fail2ban")
+NFTABLES, NFTABLES_FILES = "nftables", ("/etc/nftables.conf", "/etc/nftables.d/*")  # whose files name their tables
+TABLE = re.compile(
+    r"^\s*(?:add\s+|create\s+)?table\s+(?:(ip|ip6|inet)\s+)?([A-Za-z][A-Za-z0-9_.-]*)\s*(?:\{|;|$)", re.M
+)
 MOST = 200  # files of a group that are looked at
+MOST_TABLES = 50
 LOG = 3.0  # seconds for the journal
 
 Row = typing.Dict[str, str]
 
 
 def changes(root: str = "/") -> typing.List[Row]:
-    """Tell what was changed when: files by their content, services that filter packets by their start, the computer itself."""
+    """Tell what was changed when: files by their content, services that filter packets by their start."""
     found = [
-        {"about": about, "what": path, "how": "was changed", "when": format_time(when)}
-        for about, groups in FILES.items()
-        for path, when in filter(None, (latest(group, root) for group in groups))
+        _row(about, path, "was changed", format_time(when))
+        for about, patterns in FILES.items()
+        for when, path in list_files(patterns, root)[-1:]
     ]
-    return found + filters() + start_rows(root)
+    units = [f"{name}.service" for name in (*MAKERS, NFTABLES)]
+    states = systemd.states(units, ("ActiveState", "StateChangeTimestamp"))
+    active = {
+        name: state.get("StateChangeTimestamp", "")
+        for name, state in zip((*MAKERS, NFTABLES), states)
+        if state.get("ActiveState") == "active"
+    }
+    found += [
+        _row(name, f"{name}.service", "was started", when) for name, when in active.items() if name in MAKERS and when
+    ]
+    return found + (tables(root) if NFTABLES in active else [])
 
 
-def latest(patterns: typing.Sequence[str], root: str = "/") -> typing.Optional[typing.Tuple[str, float]]:
-    """Find the file that was changed last, and when; None where there is none."""
+def _row(about: str, what: str, how: str, when: str) -> Row:
+    return {"about": about, "what": what, "how": how, "when": when}
+
+
+def tables(root: str = "/") -> typing.List[Row]:
+    """Tell of each table of nftables when the file was changed that makes it at boot."""
+    return [
+        _row(f"table {family or 'ip'} {name}", path, "was changed", format_time(when))
+        for when, path in list_files(NFTABLES_FILES, root)
+        for family, name in dict.fromkeys(TABLE.findall(commands.text(path)))
+    ][:MOST_TABLES]
+
+
+def list_files(patterns: typing.Sequence[str], root: str = "/") -> typing.List[typing.Tuple[float, str]]:
+    """List files with the times of their last change, the oldest first."""
     paths = [path for pattern in patterns for path in sorted(glob.glob(os.path.join(root, pattern.lstrip("/"))))]
     times = []
     for path in paths[:MOST]:
@@ -70,32 +78,12 @@ def latest(patterns: typing.Sequence[str], root: str = "/") -> typing.Optional[t
             times.append((os.stat(path).st_mtime, path))
         except OSError:
             continue
-    return (max(times)[1], max(times)[0]) if times else None
+    return sorted(times)
 
 
 def format_time(when: float) -> str:
     """Write a time as the findings say it."""
     return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(when))
-
-
-def filters() -> typing.List[Row]:
-    """Tell when the services started that filter packets."""
-    units = systemd.show([f"{name}.service" for name in FILTERS], ("Id", "ActiveState", "StateChangeTimestamp")).units
-    return [
-        {"about": "filter", "what": unit["Id"], "how": "was started", "when": unit["StateChangeTimestamp"]}
-        for unit in units
-        if unit.get("ActiveState") == "active" and unit.get("StateChangeTimestamp")
-    ]
-
-
-def start_rows(root: str = "/") -> typing.List[Row]:
-    """Tell when the first process of this computer was started (proc(5)): with a container the container's."""
-    words = commands.text(os.path.join(root, "proc/1/stat")).rpartition(")")[2].split()
-    booted = re.search(r"^btime (\d+)", commands.text(os.path.join(root, "proc/stat")), re.MULTILINE)
-    if booted is None or len(words) < 20 or not words[19].isdigit():
-        return []
-    when = int(booted.group(1)) + int(words[19]) / os.sysconf("SC_CLK_TCK")
-    return [{"about": "start", "what": "the computer", "how": "was started", "when": format_time(when)}]
 
 
 def carrier(interface: str) -> str:

@@ -119,8 +119,10 @@ def _look_up(others: typing.List[typing.Dict[str, str]], by_name: bool) -> typin
         {"name": member["name"], "address": member["address"], "addresses": addresses, "resolve_error": error}
         for member, (addresses, error) in zip(others, resolved)
     ]
+    in_file = file_addresses() if by_name else {}
     for entry in found:
         entry["user_addresses"] = usual.get(entry["name"])
+        entry["file_addresses"] = in_file.get(entry["name"].lower(), [])[:MOST_LINES]
     return found
 
 
@@ -240,6 +242,15 @@ def resolve(name: str) -> typing.Tuple[typing.List[str], str]:
     except (OSError, UnicodeError) as problem:
         return [], getattr(problem, "strerror", None) or str(problem)
     return list(dict.fromkeys(str(answer[4][0]) for answer in answers)), ""
+
+
+def file_addresses(path: str = "/etc/hosts") -> typing.Dict[str, typing.List[str]]:
+    """Read the addresses of each name in /etc/hosts, with the names in small letters (hosts(5))."""
+    found: typing.Dict[str, typing.List[str]] = {}
+    for address, *names in filter(None, (line.partition("#")[0].split() for line in text(path).splitlines())):
+        for name in names:
+            found.setdefault(name.lower(), []).append(address)
+    return found
 
 
 def name_sources(path: str = "/etc/nsswitch.conf") -> typing.List[str]:

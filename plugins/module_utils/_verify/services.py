@@ -4,13 +4,15 @@
 """The services of the collection on this computer: their state, and the environment of their processes."""
 
 import re
+import time
 import typing
 
 from .._machine import systemd
 from .._module.regular_files import read_regular
-from .._process import processes
+from .._process import commands, processes
 
 _MOST = 65536  # bytes of a drop-in file
+_MOST_PROCESSES = 32  # of a service
 _PROPERTIES = (
     "LoadState",
     "ActiveState",
@@ -22,6 +24,8 @@ _PROPERTIES = (
     "DropInPaths",
     "StateChangeTimestamp",
     "StatusText",
+    "ActiveEnterTimestampMonotonic",
+    "ControlGroup",
 )
 _REFUSED = 50  # names that a node refuses, which are told
 
@@ -43,7 +47,9 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             "drop_ins": [],
             "since": seen.get("StateChangeTimestamp", ""),
             "refused": read_refusals(seen.get("StatusText", "")),
+            "age_s": find_age(seen.get("ActiveEnterTimestampMonotonic", "")),
         }
+        entry["open_files"], entry["most_files"] = count_files(seen.get("ControlGroup", ""))
         pid = seen.get("MainPID", "0")
         if pid != "0" and seen.get("EnvironmentFiles"):  # a service without the file needs no ROS
             try:
@@ -60,6 +66,21 @@ def read_refusals(status: str) -> typing.List[str]:
     """List the names that master_sync refuses, as it tells systemd: what has not the form of a name is in quotes."""
     told = status.rpartition("; refused: ")[2] if "; refused: " in status else ""
     return re.findall(r'"[^"]+"|[^", ]+', told.partition("; not all of ")[0])[:_REFUSED]
+
+
+def find_age(entered: str) -> typing.Optional[float]:
+    """Return the seconds since a service was started last, by a clock that nobody steps; `entered` is systemd's time in microseconds."""
+    return round(time.monotonic() - int(entered) / 1e6, 1) if entered.isdigit() and int(entered) else None
+
+
+def count_files(
+    group: str, cgroups: str = "/sys/fs/cgroup"
+) -> typing.Tuple[typing.Optional[int], typing.Optional[int]]:
+    """Count the open files of the process of a control group that has the fewest left, and return its limit; two None where none is seen."""
+    lists = [commands.text(f"{cgroups}{version}{group}/cgroup.procs") for version in ("", "/systemd")] if group else []
+    pids = " ".join(lists).split()[:_MOST_PROCESSES]
+    counted = [files for files in map(processes.count_files, pids) if files]
+    return min(counted, key=lambda files: files[1] - files[0], default=(None, None))
 
 
 def sets_environment(path: str) -> bool:

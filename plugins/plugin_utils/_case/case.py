@@ -19,6 +19,7 @@ from .ways import COMMON, Way, Ways
 
 T = TypeVar("T")
 
+LATELY = 600.0  # seconds
 ANSWERS_BROADCASTS = ("net.ipv4.icmp_echo_ignore_broadcasts", "0")
 
 
@@ -111,10 +112,16 @@ def _find_usual_mtus(computers: Iterable[Participant]) -> dict[str, int]:
 
 
 class FleetState:
-    """The fleet and its observations, which all cases share. `least` are the Mbit/s that are expected; 0 for any."""
+    """The fleet and its observations, which all cases share.
 
-    def __init__(self, fleet: FleetPlan, observations: Mapping[str, Observation], least: float) -> None:
+    `least` are the Mbit/s that are expected; 0 for any. `since_last` are the seconds since the last verification; 0 without one.
+    """
+
+    def __init__(
+        self, fleet: FleetPlan, observations: Mapping[str, Observation], least: float = 0.0, since_last: float = 0.0
+    ) -> None:
         self.fleet, self.ways, self.least = fleet, Ways(fleet), least
+        self.lately = max(LATELY, since_last)  # seconds; an event on a computer is as old as its own clock says
         # the computers of this run
         self.run = {
             name: Participant(name, plan, observations[name], self.ways)

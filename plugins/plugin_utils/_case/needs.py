@@ -12,7 +12,6 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 from .._fleet.model import Gateway
-from .._observed.outcomes import Outcome
 from .case import Case
 from .parts import Part
 from .ways import COMMON
@@ -28,11 +27,6 @@ FORWARDER = (("computer", "off"), ("forwarding", "off"), ("filter", "forward"), 
 def make_parts(kind: str, place: str, *modes: str, what: str = "") -> Parts:
     """Make parts of one kind at one place; an empty place has no parts."""
     return frozenset(Part(kind, place, mode, what) for mode in modes) if place else frozenset()
-
-
-def find_own_fault(case: Case, outcome: Outcome) -> Parts:
-    """Return the fault of the observer itself that the outcome of its probe shows."""
-    return make_parts("computer", case.observer.name, "ports") if outcome == Outcome.NO_LOCAL_PORT else frozenset()
 
 
 # The network

@@ -38,7 +38,7 @@ class ReadFilters:
         self._observations = observations
         self._members: Mapping[str, Member] = {member.name: member for member in fleet.members}
         self._known: dict[tuple[str, str, str], Part | None] = {}
-        self.rules: dict[Part, Rule] = {}  # that have shown a filter at an end
+        self.rules: dict[Part, Rule] = {}  # that have shown a filter
 
     def find_drop(self, sender: str, target: str, traffic: str) -> Part | None:
         """Return the packet filter that drops a packet of this kind, or its answer; None where no known rule does."""
@@ -46,6 +46,15 @@ class ReadFilters:
         if key not in self._known:
             self._known[key] = self._trace_packet(*key)
         return self._known[key]
+
+    def list_origins(self, part: Part) -> tuple[str, ...]:
+        """List the chains, as "family table chain", of the rule that was found for a part; none where a rule did not show it."""
+        return self.rules[part].origins if part in self.rules else ()
+
+    def _name_filter(self, rule: Rule, place: str, mode: str, what: str = "") -> Part:
+        part = Part("filter", place, mode, what)
+        self.rules.setdefault(part, rule)
+        return part
 
     def lets_pass(self, part: Part) -> bool:
         """Say if all rules at the place of a filter were understood, in the chains that would drop the packet."""
@@ -73,13 +82,9 @@ class ReadFilters:
         if _is_for_one_pair(rule):
             return Part.from_pair("filter", "pair", sender, target)
         if rule.chain == FORWARD:
-            return Part("filter", where, "forward", TRAFFIC[traffic].upper() if rule.protocol else "")
+            return self._name_filter(rule, where, "forward", TRAFFIC[traffic].upper() if rule.protocol else "")
         mode = traffic if rule.protocol else ALL
-        return self._note(rule, Part("filter", where, mode if failed is way.back else f"{mode} {WORDS[rule.chain]}"))
-
-    def _note(self, rule: Rule, part: Part) -> Part:
-        self.rules[part] = rule
-        return part
+        return self._name_filter(rule, where, mode if failed is way.back else f"{mode} {WORDS[rule.chain]}")
 
     def _trace_datagram(self, sender: str, target: str) -> Part | None:
         """Return the filter at one of the two ends that drops a datagram to the group."""
@@ -94,7 +99,7 @@ class ReadFilters:
         for machine, chain, rule in ends:
             if rule is not None and chain not in machine.unclear:
                 mode = GROUP if rule.destinations else "udp" if rule.protocol else ALL
-                return self._note(rule, Part("filter", machine.name, f"{mode} {WORDS[chain]}"))
+                return self._name_filter(rule, machine.name, f"{mode} {WORDS[chain]}")
         return None
 
     def make_packet(self, member: Member, traffic: str) -> Packet:

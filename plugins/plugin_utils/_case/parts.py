@@ -167,6 +167,14 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: ss -s; sysctl net.ipv4.ip_local_port_range net.ipv4.ip_local_reserved_ports",
         read=ALWAYS,
     ),
+    ("computer", "limit"): Fault(
+        "{place} cannot open a connection: {what}",
+        "end the program that holds so many files or sockets, or raise the limit; see on {place}: sysctl fs.file-nr net.ipv4.tcp_mem; "
+        "ulimit -n; ss -s; free",
+        "on {place}: sysctl fs.file-nr net.ipv4.tcp_mem; ulimit -n; ss -s; free",
+        what="it has reached a limit",
+        read=ALWAYS,
+    ),
     ("computer", "disk"): Fault(
         "{place} has no room on {what}", "make room there; see on {place}: df -h; du -xsh /var/log", what="a disk"
     ),
@@ -538,6 +546,14 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="multimaster-*",
         read=ALWAYS,
     ),
+    ("service", "full"): Fault(
+        "{what} on {place} has as many files open as it may, so it takes no new connection",
+        f"{RESTART_UNIT}; ss -tnp; LimitNOFILE in systemctl cat {{what}}",
+        "on {place}: systemctl show --property MainPID,LimitNOFILESoft {what}; ss -tnp",
+        cost=2.0,
+        what="multimaster-*",
+        read=ALWAYS,
+    ),
     ("service", "restarting"): Fault(
         "on {place} {what} ended by itself and was started again",
         "see on {place}: journalctl -b -u {what}",
@@ -696,7 +712,7 @@ MADE = (
     ("setting", "icmp_group"),
     *(("boot", mode) for mode in ("unit", "sysctl", "route", "names")),
 )
-PORTS = ("computer", "ports")
+PORTS, LIMIT = ("computer", "ports"), ("computer", "limit")
 #: What needs a new connection of a computer.
 CALLS = (
     *((node, mode) for node in ("roscore", "discovery", "sync") for mode in ("dead", "hung")),
@@ -704,14 +720,14 @@ CALLS = (
     *(("registration", mode) for mode in ("talker", "listener")),
     *(("filter", f"{mode} out") for mode in ("rpc", "roscore", "nodes", "all")),
 )
-STOPPED = ("service", "stopped")
+STOPPED, FULL = ("service", "stopped"), ("service", "full")
 _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
-    **{(node, "hung"): (STOPPED,) for node in ("roscore", "discovery", "sync")},
+    **{(node, "hung"): (STOPPED, FULL) for node in ("roscore", "discovery", "sync")},
     **{
-        (node, "stale"): (STOPPED, *((name, mode) for name in (node, "roscore") for mode in ("dead", "hung")))
+        (node, "stale"): (STOPPED, FULL, *((name, mode) for name in (node, "roscore") for mode in ("dead", "hung")))
         for node in ("discovery", "sync")
     },
-    **dict.fromkeys((("registration", "talker"), ("registration", "listener")), (STOPPED,)),
+    **dict.fromkeys((("registration", "talker"), ("registration", "listener")), (STOPPED, FULL)),
     **{
         ("filter", f"{mode} {way}"): tuple(
             ("filter", more) for more in (mode, f"all {way}", "all") if more != f"{mode} {way}"
@@ -719,7 +735,7 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
         for mode in DROPPED
         for way in ("in", "out")
     },
-    ("sync", "untold"): (STOPPED, ("sync", "dead")),
+    ("sync", "untold"): (STOPPED, FULL, ("sync", "dead")),
     ("computer", "unmeasured"): (("link", "down"), ("interface", "address"), PORTS),
     ("set_up", "by_hand"): (("set_up", "others"),),
     ("set_up", "refused"): (("ros", "broken"),),
@@ -754,7 +770,7 @@ FOLLOWS = {
     fault: (
         *_CAUSES.get(fault, ()),
         *([("set_up", "never")] if fault in MADE else []),
-        *([PORTS] if fault in CALLS else []),
+        *([PORTS, LIMIT] if fault in CALLS else []),
     )
     for fault in (*_CAUSES, *MADE, *CALLS)
 }

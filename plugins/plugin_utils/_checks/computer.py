@@ -12,7 +12,6 @@ from .._case.packet_filters import ROSCORE
 from .._case.seen_world import DOWN
 from .._case.ways import COMMON
 from .._observed.observations import DefaultRoute, ForwardingInterface, Service
-from .._observed.outcomes import Outcome
 from .._observed.uris import is_same_uri
 from .engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement
 from .manual_setup import guard
@@ -97,6 +96,16 @@ def _has_services(case: Case) -> bool:
     return case.observer.is_probed and bool(case.observer.services)
 
 
+def _is_full(entry: Service) -> bool:
+    """Its process may open no file more, or one: it takes no connection, and its kernel does (accept(2), EMFILE)."""
+    return entry.open_files is not None and entry.most_files is not None and entry.most_files - entry.open_files <= 1
+
+
+def _was_started_again(case: Case, entry: Service) -> bool:
+    """Say if systemd has started it again lately: what was before the last verification is told no more."""
+    return bool(entry.restarts) and entry.age_s is not None and 0 <= entry.age_s <= case.state.lately
+
+
 def _describe_state(entry: Service) -> str:
     return "not there" if entry.load_state == "not-found" else f"{entry.active_state} ({entry.sub_state})"
 
@@ -117,7 +126,9 @@ def _services_evidence(case: Case) -> Parts:
                 parts |= _service_down_parts(name, service, unit)
         elif entry.stopped:
             parts |= make_parts("service", name, "stopped", what=unit)
-        elif entry.restarts:
+        elif _is_full(entry):
+            parts |= make_parts("service", name, "full", what=unit)
+        elif _was_started_again(case, entry):
             parts |= make_parts("service", name, "restarting", what=unit)
     return parts
 
@@ -138,7 +149,7 @@ def _services_needs(case: Case) -> Parts:
 @guard(_has_services)
 @Check(
     title="services are active",
-    expected="its services are active and were never started again by systemd",
+    expected="its services are active, may open more files, and were not started again by systemd since the last verification or in the last ten minutes",
     report="3.3",
     needs=_services_needs,
     evidence=_services_evidence,
@@ -156,13 +167,15 @@ def _judge_services(case: Case) -> Judgement | None:
             broken.append(f"multimaster-{name}.service is {state}")
         elif entry.stopped:
             broken.append(f"the process of {entry.unit} is stopped")
-        elif entry.restarts:
-            restarted.append(f"{entry.unit} was started again {entry.restarts} times")
+        elif _is_full(entry):
+            broken.append(f"{entry.unit} has all of its {entry.most_files} files open")
+        elif _was_started_again(case, entry):
+            restarted.append(f"{entry.unit} was started again {entry.age_s:.0f} s ago, {entry.restarts} in all")
     expected = f"{', '.join(planned)} active"
     if broken:
         return Judgement(FAILED, expected, ", ".join(broken))
     verdict = WARNING if restarted else OK
-    return Judgement(verdict, f"{expected}, never started again", ", ".join(restarted) or "all active")
+    return Judgement(verdict, f"{expected}, not started again", ", ".join(restarted) or "all active")
 
 
 def _environment_evidence(case: Case) -> Parts:
@@ -375,15 +388,11 @@ def _judge_answers_pings(case: Case) -> Judgement | None:
 
 def _roscore_suspects(case: Case) -> Parts:
     name, master = case.observer.name, case.masters[0]
-    if case.probe.roscore.outcome == Outcome.REFUSED:
-        return make_parts("roscore", master, "dead")
     return needs.roscore(case, name, master) - make_parts("roscore", master, "dead")
 
 
 def _master_uri_evidence(case: Case) -> Parts:
     seen = case.probe.roscore
-    if own := needs.find_own_fault(case, seen.outcome):
-        return own
     if seen.uri and not is_same_uri(seen.uri, case.ways.masters[case.observer.plan.robot].uri):
         return make_parts("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {seen.uri}")
     return frozenset() if seen.error else make_parts("roscore", case.masters[0], "name", what=seen.answer)
@@ -397,6 +406,7 @@ def _master_uri_evidence(case: Case) -> Parts:
     needs=lambda case: needs.roscore(case, case.observer.name, case.masters[0]),
     suspects=_roscore_suspects,
     evidence=_master_uri_evidence,
+    outcome=lambda case: case.probe.roscore.outcome,
 )
 def _judge_master_uri(case: Case) -> Judgement | None:
     if not case.observer.is_probed or case.observer.lacks_ros:

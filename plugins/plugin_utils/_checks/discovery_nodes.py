@@ -9,8 +9,9 @@ from ipaddress import IPv4Address
 
 from .._case import needs
 from .._case.case import Case
+from .._case.errors import find_parts, list_refusers
 from .._case.needs import Parts, join_parts, make_parts
-from .._case.packet_filters import GROUP
+from .._case.packet_filters import GROUP, ROSCORE
 from .._case.ways import COMMON
 from .._observed.observations import Datagrams, ListedMaster, Route
 from .._observed.outcomes import Outcome
@@ -278,10 +279,7 @@ def _port_needs(case: Case) -> Parts:
 
 
 def _port_suspects(case: Case) -> Parts:
-    """A computer that refuses is there; one that is silent would refuse if no program listened on the port."""
-    if _connect_outcome(case) == Outcome.REFUSED:  # or a different computer has its address
-        node = make_parts("discovery", case.target, "dead", "port") | make_parts("roscore", case.target, "dead")
-        return node | needs.duplicates(case, case.observer.name, case.target)
+    """A computer that is silent would refuse if no program listened on the port."""
     filtered = make_parts(
         "filter", case.target, "rpc in", "rpc", "all in", "all"
     )  # one for all interfaces also drops what a computer sends itself
@@ -290,9 +288,7 @@ def _port_suspects(case: Case) -> Parts:
 
 
 def _port_evidence(case: Case) -> Parts:
-    if own := needs.find_own_fault(case, _connect_outcome(case)):
-        return own
-    if _connect_outcome(case) == Outcome.NETWORK_UNREACHABLE:
+    if _connect_outcome(case) == Outcome.NETWORK_UNREACHABLE and _outside(case):  # no ping was sent to that address
         return make_parts("route", case.observer.name, "missing", what=COMMON)
     if (
         case.target == case.observer.name and _connect_outcome(case) == Outcome.REFUSED
@@ -311,6 +307,7 @@ def _port_evidence(case: Case) -> Parts:
     needs=_port_needs,
     suspects=_port_suspects,
     evidence=_port_evidence,
+    outcome=_connect_outcome,
 )
 def _judge_rpc_port(case: Case) -> Judgement | None:
     entry = case.observer.masters.get(case.target)
@@ -403,12 +400,18 @@ def _judge_outer_route(case: Case) -> Judgement | None:
 # The port of a roscore, seen from others: no other computer needs it, but it tells a roscore that has ended
 
 
+def _has_roscore(case: Case) -> bool:
+    """The roscore answers on its own computer, so something else refuses."""
+    return case.peer is not None and bool(case.peer.probe.roscore.answer)
+
+
 @Check(
     title="port of the roscore is not refused",
     scope=MASTER,
     expected="the TCP port of its roscore opens, or nothing comes back; refused: it has ended (warning)",
     needs=lambda case: make_parts("roscore", case.target, "dead"),
-    evidence=lambda case: make_parts("roscore", case.target, "dead"),
+    suspects=lambda case: list_refusers(case, case.target, ROSCORE),
+    evidence=lambda case: frozenset() if _has_roscore(case) else make_parts("roscore", case.target, "dead"),
 )
 def _judge_roscore_port(case: Case) -> Judgement | None:
     entry = case.observer.masters.get(case.target)
@@ -447,7 +450,7 @@ def _clock_suspects(case: Case) -> Parts:
         return join_parts(make_parts("clock", name, "off") for name in free or (case.observer.name, case.target))
     if entry is not None and entry.open:
         return make_parts("discovery", case.target, "hung") | needs.large(case, case.observer.name, case.target)
-    return _port_suspects(case)
+    return _port_evidence(case) or find_parts(case, _connect_outcome(case), "rpc") or _port_suspects(case)
 
 
 @Check(

@@ -18,6 +18,7 @@ from .._case.case import Case, FleetState
 from .._case.needs import Parts
 from .._case.pairs import ALL, choose_pairs, number
 from .._observed.observations import Observation
+from .._observed.outcomes import Outcome
 from .._plan.model import FleetPlan
 
 OK, WARNING, FAILED, UNKNOWN = "ok", "warning", "failed", "unknown"
@@ -61,6 +62,10 @@ def _find_no_parts(_case: Case) -> Parts:
     return frozenset()
 
 
+def _was_not_tried(_case: Case) -> Outcome:
+    return Outcome.NOT_TRIED
+
+
 @dataclass(frozen=True)
 class Check:
     """A check: its targets, its judge, and the meaning of its results for the parts of the fleet. It decorates its judge.
@@ -78,6 +83,9 @@ class Check:
     needs: Callable[[Case], Parts] = _find_no_parts
     suspects: Callable[[Case], Parts] | None = None
     evidence: Callable[[Case], Parts] = _find_no_parts
+    outcome: Callable[[Case], Outcome] = (
+        _was_not_tried  # of what it has sent itself: an error leaves few parts (errors.py)
+    )
     carries: str = ""  # its packets, a word of packet_filters.TRAFFIC: a rule that drops them is evidence, too
     shown: bool = False  # good results have rows, too
     id: str = ""  # the name of the judge without `_judge_`
@@ -91,7 +99,7 @@ class Check:
 class Verification:
     """The checks, applied to the observations of a fleet; `observations` has an entry for each computer of the run.
 
-    `pairs` chooses the pairs: `all`, or `auto`; see `pairs.choose_pairs`. `least` are the expected Mbit/s.
+    `pairs` chooses the pairs: `all`, or `auto`; see `pairs.choose_pairs`. `least` and `since_last` are those of FleetState.
     """
 
     def __init__(
@@ -101,10 +109,11 @@ class Verification:
         observations: Mapping[str, Observation],
         pairs: str = ALL,
         least: float = 0.0,
+        since_last: float = 0.0,
     ) -> None:
         self.checks = checks
         self.fleet = fleet
-        self.state = FleetState(fleet, observations, least)
+        self.state = FleetState(fleet, observations, least, since_last)
         self.ways, self.run = self.state.ways, self.state.run
         self.tried = choose_pairs(
             {member.name: str(member.network) for member in fleet.members}, fleet.computers, pairs

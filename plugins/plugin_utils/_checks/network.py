@@ -225,47 +225,17 @@ def _answers_sometimes(case: Case) -> bool:
     return case.member is not None and case.member.loss is not None and case.member.loss < 1.0
 
 
-def _ping_evidence(case: Case) -> Parts:
-    """A router that reports "time to live exceeded" sends packets back to where they came from. "Network unreachable": it has no route."""
-    mode = {Outcome.NETWORK_UNREACHABLE: "missing", Outcome.TIME_EXCEEDED: "circle"}
+def _ping_outcome(case: Case) -> Outcome:
+    """What became of the pings. Of some that were lost on the way an error says nothing."""
     ping = case.member.ping_address if case.member else None
-    if ping is None or not ping.reporter or ping.outcome not in mode:
-        return frozenset()
-    return make_parts(
-        "route", case.ways.name_at(ping.reporter), mode[ping.outcome], what=case.ways.network(case.robots[1])
-    )
+    return Outcome.NOT_TRIED if ping is None or _answers_sometimes(case) else ping.outcome
 
 
 def _ping_suspects(case: Case) -> Parts:
-    """An ICMP error has its reporter and its reason; see _multicast/packets.py of the modules."""
     if _answers_sometimes(case):
         return needs.loss_parts(case, case.observer.name, case.target)
-    ping = (case.member.ping_address if case.member else None) or Ping()
-    reporter = case.ways.name_at(ping.reporter)
-    if ping.outcome == Outcome.PROHIBITED:
-        return make_parts("filter", reporter or case.target, "forward") | needs.passes(
-            case.observer.name, case.target, "icmp"
-        )
-    if ping.outcome == Outcome.HOST_UNREACHABLE and reporter:
-        return _unreachable(case, reporter)
     silent = case.member is not None and case.member.silent
     return _ping_needs(case) - needs.arp_parts(case, case.observer.name, case.target) if silent else _ping_needs(case)
-
-
-def _unreachable(case: Case, reporter: str) -> Parts:
-    """The reporter got no ARP answer from the next hop: the target, or a gateway."""
-    crossed = needs.links(case, reporter, case.target)
-    network = crossed[0][1]
-    following = next((place for place, _network in crossed if place != reporter), case.target)
-    found = make_parts("network", network, "dead") | make_parts("computer", following, "off")
-    for place in (reporter, following):
-        found |= make_parts("link", place, "down", what=network) | make_parts("interface", place, "address", "prefix")
-        found |= make_parts("neighbour", place, "mute")
-    beyond = case.ways.network(case.robots[1])
-    if not needs.is_in(case, reporter, beyond):  # or it has looked for the target in a network of its own
-        found |= make_parts("route", reporter, "missing", "other", what=beyond)
-        found |= make_parts("route", reporter, "missing")
-    return found
 
 
 def _judge_ping(case: Case, ping: Ping | None, whom: str, size: str = "") -> Judgement | None:
@@ -285,7 +255,7 @@ def _judge_ping(case: Case, ping: Ping | None, whom: str, size: str = "") -> Jud
     report="3.2, 4.2",
     needs=_ping_needs,
     suspects=_ping_suspects,
-    evidence=_ping_evidence,
+    outcome=_ping_outcome,
 )
 def _judge_ping_address(case: Case) -> Judgement | None:
     return _judge_ping(case, case.member.ping_address if case.member else None, case.address)

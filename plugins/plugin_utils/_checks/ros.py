@@ -71,8 +71,6 @@ def _topic_evidence(case: Case) -> Parts:
     topic, there = case.topic, case.peer.seen.probe if case.peer else None
     if topic is None or not topic.listened:
         return frozenset()
-    if own := needs.find_own_fault(case, topic.reached_outcome):
-        return own
     if stages.is_filtered(case, topic.topic):
         return make_parts("declaration", case.robots[0], "narrow", what="the test topic /multimaster_verify/*")
     ended = there is not None and there.talker is not None and not there.talker.running
@@ -92,6 +90,7 @@ def _topic_evidence(case: Case) -> Parts:
     suspects=_topic_suspects,
     carries="nodes",
     evidence=_topic_evidence,
+    outcome=lambda case: case.topic.reached_outcome if case.topic else Outcome.NOT_TRIED,
 )
 def _judge_topic_heard(case: Case) -> Judgement | None:
     target = case.peer

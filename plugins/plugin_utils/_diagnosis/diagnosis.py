@@ -16,6 +16,7 @@ from itertools import chain, islice
 
 from .._case import needs
 from .._case.case import Participant
+from .._case.errors import find_parts
 from .._case.needs import Parts
 from .._case.parts import ALWAYS, ANY, FOLLOWS, HEARSAY, RULED, Part
 from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Check, Row, Verification
@@ -136,11 +137,13 @@ class _Diagnosis:
         """Note what a row shows to be broken, or whom it lets suspect."""
         check = self.checks[row.check]
         case = self.verification.case(check, row.observer, row.target)
-        if evidence := self._find_drop(check, row) or self._read_end(row) or check.evidence(case):
+        told = find_parts(case, check.outcome(case), check.carries)
+        shown = told if len(told) == 1 else frozenset()
+        if evidence := self._find_drop(check, row) or self._read_end(row) or check.evidence(case) or shown:
             for part in evidence:
                 self._finding(part).proof.append(row)
         else:
-            self.open.append((row, (check.suspects or check.needs)(case)))
+            self.open.append((row, told or (check.suspects or check.needs)(case)))
 
     def _read_end(self, row: Row) -> Parts:
         """Return the part that followed packets have shown on the way of a row."""
@@ -263,7 +266,7 @@ class _Diagnosis:
         computer = self._computer(entry.part)
         return replace(
             _add_clock_offset(entry),
-            since=describe_onset(entry.part, computer.seen.probe if computer else None),
+            since=describe_onset(entry.part, computer, self.verification.state),
             command=command((entry.part, *entry.also), computer, self.verification.state),
         )
 

@@ -3,59 +3,66 @@
 
 """Since when a part is broken, where a machine tells: pure, a part and what was seen at its place in, a text out.
 
-A service has a time of its own. The kernel notes none for its settings, routes and filters: there the files that decide
-them, and the last start of the computer, bound it.
+A service has a time of its own. The kernel notes none for its settings, routes and rules. So a file is told only where it decides
+the fault: its line, its value, or its table of the packet filter was read.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping
+from ipaddress import IPv4Network
 
+from .._case.case import FleetState, Participant
 from .._case.parts import Part
-from .._observed.observations import Probe, Service
+from .._case.ways import COMMON
+from .._observed.observations import BootDeviation, Probe, Service
 
 SERVICES = ("roscore", "discovery", "sync")
-# Kind of part -> which changes of the computer bound the time; a kind with a mode goes before the kind alone.
-BOUNDS = {
-    ("names", ""): ("names",),
-    ("boot", "names"): ("names",),
-    ("boot", "sysctl"): ("settings",),
-    ("boot", "route"): ("network",),
-    ("forwarding", "off"): ("settings", "start"),
-    ("reverse_path", ""): ("settings", "start"),
-    ("redirects", ""): ("settings", "start"),
-    ("setting", "icmp_group"): ("settings", "start"),
-    ("route", ""): ("network", "start"),
-    ("interface", "address"): ("network", "start"),
-    ("interface", "prefix"): ("network", "start"),
-    ("interface", "mtu"): ("network", "start"),
-    ("filter", ""): ("filter", "start"),
-    ("translation", ""): ("filter", "start"),
-    ("forwarding", "large"): ("filter", "start"),
-    ("link", "down"): ("start",),
+LATER = ("hung", "stale", "untold", "full", "stopped")  # these begin some time after the start, which says nothing
+FEW = 4  # changes of a link that are usual: it comes when the computer starts
+# A fault of the kernel's settings -> the settings, and the value that is wrong; a file counts where it sets this value.
+SETTINGS: Mapping[tuple[str, str], tuple[str, str]] = {
+    ("forwarding", "off"): (r"net\.ipv4\.(ip_forward|conf\..+\.forwarding)", "0"),
+    ("reverse_path", "strict"): (r"net\.ipv4\.conf\..+\.rp_filter", "1"),
+    ("redirects", "sent"): (r"net\.ipv4\.conf\..+\.send_redirects", "1"),
+    ("setting", "icmp_group"): (r"net\.ipv4\.icmp_echo_ignore_broadcasts", "1"),
+}
+# A maker of packet filters -> the tables and chains that are its own, as "family table chain".
+MAKERS: Mapping[str, str] = {
+    "ufw": r"ip6? filter ufw6?-.*",
+    "firewalld": r"(inet|ip|ip6) firewalld .*",
+    "docker": r"ip6? [a-z]+ DOCKER.*",
+    "libvirtd": r"ip6? ([a-z]+ LIBVIRT_.*|libvirt_network .*)",
+    "fail2ban": r"(ip6? filter|inet f2b-table) f2b-.*",
 }
 
 
-def describe_onset(part: Part, probe: Probe | None) -> str:
+def describe_onset(part: Part, computer: Participant | None, state: FleetState) -> str:
     """Say since when; empty where it is not known."""
-    if probe is None:
+    if computer is None:
         return ""
+    probe = computer.probe
     if part.kind in SERVICES:
         return _service_time([entry for entry in probe.services if entry.name == part.kind], part.mode)
     if part.kind == "service":
-        return _service_time([entry for entry in probe.services if entry.unit == part.what], "dead")
+        return _service_time([entry for entry in probe.services if entry.unit == part.what], part.mode)
     if (part.kind, part.mode) == ("environment", "service"):
         return _service_time([entry for entry in probe.services if entry.differing], "runs")
-    told = [*(_link_history(probe) if part.kind == "link" else ()), *_bounds(part, probe)]
-    return "; ".join(told)
+    if part.kind == "link":
+        return "; ".join(_link_history(probe))
+    files = (f"{entry.file} was changed {entry.when}" for entry in probe.next_boot if _decides(entry, part, state))
+    deciding = _find_subjects(part, computer, state)
+    changes = (f"{entry.what} {entry.how} {entry.when}" for entry in probe.changes if entry.about in deciding)
+    return "; ".join(dict.fromkeys([*files, *changes]))
 
 
 def _service_time(services: list[Service], mode: str) -> str:
     """A service that has ended is so since it changed its state; one that runs with something wrong has it since its start."""
     times = [entry.since for entry in services if entry.since]
-    if not times:
+    if not times or mode in LATER:
         return ""
-    return f"it ended {times[0]}" if mode == "dead" else f"it was started {times[0]}"
+    return f"it ended {times[0]}" if mode in ("dead", "down") else f"it was started {times[0]}"
 
 
 def _link_history(probe: Probe) -> Iterable[str]:
@@ -67,10 +74,42 @@ def _link_history(probe: Probe) -> Iterable[str]:
             yield f"the link of {entry.interface} came or went {entry.carrier_changes} times"
 
 
-FEW = 4  # changes of a link that are usual: it comes when the computer starts
+def _decides(entry: BootDeviation, part: Part, state: FleetState) -> bool:
+    """Say if a file that differs from the plan is the reason of a fault."""
+    if not entry.when:
+        return False
+    if part.kind == "boot":
+        return entry.kind == part.mode and (not part.what or entry.name == part.what)
+    if entry.kind == "sysctl" and (part.kind, part.mode) in SETTINGS:
+        names, value = SETTINGS[part.kind, part.mode]
+        return bool(re.fullmatch(names, entry.name.strip('"')) and re.search(rf" sets {value}\b", entry.found))
+    return part.kind == "route" and part.mode == "missing" and entry.kind == "route" and _leads(entry, part, state)
 
 
-def _bounds(part: Part, probe: Probe) -> Iterable[str]:
-    wanted = BOUNDS.get((part.kind, part.mode)) or BOUNDS.get((part.kind, ""), ())
-    for about in wanted:
-        yield from (f"{entry.what} {entry.how} {entry.when}" for entry in probe.changes if entry.about == about)
+def _leads(entry: BootDeviation, part: Part, state: FleetState) -> bool:
+    """Say if the route of a file, such as "192.168.11.0/24 by 192.168.1.201", leads to the network of a part; without one to any."""
+    networks = {state.ways.network(member.robot): member.network for member in state.fleet.members}
+    wanted = {**networks, COMMON: state.fleet.common_network}.get(part.what)
+    try:
+        destination = IPv4Network(entry.name.strip('"').partition(" by ")[0].replace("default", "0.0.0.0/0"))
+    except ValueError:
+        return False
+    return not part.what or (wanted is not None and wanted.subnet_of(destination))
+
+
+def _find_subjects(part: Part, computer: Participant, state: FleetState) -> set[str]:
+    """Find the changes that concern a part, by their `about`."""
+    if part.kind == "names":
+        return {"order"} if part.mode == "order" else {"names"} if _is_in_file(part, computer) else set()
+    origins = state.filters.list_origins(part)
+    makers = {maker for maker, own in MAKERS.items() if any(re.fullmatch(own, origin) for origin in origins)}
+    tables = {f"table {origin.rpartition(' ')[0]}" for origin in origins}
+    return makers if len(makers) == 1 else tables if not makers else set()
+
+
+def _is_in_file(part: Part, computer: Participant) -> bool:
+    """Say if a line of /etc/hosts gives a name one of its wrong addresses."""
+    member = computer.members.get(part.what)
+    return member is not None and any(
+        address in member.file_addresses for address in member.addresses if address != member.address
+    )

@@ -156,7 +156,7 @@ class _Walk:
         if not self._list(self.probe.target, ANSWER, outgoing=True):
             return replace(there, stage=Stage.TARGET, at=self.probe.target)
         back = replace(self._walk(ANSWER, route[::-1]), answer=True, first_ttl=there.first_ttl)
-        if back.stage == Stage.ARRIVED and self.sent and self.sent.data == Outcome.NO_ANSWER:
+        if back.stage == Stage.ARRIVED and self.sent and self.sent.data in (Outcome.NO_ANSWER, Outcome.RESET):
             return replace(back, stage=Stage.MUTE, at=self.probe.target)
         return back
 

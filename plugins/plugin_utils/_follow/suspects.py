@@ -10,11 +10,11 @@ suspects is left, the place itself is the part.
 
 from __future__ import annotations
 
-import errno
 import re
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
+from .._case.errors import PROGRAMS, list_own_parts
 from .._case.parts import Part
 from .._observed.second_look import SeenPackets
 from .place import LARGE, Place, Stage
@@ -28,7 +28,7 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
         (AT, "route", ()),
         (AT, "link", ("down",)),
         (AT, "interface", ("address", "multicast")),
-        (AT, "computer", ("ports",)),
+        (AT, "computer", ("ports", "limit")),
     ),
     Stage.ASKED: (
         (AT, "link", ("down",)),
@@ -117,18 +117,13 @@ class Sign(NamedTuple):
     make: Callable[[Place], Part]
 
 
-def _has_no_port(place: Place, _packets: SeenPackets) -> bool:
-    return place.sent is not None and place.sent.errno == errno.EADDRNOTAVAIL
+def _list_own_parts(place: Place) -> list[Part]:
+    return list_own_parts(place.sent.outcome, place.at, _name_traffic(place)) if place.sent else []
 
 
-def _is_dropped_here(place: Place, _packets: SeenPackets) -> bool:
-    """Say if a packet filter of the sender has dropped it (nf_hook_slow returns EPERM)."""
-    return place.sent is not None and place.sent.errno == errno.EPERM
-
-
-def _is_prohibited_here(place: Place, _packets: SeenPackets) -> bool:
-    """Say if a rule or a route of the sender leads nowhere (ip-route(8): EACCES for prohibit, EINVAL for blackhole)."""
-    return place.sent is not None and place.sent.errno in (errno.EACCES, errno.EINVAL)
+def _has_own_error(place: Place, _packets: SeenPackets) -> bool:
+    """Say if the sender's own kernel has refused to send."""
+    return bool(_list_own_parts(place))
 
 
 def _began_short(place: Place, _packets: SeenPackets) -> bool:
@@ -161,7 +156,7 @@ def _counts_full_queue(place: Place, packets: SeenPackets) -> bool:
 
 
 def _name_program(place: Place) -> str:
-    return {"roscore": "roscore", "rpc": "discovery"}.get(place.probe.traffic, "")
+    return PROGRAMS.get(place.probe.traffic, "")
 
 
 def _is_fixed(place: Place, packets: SeenPackets) -> bool:
@@ -172,15 +167,12 @@ def _make_lifetime(place: Place) -> Part:
     return Part("setting", place.probe.target if place.answer else place.probe.sender, "ttl")
 
 
-def _make_filter(place: Place, direction: str) -> Part:
-    traffic = "icmp" if place.probe.traffic == LARGE else place.probe.traffic
-    return Part("filter", place.at, f"{traffic} {direction}")
+def _name_traffic(place: Place) -> str:
+    return "icmp" if place.probe.traffic == LARGE else place.probe.traffic
 
 
 SIGNS = (
-    Sign((Stage.SOURCE,), _has_no_port, lambda place: Part("computer", place.at, "ports")),
-    Sign((Stage.SOURCE,), _is_dropped_here, lambda place: _make_filter(place, "out")),
-    Sign((Stage.SOURCE,), _is_prohibited_here, lambda place: Part("route", place.at, "rule")),
+    Sign((Stage.SOURCE,), _has_own_error, lambda place: _list_own_parts(place)[0]),
     Sign(
         (Stage.STRANGER, Stage.WIRE),
         _is_fixed,
@@ -190,7 +182,7 @@ SIGNS = (
     Sign((Stage.HOP,), _ends_life, _make_lifetime),
     Sign((Stage.HOP, Stage.TARGET), _counts_reverse_path, lambda place: Part("reverse_path", place.at, "strict")),
     Sign((Stage.HOP,), _counts_rule, lambda place: Part("filter", place.at, "forward")),
-    Sign((Stage.TARGET,), _counts_rule, lambda place: _make_filter(place, "in")),
+    Sign((Stage.TARGET,), _counts_rule, lambda place: Part("filter", place.at, f"{_name_traffic(place)} in")),
     Sign((Stage.TARGET,), _counts_full_queue, lambda place: Part(_name_program(place), place.at, "hung")),
 )
 

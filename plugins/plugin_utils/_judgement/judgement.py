@@ -69,8 +69,8 @@ def judge_run(run: Run, pages: bool, everything: bool) -> Judgement:
 def make_verification(run: Run) -> Verification:
     """Apply the table of checks to the observations of a run."""
     pairs = AUTO if run.about.get("pairs") == AUTO else ALL
-    least = float(run.about.get("least_mbit_s") or 0)
-    return Verification(CHECKS, run.fleet, run.observations, pairs, least)
+    least, since_last = (float(run.about.get(key) or 0) for key in ("least_mbit_s", "since_last_s"))
+    return Verification(CHECKS, run.fleet, run.observations, pairs, least, since_last)
 
 
 def make_document(run: Run, judgement: Judgement) -> dict[str, Any]:

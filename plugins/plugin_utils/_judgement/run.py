@@ -29,7 +29,7 @@ FIRST_LOOK = (
     "streams",
     "least_mbit_s",
 )
-OPTIONS = (*FIRST_LOOK, "follow", "sent", "followed")
+OPTIONS = (*FIRST_LOOK, "follow", "sent", "followed", "since_last_s")
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,8 @@ def gather_run(
     infos = {host: find_result(hostvars[host], names["machine"]) for host in observations}
     logs = {host: _lines(find_result(hostvars[host], names["logs"])) for host in observations} if names["logs"] else {}
     machines = content.describe_machines(fleet, observations, infos)
-    choices = {"pairs": names["pairs"] or ALL, "least_mbit_s": str(names["least_mbit_s"] or 0)}
+    numbers = {option: str(names[option] or 0) for option in ("least_mbit_s", "since_last_s")}
+    choices = {"pairs": names["pairs"] or ALL, **numbers}
     return Run(fleet, observations, machines, {**about, **choices}, logs)
 
 

@@ -62,6 +62,7 @@ class SeenMember:
     name: str
     address: str = ""
     addresses: tuple[str, ...] = ()
+    file_addresses: tuple[str, ...] = ()  # of its name in /etc/hosts
     resolve_error: str = ""
     route: Route | None = None
     discovery_route: Route | None = None  # to its other address, at which its discovery node is; None without one
@@ -215,6 +216,11 @@ class Service:
     since: str = ""  # the time of its last change of state, as systemd writes it
     stopped: bool = False  # by a signal or a debugger
     refused: tuple[str, ...] = ()  # names of others that a sync node refuses
+    age_s: float | None = (
+        None  # seconds since its last start, by the computer's own clock that nobody steps; None where it is unknown
+    )
+    open_files: int | None = None  # of its process with the fewest left; None where nobody may look
+    most_files: int | None = None  # that this process may have open
 
 
 @dataclass(frozen=True)
@@ -226,6 +232,7 @@ class BootDeviation:
     expected: str = ""
     found: str = ""
     file: str = ""
+    when: str = ""  # the last change of the file; empty without one
 
 
 @dataclass(frozen=True)
@@ -307,10 +314,10 @@ class Clock:
 
 @dataclass(frozen=True)
 class Change:
-    """Something that was changed or started, and when."""
+    """A file that was changed, or a service that was started, and when."""
 
-    about: str  # the subject: names, settings, network, filter or start
-    what: str  # a file, a service or the computer
+    about: str  # names, the order of name services, a maker of packet filters, or a table such as "table inet fleet"
+    what: str  # the file or the service
     how: str = "was changed"
     when: str = ""
 
@@ -521,6 +528,7 @@ class FilterRule:
     leaving: str = ""
     state: str = ""
     above: int = 0  # bytes
+    chain: str = ""  # in which it stands
 
 
 @dataclass(frozen=True)

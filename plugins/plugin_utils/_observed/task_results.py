@@ -31,7 +31,6 @@ FORMS = {
     "closed": re.compile(r"(blackhole|unreachable|prohibit) [A-Za-z0-9 _./:-]*"),
     "table": re.compile(r"[a-z0-9]+ [A-Za-z0-9_.-]+"),
     "file": re.compile(r"/[A-Za-z0-9_./@-]+ line [0-9]+"),
-    "what": re.compile(r"the computer"),
     "how": re.compile(r"was (changed|started)"),
     "active_state": re.compile(r"active|inactive|failed|(de)?activating|reloading|maintenance"),
     "sub_state": re.compile(r"[a-z]+(-[a-z]+)*"),
@@ -39,7 +38,11 @@ FORMS = {
     "state": re.compile(r"up|down|unknown|dormant|testing|lowerlayerdown|notpresent|new|established"),
     "direction": re.compile(r"in|out"),
     "kind": re.compile(r"[a-z]+"),
-    "about": re.compile(r"names|settings|network|filter|start"),
+    "about": re.compile(
+        r"names|order|ufw|firewalld|docker|libvirtd|fail2ban|table (ip|ip6|inet) [A-Za-z][A-Za-z0-9_.-]*"
+    ),
+    "when": re.compile(r"([A-Z][a-z]{2} )?[0-9]{4}-[0-9]{2}-[0-9]{2} [0-9:]{8} [A-Z]{2,5}"),
+    "chain": re.compile(r"[A-Za-z][A-Za-z0-9_.-]*"),
     "reached": re.compile(r"open"),
     "step": re.compile(r"told|answered|connected"),
     "roscore": re.compile(r"open"),

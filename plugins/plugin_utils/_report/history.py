@@ -10,6 +10,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -17,6 +18,7 @@ from .._fleet.plain_text import plain_data
 from .._fleet.sentences import shorten_list
 
 NAME = "%Y-%m-%dT%H%M%S"  # of the files of a run
+TIME = "%Y-%m-%d %H:%M:%S %z"  # of a run, in its document
 PATTERN = "[0-9][0-9][0-9][0-9]-[0-9][0-9]-[0-9][0-9]T[0-9][0-9][0-9][0-9][0-9][0-9].*"
 KEPT = 20  # runs; each has two files
 NAMED = 6  # names in a sentence
@@ -45,6 +47,14 @@ def read_data(text: str) -> dict[str, Any]:
         return plain_data(data) if isinstance(data, dict) else {}
     except (ValueError, RecursionError):
         return {}
+
+
+def count_seconds(before: Mapping[str, Any], now: float) -> int:
+    """Count the seconds from the run of a document until now, both by the clock of the controller; 0 where it has no time before now."""
+    try:
+        return max(0, int(now - datetime.strptime(before["time"], TIME).timestamp()))
+    except (KeyError, OverflowError, TypeError, ValueError):  # written by another version, or by hand
+        return 0
 
 
 def compare(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

@@ -131,14 +131,16 @@ def read_rules(chains: Iterable[Info]) -> tuple[tuple[Rule, ...], frozenset[str]
     rules, unclear = [], set()
     for number, chain in enumerate(chains):
         hook, table = HOOKS[chain["hook"]], f"{number} {chain['table']}"
-        rules += [_rule(hook, table, entry) for entry in chain["rules"]]
+        own = [_rule(hook, table, entry, f"{chain['table']} {entry.get('chain', '')}") for entry in chain["rules"]]
+        rules += own
         unclear |= {hook} if chain["unread"] else set()
         if chain["policy"] != ACCEPT:
-            rules.append(Rule(hook, chain["policy"], table=table))
+            origins = dict.fromkeys(origin for rule in own for origin in rule.origins)
+            rules.append(Rule(hook, chain["policy"], table=table, origins=tuple(origins)))
     return tuple(rules), frozenset(unclear)
 
 
-def _rule(hook: str, table: str, entry: Info) -> Rule:
+def _rule(hook: str, table: str, entry: Info, origin: str) -> Rule:
     first, last = entry.get("ports") or (0, 65535)
     return Rule(
         chain=hook,
@@ -152,6 +154,7 @@ def _rule(hook: str, table: str, entry: Info) -> Rule:
         state=entry.get("state", ""),
         above=entry.get("above", 0),
         table=table,
+        origins=(origin,),
     )
 
 

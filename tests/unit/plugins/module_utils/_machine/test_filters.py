@@ -60,7 +60,8 @@ STRANGE = (
 
 @pytest.mark.parametrize("rule", RULES)
 def test_simple_rules_are_read(rule):
-    expected = {"hook": "forward", "table": "ip t", "policy": "drop", "rules": [RULES[rule]], "unread": 0}
+    rules = [{**RULES[rule], "chain": "c"}]
+    expected = {"hook": "forward", "table": "ip t", "policy": "drop", "rules": rules, "unread": 0}
     assert read(f"{HEAD}{CHAIN}add rule ip t c {rule}") == [expected]
 
 
@@ -75,22 +76,22 @@ def test_chains_are_read_in_the_place_of_the_jump():
         "add rule ip t c iifname eth0 jump d; add rule ip t c accept"
     )
     assert chain["rules"] == [
-        {"verdict": "drop", "protocol": "udp", "ports": [11511, 11511], "incoming": "eth0"},
-        {"verdict": "accept"},
+        {"verdict": "drop", "chain": "d", "protocol": "udp", "ports": [11511, 11511], "incoming": "eth0"},
+        {"verdict": "accept", "chain": "c"},
     ]
     assert chain["unread"] == 0
 
 
 def test_a_return_that_is_not_the_end_is_not_understood():
     (chain,) = read(f"{HEAD}{CHAIN}add rule ip t c iifname eth0 return; add rule ip t c accept")
-    assert (chain["rules"], chain["unread"]) == ([{"verdict": "accept"}], 1)
+    assert (chain["rules"], chain["unread"]) == ([{"verdict": "accept", "chain": "c"}], 1)
 
 
 def test_a_circle_of_contradicting_jumps_ends():
     chains = read(
         f"{HEAD}{CHAIN}add chain ip t d; add rule ip t c iifname eth0 jump d; add rule ip t d iifname eth1 drop; add rule ip t d drop"
     )
-    assert (chains[0]["rules"], chains[0]["unread"]) == ([{"verdict": "drop", "incoming": "eth0"}], 1)
+    assert (chains[0]["rules"], chains[0]["unread"]) == ([{"verdict": "drop", "chain": "d", "incoming": "eth0"}], 1)
 
 
 def test_rules_that_drop_nothing_are_left_out():
@@ -103,7 +104,7 @@ def test_masquerading_of_iptables():
     found = {chain["hook"]: chain for chain in read("", f"cat >/dev/null; {lines}")}
     assert found["forward"]["policy"] == "drop" and not found["forward"]["rules"]
     told = found["postrouting"]
-    rule = {"verdict": "masquerade", "sources": ["172.17.0.0/16"], "leaving": "eth1"}
+    rule = {"verdict": "masquerade", "chain": "POSTROUTING", "sources": ["172.17.0.0/16"], "leaving": "eth1"}
     assert (
         told["rules"] == [rule] or told["unread"] == 1
     )  # some versions of nft print the target of iptables as no verdict

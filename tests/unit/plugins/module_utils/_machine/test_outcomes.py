@@ -6,6 +6,7 @@
 import errno
 import os
 import socket
+import struct
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import outcomes
@@ -28,6 +29,16 @@ def test_a_connection_is_open_refused_or_has_no_name():
     assert outcomes.connect("no.such.name.invalid", 1, 1.0)[:2] == (Outcome.UNKNOWN_NAME, None)
 
 
+def test_a_connection_that_the_other_side_ends_is_reset():
+    with socket.create_server(("127.0.0.1", 0)) as there, socket.create_connection(there.getsockname()) as here:
+        other, _address = there.accept()
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        other.close()
+        with pytest.raises(OSError) as problem:
+            here.recv(1)
+    assert outcomes.classify_error(problem.value) == (Outcome.RESET, errno.ECONNRESET)
+
+
 @pytest.mark.parametrize(
     ("number", "outcome"),
     [
@@ -35,7 +46,15 @@ def test_a_connection_is_open_refused_or_has_no_name():
         (errno.EHOSTUNREACH, Outcome.HOST_UNREACHABLE),
         (errno.EADDRNOTAVAIL, Outcome.NO_LOCAL_PORT),
         (errno.ETIMEDOUT, Outcome.NO_ANSWER),
-        (errno.EPERM, Outcome.FAILED),
+        (errno.ECONNRESET, Outcome.RESET),
+        (errno.EMFILE, Outcome.NO_FILE),
+        (errno.ENFILE, Outcome.NO_FILE_HERE),
+        (errno.ENOBUFS, Outcome.NO_MEMORY),
+        (errno.ENOMEM, Outcome.NO_MEMORY),
+        (errno.EPERM, Outcome.NOT_PERMITTED),
+        (errno.EACCES, Outcome.CLOSED_ROUTE),
+        (errno.EINVAL, Outcome.CLOSED_ROUTE),
+        (errno.EIO, Outcome.FAILED),
     ],
 )
 def test_an_error_of_the_kernel_is_one_outcome(number, outcome):

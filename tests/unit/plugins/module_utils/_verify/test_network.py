@@ -47,6 +47,72 @@ def hosts():
             subprocess.run(["ip", "netns", "delete", name], check=False)
 
 
+# The errors of a kernel that refuses to send, each made by the kernel itself
+ERRNOS = """
+import json, resource, subprocess, sys
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import outcomes
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
+def run(words):
+    subprocess.run(words.split(), check=True)
+def connect(address, port=9):
+    answer = outcomes.connect(address, port, 5.0)
+    return answer.outcome.value, answer.errno
+def ping(address):
+    answer = network.ping([address], tries=1, answer=0.3)[address]
+    return answer.outcome.value, answer.errno
+found = {}
+for number, kind in enumerate(("prohibit", "blackhole", "unreachable"), 1):
+    run(f"ip route add {kind} 10.98.{number}.1")
+    found[kind] = ping(f"10.98.{number}.1"), connect(f"10.98.{number}.1")
+for number, kind in enumerate(("prohibit", "blackhole", "unreachable"), 1):
+    run(f"ip rule add to 10.96.{number}.1 {kind}")
+    found["rule " + kind] = ping(f"10.96.{number}.1"), connect(f"10.96.{number}.1")
+found["no route"] = ping("10.97.0.1"), connect("10.97.0.1")
+found["nobody listens"] = None, connect("10.99.0.2")
+found["nobody answers"] = None, connect("10.99.0.3")
+run("nft add table inet fault")
+run("nft add chain inet fault one { type filter hook output priority 0; }")
+run("nft add rule inet fault one ip protocol icmp drop")
+found["filter"] = ping("10.99.0.2"), None
+run("sysctl -q -w net.ipv4.ip_local_reserved_ports=1024-65535")
+found["ports"] = None, connect("10.99.0.2")
+resource.setrlimit(resource.RLIMIT_NOFILE, (3, 3))
+found["files"] = None, connect("10.99.0.2")
+print(json.dumps(found))
+"""
+
+
+@root
+@pytest.mark.skipif(not shutil.which("nft"), reason="needs nft")
+def test_errnos_of_a_real_kernel_are_told_apart(hosts):
+    collections = str(pathlib.Path(network.__file__).parents[6])
+    output = subprocess.run(
+        ["ip", "netns", "exec", hosts[0], sys.executable, "-c", ERRNOS],
+        check=True,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": collections},
+    ).stdout
+
+    def both(outcome, number):
+        return [[outcome.value, number]] * 2
+
+    closed, none = Outcome.CLOSED_ROUTE, Outcome.NETWORK_UNREACHABLE
+    assert json.loads(output) == {
+        "prohibit": both(closed, errno.EACCES),
+        "blackhole": both(closed, errno.EINVAL),
+        "unreachable": both(Outcome.HOST_UNREACHABLE, errno.EHOSTUNREACH),
+        "rule prohibit": both(closed, errno.EACCES),
+        "rule blackhole": both(closed, errno.EINVAL),
+        "rule unreachable": both(none, errno.ENETUNREACH),
+        "no route": both(none, errno.ENETUNREACH),
+        "nobody listens": [None, [Outcome.REFUSED.value, errno.ECONNREFUSED]],
+        "nobody answers": [None, [Outcome.HOST_UNREACHABLE.value, errno.EHOSTUNREACH]],
+        "filter": [[Outcome.NOT_PERMITTED.value, errno.EPERM], None],
+        "ports": [None, [Outcome.NO_LOCAL_PORT.value, errno.EADDRNOTAVAIL]],
+        "files": [None, [Outcome.NO_FILE.value, errno.EMFILE]],
+    }
+
+
 @root
 def test_ping_between_two_hosts(hosts):
     collections = str(pathlib.Path(network.__file__).parents[6])

@@ -3,9 +3,12 @@
 
 """The services of the collection: the environment of their processes."""
 
+import errno
 import os
 import signal
 import subprocess
+import sys
+import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import services
@@ -34,6 +37,40 @@ def test_a_drop_in_file_with_other_variables_is_named(monkeypatch, tmp_path):
     monkeypatch.setattr(services.systemd, "states", lambda units, properties: [seen for unit in units])
     assert services.services(["sync"], {"NOT_HERE": "1"})[0]["drop_ins"] == [str(tmp_path / "a.conf")]
     assert services.services(["sync"], {})[0]["drop_ins"] == []
+
+
+HOLDS = """
+import os, resource, sys
+resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
+try:
+    while True:
+        os.dup(0)
+except OSError as problem:
+    print(problem.errno, flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_process_without_a_file_left_is_counted(tmp_path):
+    """The fullest process of a control group; the others have room."""
+    full = subprocess.Popen([sys.executable, "-c", HOLDS], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        assert int(full.stdout.readline()) == errno.EMFILE
+        for folder, pid in (("one", os.getpid()), ("systemd/two", full.pid), ("gone", 1 << 30)):
+            group = tmp_path / folder
+            group.mkdir(parents=True)
+            (group / "cgroup.procs").write_text(f"{os.getpid()}\n{pid}\n" if pid < 1 << 30 else f"{pid}\n")
+        assert services.count_files("/two", str(tmp_path)) == (64, 64)
+        used, most = services.count_files("/one", str(tmp_path))
+        assert 0 < used < most
+        assert services.count_files("/gone", str(tmp_path)) == services.count_files("", str(tmp_path)) == (None, None)
+    finally:
+        full.communicate("")
+
+
+def test_the_age_of_a_start_is_by_a_clock_that_nobody_steps():
+    assert 99.9 < services.find_age(str(int((time.monotonic() - 100) * 1e6))) < 101
+    assert services.find_age("0") is services.find_age("") is services.find_age("n/a") is None
 
 
 def test_a_process_that_is_stopped_is_seen(monkeypatch):

@@ -4,7 +4,13 @@
 """Checks of one computer by itself: the parts that are named, for two robots and between three robot networks."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, UNKNOWN, WARNING
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
+    FAILED,
+    UNKNOWN,
+    WARNING,
+    Verification,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     ListMasters,
     Observation,
@@ -129,7 +135,8 @@ FAULTS = [
     ),
     (_service(active_state="failed", sub_state="failed"), "services", FAILED, "set_up", ONE, "others"),
     (_ended, "services", FAILED, "roscore", ONE, "dead"),
-    (_service(restarts=4), "services", WARNING, "service", ONE, "restarting"),
+    (_service(restarts=4, age_s=599.0), "services", WARNING, "service", ONE, "restarting"),
+    (_service(open_files=63, most_files=64), "services", FAILED, "service", ONE, "full"),
     (_service(stopped=True), "services", FAILED, "service", ONE, "stopped"),
     (_service(differing=None), "environment", UNKNOWN, "setting", ONE, "unread"),
     (_service(differing=["ROS_HOSTNAME"]), "environment", FAILED, "environment", ONE, "service"),
@@ -235,6 +242,38 @@ def test_a_computer_without_a_result_is_named():
 def test_a_second_default_route_is_told_with_its_metric():
     found = diagnosed(second_default_route, fig12()).findings[0]
     assert "metric 100" in found.proof[0].found and "multimaster_routes to networks" in found.remedy()
+
+
+@pytest.mark.parametrize(
+    ("age", "since_last", "told"),
+    [
+        (599.0, 0.0, True),
+        (601.0, 0.0, False),
+        (599.0, 60.0, True),  # the last verification told it already; it is still new
+        (86000.0, 86400.0, True),  # nobody has looked since
+        (86500.0, 86400.0, False),
+        (None, 86400.0, False),
+        (-1e308, 0.0, False),
+    ],
+)
+def test_a_restart_is_told_when_it_is_new(age, since_last, told):
+    fleet = plan()
+    seen = observed(fleet)
+    _service(restarts=3, age_s=age)(seen)
+    rows = Verification(CHECKS, fleet, seen, since_last=since_last).rows()
+    assert [row.verdict == WARNING for row in rows if (row.check, row.observer) == ("services", ONE)] == [told]
+
+
+def test_a_full_process_explains_what_it_does_not_answer():
+    def change(seen):
+        _service(name="roscore", open_files=1024, most_files=1024)(seen)
+        _silent_roscore("no answer within 5 s")(seen)
+
+    assert parts(diagnosed(change)) == [("service", ONE, "full")]
+
+
+def test_a_service_with_room_for_files_is_well():
+    assert not diagnosed(_service(open_files=62, most_files=64)).findings
 
 
 def test_a_service_that_preflight_left_out_is_not_missed():

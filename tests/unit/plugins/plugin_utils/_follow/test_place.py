@@ -3,7 +3,6 @@
 
 """The place where packets end: from what three computers captured of a ping, a connection and a datagram."""
 
-import errno
 from dataclasses import replace
 
 import pytest
@@ -175,14 +174,14 @@ def show(found, *counters):
 
 def test_an_errno_of_the_sender_is_evidence():
     nothing = {name: [] for name in ROUTE}
-    for number, part in (
-        (errno.EADDRNOTAVAIL, Part("computer", "one", "ports")),
-        (errno.EPERM, Part("filter", "one", "rpc out")),
-        (errno.EACCES, Part("route", "one", "rule")),
-        (errno.EINVAL, Part("route", "one", "rule")),
-        (errno.ETIMEDOUT, None),
+    for outcome, part in (
+        (Outcome.NO_LOCAL_PORT, Part("computer", "one", "ports")),
+        (Outcome.NO_FILE, Part("computer", "one", "limit", "a process may not open more files")),
+        (Outcome.NOT_PERMITTED, Part("filter", "one", "rpc out")),
+        (Outcome.CLOSED_ROUTE, Part("route", "one", "rule")),
+        (Outcome.NO_ANSWER, None),
     ):
-        assert show(find(nothing, CALL, SentProbe(3, Outcome.FAILED, number))) == part
+        assert show(find(nothing, CALL, SentProbe(3, outcome))) == part
 
 
 def test_a_short_life_is_told_from_a_circle_of_routers():

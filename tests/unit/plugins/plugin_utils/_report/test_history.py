@@ -73,6 +73,15 @@ def test_what_is_new_and_what_is_gone():
     assert history.compare(before=now, now=before)[-1].startswith("no longer: a packet filter on tibi-visio")
 
 
+def test_the_time_since_the_last_run_is_counted():
+    now = 1_000_000_000.0
+    assert history.count_seconds({"time": "2001-09-09 03:36:40 +0200"}, now) == 600
+    assert history.count_seconds({"time": "2001-09-09 01:46:41 +0000"}, now) == 0  # the clock was set back
+    for text in ("", "yesterday", None, 7, "9999-12-31 23:59:59 -2359"):
+        assert history.count_seconds({"time": text}, now) == 0
+    assert history.count_seconds({}, now) == 0
+
+
 def test_a_document_of_another_shape_has_no_difference():
     now = make_report(fleets.plan()).document
     for before in ({}, {"computers": 3}, [], {"computers": [], "robots": [3], "findings": []}):
