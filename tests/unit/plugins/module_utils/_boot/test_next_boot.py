@@ -4,6 +4,7 @@
 """The state after the next boot: files below a folder, and what systemd says of units."""
 
 import json
+import os
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._boot import next_boot
@@ -158,3 +159,11 @@ def test_all_of_it(files, monkeypatch):
         "names",
     ]
     assert [row["kind"] for row in next_boot.differences(["sync"], {**planned, "hosts": False}, root)][-1] == "route"
+
+
+def test_the_file_that_decides_has_the_time_of_its_last_change(files):
+    root = files(**{"/etc/sysctl.d/99.conf": "net.ipv4.ip_forward = 0\n"})
+    os.utime(f"{root}/etc/sysctl.d/99.conf", (0, 1_000_000_000))
+    (row,) = next_boot.differences([], {"settings": [FORWARD], "routes": [], "hosts": False}, root)
+    assert (row["file"], row["when"]) == ("/etc/sysctl.d/99.conf line 1", "2001-09-09 01:46:40 UTC")
+    assert next_boot.find_change(f"{root}/none") == next_boot.find_change(root) == ""

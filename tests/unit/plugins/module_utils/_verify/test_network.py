@@ -304,6 +304,13 @@ def test_the_sources_of_names_are_read_in_their_order(tmp_path, text, expected):
     assert network.name_sources(str(tmp_path / "none")) == []
 
 
+def test_the_addresses_of_names_in_a_file_are_read(tmp_path):
+    path = tmp_path / "hosts"
+    path.write_text("127.0.1.1 Tibi-Nav tibi # 10.0.0.9 tibi\n\n192.168.1.1\n192.168.11.100\ttibi-nav\n")
+    assert network.file_addresses(str(path)) == {"tibi-nav": ["127.0.1.1", "192.168.11.100"], "tibi": ["127.0.1.1"]}
+    assert network.file_addresses(str(tmp_path / "none")) == {}
+
+
 POLICY = """
 import json
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
