@@ -712,6 +712,7 @@ forwarding:
         state: up
         carrier_changes: 2
         last: ""
+        power_save: null
   contains:
     ip_forward:
       description: C(net.ipv4.ip_forward), or null where it cannot be read.
@@ -740,6 +741,7 @@ forwarding:
           state: up
           carrier_changes: 2
           last: ""
+          power_save: null
       contains:
         interface:
           description: The interface.
@@ -798,6 +800,11 @@ forwarding:
           returned: always
           type: str
           sample: "2026-11-22T09:12:44+0000 kobuki2computer kernel: eth0: Link is Down"
+        power_save:
+          description: Whether a wireless interface saves power, as C(iw) tells; null of any other one, and without C(iw).
+          returned: always
+          type: bool
+          sample: false
 masters:
   description: The discovery node of every master.
   returned: when O(action=collect)
@@ -1409,6 +1416,28 @@ disks:
       returned: always
       type: int
       sample: 300000
+file_limits:
+  description: Processes of ROS that may open more than 1048576 files, once for each unit, 20 at most.
+  returned: when O(action=collect)
+  type: list
+  elements: dict
+  sample: [{node: amcl, limit: 1073741816, unit: robot.service}]
+  contains:
+    node:
+      description: The name of the node, or of its program.
+      returned: always
+      type: str
+      sample: amcl
+    limit:
+      description: The files that it may open (the soft limit).
+      returned: always
+      type: int
+      sample: 1073741816
+    unit:
+      description: The systemd service that has started it, or empty, as for a node that was started in a shell or a container.
+      returned: always
+      type: str
+      sample: robot.service
 changes:
   description:
     - When files were changed and services were started that may decide names and packet filters. What a kernel was told by hand has no time.

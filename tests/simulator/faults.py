@@ -31,6 +31,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON
 
+from tests.simulator.ros import TALKS
 from tests.simulator.state import DEAD, HUNG, replace_interface, replace_link
 
 NODE_PORTS = (32768, 60999)
@@ -388,7 +389,7 @@ def twin(state, random):
 def _crosses(state, one, other, topic, node):
     """Say if a publisher is exchanged between two robots; else it concerns nobody what it is."""
     flows, item = Flows(state.fleet), Item("publisher", topic, node)
-    return any(flows.rules(*way).passes(item, "std_msgs/String") for way in ((one, other), (other, one)))
+    return any(flows.rules(*way).passes(item, TALKS) for way in ((one, other), (other, one)))
 
 
 def definitions(state, random):
@@ -397,7 +398,7 @@ def definitions(state, random):
     others = [other for other in state.robots if other != robot]
     if not any(_crosses(state, robot, other, "/chatter", f"/{robot}/talker") for other in others):
         return None
-    return state.with_robot(robot, sums={"std_msgs/String": "0" * 32}), robot
+    return state.with_robot(robot, sums={TALKS: "0" * 32}), robot
 
 
 def stranger(state, random):

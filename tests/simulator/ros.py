@@ -16,8 +16,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
 from tests.simulator.network import CONNECTED, NODES
 from tests.simulator.state import DEAD, HUNG, RUNS
 
-SUMS = {"std_msgs/String": "992ce8a1687cec8c8bd883ec73ca41d1", "nav_msgs/Odometry": "cd5e73d190d741a2f92e81eda573aca7"}
-TALKS = "std_msgs/String"
+TALKS = "diagnostic_msgs/DiagnosticStatus"  # of a topic that all robots publish: of this type it is meant
+SUMS = {TALKS: "d0ce08bc6e5ba34c7754f563a9cabaf1", "nav_msgs/Odometry": "cd5e73d190d741a2f92e81eda573aca7"}
 
 
 def topic_of(computer):

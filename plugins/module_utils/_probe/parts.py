@@ -174,6 +174,7 @@ PARTS = (
     Part("clock", lambda params, ros, deadline: resources.clock(), {"synchronised": None}),
     Part("changes", lambda params, ros, deadline: changes.changes(), [], on_router=True),
     Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], on_router=True),
+    Part("file_limits", lambda params, ros, deadline: resources.file_limits(), []),
     Part("ros_missing", lambda params, ros, deadline: ros.problem(), "not looked at"),
     Part("next_boot", look_next_boot, [], on_router=True),
     Part("services", lambda params, ros, deadline: services.services(params["services"], environment(params, ros)), []),

@@ -386,7 +386,16 @@ def link_of(interface: str) -> typing.Dict[str, typing.Any]:
         "state": state,
         "carrier_changes": int(count) if count.isdigit() else None,
         "last": carrier(interface) if state in DOWN else "",
+        "power_save": saves_power(interface),
     }
+
+
+def saves_power(interface: str, root: str = "/sys/class/net") -> typing.Optional[bool]:
+    """Say if a wireless interface saves power (iw(8)); None where it is no wireless one, or iw does not tell."""
+    if not any(os.path.exists(os.path.join(root, interface, mark)) for mark in ("wireless", "phy80211")):
+        return None
+    told = re.search(r"Power save: (on|off)$", run(["iw", "dev", interface, "get", "power_save"]).text, re.MULTILINE)
+    return told.group(1) == "on" if told else None
 
 
 def call(addresses: typing.Sequence[str], port: int) -> str:

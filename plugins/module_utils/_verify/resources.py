@@ -1,17 +1,27 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Resources that programs of this computer depend on: a clock that is kept right, and room to write."""
+"""Resources that programs of this computer depend on: a clock that is kept right, room to write, and limits of open files."""
 
 import ctypes
 import os
+import re
 import typing
+
+from .._machine import ports
+from .._module.plain_text import LINE, plain
+from .._process import processes
+from .._process.commands import text
 
 UNSYNCHRONISED = 5  # TIME_ERROR of adjtimex(2)
 TIMEX = 1024  # bytes, more than struct timex has anywhere; all zero, it only asks
 # Where programs of ROS and services write, beside the state of the services themselves.
 FOLDERS = ("/var/lib", "/var/log", "/tmp", "/run")
 STATE = "/var/lib/private/multimaster-{}"
+# An accept of libxmlrpcpp takes 8 bytes for each file that its process may open (XmlRpcServer::countFreeFDs).
+MOST_FILES = 1 << 20  # as containers have it
+MOST_NODES = 20  # that are told
+_STARTERS = re.compile(r"(?:user@\d+|sshd?(?:@.*)?|getty@.*|cron)\.service\Z")  # their limit is that of a shell
 
 
 def clock() -> typing.Dict[str, typing.Optional[bool]]:
@@ -42,3 +52,57 @@ def disks(
             },
         )
     return list(found.values())
+
+
+def file_limits(proc: str = "/proc") -> typing.List[typing.Dict[str, typing.Any]]:
+    """List processes of ROS that may open more than MOST_FILES files, once for each unit, and at most MOST_NODES of them.
+
+    A process of ROS has ROS_MASTER_URI, or the name of a node among its words, and listens, as each node does. Limits are
+    read first, since few processes have such a one.
+    """
+    found: typing.Dict[typing.Tuple[str, str], typing.Dict[str, typing.Any]] = {}
+    listens = {
+        entry.inode
+        for table in ("tcp", "tcp6")
+        for entry in ports.read_table("tcp", text(os.path.join(proc, "net", table), 1 << 24))
+        if entry.state == ports.LISTEN
+    }
+    for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit() and int(name) != os.getpid()):
+        limit = file_limit(pid, proc)
+        if limit <= MOST_FILES or not _is_node(pid, listens, proc):
+            continue
+        unit = ports.unit(text(os.path.join(proc, str(pid), "cgroup")))
+        unit = unit if unit.endswith(".service") and not _STARTERS.match(unit) else ""
+        node = _name_of(pid, proc)
+        found.setdefault((unit, "" if unit else node), {"node": node, "limit": limit, "unit": unit})
+        if len(found) == MOST_NODES:
+            break
+    return list(found.values())
+
+
+def file_limit(pid: int, proc: str = "/proc") -> int:
+    """Return how many files a process may open (the soft limit of proc(5), /proc/PID/limits); 0 where it has ended."""
+    line = re.search(r"^Max open files +(\d{1,19}) ", text(os.path.join(proc, str(pid), "limits"), 4096), re.MULTILINE)
+    return int(line.group(1)) if line else 0
+
+
+def _is_node(pid: int, listens: typing.Set[str], proc: str) -> bool:
+    try:
+        named = any(word.startswith("__name:=") for word in _read_words(pid, proc))
+        of_ros = named or "ROS_MASTER_URI" in processes.environment(pid, proc)
+        return of_ros and not listens.isdisjoint(ports.list_inodes(pid, proc))
+    except OSError:  # it has ended, or root in a container may not look at it
+        return False
+
+
+def _read_words(pid: int, proc: str) -> typing.List[str]:
+    """Read the words by which a process was started (proc(5), /proc/PID/cmdline)."""
+    return text(os.path.join(proc, str(pid), "cmdline"), 65536).split("\0")
+
+
+def _name_of(pid: int, proc: str) -> str:
+    """Name a node: by __name, as roslaunch writes it, or by its program, which may be a script."""
+    words = _read_words(pid, proc)
+    names = [word.partition(":=")[2] for word in words if word.startswith("__name:=")]
+    script = next((word for word in words[1:2] if word.startswith("/")), words[0])
+    return plain(names[-1] if names else os.path.basename(script), LINE)

@@ -188,8 +188,14 @@ def silent_parts(one: str, other: str, network: str) -> Parts:
 
 
 def loss_parts(case: Case, one: str, other: str) -> Parts:
-    """List the parts that lose some packets on the way."""
-    return _link_parts(case, one, other, "loss", "loss")
+    """List the parts that lose some packets on the way: wireless interfaces that save power among them."""
+    return _link_parts(case, one, other, "loss", "loss") | join_parts(
+        make_parts("link", place, "power_save", what=network)
+        for place, network in links(case, one, other)
+        if (computer := case.run.get(place))
+        and (interface := computer.interface_on.get(network))
+        and interface.power_save
+    )
 
 
 def slow(case: Case, one: str, other: str) -> Parts:

@@ -175,6 +175,20 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="it has reached a limit",
         read=ALWAYS,
     ),
+    ("limit", "unit"): Fault(
+        "{what} on {place} may open millions of files, for which each node of C++ takes gigabytes, and those of Python 2 minutes",
+        "set LimitNOFILE=1024:524288 in the unit, and restart it; see on {place}: systemctl cat {what}",
+        "on {place}: systemctl show --property LimitNOFILESoft {what}",
+        what="a unit",
+        read=ALWAYS,
+    ),
+    ("limit", "shell"): Fault(
+        "nodes on {place} may open millions of files, for which each node of C++ takes gigabytes, and those of Python 2 minutes: {what}",
+        "say ulimit -Sn 1024 in the shell that starts them, or --ulimit nofile=1024:524288 to docker run, and start them again",
+        "on {place}: grep 'open files' /proc/[0-9]*/limits",
+        what="see ulimit -n",
+        read=ALWAYS,
+    ),
     ("computer", "disk"): Fault(
         "{place} has no room on {what}", "make room there; see on {place}: df -h; du -xsh /var/log", what="a disk"
     ),
@@ -267,6 +281,14 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "look at the signal, or at the cable; see on {place}: ip -s link",
         what="its link",
         cost=3.5,
+        hard=False,
+    ),
+    ("link", "power_save"): Fault(
+        "{place} saves power on its wireless interface on {what}, which loses and delays packets",
+        "switch it off, by iw dev <interface> set power_save off, and for the next boot in the network manager; see on {place}: iw dev",
+        "on {place}: iw dev; iw dev <interface> set power_save off, which lasts until the next boot, and verify again",
+        what="its network",
+        cost=3.2,
         hard=False,
     ),
     **{  # they cost little: a single stream that is slower than expected is worth a sentence
@@ -607,6 +629,18 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("registration", "link"): Fault(
         "nodes on {place} are connected though nothing is exchanged between them: {what}",
         "start these nodes again; if it comes back, run site.yml on all robots",
+        what="see rosnode info",
+    ),
+    ("topic", "shared"): Fault(
+        "nodes of {place} publish the same topics, and who hears the one hears the other, too: {what}",
+        "give one of the two nodes a namespace of its robot, or leave the topic out by multimaster_exports or multimaster_filters; if it is "
+        "meant, write its whole name into the multimaster_exports of both",
+        what="see rostopic info",
+    ),
+    ("topic", "circle"): Fault(
+        "ros1_bridge runs on {place}, and messages go round in a circle by both bridges: {what}",
+        "run one bridge for both robots, give the bridged topics a namespace of each robot, or leave them out by multimaster_exports or "
+        "multimaster_filters",
         what="see rosnode info",
     ),
     ("declaration", "narrow"): Fault(

@@ -9,6 +9,7 @@ once. Pairs are compared by their sets, and names only where two robots have the
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -21,6 +22,14 @@ from .._observed.uris import normalise_uri
 from .._plan.model import FleetPlan
 
 TEST_NODES = "/multimaster_verify_"  # the beginning of the names of the verification's own nodes
+#: Types of topics on which each message says of whom it is: many nodes of a single robot publish them, too.
+MEANT_FOR_MANY = (
+    "diagnostic_msgs/DiagnosticArray",
+    "diagnostic_msgs/DiagnosticStatus",
+    "rosgraph_msgs/Log",
+    "rosgraph_msgs/TopicStatistics",
+)
+_BRIDGE = re.compile(r"(?:/\w+)*/ros1?_bridge\w*")  # a node of the package ros1_bridge calls itself /ros_bridge
 
 
 class Item(NamedTuple):
@@ -35,9 +44,9 @@ class Item(NamedTuple):
 
 
 class Clash(NamedTuple):
-    """A node or service that two robots have: a roscore can hold only one of them."""
+    """A node or service that two robots have: a roscore can hold only one of them. Or a topic that both publish."""
 
-    kind: str  # node or service
+    kind: str  # node, service or topic
     name: str
     robots: tuple[str, str]
 
@@ -93,6 +102,8 @@ class Flows:
         # by receiving robot
         self._filters = {robot: filters.Filters(plan.sync, lenient=True) for robot, plan in self._plans.items()}
         self._general: dict[str, Mapping[str, Sequence[str]]] = {}  # the patterns that hold for all masters
+        # (robot, topic) of the declarations
+        self._named = {(giver, topic) for flow in fleet.flows for giver in flow.givers for topic in flow.topics}
 
     def rules(self, source: str, target: str) -> FlowRules:
         """Return the rules by which registrations pass from one robot to another."""
@@ -104,6 +115,10 @@ class Flows:
     def declares_nothing(self, source: str, target: str) -> bool:
         """Say if a robot declares (multimaster_exports) that it gives the target nothing."""
         return self._masters[source].declared and self.rules(source, target) == NOTHING
+
+    def names_topic(self, robot: str, topic: str) -> bool:
+        """Say if a robot declares a topic by its whole name, so that it is given on purpose."""
+        return (robot, topic) in self._named
 
     def _make_rules(self, source: str, target: str) -> FlowRules:
         """Make the rules of a pair. The declared flow itself is used, not the white lists that the plan makes of it."""
@@ -153,8 +168,12 @@ class RoscoreIndex(NamedTuple):
             imports={normalise_uri(part.master): dict(_items(part)) for part in exchange.imports},
         )
 
+    def list_bridged_topics(self) -> frozenset[str]:
+        """List the topics of own nodes of ros1_bridge."""
+        return frozenset(item.name for item in self.own if item.kind != "service" and _BRIDGE.fullmatch(item.node))
+
     def names(self) -> dict[tuple[str, str], list[Item]]:
-        """List the registrations by (kind, name) of own nodes and services, without those that every robot has."""
+        """List the registrations by (kind, name) of own nodes, services and published topics, without those of every robot."""
         names: dict[tuple[str, str], list[Item]] = defaultdict(list)
         for item in self.own:
             if filters.matches(filters.BUILT_IN["ignore_nodes"], item.node) or item.node.startswith(TEST_NODES):
@@ -162,6 +181,8 @@ class RoscoreIndex(NamedTuple):
             names["node", item.node].append(item)
             if item.kind == "service":
                 names["service", item.name].append(item)
+            elif item.kind == "publisher" and self.own[item] not in MEANT_FOR_MANY:
+                names["topic", item.name].append(item)
         return names
 
 
@@ -185,6 +206,7 @@ class Exchanges:
         self._uris = {master.robot: normalise_uri(master.uri) for master in fleet.masters}
         self._wanted: dict[tuple[str, int], frozenset[Item]] = {}  # by robot and id of its rules
         self._holders, self._shared = _find_shared_names({robot: has.names() for robot, has in self.robots.items()})
+        self._bridged = {robot: has.list_bridged_topics() for robot, has in self.robots.items()}
         self._unlike = _find_unlike({robot: has.sums for robot, has in self.robots.items()})
 
     def find_due(self, source: str, target: str) -> frozenset[Item]:
@@ -234,10 +256,35 @@ class Exchanges:
         for key in self._shared.get(source, ()):  # nodes come first
             if key[0] == "service" and ("node", self._holders[key][source][0].node) in clashes:
                 continue  # the clash of its node says so already
-            if self._passes(key, source, target) and (other := self._find_holder(key, source, target)):
-                first, second = sorted((source, other))
-                clashes[key] = Clash(*key, robots=(first, second))
+            if key[0] != "topic" and (clash := self._find_clash(key, source, target)):
+                clashes[key] = clash
         return list(clashes.values())
+
+    def find_shared_topics(self, source: str, target: str) -> list[Clash]:
+        """List the topics that pass from `source`, and that `target` or a third robot, which gives it to `target`, publishes, too.
+
+        A topic that both robots declare by its whole name is left out: that is on purpose.
+        """
+        keys = (key for key in self._shared.get(source, ()) if key[0] == "topic")
+        found = filter(None, (self._find_clash(key, source, target) for key in keys))
+        return [
+            clash for clash in found if not all(self.flows.names_topic(robot, clash.name) for robot in clash.robots)
+        ]
+
+    def find_bridged_topics(self, source: str, target: str) -> list[str]:
+        """List the topics that pass from `source`, and that a node of ros1_bridge has on both robots."""
+        both = self._bridged[source] & self._bridged[target]
+        return (
+            sorted({item.name for item in self.find_due(source, target) if item.kind == "publisher"} & both)
+            if both
+            else []
+        )
+
+    def _find_clash(self, key: tuple[str, str], source: str, target: str) -> Clash | None:
+        if not self._passes(key, source, target) or not (other := self._find_holder(key, source, target)):
+            return None
+        first, second = sorted((source, other))
+        return Clash(*key, robots=(first, second))
 
     def _find_holder(self, key: tuple[str, str], source: str, target: str) -> str | None:
         holders = self._holders[key]

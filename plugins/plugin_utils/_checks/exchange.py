@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from itertools import islice
 
@@ -141,6 +142,64 @@ def _judge_types(case: Case) -> Judgement | None:
     if case.exchange.types_error:
         return Judgement(UNKNOWN, expected, f"the md5 sums are not known: {case.exchange.types_error}")
     return Judgement(OK, expected, "the same types")
+
+
+# Topics of two publishers
+
+
+def _topics_evidence(case: Case) -> Parts:
+    """One finding for two robots, whoever hears both of them."""
+    own, its = case.robots
+    topics: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for clash in case.state.exchanges.find_shared_topics(its, own):
+        topics[clash.robots].append(clash.name)
+    return frozenset(
+        Part.from_pair("topic", "shared", *robots, what=shorten_list(names, NAMED)) for robots, names in topics.items()
+    )
+
+
+@Check(
+    title="no topic of two robots",
+    scope=MASTER,
+    about="pair of roscores",
+    expected="no topic that is exchanged is published by a robot that gets it, or by two that give it to a third one; two robots that "
+    "name it in their `multimaster_exports` mean it, and diagnostics are meant (warning)",
+    evidence=_topics_evidence,
+)
+def _judge_shared_topics(case: Case) -> Judgement | None:
+    if not _has_both_contents(case):
+        return None
+    own, its = case.robots
+    shared = case.state.exchanges.find_shared_topics(its, own)
+    found = shorten_list((f"{clash.name} of {' and of '.join(clash.robots)}" for clash in shared), NAMED)
+    return Judgement(
+        WARNING if shared else OK, "each topic is published by one robot", found or "no topic of two robots"
+    )
+
+
+# Bridges to ROS 2
+
+
+def _bridges_evidence(case: Case) -> Parts:
+    own, its = case.robots
+    topics = case.state.exchanges.find_bridged_topics(its, own)
+    return frozenset({Part.from_pair("topic", "circle", own, its, what=shorten_list(topics, NAMED))})
+
+
+@Check(
+    title="no circle by two bridges to ROS 2",
+    scope=MASTER,
+    about="pair of roscores",
+    expected="no topic that is exchanged passes a node of ros1_bridge on both robots (warning)",
+    evidence=_bridges_evidence,
+)
+def _judge_bridges(case: Case) -> Judgement | None:
+    if not _has_both_contents(case):
+        return None
+    own, its = case.robots
+    topics = case.state.exchanges.find_bridged_topics(its, own)
+    found = shorten_list(topics, NAMED)
+    return Judgement(WARNING if topics else OK, "each topic passes one bridge", found or "no topic passes two")
 
 
 # The flow

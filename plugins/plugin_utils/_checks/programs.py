@@ -1,14 +1,15 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Checks of the programs on a computer: their parameters, and their room to write."""
+"""Checks of the programs on a computer: their parameters, their room to write, and their limits."""
 
 from __future__ import annotations
 
 from .._case.case import Case
 from .._case.needs import Parts, join_parts, make_parts
-from .._observed.observations import Disk, ParameterDifference
-from .engine import FAILED, OK, Check, Judgement
+from .._fleet.sentences import shorten_list
+from .._observed.observations import Disk, FileLimit, ParameterDifference
+from .engine import FAILED, OK, WARNING, Check, Judgement
 from .manual_setup import guard
 
 # The parameters of the nodes
@@ -94,3 +95,26 @@ def _judge_room(case: Case) -> Judgement | None:
     return Judgement(
         FAILED if full else OK, "1 MiB and 16 files left where services write", "; ".join(full) or "enough"
     )
+
+
+# Limits
+
+
+def _limit_part(case: Case, entry: FileLimit) -> Parts:
+    """A unit has its limit in its file; another node has that of the shell or the container that started it."""
+    if entry.unit:
+        return make_parts("limit", case.observer.name, "unit", what=entry.unit)
+    return make_parts("limit", case.observer.name, "shell", what=entry.node)
+
+
+@Check(
+    title="nodes have an ordinary limit of open files",
+    expected="no process of ROS may open more than 1048576 files: libxmlrpcpp takes memory and time for each that may be (warning)",
+    needs=lambda case: make_parts("limit", case.observer.name, "unit", "shell"),
+    evidence=lambda case: join_parts(_limit_part(case, entry) for entry in case.probe.file_limits),
+)
+def _judge_file_limits(case: Case) -> Judgement | None:
+    if not case.observer.is_probed or case.observer.lacks_ros:
+        return None
+    found = shorten_list(f"{entry.limit} for {entry.node}" for entry in case.probe.file_limits)
+    return Judgement(WARNING if found else OK, "1048576 open files at most", found or "no process of ROS with more")

@@ -40,6 +40,7 @@ MOST = 20_000  # rows that are explained
 ENOUGH = 3  # successes that clear it, where it lets nothing pass
 MANY = 20  # those that are counted of a part that lets some things pass: their share says how likely it is
 UNREAD = 1.0  # what a part costs more that a value would show, if somebody had looked
+LOSSES = ("loss", "power_save")  # modes of parts that lose some packets
 NOT_FOUND = 2.0  # what a packet filter costs more where the rules were read and none of them drops it
 NAMED = 4  # names, networks and the like that a finding names
 
@@ -275,7 +276,7 @@ class _Diagnosis:
 
         So it counts less there, and what nothing else explains is the loss.
         """
-        measured = [entry for entry in self.open if entry[1] and all(part.mode == "loss" for part in entry[1])]
+        measured = [entry for entry in self.open if entry[1] and all(part.mode in LOSSES for part in entry[1])]
         if not measured:
             return frozenset()
         chosen, _rest = explain([Failure(suspects) for _row, suspects in measured], set(self.broken), self.successes)

@@ -113,6 +113,7 @@ class ForwardingInterface:
     state: str = ""  # the kernel's operational state: up, down, unknown and so on
     carrier_changes: int | None = None  # the times that its link came or went
     last: str = ""  # where it is down: the last line of the journal about its link
+    power_save: bool | None = None  # of a wireless interface; None where it is none, or iw does not tell
 
 
 @dataclass(frozen=True)
@@ -332,6 +333,15 @@ class Disk:
 
 
 @dataclass(frozen=True)
+class FileLimit:
+    """A process of ROS that may have very many files open."""
+
+    node: str  # its name, or that of its program
+    limit: int  # of open files; the soft one
+    unit: str = ""  # that systemd starts it by
+
+
+@dataclass(frozen=True)
 class SilentNode:
     """A registered node of the robot that does not answer."""
 
@@ -396,6 +406,7 @@ class Probe:
     parameters: NodeParameters = NodeParameters()
     clock: Clock = Clock()
     disks: tuple[Disk, ...] = ()
+    file_limits: tuple[FileLimit, ...] = ()
     changes: tuple[Change, ...] = ()
     services: tuple[Service, ...] = ()
     next_boot: tuple[BootDeviation, ...] = ()

@@ -310,7 +310,8 @@ def good_multicast(fleet, me, own):
     )
 
 
-SUMS = {"std_msgs/String": "992ce8a1687cec8c8bd883ec73ca41d1", "nav_msgs/Odometry": "cd5e73d190d741a2f92e81eda573aca7"}
+TALKS = "diagnostic_msgs/DiagnosticStatus"  # of a topic that all robots publish: of this type it is meant
+SUMS = {TALKS: "d0ce08bc6e5ba34c7754f563a9cabaf1", "nav_msgs/Odometry": "cd5e73d190d741a2f92e81eda573aca7"}
 
 
 def topic(name, kind, publishers=(), subscribers=()):
@@ -322,7 +323,7 @@ def registered(fleet, robot):
     base, talker = f"/{robot}/base", f"/{robot}/talker"
     topics = (
         topic(f"/{robot}/odom", "nav_msgs/Odometry", [base]),
-        topic("/chatter", "std_msgs/String", [talker], [base]),
+        topic("/chatter", TALKS, [talker], [base]),
         topic("/rosout", "rosgraph_msgs/Log", [base, talker], ["/rosout"]),
         *(
             topic(f"/multimaster_verify/{name}", "std_msgs/String", [f"/multimaster_verify_talker_{name}"])

@@ -14,6 +14,7 @@ import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
 
 root = pytest.mark.skipif(os.geteuid() != 0, reason="raw sockets and namespaces need root")
@@ -21,6 +22,7 @@ root = pytest.mark.skipif(os.geteuid() != 0, reason="raw sockets and namespaces 
 PING = """
 import json, sys
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network as machine
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
 pings = network.ping(sys.argv[1:], tries=2, answer=0.4)
 routes = [network.route_to_plain(machine.route_to(address)) for address in sys.argv[1:]]
@@ -140,6 +142,7 @@ def test_ping_between_two_hosts(hosts):
 
 LARGE = """
 import json, sys
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
 others = [{"name": address, "address": address} for address in sys.argv[1:]]
 print(json.dumps([network.members(others, "me"), network.forwarding("/proc/sys/net/ipv4")]))
@@ -225,6 +228,7 @@ def test_a_port_that_nobody_uses():
 
 HIDDEN = """
 import json, socket
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
 print(json.dumps([network.resolve("robot.test")[0], network.user_addresses(["robot.test", "localhost"])]))
 """
@@ -313,6 +317,7 @@ def test_the_addresses_of_names_in_a_file_are_read(tmp_path):
 
 POLICY = """
 import json
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
 print(json.dumps(network.policy()))
 """
@@ -336,3 +341,23 @@ def test_rules_and_routes_that_lead_nowhere_are_read(hosts):
     assert found["rules"] == ["100: from all to 10.98.0.0/16 lookup 77"]
     assert "blackhole 10.97.0.1" in found["closed"]
     assert any(line.startswith("unreachable 10.98.0.0/16 table 77") for line in found["closed"])
+
+
+@pytest.mark.parametrize(
+    ("told", "saves"),
+    [
+        ("Power save: on\n", True),
+        ("Power save: off\n", False),
+        ("command failed: No such device (-19)\n", None),
+        ("", None),
+    ],
+)
+@pytest.mark.parametrize("mark", ["wireless", "phy80211"])
+def test_a_wireless_interface_is_asked_for_its_power(tmp_path, monkeypatch, mark, told, saves):
+    """There is no wireless interface here: what iw prints is as its source has it."""
+    (tmp_path / "wlan0" / mark).mkdir(parents=True)
+    (tmp_path / "eth0").mkdir()
+    asked = []
+    monkeypatch.setattr(network, "run", lambda argv: asked.append(argv) or Answer(0, told.encode(), ""))
+    assert network.saves_power("wlan0", str(tmp_path)) is saves
+    assert network.saves_power("eth0", str(tmp_path)) is None and len(asked) == 1

@@ -5,6 +5,7 @@
 
 import os
 import subprocess
+import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import resources
@@ -36,3 +37,50 @@ def test_a_full_file_system(tmp_path):
         subprocess.run(["umount", str(full)], check=True)
     assert [entry["path"] for entry in found] == [str(tmp_path), str(full)]
     assert found[1]["free_bytes"] == 0
+
+
+NODE = """
+import resource, socket, sys
+resource.setrlimit(resource.RLIMIT_NOFILE, (int(sys.argv[1]), resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
+with socket.socket() as listener:
+    listener.bind(("127.0.0.1", 0))
+    if sys.argv[2] == "listens":
+        listener.listen()
+    print("ready", flush=True)
+    sys.stdin.read()
+"""
+
+
+def _find_limits(limit, listens, variables, *words):
+    """Look at this machine while a process has such a limit, and return what is told of it."""
+    argv = [sys.executable, "-c", NODE, str(limit), listens, *words]
+    with subprocess.Popen(argv, env=variables, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"ready\n"
+        assert resources.file_limit(process.pid) == limit
+        found = [entry["node"] for entry in resources.file_limits() if entry["limit"] == limit]
+        process.stdin.close()
+    return found
+
+
+LIMIT = 1873  # nobody else has it
+ROS = {"ROS_MASTER_URI": "http://here:11311/"}
+
+
+@pytest.mark.parametrize(
+    ("limit", "listens", "variables", "words", "told"),
+    [
+        (LIMIT, "listens", ROS, (), True),
+        (LIMIT, "listens", {}, ("__name:=laser",), True),
+        (LIMIT, "listens", {}, (), False),  # no process of ROS
+        (LIMIT, "is silent", ROS, (), False),  # a shell
+        (LIMIT - 100, "listens", ROS, (), False),
+    ],
+)
+def test_a_node_that_may_open_many_files(monkeypatch, limit, listens, variables, words, told):
+    monkeypatch.setattr(resources, "MOST_FILES", LIMIT - 1)
+    name = words[0].partition(":=")[2] if words else os.path.basename(sys.executable)
+    assert _find_limits(limit, listens, variables, *words) == ([name] if told else [])
+
+
+def test_no_limit_of_a_process_that_has_ended():
+    assert resources.file_limit(1 << 30) == 0

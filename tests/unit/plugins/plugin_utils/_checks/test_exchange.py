@@ -14,6 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.out
 from fleets import (
     ONE,
     SUMS,
+    TALKS,
     TWO,
     assert_told,
     diagnosed,
@@ -114,7 +115,7 @@ FAULTS = [
     (_renamed, "names", FAILED, "registration", ROBOTS, "twin"),
     (_same_service, "names", FAILED, "registration", ROBOTS, "twin"),
     (_other_type(), "types", FAILED, "messages", ROBOTS, "differ"),
-    (_other_type("std_msgs/String", "0123"), "types", FAILED, "messages", ROBOTS, "differ"),
+    (_other_type(TALKS, "0123"), "types", FAILED, "messages", ROBOTS, "differ"),
     (_exchange_of(ONE, types_error="ImportError: no module named rospy"), "types", UNKNOWN, "messages", ONE, "unknown"),
     (_exchange_of(ONE, error="get_sync_info does not answer"), "flow", UNKNOWN, "sync", ONE, "untold"),
     (_not_followed, "flow", FAILED, "sync", ONE, "stale"),
@@ -187,10 +188,10 @@ def test_names_and_types_are_told_with_both_robots():
     assert {finding.found for finding in names.values()} == {"the node /base is of kobuki1 and of kobuki2"}
     types = notable(evaluate(_other_type()))
     assert {finding.found for finding in types.values()} == {
-        "/chatter is std_msgs/String on kobuki1 and std_msgs/Header on kobuki2"
+        f"/chatter is {TALKS} on kobuki1 and std_msgs/Header on kobuki2"
     }
-    sums = notable(evaluate(_other_type("std_msgs/String", "0123")))
-    text = f"the md5 sum {SUMS['std_msgs/String']} on kobuki1 and 0123 on kobuki2"
+    sums = notable(evaluate(_other_type(TALKS, "0123")))
+    text = f"the md5 sum {SUMS[TALKS]} on kobuki1 and 0123 on kobuki2"
     assert all(finding.found.endswith(text) for finding in sums.values())
 
 
@@ -202,3 +203,88 @@ def test_a_silent_sync_node_of_another_provider_is_no_failure():
 def test_many_names_are_counted():
     found = notable(evaluate(_exchange_of(ONE, silent=[f"/dead{number}" for number in range(9)])))
     assert found["nodes_answer", ONE, ONE].found == "no answer of /dead0, /dead1, /dead2, /dead3 and 5 more"
+
+
+def _publish(name, *robots, node="velocity"):
+    """Nodes of these robots publish a topic, and everybody has it who is to."""
+
+    def change(seen):
+        contents = {of_robot: seen[f"{of_robot}computer"].probe.exchange for of_robot in robots}
+        for robot, own in contents.items():
+            new = topic(name, "geometry_msgs/Twist", [f"/{robot}/{node}"], [f"/{robot}/{node}_ear"])
+            update(own, topics=[*own.topics, new])
+
+    return change
+
+
+def _find_shared(change, fleet=None):
+    rows = notable(evaluate(change, fleet or plan())).values()
+    return {(row.verdict, row.found) for row in rows if row.check == "shared_topics"}
+
+
+@pytest.mark.parametrize("name", ["/tf", "/cmd_vel", "/odom", "/map", "/clock", "/anything"])
+def test_a_topic_of_two_robots_names_both(name):
+    found = diagnosed(_publish(name, "kobuki1", "kobuki2")).findings
+    (shared,) = [entry for entry in found if entry.part.kind == "topic"]
+    assert shared.part == ("topic", "kobuki1", "shared", name, "kobuki2") and shared.sure == "seen"
+    assert {row.verdict for row in shared.proof} == {WARNING}
+
+
+def _give(*topics, to=()):
+    return {"topics": list(topics), "services": ["*"], **({"to": list(to)} if to else {})}
+
+
+BOTH = ("kobuki1", "kobuki2")
+
+
+@pytest.mark.parametrize(
+    "exports",
+    [
+        dict.fromkeys(BOTH, []),  # it is given to nobody
+        dict.fromkeys(BOTH, [_give("/kobuki*")]),
+        dict.fromkeys(BOTH, [_give("*", "/cmd_vel")]),  # both name it
+    ],
+)
+def test_a_topic_that_does_not_cross_or_is_meant_is_fine(exports):
+    assert not _find_shared(_publish("/cmd_vel", *BOTH), plan(exports=exports))
+
+
+@pytest.mark.parametrize("named", [(), ("kobuki1",)])
+def test_a_topic_that_one_robot_names_is_told(named):
+    exports = {robot: [_give("*", *(["/cmd_vel"] if robot in named else []))] for robot in BOTH}
+    assert _find_shared(_publish("/cmd_vel", *BOTH), plan(exports=exports)) == {
+        (WARNING, "/cmd_vel of kobuki1 and of kobuki2")
+    }
+
+
+def test_a_topic_that_a_third_robot_gets_twice_is_told_there():
+    exports = {**dict.fromkeys(BOTH, [_give("/tf", to=["kobuki3"])]), "kobuki3": []}
+    assert not _find_shared(_publish("/tf", *BOTH), plan(robots=3, exports=exports))
+    exports[TWO.removesuffix("computer")] = [_give("*", to=["kobuki3"])]
+    rows = notable(evaluate(_publish("/tf", *BOTH), plan(robots=3, exports=exports))).values()
+    told = {(row.observer, row.found) for row in rows if row.check == "shared_topics"}
+    assert told == {(THREE, "/tf of kobuki1 and of kobuki2")}
+
+
+@pytest.mark.parametrize(
+    "kind", ["diagnostic_msgs/DiagnosticArray", "rosgraph_msgs/Log", "rosgraph_msgs/TopicStatistics"]
+)
+def test_a_topic_for_many_publishers_is_fine(kind):
+    def change(seen):
+        _publish("/diagnostics", *BOTH)(seen)
+        for computer in (ONE, TWO):
+            update(of(seen[computer].probe.exchange.topics, "/diagnostics"), type=kind)
+
+    assert not _find_shared(change)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "circle"), [(("ros_bridge", "ros1_bridge"), True), (("ros_bridge", "base"), False), (("a", "b"), False)]
+)
+def test_two_bridges_with_one_topic_are_a_circle(nodes, circle):
+    def change(seen):
+        for robot, node in zip(BOTH, nodes, strict=True):
+            _publish("/pose", robot, node=node)(seen)
+
+    found = {entry.part for entry in diagnosed(change).findings if entry.part.mode == "circle"}
+    assert found == ({("topic", "kobuki1", "circle", "/pose", "kobuki2")} if circle else set())

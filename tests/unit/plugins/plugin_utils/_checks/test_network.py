@@ -409,3 +409,22 @@ def test_a_neighbour_that_nobody_finds_is_told():
     assert lost.keys() == good.keys() - {("tibi-visio", "tibi-nav"), ("tibi-monitor", "tibi-nav")}
     cut = rows(lambda seen: silent(seen, ["tibi-visio", "tibi-monitor"], ["tibi-nav"]))
     assert [row.target for row in cut.values() if row.verdict == FAILED] == ["tibi-nav", "tibi-nav"]
+
+
+@pytest.mark.parametrize("saves", [True, False, None])
+def test_an_interface_that_saves_power_is_suspected_of_a_loss(saves):
+    def saving(seen):
+        for entry in seen[ONE].probe.forwarding.interfaces:
+            update(entry, power_save=saves)
+
+    assert not diagnosed(saving).findings
+
+    def both(seen):
+        saving(seen)
+        _loses(seen)
+
+    (found,) = diagnosed(both).findings
+    named = {part[:3] for part in (found.part, *found.rivals)}
+    assert (found.part[:3] == ("link", ONE, "power_save")) == (saves is True)
+    assert (("link", ONE, "power_save") in named) == (saves is True)
+    assert found.sure == "inferred"

@@ -4,9 +4,10 @@
 """Checks of what programs have: their parameters, and room to write."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     Disk,
+    FileLimit,
     NodeParameters,
     ParameterDifference,
 )
@@ -24,6 +25,10 @@ def _disk(*free):
     return lambda seen: update(seen[TWO].probe, disks=(Disk("/var/lib", 10**9, 10**6), Disk("/var/log", *free)))
 
 
+def _limit(unit):
+    return lambda seen: update(seen[ONE].probe, file_limits=(FileLimit("/amcl", 1073741816, unit),))
+
+
 FAULTS = [
     (_differs("master_discovery", "mcast_group", "239.1.2.3"), "parameters", FAILED, "discovery", ONE, "group"),
     (_differs("master_discovery", "mcast_port", "11512"), "parameters", FAILED, "discovery", ONE, "group"),
@@ -33,6 +38,8 @@ FAULTS = [
     (_differs("master_sync", "ignore_topics", "[]"), "parameters", FAILED, "sync", ONE, "configuration"),
     (_disk(0, 10**6), "room", FAILED, "computer", TWO, "disk"),
     (_disk(10**9, 0), "room", FAILED, "computer", TWO, "disk"),
+    (_limit("robot.service"), "file_limits", WARNING, "limit", ONE, "unit"),
+    (_limit(""), "file_limits", WARNING, "limit", ONE, "shell"),
 ]
 
 
@@ -73,3 +80,11 @@ def test_of_two_clocks_the_one_that_nothing_keeps_right_is_off():
 
     found = diagnosed(off)
     assert parts(found) == [("clock", TWO, "off")] and not found.findings[0].rivals
+
+
+def test_a_unit_with_many_files_is_told_with_its_command():
+    (found,) = diagnosed(_limit("robot.service")).findings
+    assert found.command.startswith("on kobuki1computer: mkdir -p /etc/systemd/system/robot.service.d; ")
+    assert found.command.endswith("systemctl restart robot.service")
+    (strange,) = diagnosed(_limit("../x.service")).findings
+    assert not strange.command
