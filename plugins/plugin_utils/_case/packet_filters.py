@@ -109,13 +109,13 @@ class ReadFilters:
             return Packet(protocol, member.address)
         if traffic == "udp":
             return Packet(protocol, self._address(member.name), port=self._fleet.multicast_port)
-        return Packet(protocol, member.address, port=self._port(member.name, traffic))
-
-    def _port(self, name: str, traffic: str) -> int:
-        if traffic == ROSCORE:
-            return self._fleet.computers[name].roscore_port
-        ports = (master.rpc_port for master in self._fleet.masters if master.computer == name)
-        return next(ports, NODES) if traffic == "rpc" else NODES
+        if traffic == "rpc":
+            masters = (master for master in self._fleet.masters if master.computer == member.name)
+            places = ((master.address, master.rpc_port) for master in masters)
+            address, port = next(places, (member.address, NODES))
+            return Packet(protocol, address, port=port)
+        port = self._fleet.computers[member.name].roscore_port if traffic == ROSCORE else NODES
+        return Packet(protocol, member.address, port=port)
 
     def _address(self, name: str) -> IPv4Address:
         """Return the address by which a computer is discovered, or else its own."""

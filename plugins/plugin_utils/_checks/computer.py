@@ -6,10 +6,10 @@
 from __future__ import annotations
 
 from .._case import needs
+from .._case.actual_world import DOWN
 from .._case.case import Case
 from .._case.needs import Parts, join_parts, make_parts
 from .._case.packet_filters import ROSCORE
-from .._case.seen_world import DOWN
 from .._case.ways import COMMON
 from .._observed.observations import DefaultRoute, ForwardingInterface, Service
 from .._observed.uris import is_same_uri

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from .._case.actual_world import ActualWorld
 from .._case.packet_filters import ROSCORE
 from .._case.parts import Part
-from .._case.seen_world import SeenWorld
 from .._checks.engine import Check, Row, Verification
 from .._follow.place import Trip
 from .._follow.probes import find_trip
@@ -21,6 +21,7 @@ WAYS = {
     "master_route": "rpc",
     "ping_name": "icmp",
     "source": "udp",
+    "clock": "rpc",
     "roscore_port": ROSCORE,
 }
 BY_NAME = (ROSCORE, "nodes")  # connections that begin with the name of a computer, and with a URI
@@ -33,7 +34,7 @@ class Effects:
         known = list(broken)
         self.verification = verification
         self.names = [part for part in known if part.kind in ("names", "environment")]
-        self.world = SeenWorld(verification.state, known)
+        self.world = ActualWorld(verification.state, known)
         self.causes: dict[Trip, Part | None] = {}
 
     def find_cause(self, check: Check, row: Row, suspects: Iterable[Part]) -> Part | None:

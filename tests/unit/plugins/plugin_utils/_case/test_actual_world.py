@@ -6,9 +6,9 @@
 from dataclasses import replace
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.actual_world import ActualWorld
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import FleetState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.seen_world import SeenWorld
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Policy
 from fleets import fig12, observed, update
 from hypothesis import given, settings
@@ -31,7 +31,7 @@ def see(*parts, interface=None, policy=None, computer=GATE):
         update(probe.forwarding, interfaces=entries)
     if policy:
         update(probe, policy=policy)
-    return SeenWorld(FleetState(fleet, seen, 0.0), parts)
+    return ActualWorld(FleetState(fleet, seen, 0.0), parts)
 
 
 CASES = [
@@ -74,7 +74,7 @@ def test_what_fails_without_a_known_fault_has_none():
     assert see(Part("names", INNER, "unknown", OTHER), interface=down).find_fault(OTHER, INNER, "icmp") is None
 
 
-def test_a_computer_does_not_reach_itself_by_an_address_that_is_down():
+def test_a_computer_does_not_reach_itself_by_a_link_that_is_down():
     world = see(Part("link", INNER, "down", TIBI), interface=(0, {"state": "down"}), computer=INNER)
     assert world.find_fault(INNER, INNER, "roscore") == Part("link", INNER, "down", TIBI)
 

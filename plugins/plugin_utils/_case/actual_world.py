@@ -25,7 +25,7 @@ DOWN = ("down", "lowerlayerdown")  # operational states of an interface without 
 NOWHERE = "blackhole"
 
 
-class SeenWorld:
+class ActualWorld:
     """The world as it was read, with some known faults."""
 
     def __init__(self, state: FleetState, faults: Iterable[Part]) -> None:
