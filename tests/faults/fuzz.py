@@ -34,6 +34,7 @@ GRADES = (PART, COMPUTER, OTHER, NOTHING)
 HOP = "way"  # the kind of a part that is a place where packets end
 MOST_DRAWS = 6  # for each fault that is wanted
 SETTLE = 2.0  # seconds until a fault has its effect
+LOOKS = 2  # in which something is broken
 # The limits: shares of all faults
 LEAST_COMPUTER, LEAST_PART, MOST_OTHER = 0.95, 0.85, 0.03
 
@@ -62,6 +63,7 @@ def try_faults(number: int, seed: int, record: Path | None, name: str) -> list[G
     listing = read_inventory(INVENTORY)
     facts = facts_of(listing, {})
     fleet = {host: (facts[host], list(PORTS) if host in MASTERS else []) for host in listing["_meta"]["hostvars"]}
+    robots = {host: host.partition("-")[0] for host in fleet}
     graded: list[Graded] = []
     with lab_of(name, INVENTORY, {}) as lab:
         status, output = lab.play("site.yml")
@@ -71,7 +73,7 @@ def try_faults(number: int, seed: int, record: Path | None, name: str) -> list[G
         for fault in islice(draw_faults(seed, facts), MOST_DRAWS * number):
             if len(graded) == number:
                 break
-            result = catalogue.tried(fault, lambda fault: _is_harmful(lab, fleet, fault))
+            result = catalogue.tried(fault, lambda fault: _is_harmful(lab, fleet, robots, fault))
             if result is None or result.verdict == UNMADE:
                 print(f"    {'could not be made' if result else 'breaks nothing'}: {fault.title}", flush=True)
                 continue
@@ -83,10 +85,18 @@ def try_faults(number: int, seed: int, record: Path | None, name: str) -> list[G
     return graded
 
 
-def _is_harmful(lab, fleet, fault: Fault) -> bool:
-    """A node that is stopped breaks something, also where no port of it is asked."""
-    time.sleep(SETTLE)
-    return fault.name.startswith("signal") or bool(find_harm(lab, fleet))
+def _is_harmful(lab, fleet, robots, fault: Fault) -> bool:
+    """A node that is stopped breaks something, also where no port of it is asked.
+
+    What is broken stays so: an answer to ARP that is lost once is made good by the next question of the other side.
+    """
+    if fault.name.startswith("signal"):
+        return True
+    for _look in range(LOOKS):
+        time.sleep(SETTLE)
+        if not find_harm(lab, fleet, robots):
+            return False
+    return True
 
 
 def write_table(graded: Sequence[Graded]) -> str:

@@ -12,6 +12,7 @@ import json
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 
+ROSCORE = 11311
 LOOK = r"""
 import concurrent.futures, json, socket, subprocess, sys
 own, fleet = json.load(sys.stdin)
@@ -62,11 +63,18 @@ with concurrent.futures.ThreadPoolExecutor(40) as pool:
 """
 
 
-def find_harm(lab, fleet: Mapping[str, tuple[str, list[int]]]) -> dict[str, list[str]]:
-    """Return for each computer what it cannot do; nothing where all talk. `fleet`: the address and the ports of each."""
+def find_harm(lab, fleet: Mapping[str, tuple[str, list[int]]], robots: Mapping[str, str]) -> dict[str, list[str]]:
+    """Return for each computer what it cannot do; nothing where all talk.
+
+    `fleet`: the address and the ports of each, `robots`: its robot. No other robot needs the port of a roscore.
+    """
 
     def look(host: str) -> list[str]:
-        output = lab.run(host, f"python3 -c '{LOOK_WORDS}'", check=False, stdin=json.dumps([host, fleet]))
+        needed = {
+            name: (address, [port for port in ports if port != ROSCORE or robots[name] == robots[host]])
+            for name, (address, ports) in fleet.items()
+        }
+        output = lab.run(host, f"python3 -c '{LOOK_WORDS}'", check=False, stdin=json.dumps([host, needed]))
         lines = output.splitlines()
         try:
             results = json.loads(lines[-1]) if lines else {}

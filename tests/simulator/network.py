@@ -160,7 +160,7 @@ class Network:
         for member in self.fleet.members:
             addresses = self.resolve(computer, member.name) if by_name else ()
             error = "" if addresses else "Name or service not known" if by_name else "not looked up"
-            entry = seen.SeenMember(member.name, str(member.address), tuple(map(str, addresses)), error)
+            entry = seen.SeenMember(member.name, str(member.address), tuple(map(str, addresses)), resolve_error=error)
             if by_name:
                 known = self.resolve(computer, member.name, user=True)
                 entry = replace(entry, user_addresses=tuple(map(str, known)))
