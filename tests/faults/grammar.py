@@ -192,7 +192,7 @@ def _limit(place: Place) -> Draw:
         f"{unit} may open twelve files",
         f"{words}; {restart} || true",
         f"rm -r {folder}; {restart}",
-        ("service", "computer", unit.rpartition("-")[2], "discovery", "sync"),  # these end with their roscore
+        ("service", "computer", unit.rpartition("-")[2]),
     )
 
 
