@@ -130,7 +130,7 @@ sent:
   returned: when O(action=send)
   type: list
   elements: dict
-  sample: [{number: 0, outcome: no_answer, errno: 110, source_port: 40132, data: not_tried}]
+  sample: [{number: 0, outcome: no_answer, errno: 110, source_port: 40132, data: not_tried, unconfirmed: 0}]
   contains:
     number:
       description: The number of the probe.
@@ -159,6 +159,11 @@ sent:
       returned: always
       type: str
       sample: not_tried
+    unconfirmed:
+      description: The number of packets of this question that the other kernel has not confirmed. A program that hangs has confirmed them.
+      returned: always
+      type: int
+      sample: 0
 seen:
   description: The packets that came in and went out here, in the order of time, 500 of each protocol at most.
   returned: when O(action=collect)

@@ -7,6 +7,7 @@ A connection is an ordinary one, since rules for users, connections and states m
 """
 
 import socket
+import struct
 import typing
 
 from .._machine.outcomes import Outcome, classify_error
@@ -17,6 +18,8 @@ PATIENCE = 2.5  # seconds for a connection: time for a second SYN
 TIMES = 3  # datagrams and echo requests of each probe
 TTL = 20  # of datagrams to the group, as the discovery nodes send
 ASKED = b"HEAD / HTTP/1.0\r\n\r\n"  # a question that every server of XML-RPC answers, be it with an error
+
+UNACKED = struct.Struct("24xI")  # its place in tcp_info: eight bytes, four numbers before it
 
 Probe = typing.Dict[str, typing.Any]
 
@@ -29,6 +32,7 @@ class SendResult(typing.NamedTuple):
     errno: typing.Optional[int] = None
     source_port: int = 0
     data: Outcome = Outcome.NOT_TRIED  # of a question in an open connection
+    unconfirmed: int = 0  # packets of this question that the other kernel has not confirmed
 
 
 def send(tag: Tag, probe: Probe) -> SendResult:
@@ -67,7 +71,7 @@ def _open_connection(_tag: Tag, probe: Probe) -> SendResult:
         except OSError as problem:
             outcome, number = classify_error(problem)
         sent = SendResult(probe["number"], outcome, number, link.getsockname()[1])
-        return sent._replace(data=_ask(link)) if outcome == Outcome.OPEN else sent
+        return sent._replace(data=_ask(link), unconfirmed=count_unconfirmed(link)) if outcome == Outcome.OPEN else sent
 
 
 def _ask(link: socket.socket) -> Outcome:
@@ -77,6 +81,12 @@ def _ask(link: socket.socket) -> Outcome:
         return Outcome.ANSWERED if link.recv(1) else Outcome.REFUSED
     except OSError as problem:
         return classify_error(problem)[0]
+
+
+def count_unconfirmed(link: socket.socket) -> int:
+    """Return how many packets the other kernel has not confirmed: tcpi_unacked (linux/tcp.h). A program that hangs has confirmed them."""
+    info = link.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, UNACKED.size)
+    return int(UNACKED.unpack(info)[0])
 
 
 _SENDERS = {"icmp": _send_echo, "udp": _send_datagram, "tcp": _open_connection}

@@ -47,6 +47,7 @@ class Stage(enum.Enum):
     HOP = "hop"  # they come in at a computer that is to pass them on, and do not leave it
     TARGET = "target"  # they come in at their target, and it does not answer
     MUTE = "mute"  # the connection opens, and a question in it gets no answer
+    CUT = "cut"  # the connection opens, and the other computer does not confirm a question in it
     REPORTED = "reported"  # a computer reports by ICMP why it passes them on no more
     UNSEEN = "unseen"  # they leave for a computer that did not listen
     ARRIVED = "arrived"  # they arrive, and so does the answer
@@ -157,6 +158,8 @@ class _Walk:
             return replace(there, stage=Stage.TARGET, at=self.probe.target)
         back = replace(self._walk(ANSWER, route[::-1]), answer=True, first_ttl=there.first_ttl)
         if back.stage == Stage.ARRIVED and self.sent and self.sent.data in (Outcome.NO_ANSWER, Outcome.RESET):
+            if self.sent.unconfirmed:
+                return replace(back, stage=Stage.CUT, at=self.probe.sender, next=self.probe.target, answer=False)
             return replace(back, stage=Stage.MUTE, at=self.probe.target)
         return back
 
@@ -242,6 +245,7 @@ SENTENCES: Mapping[Stage, str] = {
     Stage.HOP: "came in at {at}{interface}, and did not leave it",
     Stage.TARGET: "came in at {at}{interface}, which sent no answer",
     Stage.MUTE: "open at {at}, and a question in them gets no answer",
+    Stage.CUT: "open, and {next} does not confirm a question in them",
     Stage.REPORTED: "end at {at}, which reports ICMP type {type}, code {code}",
 }
 

@@ -101,7 +101,7 @@ def _fits(part: Part, kind: str, modes: tuple[str, ...]) -> bool:
 
 def name_place(place: Place, words: str) -> Part:
     """Make the part that is the place itself, with what was seen there in words."""
-    if place.stage in (Stage.WIRE, Stage.ASKED) and place.next:
+    if place.stage in (Stage.WIRE, Stage.ASKED, Stage.CUT) and place.next:
         return Part.from_pair("way", "between", place.at, place.next, what=words)
     return Part("way", place.at, "ends", words)
 

@@ -45,6 +45,7 @@ class SentProbe:
     errno: int | None = None
     source_port: int = 0
     data: Outcome = Outcome.NOT_TRIED
+    unconfirmed: int = 0  # packets of a question that the other computer has not confirmed
 
 
 @dataclass(frozen=True)

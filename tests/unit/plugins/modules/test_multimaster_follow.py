@@ -92,6 +92,29 @@ def test_each_kind_of_packet_is_seen_at_both_ends(three):
     assert not [entry for entry in beside["seen"] if entry["protocol"] != "arp"]
 
 
+# It takes a connection, and says nothing.
+HANGS = """
+import socket, sys, time
+place = socket.create_server((sys.argv[1], 11311))
+print(flush=True)
+link = place.accept()
+time.sleep(20)
+"""
+
+
+@pytest.mark.parametrize("drops", [False, True])
+def test_a_question_that_is_lost_is_not_confirmed(three, drops):
+    one, other, _third = three.hosts
+    server = other.popen(sys.executable, "-c", HANGS, other.address)
+    server.stdout.readline()
+    if drops:
+        chain = "chain in { type filter hook input priority 0; tcp flags & psh == psh drop; }"
+        other.run("nft", f"table ip lost {{ {chain}; }}")
+    sent, _seen = follow(three, [probe(0, one, "tcp", other, 11311)])
+    assert (sent[0][0]["outcome"], sent[0][0]["data"]) == ("open", "no_answer")
+    assert bool(sent[0][0]["unconfirmed"]) == drops
+
+
 def test_other_traffic_is_not_seen(three):
     one, other, _third = three.hosts
     options = {"run": "test", "name": one.name, "probes": [probe(0, one, "tcp", other, 9)]}

@@ -259,3 +259,13 @@ def test_a_place_leaves_few_parts(hops, right, wrong):
     found = find(cross("request", hops) if hops else {name: [] for name in ROUTE})
     assert suspects.is_consistent(Part(*right), found)
     assert not suspects.is_consistent(Part(*wrong), found)
+
+
+@pytest.mark.parametrize(("unconfirmed", "expected"), [(1, (Stage.CUT, "one", "two", False)), (0, (Stage.MUTE, "two"))])
+def test_a_lost_question_is_told_from_a_program_that_hangs(unconfirmed, expected):
+    both = join(cross("request", ROUTE, CALL), cross("answer", ROUTE[::-1], CALL))
+    sent = SentProbe(3, Outcome.OPEN, source_port=4000, data=Outcome.NO_ANSWER, unconfirmed=unconfirmed)
+    found = find(both, CALL, sent)
+    assert where(found)[: len(expected)] == expected
+    words = place.describe_place(found, CHART)
+    assert ("two does not confirm a question" in words) == bool(unconfirmed)
