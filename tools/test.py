@@ -177,7 +177,7 @@ SECONDS = {
 #: In this order: the first tests of `faults` need a lab that site.yml has not seen yet, the README ends with the teardown,
 #: and `kernel_settings`, `cloud_init` and `roscore` boot a computer.
 IN_COMMON = {
-    "robots": ("faults", "router_config", "strangers", "bundle", "readme"),
+    "robots": ("faults", "router_config", "strangers", "bundle", "traffic", "readme"),
     "services": ("sandbox", "metrics", "first_words", "root", "kernel_settings", "packages", "cloud_init", "roscore"),
 }
 

@@ -94,7 +94,7 @@ class ActionModule(ActionBase):
             if cases or not (files and files.own):
                 raise UnwritableReport(message) from None
             Display().display(plain_lines(message))  # no option asks for this file
-        show(judgement, written)
+        show(judgement, document, written)
         findings = plain_data([{**entry, "follows": len(entry["follows"])} for entry in document["findings"]])
         wanted = self._task.args.get("each")
         return {
@@ -264,11 +264,12 @@ def folder_of(inventory: str) -> Path:
     return home / "rosfleet" / "reports" / history.name_folder(inventory)
 
 
-def show(judgement: Judgement, written: str) -> None:
+def show(judgement: Judgement, document: Mapping[str, Any], written: str) -> None:
     """Print the report as wide as the terminal; the table of all checks only with -v."""
     display = Display()
     width = min(max(shutil.get_terminal_size((terminal.WIDTH, 24)).columns, 80), 160)
-    text = terminal.render(judgement.summary, judgement.diagnosis, width, everything=display.verbosity > 0)
+    everything = display.verbosity > 0
+    text = terminal.render(judgement.summary, judgement.diagnosis, width, everything, document["traffic"])
     display.display("")
     for line in plain_lines(text).split("\n"):
         word = line.strip().partition(":")[0]

@@ -1336,6 +1336,56 @@ exchange:
           returned: always
           type: str
           sample: kobuki2
+traffic:
+  description: What the robot's nodes send to nodes of other robots, on the computer of a roscore. Their counters (C(getBusStats)) were read twice.
+  returned: when O(action=collect)
+  type: dict
+  sample:
+    seconds: 3.0
+    flows: [{node: /camera, topic: /image, robot: kobuki2, subscribers: 1, bytes_s: 100000.0, messages_s: 10.0}]
+  contains:
+    seconds:
+      description: The time between the two readings.
+      returned: always
+      type: float
+      sample: 3.0
+    flows:
+      description: The topics of each node that subscribers on another robot get, those with most bytes first, 200 at most.
+      returned: always
+      type: list
+      elements: dict
+      sample: [{node: /camera, topic: /image, robot: kobuki2, subscribers: 1, bytes_s: 100000.0, messages_s: 10.0}]
+      contains:
+        node:
+          description: The publishing node.
+          returned: always
+          type: str
+          sample: /camera
+        topic:
+          description: The topic.
+          returned: always
+          type: str
+          sample: /image
+        robot:
+          description: The robot of the subscribers.
+          returned: always
+          type: str
+          sample: kobuki2
+        subscribers:
+          description: The number of connections.
+          returned: always
+          type: int
+          sample: 1
+        bytes_s:
+          description: The bytes a second on all of them.
+          returned: always
+          type: float
+          sample: 100000.0
+        messages_s:
+          description: The messages a second on all of them.
+          returned: always
+          type: float
+          sample: 10.0
 parameters:
   description: The parameters of the nodes on the roscore, compared with O(parameters).
   returned: when O(action=collect)

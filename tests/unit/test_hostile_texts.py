@@ -130,6 +130,8 @@ MORE = {
     "default_routes": [{"device": "?", "gateway": "?", "metric": "?"}],
 }
 
+SENT = {"node": "?", "topic": "?", "subscribers": 1, "bytes_s": 5000.0, "messages_s": 5.0}
+
 
 class Texts:
     """Puts a text of others in the place of texts: the harmless and the hostile ones at the same places, in the same order."""
@@ -176,6 +178,9 @@ def told(seed, evil):
             for key, entries in MORE.items():
                 if key in results["verify_probe"]:
                     results["verify_probe"][key] = [*results["verify_probe"][key], *entries]
+            if results["verify_probe"]:
+                sent = [{**SENT, "robot": master.robot} for master in trial.state.fleet.masters]
+                results["verify_probe"]["traffic"] = {"seconds": 3.0, "flows": sent}
             results = texts.of(results)
         hostvars[name] = results
     given = {
@@ -190,7 +195,9 @@ def told(seed, evil):
     template = page.__file__.rpartition("/")[0] + "/page.html.j2"
     with open(template, encoding="utf-8") as stream:
         html = page.make_page(stream.read(), bundle.fleet, document, judgement.matrices)
-    terminal = {width: plain_lines(render(judgement.summary, judgement.diagnosis, width)) for width in (80, 120, 10**6)}
+    parts = judgement.summary, judgement.diagnosis
+    widths = (80, 120, 10**6)
+    terminal = {width: plain_lines(render(*parts, width, traffic=document["traffic"])) for width in widths}
     assert texts.count
     return terminal, html, write_junit(document)
 

@@ -13,7 +13,19 @@ from .._module.module import validate_options
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem
 from .._process.deadlines import call_all
-from .._verify import changes, claims, exchange, masters, network, parameters, resources, services, sources, topics
+from .._verify import (
+    changes,
+    claims,
+    exchange,
+    masters,
+    network,
+    parameters,
+    resources,
+    services,
+    sources,
+    topics,
+    traffic,
+)
 from .options import Params
 
 # Seconds; more than any part takes by its own limits. A part that is later is named and left behind.
@@ -33,7 +45,7 @@ class Part(typing.NamedTuple):
     # It is looked at when the other parts are through, and on the computer of a roscore only. By then what was waited for
     # is there, and a robot's other computers would only ask the same roscore.
     final: bool = False
-    # It measures with the others of the fleet and waits for them alone, so all else goes on meanwhile.
+    # It measures for some seconds, with the others of the fleet or alone, so all else goes on meanwhile.
     shared: bool = False
 
 
@@ -128,6 +140,11 @@ def group(params: Params, action: str) -> typing.Optional[Result]:
         return {"failed": True, "msg": str(problem)}
 
 
+def look_traffic(params: Params, ros: Ros, deadline: float) -> Result:
+    """Measure what the robot sends to others, on the computer of its roscore alone."""
+    return traffic.measure_traffic(ros, params["members"], params["name"]) if params["is_master"] else traffic.NOTHING
+
+
 def environment(params: Params, ros: Ros) -> typing.Dict[str, str]:
     """The environment that services are to have: that of the file, and what the plan says in any case."""
     return {**ros.variables, **{name: str(value) for name, value in params["variables"].items()}}
@@ -135,6 +152,7 @@ def environment(params: Params, ros: Ros) -> typing.Dict[str, str]:
 
 PARTS = (
     Part("multicast", look_multicast, None, runs_commands=True, shared=True),  # first: it waits most
+    Part("traffic", look_traffic, traffic.NOTHING, runs_commands=True, shared=True),
     Part("members", look_members, [], on_router=True),
     Part("claims", look_claims, [], on_router=True),
     Part("policy", lambda params, ros, deadline: network.policy(), {"rules": [], "closed": []}, on_router=True),

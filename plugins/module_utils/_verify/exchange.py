@@ -43,7 +43,7 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
     try:
         publishers, subscribers, services = (dict(part) for part in ros.ask("getSystemState"))
         types = dict(ros.ask("getTopicTypes"))
-        uris = _node_uris(ros, publishers, subscribers, services)
+        uris = node_uris(ros, publishers, subscribers, services)
         claims = _claims(ros, services)
     except OSError as problem:
         return dict(NOTHING, error=str(problem))
@@ -69,7 +69,7 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
     return found
 
 
-def _node_uris(ros: Ros, *tables: Names) -> typing.Dict[str, str]:
+def node_uris(ros: Ros, *tables: Names) -> typing.Dict[str, str]:
     """Ask for the URIs of all nodes in one request. Raises OSError."""
     nodes = sorted({node for table in tables for users in table.values() for node in users})
     calls = [{"methodName": "lookupNode", "params": [CALLER, node]} for node in nodes]
@@ -154,6 +154,7 @@ def _connections(
             other = places.robot(link["host"])
             if other in ("", robot) or (peer in nodes and places.robot(host(nodes[peer])) == other):
                 continue
+            del link["number"]
             found.append(dict(link, peer=peer, node=node, robot=other))
     return found, silent
 
@@ -174,7 +175,7 @@ def _drop_ended(ros: Ros, silent: typing.List[str], nodes: typing.Dict[str, str]
         return []
     time.sleep(1.0)
     try:
-        now = _node_uris(ros, {"": silent})
+        now = node_uris(ros, {"": silent})
     except OSError:
         return silent
     return [node for node in silent if now.get(node) == nodes[node]]
@@ -198,10 +199,10 @@ class Places:
         return self._robots.get(host, "")
 
 
-def links(entries: typing.Any) -> typing.List[typing.Dict[str, str]]:
+def links(entries: typing.Any) -> typing.List[typing.Dict[str, typing.Any]]:
     """Read the connections in an answer to getBusInfo (ROS Slave API); the last element, a text, is missing before kinetic.
 
-    Each has its direction ("in" from a publisher), topic, peer (the publisher's URI, or the subscriber's name), and the peer's host.
+    Each has the node's number of it, its direction ("in" from a publisher), topic, peer (the publisher's URI, or the subscriber's name), and the peer's host.
     """
     found = []
     for entry in entries if isinstance(entries, list) else []:
@@ -211,7 +212,8 @@ def links(entries: typing.Any) -> typing.List[typing.Dict[str, str]]:
         text = entry[6] if len(entry) > 6 else ""
         end = re.search(r" to \[(.+):\d+ on socket", text if isinstance(text, str) else "")
         place = end.group(1).lower() if end else host(peer if inward else "")
-        found.append({"direction": "in" if inward else "out", "topic": entry[4], "peer": peer, "host": place})
+        direction = "in" if inward else "out"
+        found.append({"number": entry[0], "direction": direction, "topic": entry[4], "peer": peer, "host": place})
     return found
 
 

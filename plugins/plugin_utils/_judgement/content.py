@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -13,7 +14,7 @@ from .._checks.engine import VERDICTS
 from .._checks.table import CHECKS
 from .._data.plain import to_plain
 from .._diagnosis.diagnosis import Diagnosis
-from .._observed.observations import Exchange, Observation
+from .._observed.observations import Exchange, Observation, Traffic
 from .._observed.uris import normalise_uri
 from .._plan.model import FleetPlan
 from .summary import Summary
@@ -124,6 +125,46 @@ def list_streams(observations: Mapping[str, Observation]) -> list[dict[str, Any]
         for stream in (seen.streams.streams if seen.streams else ())
         if stream.mbit_s is not None
     ]
+
+
+def list_traffic(fleet: FleetPlan, observations: Mapping[str, Observation]) -> dict[str, Any]:
+    """List the topics that robots send to each other, the dearest first. Bytes and messages are summed over all connections."""
+    topics: dict[tuple[str, str], dict[str, Any]] = {}
+    seconds = 0.0
+    for robot, master in fleet.master_of.items():
+        seen = observations.get(master.computer)
+        traffic = seen.probe.traffic if seen and seen.probe else Traffic()
+        seconds = max(seconds, traffic.seconds)
+        for flow in traffic.flows:
+            if flow.robot not in fleet.master_of:
+                continue
+            nothing = {
+                "topic": flow.topic,
+                "from": robot,
+                "nodes": set(),
+                "to": Counter(),
+                "messages_s": 0.0,
+                "bytes_s": 0.0,
+            }
+            entry = topics.setdefault((robot, flow.topic), nothing)
+            entry["nodes"].add(flow.node)
+            entry["to"][flow.robot] += flow.subscribers
+            entry["messages_s"] += flow.messages_s
+            entry["bytes_s"] += flow.bytes_s
+    order = sorted(topics.values(), key=lambda entry: (-entry["bytes_s"], entry["topic"], entry["from"]))
+    numbers = ("messages_s", "bytes_s")
+    return {
+        "seconds": seconds,
+        "topics": [
+            {
+                **entry,
+                "nodes": sorted(entry["nodes"]),
+                "to": dict(sorted(entry["to"].items())),
+                **{key: round(entry[key], 1) for key in numbers},
+            }
+            for entry in order[:MOST]
+        ],
+    }
 
 
 def describe_machines(

@@ -80,5 +80,6 @@ def make_document(run: Run, judgement: Judgement) -> dict[str, Any]:
         **{key: run.about.get(key, "") for key in ("time", "collection", "ansible", "durations")},
         "robots": content.list_robots(run.fleet, run.observations),
         "throughput": content.list_streams(run.observations),
+        "traffic": content.list_traffic(run.fleet, run.observations),
         "machines": {name: {**content.MACHINE, **run.machines.get(name, {})} for name in run.observations},
     }

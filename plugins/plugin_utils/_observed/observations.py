@@ -366,6 +366,26 @@ class Exchange:
 
 
 @dataclass(frozen=True)
+class SentTopic:
+    """What a node of the robot sends of a topic to the subscribers on another robot, by its own counters."""
+
+    node: str
+    topic: str
+    robot: str
+    subscribers: int = 0
+    bytes_s: float = 0.0
+    messages_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """What the nodes of a robot send to nodes of others, measured for some seconds."""
+
+    seconds: float = 0.0
+    flows: tuple[SentTopic, ...] = ()
+
+
+@dataclass(frozen=True)
 class Outsider:
     """A sender of heartbeats that the computer's discovery node ignores."""
 
@@ -403,6 +423,7 @@ class Probe:
     outsiders: tuple[Outsider, ...] = ()
     sources: tuple[Source, ...] = ()
     exchange: Exchange = Exchange()
+    traffic: Traffic = Traffic()
     parameters: NodeParameters = NodeParameters()
     clock: Clock = Clock()
     disks: tuple[Disk, ...] = ()

@@ -25,6 +25,7 @@ from .._plan.model import FleetPlan
 from .arrows import draw_arrows
 from .hops import draw_way
 from .picture import SIGNS, Mark, draw_fleet
+from .traffic import HEADINGS, describe_measurement, list_dearest
 
 TEMPLATE = Path(__file__).with_name("page.html.j2")  # the doors read it
 ROWS = 20  # results that are listed below a finding
@@ -59,6 +60,9 @@ def make_page(template: str, fleet: FleetPlan, document: Mapping[str, Any], matr
         measured=matrices.measured,
         robots=len(document["robots"]),
         flows=list(islice(list_flows(document["robots"]), PAIRS)),
+        headings=HEADINGS,
+        dearest=plain_data(list_dearest(document["traffic"]), LINE),
+        measurement=describe_measurement(document["traffic"]),
         not_judged=count_unknown(document["rows"]),
         absent=[name for name in fleet.computers if name not in set(document["computers"])],
         signs=SIGNS,

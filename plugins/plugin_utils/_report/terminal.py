@@ -9,12 +9,15 @@ import textwrap
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import count
+from typing import Any
 
 from .._checks.engine import FAILED, OK, UNKNOWN, VERDICTS, WARNING, Row
 from .._checks.table import CHECKS, TITLES
 from .._diagnosis.diagnosis import INFERRED, Diagnosis, Finding
+from .._fleet.plain_text import plain
 from .._fleet.sentences import shorten_list
 from .._judgement.summary import Summary, is_small
+from .traffic import HEADINGS, describe_measurement, list_dearest
 
 WIDTH = 120
 CELL = 8  # columns of a cell of the matrix, where there is room
@@ -23,7 +26,13 @@ PAIRS = 4  # pairs, names or checks that are named in a finding
 WORST = (FAILED, UNKNOWN, WARNING, OK)
 
 
-def render(summary: Summary, diagnosis: Diagnosis, width: int = WIDTH, everything: bool = True) -> str:
+def render(
+    summary: Summary,
+    diagnosis: Diagnosis,
+    width: int = WIDTH,
+    everything: bool = True,
+    traffic: Mapping[str, Any] | None = None,
+) -> str:
     """Return the report, of this width where names allow it. Without `everything` it has no table and no matrix."""
     parts = [_title(summary), _table(summary)] if everything else [_title(summary)]
     if everything and len(summary.computers) > 1 and is_small(summary.computers):
@@ -34,6 +43,7 @@ def render(summary: Summary, diagnosis: Diagnosis, width: int = WIDTH, everythin
     for verdict, heading in ((FAILED, "Findings"), (WARNING, "Warnings"), (UNKNOWN, "Not judged")):
         parts += _findings([entry for entry in diagnosis.findings if entry.verdict == verdict], heading, numbers, width)
     parts += _format_unexplained(diagnosis.unexplained, width)
+    parts += _format_traffic(traffic, width) if traffic else []
     parts.append(summary.verdict_line)
     return "\n\n".join(parts)
 
@@ -157,6 +167,22 @@ def _format_unexplained(rows: Sequence[Row], width: int) -> list[str]:
     for row in rows:
         groups[row.check].append(row)
     lines += [_wrap("   -  ", _describe_rows(group), width) for group in groups.values()]
+    return ["\n".join(lines)]
+
+
+def _format_traffic(traffic: Mapping[str, Any], width: int) -> list[str]:
+    """Return the table of the topics that cost most between robots; nothing where nothing does."""
+    rows = list_dearest(traffic)
+    if not rows:
+        return []
+    room = (width - 2 - 4 * 2 - 10 - 10) // 3  # columns of a cell with names: beside it are gaps and two numbers
+    table = [HEADINGS, *([*(plain(cell, room) for cell in row[:3]), *row[3:]] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    lines = ["What costs most between robots:", _wrap("  ", f"{describe_measurement(traffic)}.", width)]
+    for cells in table:
+        names = [f"{cell:<{size}}" for cell, size in zip(cells[:3], widths, strict=False)]
+        numbers = [f"{cell:>{size}}" for cell, size in zip(cells[3:], widths[3:], strict=True)]
+        lines.append("  " + "  ".join(names + numbers))
     return ["\n".join(lines)]
 
 

@@ -11,7 +11,6 @@ import sys
 import threading
 import time
 import types
-import xmlrpc.server
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import message_types
@@ -77,27 +76,6 @@ print("a package that talks when it is imported")
 assert asked == ["geometry_msgs/Pose", "nav_msgs/Odometry"]
 print(json.dumps({"nav_msgs/Odometry": "cd5e"}))
 """
-
-
-@pytest.fixture
-def served():
-    """Serve objects over XML-RPC; returns their URIs."""
-    running = []
-
-    def serve(instance):
-        server = xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
-        server.register_instance(instance)
-        server.register_multicall_functions()
-        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
-        thread.start()
-        running.append((server, thread))
-        return f"http://127.0.0.1:{server.server_address[1]}/"
-
-    yield serve
-    for server, thread in running:
-        server.shutdown()
-        thread.join()
-        server.server_close()
 
 
 @pytest.fixture
@@ -283,10 +261,10 @@ BUS_INFO = [
 
 def test_links_of_a_node():
     assert [tuple(link.values()) for link in exchange.links(BUS_INFO)] == [
-        ("in", "/goal", "http://kobuki2computer:41233/", "kobuki2computer"),
-        ("out", "/odom", "/planner", "192.168.1.239"),
-        ("in", "/old", "http://Kobuki2Computer:41233/", "kobuki2computer"),
-        ("out", "/rosout", "/rosout", ""),
+        (1, "in", "/goal", "http://kobuki2computer:41233/", "kobuki2computer"),
+        (2, "out", "/odom", "/planner", "192.168.1.239"),
+        (3, "in", "/old", "http://Kobuki2Computer:41233/", "kobuki2computer"),
+        (4, "out", "/rosout", "/rosout", ""),
     ]
 
 

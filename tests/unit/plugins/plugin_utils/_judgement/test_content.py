@@ -5,6 +5,7 @@
 
 import fleets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import SentTopic, Traffic
 from reports import make_report
 
 
@@ -13,3 +14,39 @@ def test_the_robots_of_a_document():
     assert (one["robot"], one["computers"], one["declares"], one["read"]) == ("kobuki1", [fleets.ONE], False, True)
     assert one["topics"] and not any(name.startswith(content.OWN_TOPICS) for name in one["topics"])
     assert one["takes"][0]["robot"] == "kobuki2" and set(one["takes"][0]["topics"]) <= set(two["topics"])
+
+
+def test_the_traffic_is_summed_by_topic_and_robot():
+    def change(seen):
+        flows = (
+            SentTopic("/eye", "/image", "kobuki2", 2, 600.0, 6.0),
+            SentTopic("/ear", "/sound", "kobuki2", 1, 900.0, 9.0),
+            SentTopic("/eye2", "/image", "kobuki2", 1, 600.04, 6.0),
+            SentTopic("/eye", "/image", "nobody", 1, 1e9, 1.0),
+        )
+        fleets.update(seen[fleets.ONE].probe, traffic=Traffic(3.1, flows))
+        fleets.update(
+            seen[fleets.TWO].probe, traffic=Traffic(2.9, (SentTopic("/eye", "/image", "kobuki1", 1, 5.0, 1.0),))
+        )
+
+    assert make_report(fleets.plan(), change).document["traffic"] == {
+        "seconds": 3.1,
+        "topics": [
+            {
+                **{"topic": "/image", "from": "kobuki1", "nodes": ["/eye", "/eye2"], "to": {"kobuki2": 3}},
+                **{"messages_s": 12.0, "bytes_s": 1200.0},
+            },
+            {
+                **{"topic": "/sound", "from": "kobuki1", "nodes": ["/ear"], "to": {"kobuki2": 1}},
+                **{"messages_s": 9.0, "bytes_s": 900.0},
+            },
+            {
+                **{"topic": "/image", "from": "kobuki2", "nodes": ["/eye"], "to": {"kobuki1": 1}},
+                **{"messages_s": 1.0, "bytes_s": 5.0},
+            },
+        ],
+    }
+
+
+def test_no_traffic_where_nothing_crosses():
+    assert make_report(fleets.plan()).document["traffic"] == {"seconds": 0.0, "topics": []}

@@ -13,7 +13,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.matrices import KINDS, MOST, Matrices
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Ping
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    Ping,
+    SentTopic,
+    Traffic,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.page import list_flows, make_page
 from reports import TEMPLATE, make_report
 
@@ -67,6 +71,8 @@ EVIL = '"><script>alert(1)</script><img src=x onerror=alert(1)>{{ 7 * 7 }}\x1b[3
 def test_text_of_strangers_stays_text():
     def change(seen):
         fleets.wall(seen)
+        flow = SentTopic(EVIL, "/" + EVIL, "dabo", 1, 5000.0, 5.0)
+        fleets.update(seen["tibi-visio"].probe, traffic=Traffic(3.0, (flow,)))
         for observation in seen.values():
             for member in observation.probe.members:
                 fleets.update(member, ping_address=Ping(error=EVIL))
@@ -82,6 +88,7 @@ def test_text_of_strangers_stays_text():
     )
     assert not [tag for tag, _attributes in page.tags if tag in ("script", "img")]
     assert not [key for _tag, attributes in page.tags for key in attributes if key.startswith("on")]
+    assert "What costs most between robots" in page.text and ("tibi (" + EVIL[:9]) in page.text
     assert "{{ 7 * 7 }}" in page.text and "\x1b" not in page.text and "\u202e" not in page.text
 
 

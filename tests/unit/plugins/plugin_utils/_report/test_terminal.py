@@ -87,6 +87,8 @@ Not explained (lost packets, or something that comes and goes: run it again):
 
 FAILED: 4 of 9 checks failed (1 with a warning, 1 not judged)."""
 
+GOOD = summarise([row for row in ROWS if row.verdict == OK], [ONE, TWO], 2)
+
 
 def test_report():
     assert render(summarise(ROWS, [ONE, TWO], 2), DIAGNOSIS) == TEXT
@@ -132,8 +134,45 @@ def test_without_the_table_only_what_is_wrong_is_told():
     text = render(summarise(ROWS, [ONE, TWO], 2), DIAGNOSIS, width=80, everything=False)
     assert text.startswith("VERIFICATION of 2 computers\n\nFindings:\n  1. ") and text.endswith(TEXT.splitlines()[-1])
     assert "from / to" not in text and max(map(len, text.splitlines())) <= 80
-    good = summarise([row for row in ROWS if row.verdict == OK], [ONE, TWO], 2)
-    assert render(good, Diagnosis(), everything=False).split("\n\n") == [
+    assert render(GOOD, Diagnosis(), everything=False).split("\n\n") == [
         "VERIFICATION of 2 computers",
         "PASSED: none of 3 checks failed.",
     ]
+
+
+def sent(topic, kilobytes, *nodes, **to):
+    return {
+        "topic": topic,
+        "from": "ana",
+        "nodes": nodes or ["/base"],
+        "to": to or {"bob": 1},
+        "messages_s": 9.96,
+        "bytes_s": 1000.0 * kilobytes,
+    }
+
+
+def test_the_topics_that_cost_most():
+    topics = [sent("/ana/scan", 198.94, "/ana_camera", bob=1, cid=2), sent("/x", 1.0), sent("/cheap", 0.99)]
+    text = render(GOOD, Diagnosis(), everything=False, traffic={"seconds": 3.04, "topics": topics})
+    assert text.split("\n\n")[1:] == [
+        """\
+What costs most between robots:
+  As the publishers counted it for 3.0 s, summed over all subscribers of other robots. Topics of less than 1 kB/s are
+  left out.
+  topic      from (node)        to            messages/s   kB/s
+  /ana/scan  ana (/ana_camera)  bob, cid (2)        10.0  198.9
+  /x         ana (/base)        bob                 10.0    1.0""",
+        "PASSED: none of 3 checks failed.",
+    ]
+
+
+def test_ten_topics_at_most_and_none_that_is_wider_than_the_terminal():
+    topics = [sent(f"/{number}/{'x' * 200}", 5, "/" + "y" * 200, **{"z" * 99: 1}) for number in range(30)]
+    text = render(GOOD, Diagnosis(), 80, False, {"seconds": 3.0, "topics": topics})
+    lines = text.split("\n\n")[1].splitlines()
+    assert len(lines) == 4 + 10 and max(map(len, lines)) <= 80
+
+
+def test_no_table_where_every_topic_is_cheap():
+    traffic = {"seconds": 3.0, "topics": [sent("/cheap", 0.99)]}
+    assert render(GOOD, Diagnosis(), everything=False, traffic=traffic) == render(GOOD, Diagnosis(), everything=False)
