@@ -582,6 +582,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         hard=False,
         what="multimaster-*",
     ),
+    ("service", "looping"): Fault(
+        "on {place} systemd starts {what} again and again, and in vain",
+        "see on {place}: journalctl -b -u {what}; systemctl cat {what}",
+        cost=2.0,
+        what="multimaster-*",
+        read=READ,
+    ),
     ("service", "missing"): Fault(
         "{what} was not set up on {place}", f"{SITE} on it", cost=1.0, what="multimaster-*", read=READ
     ),
@@ -754,14 +761,19 @@ CALLS = (
     *(("registration", mode) for mode in ("talker", "listener")),
     *(("filter", f"{mode} out") for mode in ("rpc", "roscore", "nodes", "all")),
 )
-STOPPED, FULL = ("service", "stopped"), ("service", "full")
+STOPPED, FULL, LOOPING = ("service", "stopped"), ("service", "full"), ("service", "looping")
 _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
-    **{(node, "hung"): (STOPPED, FULL) for node in ("roscore", "discovery", "sync")},
+    **{(node, "hung"): (STOPPED, FULL, LOOPING) for node in ("roscore", "discovery", "sync")},
     **{
-        (node, "stale"): (STOPPED, FULL, *((name, mode) for name in (node, "roscore") for mode in ("dead", "hung")))
+        (node, "stale"): (
+            STOPPED,
+            FULL,
+            LOOPING,
+            *((name, mode) for name in (node, "roscore") for mode in ("dead", "hung")),
+        )
         for node in ("discovery", "sync")
     },
-    **dict.fromkeys((("registration", "talker"), ("registration", "listener")), (STOPPED, FULL)),
+    **dict.fromkeys((("registration", "talker"), ("registration", "listener")), (STOPPED, FULL, LOOPING)),
     **{
         ("filter", f"{mode} {way}"): tuple(
             ("filter", more) for more in (mode, f"all {way}", "all") if more != f"{mode} {way}"
@@ -769,16 +781,16 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
         for mode in DROPPED
         for way in ("in", "out")
     },
-    ("sync", "untold"): (STOPPED, FULL, ("sync", "dead")),
+    ("sync", "untold"): (STOPPED, FULL, LOOPING, ("sync", "dead")),
     ("computer", "unmeasured"): (("link", "down"), ("interface", "address"), PORTS),
     ("set_up", "by_hand"): (("set_up", "others"),),
     ("set_up", "refused"): (("ros", "broken"),),
     ("roscore", "dead"): (("interface", "duplicate"),),  # the other computer refuses
-    ("discovery", "dead"): (("roscore", "dead"),),
+    ("discovery", "dead"): (("roscore", "dead"), LOOPING),
     # A node whose datagrams its own kernel refuses leaves the group, and tries again.
     ("discovery", "group"): (("filter", "group out"), ("filter", "group"), ("filter", "udp out"), ("filter", "udp")),
-    ("sync", "dead"): (("roscore", "dead"),),
-    ("service", "restarting"): (("roscore", "dead"), ("set_up", "others")),
+    ("sync", "dead"): (("roscore", "dead"), LOOPING),
+    ("service", "restarting"): (("roscore", "dead"), ("set_up", "others"), LOOPING),
     ("names", "unknown"): (("names", "order"),),
     ("names", "old"): (("names", "order"),),
     ("names", "several"): (("names", "order"),),

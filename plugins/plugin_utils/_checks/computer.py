@@ -118,7 +118,9 @@ def _services_evidence(case: Case) -> Parts:
         entry, unit = states.get(service), f"multimaster-{service}.service"
         if entry is None or entry.active_state != "active":
             missing = entry is not None and entry.load_state == "not-found"
-            if service == "roscore" and not missing and case.probe.roscore.answer:
+            if entry is not None and entry.active_state == "activating" and entry.restarts:
+                parts |= make_parts("service", name, "looping", what=unit)
+            elif service == "roscore" and not missing and case.probe.roscore.answer:
                 parts |= make_parts("set_up", name, "others")  # a roscore answers that is not the unit's
             elif missing:
                 parts |= make_parts("service", name, "missing", what=unit)
