@@ -79,24 +79,17 @@ class ActionModule(ActionBase):
         path, cases = (str(self._task.args.get(option) or "") for option in ("path", "junit"))
         files = Files.from_option(path, place)
         before = files.read_previous() if files else {}
-        if live:
-            since_last = str(history.count_seconds(before, time.time()))
-            run = replace(run, about={**run.about, "since_last_s": since_last})
+        run = add_last_time(run, before) if live else run
         judgement = judge_run(run, bool(files or cases), bool(files and not files.own))
         document = make_document(run, judgement)
         written = ""
         try:
             written = write_files(files, cases, run.fleet, document, judgement.matrices, before)
         except OSError as problem:
-            message = (
-                f"The report cannot be written to {problem.filename or path}: {problem.strerror}; name another file."
-            )
-            if cases or not (files and files.own):
-                raise UnwritableReport(message) from None
-            Display().display(plain_lines(message))  # no option asks for this file
+            report_unwritable(problem, path, is_asked=bool(cases) or not (files and files.own))
         show(judgement, document, written)
         findings = plain_data([{**entry, "follows": len(entry["follows"])} for entry in document["findings"]])
-        wanted = self._task.args.get("each")
+        shown = terminal.SENTENCES if is_each_wanted(self._task.args.get("each")) else 0
         return {
             "changed": False,
             "passed": document["verdict"] != FAILED,
@@ -106,11 +99,27 @@ class ActionModule(ActionBase):
             "checks": document["checks"],
             "pairs": document["pairs"],
             "findings": findings,
-            "each": [join_rivals(entry) for entry in findings[: terminal.SENTENCES]]
-            if wanted == "always" or (wanted == "auto" and has_callbacks())
-            else [],
+            "each": [join_rivals(entry) for entry in findings[:shown]],
             "unexplained": plain_data(document["unexplained"]),
         }
+
+
+def report_unwritable(problem: OSError, path: str, *, is_asked: bool) -> None:
+    """Say that a report cannot be written. Raises UnwritableReport where an option has asked for it."""
+    message = f"The report cannot be written to {problem.filename or path}: {problem.strerror}; name another file."
+    if is_asked:
+        raise UnwritableReport(message) from None
+    Display().display(plain_lines(message))
+
+
+def is_each_wanted(option: object) -> bool:
+    """Say if each finding is an item of its own, as a callback shows it."""
+    return option == "always" or (option == "auto" and has_callbacks())
+
+
+def add_last_time(run: Run, before: Mapping[str, Any]) -> Run:
+    """Return the run with the seconds since the last one."""
+    return replace(run, about={**run.about, "since_last_s": str(history.count_seconds(before, time.time()))})
 
 
 def write_files(

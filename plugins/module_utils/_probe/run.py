@@ -9,7 +9,8 @@ from .._client.ros import Ros
 from .._module import actions, ends
 from .._module.module import Module, validate_options
 from .._module.problem import Problem
-from .._verify import ghosts, network, talker
+from .._verify import network, talker
+from . import ghosts
 from .options import Params, find_wrong_option
 from .parts import Result, group, list_members, list_talkers, look
 

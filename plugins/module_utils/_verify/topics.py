@@ -43,11 +43,15 @@ def topics(
             {"node": node, "uri": _uri(ros, node, settled if entry["heard"] else 0.0)} for node in nodes
         ]
         if not entry["heard"] and not entry["error"]:
-            unknown = published and name not in published
-            entry["error"] = f"the topic is not registered at {ros.uri}" if unknown else errors.get(name) or "nothing"
+            entry["error"] = _say_why(ros, name, published, errors)
         rows.append(entry)
     _reach_unheard(rows)
     return rows
+
+
+def _say_why(ros: Ros, name: str, published: typing.Mapping[str, typing.Any], errors: typing.Mapping[str, str]) -> str:
+    unknown = published and name not in published
+    return f"the topic is not registered at {ros.uri}" if unknown else errors.get(name) or "nothing"
 
 
 def _reach_unheard(rows: typing.List[typing.Dict[str, typing.Any]]) -> None:

@@ -49,6 +49,11 @@ def find_parts(case: Case, outcome: Outcome, traffic: str) -> Parts:
         return make_parts(PROGRAMS[traffic], target, "hung") | list_rejects(case, target, traffic)
     if outcome not in REPORTED or target not in case.ways.members:
         return frozenset()
+    return _find_reported_parts(case, outcome, target, traffic)
+
+
+def _find_reported_parts(case: Case, outcome: Outcome, target: str, traffic: str) -> Parts:
+    """Return what is left of an unreachable target, as the ping of the same pair has its reporter."""
     ping = (case.observer.members[target].ping_address if target in case.observer.members else None) or Ping()
     if ping.ok or (
         ping.outcome == Outcome.PROHIBITED and outcome != ping.outcome

@@ -211,19 +211,26 @@ def _find_lacking_node(case: Case, stage: Stage | None) -> Parts:
     """Return the node that lacks the call, or the packet filter that keeps it from it."""
     one, other, topic = case.observer.name, case.target, case.topic
     if stage == Stage.REGISTERED:
-        there = case.peer.seen.probe if case.peer else None
-        asked = there is not None and not there.roscore.error and there.talker is not None
-        return make_parts("registration", other, "talker") if asked else frozenset()
+        return make_parts("registration", other, "talker") if _has_talker(case.peer) else frozenset()
     if stage == Stage.TOLD and one != case.masters[0]:
-        drop = case.state.filters.find_drop(case.masters[0], one, "nodes")
-        return frozenset({drop}) if drop else make_parts("registration", one, "untold")
+        return _find_drop(case, case.masters[0], one) or make_parts("registration", one, "untold")
     if stage == Stage.CONNECTED and topic is not None and topic.step == "answered":
-        drop = case.state.filters.find_drop(one, other, "nodes")
-        return frozenset({drop}) if drop else make_parts("registration", other, "closed")
+        return _find_drop(case, one, other) or make_parts("registration", other, "closed")
     master = case.run.get(case.masters[1])
     if stage == Stage.READ and topic is not None and topic.step == "told" and _is_silent(master, other, case.ways):
         return make_parts("registration", other, "mute", what=TALKER)
     return frozenset()
+
+
+def _has_talker(computer: Participant | None) -> bool:
+    """Say if a talker was started there, and its roscore answers."""
+    probe = computer.seen.probe if computer else None
+    return probe is not None and not probe.roscore.error and probe.talker is not None
+
+
+def _find_drop(case: Case, sender: str, target: str) -> Parts:
+    drop = case.state.filters.find_drop(sender, target, "nodes")
+    return frozenset({drop}) if drop else frozenset()
 
 
 def find_mute_talkers(case: Case) -> Parts:

@@ -117,15 +117,7 @@ def _services_evidence(case: Case) -> Parts:
     for service in case.observer.services:
         entry, unit = states.get(service), f"multimaster-{service}.service"
         if entry is None or entry.active_state != "active":
-            missing = entry is not None and entry.load_state == "not-found"
-            if entry is not None and entry.active_state == "activating" and entry.restarts:
-                parts |= make_parts("service", name, "looping", what=unit)
-            elif service == "roscore" and not missing and case.probe.roscore.answer:
-                parts |= make_parts("set_up", name, "others")  # a roscore answers that is not the unit's
-            elif missing:
-                parts |= make_parts("service", name, "missing", what=unit)
-            else:
-                parts |= _service_down_parts(name, service, unit)
+            parts |= _inactive_parts(case, service, entry)
         elif entry.stopped:
             parts |= make_parts("service", name, "stopped", what=unit)
         elif _is_full(entry):
@@ -133,6 +125,17 @@ def _services_evidence(case: Case) -> Parts:
         elif _was_started_again(case, entry):
             parts |= make_parts("service", name, "restarting", what=unit)
     return parts
+
+
+def _inactive_parts(case: Case, service: str, entry: Service | None) -> Parts:
+    name, unit = case.observer.name, f"multimaster-{service}.service"
+    if entry is not None and entry.load_state == "not-found":
+        return make_parts("service", name, "missing", what=unit)
+    if entry is not None and entry.active_state == "activating" and entry.restarts:
+        return make_parts("service", name, "looping", what=unit)
+    if service == "roscore" and case.probe.roscore.answer:
+        return make_parts("set_up", name, "others")  # a roscore answers that is not the unit's
+    return _service_down_parts(name, service, unit)
 
 
 def _service_down_parts(computer: str, service: str, unit: str) -> Parts:

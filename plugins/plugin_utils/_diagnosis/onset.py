@@ -43,10 +43,10 @@ def describe_onset(part: Part, computer: Participant | None, state: FleetState) 
     if computer is None:
         return ""
     probe = computer.probe
-    if part.kind in SERVICES:
-        return _service_time([entry for entry in probe.services if entry.name == part.kind], part.mode)
-    if part.kind == "service":
-        return _service_time([entry for entry in probe.services if entry.unit == part.what], part.mode)
+    if part.kind in (*SERVICES, "service"):
+        return _service_time(
+            [entry for entry in probe.services if part.kind == entry.name or part.what == entry.unit], part.mode
+        )
     if (part.kind, part.mode) == ("environment", "service"):
         return _service_time([entry for entry in probe.services if entry.differing], "runs")
     if part.kind == "link":

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -66,15 +66,20 @@ def find_ends(verification: Verification) -> list[SeenEnd]:
     looks = {name: one.seen.second_look for name, one in verification.run.items() if one.seen.second_look}
     probes = [probe for look in looks.values() for probe in look.probes]
     links = {probe.number: list_links(verification, probe.sender, probe.target) for probe in probes}
-    steps = {step for own in links.values() for step in pairwise(own) if step[0][1] == step[1][1]}
     chart = Map(
         hosts={mac: name for name, one in verification.run.items() for mac in one.macs},
         name_at=verification.ways.name_at,
         listening=frozenset(name for name, look in looks.items() if look.packets),
-        networks={pair: network for (one, network), (two, _same) in steps for pair in ((one, two), (two, one))},
+        networks=_name_networks(links.values()),
     )
     routes = {number: list(dict.fromkeys(place for place, _network in own)) for number, own in links.items()}
     return [_describe(place, chart, looks) for place in locate(looks, chart, routes) if place.is_fault]
+
+
+def _name_networks(links: Iterable[Sequence[tuple[str, str]]]) -> dict[tuple[str, str], str]:
+    """Name the network between each two neighbours, in both directions."""
+    steps = {step for own in links for step in pairwise(own) if step[0][1] == step[1][1]}
+    return {pair: network for (one, network), (two, _same) in steps for pair in ((one, two), (two, one))}
 
 
 def _describe(place: Place, chart: Map, looks: Mapping[str, SecondLook]) -> SeenEnd:

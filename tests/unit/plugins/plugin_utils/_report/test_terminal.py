@@ -166,7 +166,7 @@ What costs most between robots:
     ]
 
 
-def test_ten_topics_at_most_and_none_that_is_wider_than_the_terminal():
+def test_ten_topics_at_most_fit_into_the_terminal():
     topics = [sent(f"/{number}/{'x' * 200}", 5, "/" + "y" * 200, **{"z" * 99: 1}) for number in range(30)]
     text = render(GOOD, Diagnosis(), 80, False, {"seconds": 3.0, "topics": topics})
     lines = text.split("\n\n")[1].splitlines()

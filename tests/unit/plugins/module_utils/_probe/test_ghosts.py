@@ -7,7 +7,7 @@ import socket
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import ghosts
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe import ghosts
 from talking import Roscore, served, talking, until
 
 TOPIC = "/multimaster_verify/a"

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 from .._client.listener import listener_of
 from .._client.ros import Ros
 from .._machine.outcomes import Outcome, connect
-from .talker import node_of
+from .._verify.talker import node_of
 
 CONNECT = 2.0  # seconds
 UNREGISTER = ("unregisterPublisher", "unregisterSubscriber")
