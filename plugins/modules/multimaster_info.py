@@ -429,6 +429,11 @@ forwarding:
           returned: always
           type: str
           sample: "2026-11-22T09:12:44+0000 kobuki2computer kernel: eth0: Link is Down"
+        power_save:
+          description: Whether a wireless interface saves power, as C(iw) tells; null of any other one, and without C(iw).
+          returned: always
+          type: bool
+          sample: false
 filters:
   description: The packet filter of nftables, also what iptables has made of it, as far as it can be read simply.
   returned: with the part V(filters)
