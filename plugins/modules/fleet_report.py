@@ -116,7 +116,7 @@ report:
   type: str
   sample: /home/operator/.ansible/rosfleet/reports/fleet-1f6a3c20/2026-11-22T140212.html
 since_last_s:
-  description: The seconds since the last verification, by the report before; V(0) where there is none.
+  description: The seconds since the last verification, by the report before, or V(0) for the first one.
   returned: success
   type: float
   sample: 86412.0

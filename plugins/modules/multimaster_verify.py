@@ -1556,7 +1556,7 @@ next_boot:
       type: str
       sample: /etc/sysctl.d/99-local.conf line 3
     when:
-      description: The last change of this file, empty where there is none.
+      description: The time of the last change of this file, or an empty text without a file.
       returned: always
       type: str
       sample: 2026-11-22 09:12:44 UTC

@@ -24,7 +24,7 @@ from typing import NamedTuple
 from run import INVENTORY, WORK, Catalogue, LabError, lab_of  # first: it finds the other files
 
 from catalogue import Fault, facts_of  # isort: skip
-from grammar import KINDS, MASTERS, PORTS, draw_faults  # isort: skip
+from grammar import KINDS, MASTERS, PORTS, ROBOT, draw_faults  # isort: skip
 from harm import find_harm  # isort: skip
 from judge import UNMADE, Named, is_at  # isort: skip
 from machines.layout import read_inventory  # isort: skip
@@ -63,7 +63,6 @@ def try_faults(number: int, seed: int, record: Path | None, name: str) -> list[G
     listing = read_inventory(INVENTORY)
     facts = facts_of(listing, {})
     fleet = {host: (facts[host], list(PORTS) if host in MASTERS else []) for host in listing["_meta"]["hostvars"]}
-    robots = {host: host.partition("-")[0] for host in fleet}
     graded: list[Graded] = []
     with lab_of(name, INVENTORY, {}) as lab:
         status, output = lab.play("site.yml")
@@ -73,7 +72,7 @@ def try_faults(number: int, seed: int, record: Path | None, name: str) -> list[G
         for fault in islice(draw_faults(seed, facts), MOST_DRAWS * number):
             if len(graded) == number:
                 break
-            result = catalogue.tried(fault, lambda fault: _is_harmful(lab, fleet, robots, fault))
+            result = catalogue.tried(fault, lambda fault: _is_harmful(lab, fleet, fault))
             if result is None or result.verdict == UNMADE:
                 print(f"    {'could not be made' if result else 'breaks nothing'}: {fault.title}", flush=True)
                 continue
@@ -85,7 +84,7 @@ def try_faults(number: int, seed: int, record: Path | None, name: str) -> list[G
     return graded
 
 
-def _is_harmful(lab, fleet, robots, fault: Fault) -> bool:
+def _is_harmful(lab, fleet, fault: Fault) -> bool:
     """A node that is stopped breaks something, also where no port of it is asked.
 
     What is broken stays so: an answer to ARP that is lost once is made good by the next question of the other side.
@@ -94,7 +93,7 @@ def _is_harmful(lab, fleet, robots, fault: Fault) -> bool:
         return True
     for _look in range(LOOKS):
         time.sleep(SETTLE)
-        if not find_harm(lab, fleet, robots):
+        if not find_harm(lab, fleet, ROBOT):
             return False
     return True
 

@@ -352,7 +352,7 @@ class Ros:
         )
 
     def sources(self, computer):
-        """What the discovery nodes have of the talkers' topics: of the own ones, and of those that are missing here."""
+        """The answers of the discovery nodes about the talkers' topics: of the own ones, and of those that are missing here."""
         robot = self.fleet.computers[computer].robot
         if not self.works(robot):
             return ()

@@ -18,7 +18,7 @@ TOPICS = {"/image": "/camera", "/relayed": "/relay"}  # of a rospy publisher, an
 
 @pytest.fixture(scope="module")
 def document(lab, tmp_path_factory):
-    """What verify has found of a robot whose publishers are heard on the other one."""
+    """The result of verify about a robot whose publishers are heard on the other one."""
     programs = {
         (FIRST, "camera"): PUBLISH,
         (FIRST, "relay"): "rosrun topic_tools relay /image /relayed __name:=relay",

@@ -40,7 +40,7 @@ def differences(services: typing.Sequence[str], planned: Options, root: str = "/
 
 
 def find_change(path: str) -> str:
-    """Tell when a file was changed last; empty where there is none."""
+    """Return the time of the last change of a file; an empty text without the file."""
     try:
         when = os.stat(path) if os.path.isfile(path) else None
     except OSError:

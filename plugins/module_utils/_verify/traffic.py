@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What the nodes of a robot send to nodes of other robots: their own counters (getBusStats), read twice.
+"""The traffic from the nodes of a robot to nodes of other robots: their own counters (getBusStats), read twice.
 
 A node is on the robot whose computer its URI names, so a tool on the computer of another robot counts there.
 """

@@ -15,7 +15,7 @@ from ipaddress import IPv4Interface, IPv4Network
 
 from .._observed.observations import ForwardingInterface
 from .._plan.model import ComputerPlan, FleetPlan
-from .._world import packets, plan_world
+from .._world import facts, packets, plan_world
 from .._world.model import Interface, Machine, Route, World, kernel_routes
 from .case import FleetState, Participant
 from .packet_filters import TRAFFIC
@@ -67,24 +67,19 @@ def _make_world(state: FleetState, faults: Sequence[Part]) -> World:
 def _read_machine(fleet: FleetPlan, machine: Machine, computer: Participant) -> Machine:
     """Return the machine with what was read there; as planned, where the texts make no sense."""
     try:
-        interfaces = tuple(_read_interface(fleet, entry) for entry in computer.interfaces)
+        interfaces = tuple(_read_interface(fleet, machine.name, entry) for entry in computer.interfaces)
     except ValueError:
         return machine
-    return replace(
-        machine,
-        interfaces=interfaces,
-        routes=_list_routes(computer.plan, interfaces),
-    )
+    return replace(machine, interfaces=interfaces, routes=_list_routes(computer.plan, interfaces))
 
 
-def _read_interface(fleet: FleetPlan, entry: ForwardingInterface) -> Interface:
-    addresses = [IPv4Interface(f"{one}/{size}") for one, size in zip(entry.addresses, entry.prefixes, strict=False)]
-    networks = [fleet.common_network, *(network.network for network in fleet.networks)]
-    near = [network for address in addresses for network in networks if address.ip in network]
+def _read_interface(fleet: FleetPlan, host: str, entry: ForwardingInterface) -> Interface:
+    """Read an interface. Raises ValueError for strange texts, and where the prefix lengths were not read."""
+    addresses = [IPv4Interface(f"{one}/{size}") for one, size in zip(entry.addresses, entry.prefixes, strict=True)]
     return Interface(
         name=entry.interface,
         addresses=tuple(addresses),
-        link=plan_world.name_link(fleet, near[0]) if near else "",
+        link=facts.find_link(fleet, host, entry.interface, [address.ip for address in addresses]),
         mtu=entry.mtu or 1500,
         up=entry.state not in DOWN,
         forwarding=entry.forwarding != 0,

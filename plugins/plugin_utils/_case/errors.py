@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What an error says: from the outcome of a probe to the few parts that may be the reason. Pure.
+"""Errors as evidence: from the outcome of a probe to the few parts that may be the reason. Pure.
 
 An errno of the sender's own kernel speaks of the sender (OWN). An ICMP error speaks of the computer that reports it, which may
 be the sender, too (REPORTED). A refusal speaks of the target (REFUSED).

@@ -10,11 +10,11 @@ import ipaddress
 from .._case import needs
 from .._case.case import Case
 from .._case.needs import Parts, join_parts, make_parts
+from .._case.policy_routing import taker
 from .._case.ways import COMMON
 from .._observed.observations import Ping, Route
 from .._observed.outcomes import Outcome
 from .engine import FAILED, ITSELF_TOO, MEMBER, OK, WARNING, Check, Judgement
-from .policy_routing import taker
 
 LOST = 0.2  # of the pings to one computer: in a wireless network some are always lost, and few are sent
 
@@ -226,7 +226,7 @@ def _answers_sometimes(case: Case) -> bool:
 
 
 def _ping_outcome(case: Case) -> Outcome:
-    """What became of the pings. Of some that were lost on the way an error says nothing."""
+    """The outcome of the pings. Where only some were lost on the way, an error says nothing."""
     ping = case.member.ping_address if case.member else None
     return Outcome.NOT_TRIED if ping is None or _answers_sometimes(case) else ping.outcome
 

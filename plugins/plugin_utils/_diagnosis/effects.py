@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What follows from the faults that values show: names that lead nowhere, and packets that end in the world as it was read. Pure."""
+"""Consequences of the faults that values show: names that lead nowhere, and packets that end in the world as it was read. Pure."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ class ForwardingInterface:
     state: str = ""  # the kernel's operational state: up, down, unknown and so on
     carrier_changes: int | None = None  # the times that its link came or went
     last: str = ""  # where it is down: the last line of the journal about its link
-    power_save: bool | None = None  # of a wireless interface; None where it is none, or iw does not tell
+    power_save: bool | None = None  # of a wireless interface; None of any other one, and without an answer of iw
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ class Service:
     age_s: float | None = (
         None  # seconds since its last start, by the computer's own clock that nobody steps; None where it is unknown
     )
-    open_files: int | None = None  # of its process with the fewest left; None where nobody may look
+    open_files: int | None = None  # of its process with the fewest left; None where it could not be read
     most_files: int | None = None  # that this process may have open
 
 
@@ -367,7 +367,7 @@ class Exchange:
 
 @dataclass(frozen=True)
 class SentTopic:
-    """What a node of the robot sends of a topic to the subscribers on another robot, by its own counters."""
+    """The traffic of a topic from a node of the robot to the subscribers on another robot, by the node's own counters."""
 
     node: str
     topic: str
@@ -379,7 +379,7 @@ class SentTopic:
 
 @dataclass(frozen=True)
 class Traffic:
-    """What the nodes of a robot send to nodes of others, measured for some seconds."""
+    """The traffic from the nodes of a robot to nodes of others, measured for some seconds."""
 
     seconds: float = 0.0
     flows: tuple[SentTopic, ...] = ()
@@ -397,7 +397,7 @@ class Outsider:
 
 @dataclass(frozen=True)
 class Source:
-    """What the discovery node of a master gives of the topics that it was asked for."""
+    """The topics that the discovery node of a master gives, of those that it was asked for."""
 
     computer: str
     topics: tuple[str, ...] = ()

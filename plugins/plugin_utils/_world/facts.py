@@ -95,7 +95,7 @@ def _interface(fleet: FleetPlan, host: str, entry: Info, settings: Info) -> Inte
     return Interface(
         name=entry["name"],
         addresses=addresses,
-        link=_link(fleet, host, entry["name"], (address.ip for address in addresses)),
+        link=find_link(fleet, host, entry["name"], (address.ip for address in addresses)),
         mtu=entry["mtu"] or 1500,
         up=entry["up"],
         forwarding=bool(settings.get("forwarding")),
@@ -103,7 +103,7 @@ def _interface(fleet: FleetPlan, host: str, entry: Info, settings: Info) -> Inte
     )
 
 
-def _link(fleet: FleetPlan, host: str, device: str, addresses: Iterable[IPv4Address]) -> str:
+def find_link(fleet: FleetPlan, host: str, device: str, addresses: Iterable[IPv4Address]) -> str:
     """Name the link of an interface: the planned network with its address, or else a link of its own."""
     networks = [fleet.common_network, *(entry.network for entry in fleet.networks)]
     near = [network for address in addresses for network in networks if address in network]
@@ -163,7 +163,7 @@ def _merge_links(fleet: FleetPlan, world: World) -> World:
     names = {link: link for link in world.links}  # the name of the wire of each link
     for machine in world.machines.values():
         for one in machine.interfaces:
-            links = (_link(fleet, machine.name, one.name, [entry.ip]) for entry in one.addresses)
+            links = (find_link(fleet, machine.name, one.name, [entry.ip]) for entry in one.addresses)
             wire = {names[link] for link in links if link in names}
             if len(wire) > 1:
                 names = {link: min(wire) if name in wire else name for link, name in names.items()}

@@ -89,13 +89,13 @@ def _read_ports(text: str) -> tuple[int, int]:
 
 
 def write_rule(rule: Lookup) -> str:
-    """Return the words of a rule that leads nowhere, as `ip rule del` takes them."""
+    """Return the words of a rule as `ip rule del` takes them."""
     words = [f"priority {rule.priority} from {_write_network(rule.source)}"]
     words += [f"to {_write_network(rule.destination)}"] if rule.destination else []
     words += [f"ipproto {rule.protocol}"] if rule.protocol else []
     for name, (first, last) in (("sport", rule.source_ports), ("dport", rule.ports)):
         words += [f"{name} {first}" if first == last else f"{name} {first}-{last}"] if (first, last) != ANY_PORT else []
-    return " ".join([*words, rule.kind])
+    return " ".join([*words, rule.kind or f"table {rule.table}"])
 
 
 def _write_network(network: IPv4Network | None) -> str:

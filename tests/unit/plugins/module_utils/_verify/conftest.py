@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the tests of several probes use."""
+"""Fixtures for the tests of several probes."""
 
 import threading
 import xmlrpc.server

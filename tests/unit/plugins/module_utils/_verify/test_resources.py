@@ -53,8 +53,9 @@ with socket.socket() as listener:
 
 def _find_limits(limit, listens, variables, *words):
     """Look at this machine while a process has such a limit, and return what is told of it."""
-    argv = [sys.executable, "-c", NODE, str(limit), listens, *words]
-    with subprocess.Popen(argv, env=variables, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+    argv = [PROGRAM, "-c", NODE, str(limit), listens, *words]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(argv, executable=sys.executable, env=variables, **pipes) as process:
         assert process.stdout.readline() == b"ready\n"
         assert resources.file_limit(process.pid) == limit
         found = [entry["node"] for entry in resources.file_limits() if entry["limit"] == limit]
@@ -62,7 +63,8 @@ def _find_limits(limit, listens, variables, *words):
     return found
 
 
-LIMIT = 1873  # nobody else has it
+LIMIT = 1873  # no other process has it
+PROGRAM = f"node-{os.getpid()}"  # nodes of one name are told once, and other tests have nodes at the same time
 ROS = {"ROS_MASTER_URI": "http://here:11311/"}
 
 
@@ -78,7 +80,7 @@ ROS = {"ROS_MASTER_URI": "http://here:11311/"}
 )
 def test_a_node_that_may_open_many_files(monkeypatch, limit, listens, variables, words, told):
     monkeypatch.setattr(resources, "MOST_FILES", LIMIT - 1)
-    name = words[0].partition(":=")[2] if words else os.path.basename(sys.executable)
+    name = words[0].partition(":=")[2] if words else PROGRAM
     assert _find_limits(limit, listens, variables, *words) == ([name] if told else [])
 
 

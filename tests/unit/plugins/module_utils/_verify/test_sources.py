@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What discovery nodes have of topics: real sockets, and answers of strangers."""
+"""The topics that discovery nodes have: real sockets, and answers of strangers."""
 
 import time
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a robot sends to others: answers of real nodes, of strange ones, and nodes over real sockets."""
+"""The traffic of a robot to others: answers of real nodes, of strange ones, and nodes over real sockets."""
 
 import time
 

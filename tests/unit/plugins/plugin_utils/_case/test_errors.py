@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What an error leaves of all suspects: each errno and each ICMP error, by whom it was reported."""
+"""The suspects that an error leaves: each errno and each ICMP error, by whom it was reported."""
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.errors import OWN, find_parts
@@ -16,7 +16,7 @@ ITS_NETWORK = "the network of tibi"
 
 
 def find(outcome, traffic="rpc", ping=None, one=ONE, other=OTHER):
-    """What is left between two computers, where the ping between them had this answer."""
+    """The parts that are left between two computers, where the ping between them had this answer."""
     fleet = fig12()
     seen = observed(fleet)
     if ping is not None:

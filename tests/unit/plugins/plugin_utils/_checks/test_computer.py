@@ -258,7 +258,7 @@ def test_a_second_default_route_is_told_with_its_metric():
         (599.0, 0.0, True),
         (601.0, 0.0, False),
         (599.0, 60.0, True),  # the last verification told it already; it is still new
-        (86000.0, 86400.0, True),  # nobody has looked since
+        (86000.0, 86400.0, True),  # no verification since
         (86500.0, 86400.0, False),
         (None, 86400.0, False),
         (-1e308, 0.0, False),

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What follows from a fault that a value shows is counted there, and is no finding of its own."""
+"""Consequences of a fault that a value shows are counted there, and are no findings."""
 
 import pytest
 

@@ -12,24 +12,23 @@ import re
 from collections.abc import Iterable
 from ipaddress import IPv4Address, IPv4Network
 
+from .._fleet import advice
 from .._observed.observations import Policy
+from .._world.model import ANY_PORT
+from .._world.policy import lookups, write_rule
 
-RULE = re.compile(
-    r"(?P<priority>\d+): from (?P<source>all|[0-9./]+)(?: to (?P<to>[0-9./]+))?(?: iif \S+)?(?: lookup (?P<table>[\w.-]+)| (?P<kind>\w+))(?: proto \w+)?",
-    re.ASCII,
-)
 CLOSED = re.compile(
     r"(?P<kind>blackhole|unreachable|prohibit) (?P<to>default|[0-9./]+)(?: table (?P<table>[\w.-]+))?(?: [\w .:/-]*)?",
     re.ASCII,
 )
-KINDS = ("blackhole", "unreachable", "prohibit")
 
 
 def taker(policy: Policy, address: str) -> tuple[str, str]:
     """Find the rule or route that takes packets for an address: ("rule" or "closed", words to delete it), or empty texts."""
-    for rule in filter(None, map(RULE.fullmatch, _lines(policy.rules))):
-        if (rule["table"] or rule["kind"] in KINDS) and _holds(rule["to"] or "", address):
-            return "rule", _words(rule)
+    for rule in lookups(policy.rules):
+        words, takes_all = write_rule(rule), not rule.protocol and rule.ports == rule.source_ports == ANY_PORT
+        if takes_all and _holds(str(rule.destination or ""), address) and advice.format_value("rule", words):
+            return "rule", words
     for route in filter(None, map(CLOSED.fullmatch, _lines(policy.closed))):
         if _holds(route["to"], address):
             return "closed", " ".join(filter(None, [route["kind"], route["to"], _table(route["table"])]))
@@ -38,11 +37,6 @@ def taker(policy: Policy, address: str) -> tuple[str, str]:
 
 def _lines(lines: Iterable[str]) -> list[str]:
     return [" ".join(line.split()) for line in lines]
-
-
-def _words(rule: re.Match[str]) -> str:
-    place = _table(rule["table"]) if rule["table"] else rule["kind"]
-    return f"priority {rule['priority']} from {rule['source']} to {rule['to']} {place}"
 
 
 def _table(name: str | None) -> str:

@@ -4,7 +4,7 @@
 """The rule, or the route to nowhere, that takes what is for an address."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.policy_routing import taker
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.policy_routing import taker
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Policy
 
 ADDRESS = "192.168.12.5"
