@@ -50,11 +50,17 @@ def start_time(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optio
 
 def count_files(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optional[typing.Tuple[int, int]]:
     """Count the open files of a process, and return its limit, too (getrlimit(2), RLIMIT_NOFILE); None where this user may not look."""
-    limit = re.search(r"^Max open files\s+(\d+)", text(f"{proc}/{pid}/limits"), re.M)
+    limit = file_limit(pid, proc)
     try:
-        return (len(os.listdir(f"{proc}/{pid}/fd")), int(limit.group(1))) if limit else None
+        return (len(os.listdir(f"{proc}/{pid}/fd")), limit) if limit else None
     except OSError:
         return None
+
+
+def file_limit(pid: typing.Union[int, str], proc: str = "/proc") -> int:
+    """Return how many files a process may open (the soft limit of proc(5), /proc/PID/limits); 0 where it has ended."""
+    line = re.search(r"^Max open files +(\d{1,19}) ", text(f"{proc}/{pid}/limits", 4096), re.MULTILINE)
+    return int(line.group(1)) if line else 0
 
 
 def is_stopped(pid: typing.Union[int, str], proc: str = "/proc") -> bool:

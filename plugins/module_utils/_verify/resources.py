@@ -68,7 +68,7 @@ def file_limits(proc: str = "/proc") -> typing.List[typing.Dict[str, typing.Any]
         if entry.state == ports.LISTEN
     }
     for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit() and int(name) != os.getpid()):
-        limit = file_limit(pid, proc)
+        limit = processes.file_limit(pid, proc)
         if limit <= MOST_FILES or not _is_node(pid, listens, proc):
             continue
         unit = ports.unit(text(os.path.join(proc, str(pid), "cgroup")))
@@ -78,12 +78,6 @@ def file_limits(proc: str = "/proc") -> typing.List[typing.Dict[str, typing.Any]
         if len(found) == MOST_NODES:
             break
     return list(found.values())
-
-
-def file_limit(pid: int, proc: str = "/proc") -> int:
-    """Return how many files a process may open (the soft limit of proc(5), /proc/PID/limits); 0 where it has ended."""
-    line = re.search(r"^Max open files +(\d{1,19}) ", text(os.path.join(proc, str(pid), "limits"), 4096), re.MULTILINE)
-    return int(line.group(1)) if line else 0
 
 
 def _is_node(pid: int, listens: typing.Set[str], proc: str) -> bool:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import processes
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import resources
 
 root = pytest.mark.skipif(os.geteuid() != 0, reason="mounts need root")
@@ -57,7 +58,7 @@ def _find_limits(limit, listens, variables, *words):
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen(argv, executable=sys.executable, env=variables, **pipes) as process:
         assert process.stdout.readline() == b"ready\n"
-        assert resources.file_limit(process.pid) == limit
+        assert processes.file_limit(process.pid) == limit
         found = [entry["node"] for entry in resources.file_limits() if entry["limit"] == limit]
         process.stdin.close()
     return found
@@ -85,4 +86,4 @@ def test_a_node_that_may_open_many_files(monkeypatch, limit, listens, variables,
 
 
 def test_no_limit_of_a_process_that_has_ended():
-    assert resources.file_limit(1 << 30) == 0
+    assert processes.file_limit(1 << 30) == 0
