@@ -324,8 +324,9 @@ def main(name: str, topic: str, text: str) -> None:
             time.sleep(RETRY)
         node.serve()
     finally:
+        # By a connection of its own: the signal may have come while the other one waited for an answer.
         with contextlib.suppress(OSError, xmlrpc.client.Error):
-            roscore.unregisterPublisher(name, topic, node.uri)
+            xmlrpc.client.ServerProxy(uri).unregisterPublisher(name, topic, node.uri)
 
 
 def _register(roscore: typing.Any, name: str, topic: str, uri: str) -> bool:

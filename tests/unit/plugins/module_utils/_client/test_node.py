@@ -63,10 +63,14 @@ def test_a_talker_waits_for_its_roscore_and_says_when_it_refuses():
         assert process.stdout.read().strip() == "the roscore refuses the talker: 'no more topics'"
 
 
-def test_a_talker_without_an_answer_takes_its_registration_back():
+@pytest.mark.parametrize("seconds", [0.0, 0.5])
+def test_a_talker_without_an_answer_takes_its_registration_back(seconds):
+    """Also where it is ended while it waits for the answer."""
+
     class Busy(Roscore):
         def registerPublisher(self, caller, topic, kind, uri):
             super().registerPublisher(caller, topic, kind, uri)
+            time.sleep(seconds)
             raise OSError("too late")
 
     roscore = Busy()

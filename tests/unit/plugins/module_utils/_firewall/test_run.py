@@ -217,8 +217,8 @@ def there(*words): return subprocess.run(["nsenter", "--net=/proc/%d/ns/net" % o
 for address in ("10.9.0.2", "10.9.0.3"): there("ip", "address", "add", address + "/24", "dev", "there")
 there("ip", "link", "set", "there", "up")
 servers = [socket.create_server(("10.9.0.1", port)) for port in (80, 2222, 11311)]
-udp = socket.socket(type=socket.SOCK_DGRAM); udp.bind(("10.9.0.1", 11511)); udp.settimeout(0.5)
-CONNECT = "import socket,sys; s=socket.socket(); s.settimeout(0.5); s.bind((sys.argv[1],0)); print(s.connect_ex(('10.9.0.1',int(sys.argv[2]))))"
+udp = socket.socket(type=socket.SOCK_DGRAM); udp.bind(("10.9.0.1", 11511)); udp.settimeout(2)
+CONNECT = "import socket,sys; s=socket.socket(); s.settimeout(2); s.bind((sys.argv[1],0)); print(s.connect_ex(('10.9.0.1',int(sys.argv[2]))))"
 SEND = "import socket,sys; s=socket.socket(type=socket.SOCK_DGRAM); s.bind((sys.argv[1],0)); s.sendto(b'x',('10.9.0.1',11511))"
 import sys
 try:
