@@ -25,7 +25,7 @@ from run import INVENTORY, WORK, Catalogue, LabError, lab_of  # first: it finds 
 
 from catalogue import Fault, facts_of  # isort: skip
 from grammar import KINDS, MASTERS, PORTS, ROBOT, draw_faults  # isort: skip
-from harm import find_harm  # isort: skip
+from harm import Fleet, find_harm  # isort: skip
 from judge import UNMADE, Named, is_at  # isort: skip
 from machines.layout import read_inventory  # isort: skip
 
@@ -62,7 +62,13 @@ def try_faults(number: int, seed: int, record: Path | None, name: str) -> list[G
     """Draw faults in a lab until so many have broken something."""
     listing = read_inventory(INVENTORY)
     facts = facts_of(listing, {})
-    fleet = {host: (facts[host], list(PORTS) if host in MASTERS else []) for host in listing["_meta"]["hostvars"]}
+    fleet = Fleet(
+        {host: (facts[host], list(PORTS) if host in MASTERS else []) for host in listing["_meta"]["hostvars"]},
+        ROBOT,
+        {host: facts[f"{host}.common"] for host in MASTERS},
+        facts["group"],
+        int(facts["port"]),
+    )
     graded: list[Graded] = []
     with lab_of(name, INVENTORY, {}) as lab:
         status, output = lab.play("site.yml")
@@ -84,7 +90,7 @@ def try_faults(number: int, seed: int, record: Path | None, name: str) -> list[G
     return graded
 
 
-def _is_harmful(lab, fleet, fault: Fault) -> bool:
+def _is_harmful(lab, fleet: Fleet, fault: Fault) -> bool:
     """A node that is stopped breaks something, also where no port of it is asked.
 
     What is broken stays so: an answer to ARP that is lost once is made good by the next question of the other side.
@@ -93,7 +99,7 @@ def _is_harmful(lab, fleet, fault: Fault) -> bool:
         return True
     for _look in range(LOOKS):
         time.sleep(SETTLE)
-        if not find_harm(lab, fleet, ROBOT):
+        if not find_harm(lab, fleet):
             return False
     return True
 

@@ -90,13 +90,12 @@ def _neighbour(place: Place) -> Draw:
 
 def _route(place: Place) -> Draw:
     address = place.address(place.other())
-    kind = place.choose(["blackhole", "unreachable", "prohibit"])
-    return Draw(
-        f"a {kind} route takes {address}",
-        f"ip route add {kind} {address}",
-        f"ip route del {kind} {address}",
-        ("route",),
-    )
+    kind, table = place.choose(["blackhole", "unreachable", "prohibit"]), place.choose(["main", "main", "77"])
+    words = f"{kind} {address} table {table}"
+    made, back = f"ip route add {words}", f"ip route del {words}"
+    if table != "main":
+        made, back = f"{made}; ip rule add pref 98 lookup {table}", f"ip rule del pref 98 lookup {table}; {back}"
+    return Draw(f"a {kind} route of the table {table} takes {address}", made, back, ("route",))
 
 
 def _rule(place: Place) -> Draw:
@@ -132,6 +131,7 @@ def _link(place: Place) -> Draw:
         [
             ("mtu 576", "mtu 1500", ("interface", "network", "forwarding")),
             ("arp off", "arp on", ("neighbour", "link", "interface")),
+            ("multicast off", "multicast on", ("interface", "link", "network")),
         ]
     )
     return Draw(f"an interface has {what}", f"ip link set {device} {what}", f"ip link set {device} {usual}", parts)
@@ -156,6 +156,14 @@ def _filter(place: Place) -> Draw:
             f"tcp dport {port} ct state new limit rate over 2/minute",
             "ip protocol tcp tcp flags syn",
             "ct state established",
+            "ct direction reply",
+            "meta l4proto tcp",
+            "meta pkttype multicast",
+            f"ip daddr {place.facts['group']}",
+            "icmp type echo-reply",
+            "ip length > 800",
+            "ip dscp cs0",
+            "numgen random mod 2 0",
         ]
     )  # fmt: skip
     verdict = place.choose(["drop", "drop", "counter drop", "reject", "reject with icmp type admin-prohibited"])
@@ -196,6 +204,18 @@ def _limit(place: Place) -> Draw:
     )
 
 
+def _package(place: Place) -> Draw:
+    name = place.choose(["rospy", "genpy", "std_msgs"])
+    found = f"bash -lc 'python3 -c \"import {name}; print(list({name}.__path__)[0])\"'"
+    restart = "systemctl restart multimaster-discovery multimaster-sync"
+    return Draw(
+        f"the Python package {name} is removed, and the nodes are started again",
+        f"path=$({found}); echo $path > /run/fault-package; mv $path /run/fault-folder; {restart} || true",
+        f"mv /run/fault-folder $(cat /run/fault-package); rm /run/fault-package; {restart}",
+        ("service", "ros", "discovery", "sync"),
+    )
+
+
 def _file(place: Place) -> Draw:
     path, parts = place.dice.choice([("/etc/hosts", ("names",)), ("/etc/nsswitch.conf", ("names",))])
     made, back = place.dice.choice(
@@ -227,6 +247,7 @@ KINDS: Mapping[str, Kind] = {
     "arp": Kind(_arp_filter),
     "signal": Kind(_signal, MASTERS),
     "limit": Kind(_limit, MASTERS),
+    "package": Kind(_package, MASTERS),
     "file": Kind(_file),
 }
 

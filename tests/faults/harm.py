@@ -4,6 +4,7 @@
 """The lab's own look at a fleet, without `verify`: which pairs of computers do not talk, by whatever kind of packets.
 
 Every computer tries all others at once: names, pings small and large, and the ports of roscore and discovery with a question in them.
+The computers of discovery hear each other in its group: an empty datagram, which its nodes pass over.
 """
 
 from __future__ import annotations
@@ -11,11 +12,31 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 ROSCORE = 11311
 LOOK = r"""
 import concurrent.futures, json, socket, subprocess, sys
-own, fleet = json.load(sys.stdin)
+own, fleet, beats, group, port = json.load(sys.stdin)
+def heard():
+    # Each sends for as long as the others may need to begin.
+    import time
+    member = socket.inet_aton(group) + socket.inet_aton("0.0.0.0")
+    found, end = set(), time.monotonic() + 3
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        link.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 8)
+        link.bind((group, port))
+        link.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+        link.settimeout(0.2)
+        while time.monotonic() < end:
+            try:
+                link.sendto(b"", (group, port))
+                found.add(link.recvfrom(2000)[1][0])
+                time.sleep(0.05)
+            except OSError:
+                time.sleep(0.05)
+    return found
 def asked(address, port):
     try:
         with socket.create_connection((address, port), timeout=2) as link:
@@ -59,22 +80,33 @@ with concurrent.futures.ThreadPoolExecutor(40) as pool:
             jobs[name + " large"] = pool.submit(pinged, address, 1440)
         for port in ports:
             jobs["%s %d" % (name, port)] = pool.submit(asked, address, port)
-    print(json.dumps({key: job.result() for key, job in jobs.items()}))
+    came = heard() if own in beats else set()
+    groups = {name + " group": address in came for name, address in beats.items() if own in beats and name != own}
+    print(json.dumps(dict(groups, **{key: job.result() for key, job in jobs.items()})))
 """
 
 
-def find_harm(lab, fleet: Mapping[str, tuple[str, list[int]]], robots: Mapping[str, str]) -> dict[str, list[str]]:
-    """Return for each computer what it cannot do; nothing where all talk.
+@dataclass(frozen=True)
+class Fleet:
+    """Who is to talk to whom."""
 
-    `fleet`: the address and the ports of each, `robots`: its robot. No other robot needs the port of a roscore.
-    """
+    asked: Mapping[str, tuple[str, list[int]]]  # a computer -> its address and its ports
+    robots: Mapping[str, str]  # a computer -> its robot; no other robot needs the port of a roscore
+    beats: Mapping[str, str]  # a computer of discovery -> the address that its datagrams come from
+    group: str
+    port: int
+
+
+def find_harm(lab, fleet: Fleet) -> dict[str, list[str]]:
+    """Return for each computer what it cannot do; nothing where all talk."""
 
     def look(host: str) -> list[str]:
         needed = {
-            name: (address, [port for port in ports if port != ROSCORE or robots[name] == robots[host]])
-            for name, (address, ports) in fleet.items()
+            name: (address, [port for port in ports if port != ROSCORE or fleet.robots[name] == fleet.robots[host]])
+            for name, (address, ports) in fleet.asked.items()
         }
-        output = lab.run(host, f"python3 -c '{LOOK_WORDS}'", check=False, stdin=json.dumps([host, needed]))
+        told = json.dumps([host, needed, fleet.beats, fleet.group, fleet.port])
+        output = lab.run(host, f"python3 -c '{LOOK_WORDS}'", check=False, stdin=told)
         lines = output.splitlines()
         try:
             results = json.loads(lines[-1]) if lines else {}
@@ -82,8 +114,8 @@ def find_harm(lab, fleet: Mapping[str, tuple[str, list[int]]], robots: Mapping[s
             results = {}
         return sorted(key for key, good in results.items() if not good) if results else ["it cannot look"]
 
-    with ThreadPoolExecutor(len(fleet)) as pool:
-        found = dict(zip(fleet, pool.map(look, fleet), strict=True))
+    with ThreadPoolExecutor(len(fleet.asked)) as pool:
+        found = dict(zip(fleet.asked, pool.map(look, fleet.asked), strict=True))
     return {host: lacks for host, lacks in found.items() if lacks}
 
 

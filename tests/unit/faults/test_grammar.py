@@ -20,7 +20,7 @@ import harm  # noqa: E402
 from catalogue import Fault  # noqa: E402
 from judge import Named  # noqa: E402
 
-FACTS = {
+FACTS = {"group": "226.0.0.0"} | {
     f"{name}{suffix}": f"192.0.2.{number}"
     for number, (name, suffix) in enumerate((name, suffix) for name in grammar.COMPUTERS for suffix in ("", ".common"))
 }
