@@ -3,7 +3,7 @@
 
 """Faults that nobody foresaw, on real systems: drawn by a seed, kept where they break something, verified, graded and undone.
 
-    python tests/faults/fuzz.py --number 200 --seed 1 [--record FOLDER]
+    python tests/faults/fuzz.py --number 200 --seed 1 [--labs 2] [--record FOLDER]
 
 The oracle is where a fault was made: the computer that is named first, and its part or the hop where packets end. What breaks nothing
 by the lab's own test is drawn again. The last lines are a table of the kinds.
@@ -17,17 +17,21 @@ import sys
 import time
 from collections import Counter, defaultdict
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
+from threading import Lock
 from typing import NamedTuple
 
-from run import INVENTORY, WORK, Catalogue, LabError, lab_of  # first: it finds the other files
+from run import INVENTORY, WORK, Catalogue, LabError, Result, lab_of  # first: it finds the other files
 
 from catalogue import Fault, facts_of  # isort: skip
 from grammar import KINDS, MASTERS, PORTS, ROBOT, draw_faults  # isort: skip
 from harm import Fleet, find_harm  # isort: skip
 from judge import UNMADE, Named, is_at  # isort: skip
 from machines.layout import read_inventory  # isort: skip
+from subject import Lab  # isort: skip
 
 PART, COMPUTER, OTHER, NOTHING = "part or hop", "computer", "another place", "nothing"
 GRADES = (PART, COMPUTER, OTHER, NOTHING)
@@ -35,6 +39,7 @@ HOP = "way"  # the kind of a part that is a place where packets end
 MOST_DRAWS = 6  # for each fault that is wanted
 SETTLE = 2.0  # seconds until a fault has its effect
 LOOKS = 2  # in which something is broken
+PATIENCE = 8  # seconds, as verify_patience: the lab's own looks have taken as long already
 # The limits: shares of all faults
 LEAST_COMPUTER, LEAST_PART, MOST_OTHER = 0.95, 0.85, 0.03
 
@@ -58,36 +63,54 @@ def grade(fault: Fault, found: Named) -> str:
     return PART if found.part[0] in kinds else COMPUTER
 
 
-def try_faults(number: int, seed: int, record: Path | None, name: str) -> list[Graded]:
-    """Draw faults in a lab until so many have broken something."""
-    listing = read_inventory(INVENTORY)
-    facts = facts_of(listing, {})
-    fleet = Fleet(
-        {host: (facts[host], list(PORTS) if host in MASTERS else []) for host in listing["_meta"]["hostvars"]},
-        ROBOT,
-        {host: facts[f"{host}.common"] for host in MASTERS},
-        facts["group"],
-        int(facts["port"]),
-    )
-    graded: list[Graded] = []
-    with lab_of(name, INVENTORY, {}) as lab:
+class Hunt:
+    """Faults of a seed, tried in labs side by side until so many have broken something: most of the time passes with waiting."""
+
+    def __init__(self, number: int, seed: int, record: Path | None) -> None:
+        self.number, self.record = number, record
+        self.graded: list[Graded] = []
+        self._lock = Lock()
+        listing = read_inventory(INVENTORY)
+        facts = facts_of(listing, {})
+        self._draws = islice(draw_faults(seed, facts), MOST_DRAWS * number)
+        self._fleet = Fleet(
+            {host: (facts[host], list(PORTS) if host in MASTERS else []) for host in listing["_meta"]["hostvars"]},
+            ROBOT,
+            {host: facts[f"{host}.common"] for host in MASTERS},
+            facts["group"],
+            int(facts["port"]),
+        )
+
+    def run(self, labs: Sequence[str]) -> list[Graded]:
+        """Try them in labs of these names. Raises LabError."""
+        with ExitStack() as stack:  # a signal ends this program in its first thread, which removes them
+            made = [stack.enter_context(lab_of(name, INVENTORY, {})) for name in labs]
+            with ThreadPoolExecutor(len(made)) as pool:
+                list(pool.map(self._try_in, made))
+        return self.graded
+
+    def _try_in(self, lab: Lab) -> None:
         status, output = lab.play("site.yml")
         if status:
             raise LabError(f"site.yml has failed: {output[-600:]}")
-        catalogue = Catalogue(lab, record)
-        for fault in islice(draw_faults(seed, facts), MOST_DRAWS * number):
-            if len(graded) == number:
-                break
-            result = catalogue.tried(fault, lambda fault: _is_harmful(lab, fleet, fault))
-            if result is None or result.verdict == UNMADE:
-                print(f"    {'could not be made' if result else 'breaks nothing'}: {fault.title}", flush=True)
-                continue
-            graded.append(Graded(fault, grade(fault, result.found), result.found.text, result.seconds))
-            print(f"[{len(graded)}/{number}] {graded[-1].grade} ({result.seconds:.0f} s): {fault.title}", flush=True)
-            print(f"    named: {result.found.text}", flush=True)
-            for line in result.left:
-                print(f"    left by undo: {line}", flush=True)
-    return graded
+        catalogue = Catalogue(lab, self.record, variables={"verify_patience": PATIENCE})
+        while fault := self._next():
+            result = catalogue.tried(fault, lambda fault: _is_harmful(lab, self._fleet, fault))
+            with self._lock:
+                self._note(fault, result)
+
+    def _next(self) -> Fault | None:
+        with self._lock:
+            return None if len(self.graded) >= self.number else next(self._draws, None)
+
+    def _note(self, fault: Fault, result: Result | None) -> None:
+        if result is None or result.verdict == UNMADE:
+            print(f"    {'could not be made' if result else 'breaks nothing'}: {fault.title}", flush=True)
+            return
+        self.graded.append(Graded(fault, grade(fault, result.found), result.found.text, result.seconds))
+        lines = [f"[{len(self.graded)}/{self.number}] {self.graded[-1].grade} ({result.seconds:.0f} s): {fault.title}"]
+        lines += [f"    {fault.name} named: {result.found.text}"]
+        print("\n".join(lines + [f"    left by undo: {line}" for line in result.left]), flush=True)
 
 
 def _is_harmful(lab, fleet: Fleet, fault: Fault) -> bool:
@@ -137,12 +160,14 @@ def main() -> int:
     parser.add_argument(
         "--record", metavar="FOLDER", type=Path, help="keep the plan and the observations of each fault"
     )
-    parser.add_argument("--lab", metavar="NAME", default="fuzz", help="the name of the lab")
+    parser.add_argument("--lab", metavar="NAME", default="fuzz", help="the beginning of the names of the labs")
+    parser.add_argument("--labs", type=int, default=1, help="how many labs work side by side")
     options = parser.parse_args()
     for folder in filter(None, (WORK, options.record)):
         folder.mkdir(parents=True, exist_ok=True)
     try:
-        graded = try_faults(options.number, options.seed, options.record, options.lab)
+        names = [f"{options.lab}{number or ''}" for number in range(options.labs)]
+        graded = Hunt(options.number, options.seed, options.record).run(names)
     except (LabError, subprocess.SubprocessError) as problem:
         print(f"faults: {problem}", file=sys.stderr)
         return 1

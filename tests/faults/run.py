@@ -17,7 +17,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,8 +70,16 @@ class Result:
 class Catalogue:
     """The lab, and the faults on it one after the other."""
 
-    def __init__(self, lab: Lab, record: Path | None, remedies: bool = False) -> None:
+    def __init__(
+        self,
+        lab: Lab,
+        record: Path | None,
+        remedies: bool = False,
+        variables: Mapping[str, object] | None = None,
+    ) -> None:
+        """`variables`: of the verification, beside those of the inventory."""
         self.lab, self.record, self.words, self.remedies = lab, record, Words(lab), remedies
+        self.own = variables or {}
         variables = read_inventory(INVENTORY)["_meta"]["hostvars"]
         self.masters = {of.get("multimaster_master", name) for name, of in variables.items()}
         self.before = state.look(lab, variables, self.masters)
@@ -131,7 +139,7 @@ class Catalogue:
             path.unlink(missing_ok=True)
         return self.lab.play(
             "playbooks/verify.yml",
-            variables={"verify_report": str(report)},
+            variables={**self.own, "verify_report": str(report)},
             environment={
                 "ANSIBLE_CALLBACK_PLUGINS": str(HERE / "callbacks"),
                 "ANSIBLE_CALLBACKS_ENABLED": "observations",

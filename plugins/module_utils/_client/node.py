@@ -22,6 +22,7 @@ TYPE, SUM = "std_msgs/String", "992ce8a1687cec8c8bd883ec73ca41d1"
 DEFINITION = "string data\n"
 PERIOD = 1.0  # seconds between two messages
 REQUEST = 10.0  # seconds that a caller has for its question, and for its answer
+FAREWELL = 3.0  # seconds for taking a registration back: a roscore that has the question does so without us
 RETRY = 0.5  # seconds until a roscore that does not answer is asked again
 STREAM, STREAM_BYTES = 2.0, 20_000_000  # seconds and bytes of a stream that measures the throughput
 _BYTES = 1 << 16  # of a question
@@ -325,6 +326,7 @@ def main(name: str, topic: str, text: str) -> None:
         node.serve()
     finally:
         # By a connection of its own: the signal may have come while the other one waited for an answer.
+        socket.setdefaulttimeout(FAREWELL)
         with contextlib.suppress(OSError, xmlrpc.client.Error):
             xmlrpc.client.ServerProxy(uri).unregisterPublisher(name, topic, node.uri)
 

@@ -26,8 +26,9 @@ def topics(
     """Hear the topics of all talkers with one node, and look up the registered publishers of each."""
     if not talkers or ros.problem():
         return []
-    roscore(ros, deadline)  # it may start only now
-    heard, errors, steps = listen(ros, talkers, label, own, deadline)
+    gone = roscore(ros, deadline)["error"]  # it may start only now
+    # Nobody subscribes at a roscore that does not answer: taking that back would be waited for, too.
+    heard, errors, steps = ({}, {}, None) if gone else listen(ros, talkers, label, own, deadline)
     settled = time.monotonic() + REGISTERING
     try:
         published = read_publishers(ros)

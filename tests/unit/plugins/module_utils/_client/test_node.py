@@ -80,6 +80,15 @@ def test_a_talker_without_an_answer_takes_its_registration_back(seconds):
         assert roscore.of(TOPIC) == []
 
 
+def test_a_talker_ends_also_where_its_roscore_has_gone_silent():
+    roscore = Roscore()
+    roscore.unregisterPublisher = lambda *_about: time.sleep(node.FAREWELL + 3)
+    with served(roscore) as uri:
+        with talking(uri, "/talker", TOPIC, "x") as process:
+            until(lambda: roscore.of(TOPIC))
+        assert process.wait(node.FAREWELL + 2) == 0
+
+
 def test_every_subscriber_gets_the_text_at_once_and_again(own):
     with socket.create_connection(place(own)) as connection:
         connection.sendall(node.header({"callerid": "/rviz", "topic": TOPIC, "type": node.TYPE, "md5sum": node.SUM}))

@@ -87,6 +87,13 @@ def test_a_listener_that_fails_says_why(made):
     assert not entry["heard"] and "http://127.0.0.1:9" in entry["error"]
 
 
+def test_nobody_subscribes_at_a_roscore_that_does_not_answer(made, monkeypatch):
+    monkeypatch.setattr(topics, "listen", lambda *_about: pytest.fail("it listens"))
+    made.uri = "http://127.0.0.1:9"
+    (entry,) = topics.topics(made, ["kobuki2computer"], "run", "kobuki1computer", 0)
+    assert not entry["listened"] and not entry["step"]
+
+
 def _published(uri):
     return {"publishers": [{"node": "/talker", "uri": uri}]}
 
