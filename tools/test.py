@@ -100,7 +100,8 @@ def faults(suite: Suite, status: int, output: str) -> Outcome:
     told = re.search(r"^(\d+) of (\d+) named first(?:; not: (.+))?$", output, re.MULTILINE)
     if told is None:
         return Outcome(0, (suite.label,))
-    return Outcome(int(told[1]), tuple(f"{suite.label} {name}" for name in (told[3] or "").split(", ") if name))
+    named = tuple(f"{suite.label} {name}" for name in (told[3] or "").split(", ") if name)
+    return Outcome(int(told[1]), named or ((suite.label,) if status else ()))
 
 
 def judge_pytest(suite: Suite, status: int, _output: str) -> Outcome:

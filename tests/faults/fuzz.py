@@ -66,13 +66,15 @@ def grade(fault: Fault, found: Named) -> str:
 class Hunt:
     """Faults of a seed, tried in labs side by side until so many have broken something: most of the time passes with waiting."""
 
-    def __init__(self, number: int, seed: int, record: Path | None) -> None:
+    def __init__(self, number: int, seed: int, record: Path | None, only: Sequence[int] = ()) -> None:
+        """`only`: the draws of the seed that are tried, by their numbers; all where there is none."""
         self.number, self.record = number, record
         self.graded: list[Graded] = []
         self._lock = Lock()
         listing = read_inventory(INVENTORY)
         facts = facts_of(listing, {})
-        self._draws = islice(draw_faults(seed, facts), MOST_DRAWS * number)
+        draws = islice(draw_faults(seed, facts), max(MOST_DRAWS * number, *only, 0))
+        self._draws = (fault for place, fault in enumerate(draws, 1) if place in only or not only)
         self._fleet = Fleet(
             {host: (facts[host], list(PORTS) if host in MASTERS else []) for host in listing["_meta"]["hostvars"]},
             ROBOT,
@@ -160,6 +162,9 @@ def main() -> int:
     parser.add_argument(
         "--record", metavar="FOLDER", type=Path, help="keep the plan and the observations of each fault"
     )
+    parser.add_argument(
+        "--only", metavar="NUMBER", type=int, nargs="+", default=[], help="these draws of the seed alone"
+    )
     parser.add_argument("--lab", metavar="NAME", default="fuzz", help="the beginning of the names of the labs")
     parser.add_argument("--labs", type=int, default=1, help="how many labs work side by side")
     options = parser.parse_args()
@@ -167,13 +172,16 @@ def main() -> int:
         folder.mkdir(parents=True, exist_ok=True)
     try:
         names = [f"{options.lab}{number or ''}" for number in range(options.labs)]
-        graded = Hunt(options.number, options.seed, options.record).run(names)
+        number = len(options.only) or options.number
+        graded = Hunt(number, options.seed, options.record, options.only).run(names)
     except (LabError, subprocess.SubprocessError) as problem:
         print(f"faults: {problem}", file=sys.stderr)
         return 1
     print(f"\n{write_table(graded)}")
     good = is_good(graded)
     print(f"{len(graded)} faults of seed {options.seed}: {'within' if good else 'beyond'} the limits")
+    wrong = [one.fault.name for one in graded if one.grade in (OTHER, NOTHING)]
+    print(f"{len(graded) - len(wrong)} of {len(graded)} named first{'; not: ' if wrong else ''}{', '.join(wrong)}")
     return int(not good)
 
 
