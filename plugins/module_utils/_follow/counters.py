@@ -33,6 +33,9 @@ DEVICES = "/proc/net/dev"
 # Columns of that table: bytes, packets, errs, drop, ... of what comes in, and the same of what goes out
 DEVICE_COLUMNS = {2: "errors in", 3: "drops in", 10: "errors out", 11: "drops out"}
 MOST_RULES = 500  # that are read
+LEGACY = "/proc/net/ip_tables_names"  # tables of the iptables before nftables; a line each, where the kernel has such tables
+SAVED = re.compile(r"\[(\d+):\d+\] -A (\S+) (.*-j (?:DROP|REJECT)\b.*)")
+POLICY = re.compile(r":(\S+) DROP \[(\d+):\d+\]")
 COUNTED = re.compile(r"counter packets (\d+) bytes \d+")
 REFUSES = re.compile(r"\b(drop|reject)\b")
 
@@ -82,12 +85,17 @@ def read_devices(lines: str) -> Counters:
 
 
 def read_rules() -> Counters:
-    """Read the rules of nftables that drop or reject, and count; those that iptables-nft has made count always."""
-    nft = shutil.which("nft", path="/usr/sbin:/usr/bin:/sbin:/bin")
-    answer = run([nft, "list", "ruleset"], limit=5) if nft else None
-    if answer is None or answer.status != 0:
-        return {}
-    return read_ruleset(answer.output.decode("utf-8", "replace"))
+    """Read the rules that drop or reject, and count: of nftables, and of the iptables before it. Those of iptables count always."""
+    found = read_ruleset(_list("nft", "list", "ruleset"))
+    if text(LEGACY).strip():  # its program would make the tables that it lists
+        found.update(read_saved(_list("iptables-legacy-save", "-c")))
+    return found
+
+
+def _list(program: str, *words: str) -> str:
+    path = shutil.which(program, path="/usr/sbin:/usr/bin:/sbin:/bin")
+    answer = run([path, *words], limit=5) if path else None
+    return "" if answer is None or answer.status != 0 else answer.output.decode("utf-8", "replace")
 
 
 def read_ruleset(lines: str) -> Counters:
@@ -105,6 +113,22 @@ def read_ruleset(lines: str) -> Counters:
             rule = " ".join(COUNTED.sub("", line).split())
             name = f"rule of {table} {chain}: {rule}"
             found[name] = found.get(name, 0) + int(counted.group(1))
+    return found
+
+
+def read_saved(lines: str) -> Counters:
+    """Read the rules and policies out of the output of `iptables-save -c`, which begins those of a table with *table."""
+    found: Counters = {}
+    table = ""
+    for line in lines.splitlines()[:MOST_RULES]:
+        saved, policy = SAVED.match(line), POLICY.match(line)
+        if line.startswith("*"):
+            table = line[1:].strip()
+        elif policy:
+            found[f"rule of {table} {policy.group(1)}: policy drop"] = int(policy.group(2))
+        elif saved:
+            name = f"rule of {table} {saved.group(2)}: {saved.group(3)}"
+            found[name] = found.get(name, 0) + int(saved.group(1))
     return found
 
 
