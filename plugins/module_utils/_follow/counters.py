@@ -33,7 +33,9 @@ DEVICES = "/proc/net/dev"
 # Columns of that table: bytes, packets, errs, drop, ... of what comes in, and the same of what goes out
 DEVICE_COLUMNS = {2: "errors in", 3: "drops in", 10: "errors out", 11: "drops out"}
 MOST_RULES = 500  # that are read
-LEGACY = "/proc/net/ip_tables_names"  # tables of the iptables before nftables; a line each, where the kernel has such tables
+LEGACY = (
+    "/proc/net/ip_tables_names"  # tables of the iptables before nftables; a line each, where the kernel has such tables
+)
 SAVED = re.compile(r"\[(\d+):\d+\] -A (\S+) (.*-j (?:DROP|REJECT)\b.*)")
 POLICY = re.compile(r":(\S+) DROP \[(\d+):\d+\]")
 COUNTED = re.compile(r"counter packets (\d+) bytes \d+")

@@ -203,6 +203,11 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
                 f"{SITE}, which also keeps cloud-init from writing the line again at boot",
             ),
             (
+                "own",
+                "/etc/hosts on {place} binds its own name to another address, too, or to the loopback interface",
+                f"{SITE}, which also keeps cloud-init from writing the line again at boot",
+            ),
+            (
                 "old",
                 "on {place} {what} means another address: an older line of /etc/hosts, or a name server",
                 f"{SITE}, which names the line that stands against it",
@@ -739,7 +744,7 @@ ANY = "any computer of this run"  # the place of a fault that all of them have
 
 #: What site.yml makes: where it has not run, no fault of these is worth a finding of its own.
 MADE = (
-    *(("names", mode) for mode in ("unknown", "loopback", "old", "several")),
+    *(("names", mode) for mode in ("unknown", "loopback", "own", "old", "several")),
     *(("route", mode) for mode in ("missing", "other")),
     ("forwarding", "off"),
     ("reverse_path", "strict"),

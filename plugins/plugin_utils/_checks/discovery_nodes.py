@@ -12,6 +12,7 @@ from .._case.case import Case
 from .._case.errors import find_parts, list_refusers
 from .._case.needs import Parts, join_parts, make_parts
 from .._case.packet_filters import GROUP, ROSCORE
+from .._case.policy_routing import taker
 from .._case.ways import COMMON
 from .._observed.observations import Datagrams, ListedMaster, Route
 from .._observed.outcomes import Outcome
@@ -342,6 +343,9 @@ def _judge_route(case: Case, route: Route | None, address: IPv4Address) -> Judge
 
 
 def _route_evidence(case: Case, route: Route | None, address: IPv4Address) -> Parts:
+    mode, what = taker(case.probe.policy, str(address))
+    if mode:
+        return make_parts("route", case.observer.name, mode, what=what)
     if route is None or _hops(case, address) == {""}:
         return frozenset()  # on one network: the checks of addresses and routes tell it
     return make_parts("route", case.observer.name, "missing" if route.error else "other", what=_beyond(case, address))

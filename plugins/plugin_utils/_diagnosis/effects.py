@@ -33,7 +33,7 @@ class Effects:
     def __init__(self, verification: Verification, broken: Iterable[Part]) -> None:
         known = list(broken)
         self.verification = verification
-        self.names = [part for part in known if part.kind in ("names", "environment")]
+        self.names = [part for part in known if part.kind in ("names", "environment") and part.mode != "own"]
         self.world = ActualWorld(verification.state, known)
         self.causes: dict[Trip, Part | None] = {}
 

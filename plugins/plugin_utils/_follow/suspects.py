@@ -122,8 +122,9 @@ def _list_own_parts(place: Place) -> list[Part]:
 
 
 def _has_own_error(place: Place, _packets: SeenPackets) -> bool:
-    """Say if the sender's own kernel has refused to send."""
-    return bool(_list_own_parts(place))
+    """Say if the sender's own kernel has refused to send, by a part that is the only one, or that nobody reads."""
+    parts = _list_own_parts(place)
+    return len(parts) == 1 or any(not part.fault.read for part in parts)
 
 
 def _began_short(place: Place, _packets: SeenPackets) -> bool:
@@ -149,10 +150,8 @@ def _counts_rule(place: Place, packets: SeenPackets) -> bool:
 
 
 def _counts_full_queue(place: Place, packets: SeenPackets) -> bool:
-    """Say if a program takes no connections any more, so its queue is full (listen(2))."""
-    return bool(_name_program(place)) and not packets.counter_names.isdisjoint(
-        ("TcpExtListenOverflows", "TcpExtListenDrops")
-    )
+    """Say if a program takes no connections any more, so its queue is full (listen(2)). ListenDrops also counts answers without a way."""
+    return bool(_name_program(place)) and "TcpExtListenOverflows" in packets.counter_names
 
 
 def _name_program(place: Place) -> str:
