@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from ipaddress import IPv4Address
 
 from .exports import FILTERS, FROM_CLIENT, FROM_SERVER, KINDS, Export, make_node_filters, topics_of
 from .filters import BUILT_IN, WHITE_LISTS, Filters, matches, usable
 from .flows import list_givers, make_flows
+from .kinds import Sealed
 from .sentences import shorten_list
 from .values import nearest
 
@@ -233,3 +235,103 @@ def _is_ignored(filters: Mapping[str, Sequence[str]], key: str, name: str, parts
 
 def _is_master_ignored(filters: Mapping[str, Sequence[str]], master: str) -> bool:
     return bool(master) and not Filters(make_node_filters(filters)).wants_host(master)
+
+
+# Sealed computers
+
+
+@dataclass(frozen=True)
+class SealedRobot:
+    """A robot in the words of its variables, for the checks of its sealed computers. None: not set, or not known."""
+
+    name: str
+    hosts: Sequence[str]
+    sealed: Mapping[str, Sealed]
+    master: str | None
+    companion: str | None
+    gateway: str | IPv4Address | None
+    provider: str | None
+    roscore: str | None
+
+    @property
+    def has_sealed_master(self) -> bool:
+        """True if its roscore is on a sealed computer."""
+        return self.master in self.sealed
+
+    @property
+    def where(self) -> str:
+        """The file with the variables of the robot."""
+        return f"group_vars/{self.name}.yml"
+
+
+def find_wrong_seals(robots: Sequence[SealedRobot], hosts: Collection[str], advertise: str | None) -> Iterator[str]:
+    """Yield a sentence for each thing that cannot be done with a sealed computer. `hosts` are those of the inventory."""
+    owner: dict[str, str] = {}
+    for robot in robots:
+        for name in robot.sealed:
+            if name in hosts:
+                yield (
+                    f"{name}: is a host of the inventory, and in multimaster_sealed of the robot {robot.name}; expected one of the two, "
+                    f"since Ansible logs in to each host: take it out of its group, or out of multimaster_sealed in {robot.where}."
+                )
+            elif owner.setdefault(name, robot.name) != robot.name:
+                yield (
+                    f"{name}: is in multimaster_sealed of the robots {owner[name]} and {robot.name}; expected one robot: remove it from "
+                    "the other."
+                )
+        yield from _find_wrong_companion(robot)
+        yield from _find_tasks_of_sealed(robot)
+        if robot.sealed and advertise == "name":
+            yield (
+                f"{shorten_list(robot.sealed)}: is in multimaster_sealed, but multimaster_advertise is 'name'; expected 'address', since "
+                "nobody writes the names of the other computers into its /etc/hosts: set it in group_vars/robots.yml."
+            )
+
+
+def _find_wrong_companion(robot: SealedRobot) -> Iterator[str]:
+    """Yield a sentence where nobody, or the wrong computer, is to run the nodes for a sealed roscore."""
+    host, companion, choices = robot.hosts[0], robot.companion, ", ".join(robot.hosts)
+    if companion is None:
+        if robot.has_sealed_master and len(robot.hosts) > 1:
+            yield (
+                f"{host}: multimaster_companion is not set, but the master of the robot {robot.name}, {robot.master}, is sealed; expected "
+                f"the computer that runs discovery and sync for it, one of {choices}: set it in {robot.where}."
+            )
+    elif companion in robot.sealed:
+        yield (
+            f"{host}: multimaster_companion is {companion}, which is sealed; expected a computer where Ansible may log in, one of "
+            f"{choices}: correct it in {robot.where}."
+        )
+    elif companion not in robot.hosts:
+        yield (
+            f"{host}: multimaster_companion is '{companion}', which is no computer of the robot {robot.name}; expected one of "
+            f"{choices}{nearest(companion, robot.hosts)}: correct it in {robot.where}."
+        )
+    elif not robot.has_sealed_master:
+        yield (
+            f"{host}: multimaster_companion is {companion}, but multimaster_master of the robot {robot.name} is no sealed computer; "
+            f"expected one of multimaster_sealed, since any other master runs its nodes itself: correct multimaster_master, or "
+            f"remove multimaster_companion in {robot.where}."
+        )
+
+
+def _find_tasks_of_sealed(robot: SealedRobot) -> Iterator[str]:
+    """Yield a sentence for each task that would need a login on a sealed computer."""
+    gateways = [name for name, entry in robot.sealed.items() if robot.gateway in (name, entry.address)]
+    if gateways:
+        yield (
+            f"{gateways[0]}: is sealed, and multimaster_gateway of the robot {robot.name}; expected a gateway that can be set up: a computer "
+            f"of the inventory, or a device for which playbooks/router_config.yml writes what to paste: correct it in {robot.where}."
+        )
+    if not robot.has_sealed_master:
+        return
+    if robot.roscore == "managed":
+        yield (
+            f"{robot.master}: is sealed, but multimaster_roscore of the robot {robot.name} is 'managed'; expected 'existing', since its own "
+            f"system starts the roscore there: correct it in {robot.where}."
+        )
+    if robot.provider not in (None, "bundled"):
+        yield (
+            f"{robot.master}: is sealed, but multimaster_provider of the robot {robot.name} is '{robot.provider}', whose nodes run beside "
+            f"their roscore alone; expected 'bundled', whose nodes can run on another computer: correct it in {robot.where}."
+        )

@@ -9,7 +9,7 @@ import contextlib
 import re
 from collections.abc import Callable, Mapping, Sequence
 from ipaddress import IPv4Address, IPv4Network, ip_address, ip_network
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from . import exports
 from .filters import Filters, InvalidPattern
@@ -65,6 +65,36 @@ def address(value: Any) -> IPv4Address:
     if not isinstance(parsed, IPv4Address) or parsed.is_loopback or parsed.is_multicast or parsed.is_unspecified:
         raise UnexpectedValue("the IPv4 address of one computer, such as 192.168.1.229")
     return parsed
+
+
+class Sealed(NamedTuple):
+    """A computer where Ansible does not log in: its address, and its further names."""
+
+    address: IPv4Address
+    aliases: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Return the address and the names, for a sentence."""
+        return " ".join([str(self.address), *self.aliases])
+
+
+def sealed(value: Any) -> Mapping[str, Sealed]:
+    """Read the sealed computers of a robot: each name with its address, or with `address` and `aliases`."""
+    expected = "names of computers with their addresses, such as {hsrb: 192.168.1.40}"
+    if not isinstance(value, Mapping):
+        raise UnexpectedValue(expected)
+    for key, entry in value.items():
+        if not is_host_name(key) or key.lower() == "localhost":
+            raise UnexpectedValue(f"{expected}, but '{key}' is no name")
+        if isinstance(entry, Mapping) and entry.keys() - {"address", "aliases"}:
+            raise UnexpectedValue(f"'address' and 'aliases' of '{key}'{nearest(str(min(entry.keys() - {'address', 'aliases'}, key=str)), ('address', 'aliases'))}")
+    return {str(key): _sealed(entry) for key, entry in value.items()}
+
+
+def _sealed(entry: Any) -> Sealed:
+    if isinstance(entry, Mapping):
+        return Sealed(address(entry.get("address")), tuple(names(entry.get("aliases", ()))))
+    return Sealed(address(entry))
 
 
 def gateway(value: Any) -> str | IPv4Address:

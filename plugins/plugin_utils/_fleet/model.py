@@ -21,6 +21,7 @@ class Computer:
     robot: str
     common_address: IPv4Address | None  # its address in the common network; None behind a gateway
     variables: ComputerVariables
+    sealed: bool = False  # Ansible does not log in there: it is no host of the inventory
 
     @property
     def address(self) -> IPv4Address:
@@ -62,8 +63,9 @@ class Robot:
     name: str
     network: IPv4Network  # its own, or the common network
     gateway: Gateway | None  # None in the common network
-    computers: tuple[Computer, ...]
+    computers: tuple[Computer, ...]  # the sealed ones are last
     master: Computer
+    companion: Computer  # it runs discovery and sync: the master itself, unless that is sealed
     variables: RobotVariables
 
     @property

@@ -8,7 +8,7 @@ Addresses and networks in, sentences out. A missing value is one sentence.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
@@ -32,13 +32,15 @@ class NetworkVariables:
     gateway: str | IPv4Address | None
     common_address: IPv4Address | None
     unread: frozenset[str] = frozenset()  # variables with a value that is not of its kind
+    sealed: Collection[str] = ()  # computers of multimaster_sealed
 
     @classmethod
     def from_values(cls, hosts: Sequence[str], own: Mapping[str, Any], raw: Mapping[str, Any]) -> NetworkVariables:
         """Return the network of a robot. `own` has its values, `raw` those of the inventory before they were read."""
         values = {name: own.get(f"multimaster_{name}") for name in _EXAMPLES}
         present = {name for name in _EXAMPLES if raw.get(f"multimaster_{name}") is not None}
-        return cls(hosts, **values, unread=frozenset(name for name in present if values[name] is None))
+        unread = frozenset(name for name in present if values[name] is None)
+        return cls(hosts, **values, unread=unread, sealed=own.get("multimaster_sealed", ()))
 
     @property
     def gateway_host(self) -> str | None:
@@ -54,7 +56,7 @@ def find_network_problems(
 ) -> list[str]:
     """Return the reasons why packets cannot go everywhere and back, one sentence each.
 
-    `common` is the common network, None if it is not known. `addresses` has the address of each host.
+    `common` is the common network, None if it is not known. `addresses` has the address of each host and sealed computer.
     """
     problems: list[str] = []
     for robot, own in robots.items():
@@ -90,9 +92,14 @@ def _check_members(
     if not own.network and (own.gateway or own.common_address):
         return  # _check_completeness has a sentence for it
     network, variable = (own.network, "multimaster_network") if own.network else (common, "multimaster_common_network")
-    for host in own.hosts:
+    for host in (*own.hosts, *own.sealed):
         if network and host in addresses:
-            yield from _check_address(host, "multimaster_address", addresses[host], network, variable)
+            yield from _check_address(host, _address_variable(host, own), addresses[host], network, variable)
+
+
+def _address_variable(host: str, *robots: NetworkVariables) -> str:
+    """Name the variable with the address of a computer."""
+    return "multimaster_sealed" if any(host in own.sealed for own in robots) else "multimaster_address"
 
 
 def _check_gateway(
@@ -101,6 +108,8 @@ def _check_gateway(
     """Check that the gateway is in both networks."""
     where = f"group_vars/{robot}.yml"
     named: Mapping[Any, str] = {address: host for host, address in addresses.items()}
+    if own.gateway in own.sealed or named.get(own.gateway) in own.sealed:
+        return  # contradictions has a sentence for it
     if isinstance(own.gateway, str) and not own.gateway_host:
         yield (
             f"{own.hosts[0]}: multimaster_gateway of the robot {robot} is '{own.gateway}', which is none of its computers; "
@@ -158,7 +167,7 @@ def _check_uniqueness(
     addresses: Mapping[str, IPv4Address], robots: Mapping[str, NetworkVariables], router: Router | None
 ) -> Iterator[str]:
     """Check that every address belongs to one computer."""
-    claims = [(host, "multimaster_address", address) for host, address in addresses.items()]
+    claims = [(host, _address_variable(host, *robots.values()), address) for host, address in addresses.items()]
     for robot, own in robots.items():
         if own.common_address and own.hosts:
             host = own.gateway_host or f"the gateway of {robot}"

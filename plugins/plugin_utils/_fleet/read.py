@@ -58,6 +58,10 @@ class _InventoryValues:
         """Return (name, hosts, values) of each robot, also of those without hosts."""
         return ((name, hosts, self.own.get(name, {})) for name, hosts in self.inventory.robots.items())
 
+    def sealed(self) -> Mapping[str, kinds.Sealed]:
+        """Return the sealed computers of all robots."""
+        return {name: entry for own in self.own.values() for name, entry in own.get("multimaster_sealed", {}).items()}
+
 
 def read_fleet(inventory: Inventory) -> Fleet:
     """Return the model of an inventory. Raises InventoryProblems with every problem."""
@@ -231,18 +235,19 @@ def _find_robot_problems(name: str, hosts: Sequence[str], own: Values) -> Iterat
     """Yield the problem of a robot: it has no computers, no master, or one port for two programs."""
     # The only computer of a robot is its master.
     master = own.get("multimaster_master", hosts[0] if len(hosts) == 1 else None)
+    computers = [*hosts, *own.get("multimaster_sealed", ())]
     port = own.get("multimaster_rpc_port")
     if not hosts:
         yield f"The robot {name} has no computers: its group is empty; expected at least one host: add it or remove the group."
     elif master is None:
         yield (
             f"{hosts[0]}: multimaster_master is not set; expected the computer of the robot {name} that runs its roscore, "
-            f"one of {', '.join(hosts)}: set it in group_vars/{name}.yml."
+            f"one of {', '.join(computers)}: set it in group_vars/{name}.yml."
         )
-    elif master not in hosts:
+    elif master not in computers:
         yield (
             f"{hosts[0]}: multimaster_master is '{master}', which is no computer of the robot {name}; expected one of "
-            f"{', '.join(hosts)}{nearest(master, hosts)}: correct it in group_vars/{name}.yml."
+            f"{', '.join(computers)}{nearest(master, computers)}: correct it in group_vars/{name}.yml."
         )
     elif port is not None and port == own.get("multimaster_roscore_port"):
         yield (
@@ -254,10 +259,14 @@ def _find_robot_problems(name: str, hosts: Sequence[str], own: Values) -> Iterat
 def _find_ambiguous_names(reading: _InventoryValues) -> Iterator[str]:
     """Yield a sentence for each name of two computers, and for localhost."""
     owner: dict[str, str] = {}
-    for computer, values in reading.hosts.items():
-        if "multimaster_address" not in values:
-            continue
-        for name in (computer, *values.get("multimaster_aliases", ())):
+    aliases = {
+        host: values.get("multimaster_aliases", ())
+        for host, values in reading.hosts.items()
+        if "multimaster_address" in values
+    }
+    aliases |= {name: entry.aliases for name, entry in reading.sealed().items() if name not in aliases}
+    for computer, others in aliases.items():
+        for name in (computer, *others):
             first = owner.setdefault(name.lower(), computer)
             if first != computer:
                 yield (
@@ -275,7 +284,8 @@ def _find_network_problems(reading: _InventoryValues, router: Router | None) -> 
     raw = reading.inventory.variables
     return networks.find_network_problems(
         common=reading.shared.get("multimaster_common_network"),
-        addresses={
+        addresses={name: entry.address for name, entry in reading.sealed().items()}
+        | {
             host: values["multimaster_address"]
             for host, values in reading.hosts.items()
             if "multimaster_address" in values
@@ -297,7 +307,28 @@ def _find_contradictions(reading: _InventoryValues) -> list[str]:
         *contradictions.find_contradictions(parties, reading.inventory.robots),
         *contradictions.find_excluded_strangers(firewall, strangers),
         *contradictions.find_local_diagnostics(parties, diagnostics),
+        *contradictions.find_wrong_seals(
+            [_make_sealed_robot(reading, name, hosts, own) for name, hosts, own in reading.robots() if hosts],
+            {*reading.hosts, *reading.inventory.routers},
+            reading.shared.get("multimaster_advertise"),
+        ),
     ]
+
+
+def _make_sealed_robot(
+    reading: _InventoryValues, name: str, hosts: Sequence[str], own: Values
+) -> contradictions.SealedRobot:
+    return contradictions.SealedRobot(
+        name=name,
+        hosts=hosts,
+        sealed=own.get("multimaster_sealed", {}),
+        master=own.get("multimaster_master"),
+        companion=own.get("multimaster_companion"),
+        gateway=own.get("multimaster_gateway"),
+        provider=own.get("multimaster_provider"),
+        # Its default means nothing here: what counts is what the inventory says.
+        roscore=reading.inventory.variables.get(hosts[0], {}).get("multimaster_roscore"),
+    )
 
 
 def _make_party(name: str, hosts: Sequence[str], values: Mapping[str, Values], own: Values) -> contradictions.Party:
@@ -305,7 +336,7 @@ def _make_party(name: str, hosts: Sequence[str], values: Mapping[str, Values], o
     declarations = {values[host]["multimaster_exports"] for host in hosts if "multimaster_exports" in values[host]}
     filters = [values[host].get("multimaster_filters", {}) for host in hosts]
     master = own.get("multimaster_master", hosts[0])
-    is_known = master in hosts and "multimaster_roscore_port" in own
+    is_known = master in (*hosts, *own.get("multimaster_sealed", ())) and "multimaster_roscore_port" in own
     return contradictions.Party(
         name=name,
         host=master if master in hosts else hosts[0],
@@ -345,12 +376,17 @@ def _make_robot(reading: _InventoryValues, name: str, hosts: Sequence[str], own:
     values = _make_variables(variables.RobotVariables, {**computed, **own})
     gateway = _make_gateway(reading, values)
     computers = {host: _make_computer(reading, name, host, gateway) for host in hosts}
+    computers |= {
+        sealed: _make_sealed_computer(name, sealed, entry, gateway) for sealed, entry in values.sealed.items()
+    }
+    master = computers[values.master or hosts[0]]
     return Robot(
         name=name,
         network=values.network or reading.shared["multimaster_common_network"],
         gateway=gateway,
         computers=tuple(computers.values()),
-        master=computers[values.master or hosts[0]],
+        master=master,
+        companion=computers[values.companion or hosts[0]] if master.sealed else master,
         variables=values,
     )
 
@@ -368,6 +404,13 @@ def _make_computer(reading: _InventoryValues, robot: str, host: str, gateway: Ga
     if gateway is None:
         return Computer(host, robot, values.address, values)
     return Computer(host, robot, gateway.common_address if host == gateway.name else None, values)
+
+
+def _make_sealed_computer(robot: str, name: str, entry: kinds.Sealed, gateway: Gateway | None) -> Computer:
+    raw = {"multimaster_address": entry.address, "multimaster_aliases": list(entry.aliases)}
+    defaults = {row.name: row.read(row.default) for row in variables.OF_COMPUTER if row.default is not None}
+    values = _make_variables(variables.ComputerVariables, {**defaults, **raw})
+    return Computer(name, robot, None if gateway else entry.address, values, sealed=True)
 
 
 def _make_variables(kind: type[T], values: Values) -> T:

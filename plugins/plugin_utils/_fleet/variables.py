@@ -209,6 +209,18 @@ class RobotVariables:
         "The computer of the robot that runs the roscore. Default: the only computer. Required where there are several.",
         "kobuki1computer",
     )
+    sealed: Mapping[str, kinds.Sealed] = row(
+        kinds.sealed,
+        "Computers of the robot where one may not log in, by their names: the address of each, or its `address` and `aliases`. They "
+        "are no hosts of the inventory. One of them may be `multimaster_master`. See docs/operate/sealed.md.",
+        "{hsrb: 192.168.1.40}",
+        default={},
+    )
+    companion: str | None = row(
+        kinds.name,
+        "The computer of the robot that runs discovery and sync for a roscore on a sealed computer. Default: the only host of the robot.",
+        "hsr-pc",
+    )
     roscore: str = word(
         ("managed", "existing"),
         "`managed`: the collection runs the roscore as a service. `existing`: something else starts it.",

@@ -39,7 +39,7 @@ def _make_robot(fleet: Fleet, robot: Robot) -> KnownRobot:
         name=robot.master_name,
         uris=tuple(dict.fromkeys([master_uri(fleet, robot), *others])),
         rpc_port=robot.variables.rpc_port,
-        addresses=_addresses(robot.master),
+        addresses=_addresses(robot.companion),
         hosts=tuple(dict.fromkeys(host for computer in robot.computers for host in _hosts(computer))),
     )
 

@@ -47,6 +47,8 @@ class Master:
     monitor_uri: str
     rpc_port: int
     declared: bool = False  # the robot says what it gives to the others
+    # The address of its roscore, where that is on a sealed computer: then `computer` is the companion.
+    roscore: IPv4Address | None = field(default=None, metadata=notation(left_out=True))
 
 
 @dataclass(frozen=True)
@@ -215,10 +217,10 @@ class ComputerPlan:
     common_address: IPv4Address | None = None  # None behind a gateway
     network: IPv4Network
     networks: tuple[Interface, ...] = ()
-    is_master: bool = False
+    is_master: bool = False  # it runs discovery and sync of its robot: the master, or its companion
     is_gateway: bool = False
     is_router: bool = False
-    roscore: str = "managed"
+    roscore: str = "managed"  # or existing, or sealed: on another computer, where nobody logs in
     roscore_port: int = 0
     ros_setup: str = "auto"
     sysctl: tuple[Setting, ...] = ()
@@ -237,6 +239,8 @@ class ComputerPlan:
     metrics_folder: str | None = field(default=None, metadata=notation(left_out=True))
     limits: tuple[str, ...] = ()  # a sentence for each thing that the provider cannot do
     listens: bool = False  # it is one of the listeners
+    # Ansible does not log in there, so nothing of this plan is applied or looked at.
+    sealed: bool | None = field(default=None, metadata=notation(left_out=True))
     # Preflight fills these in, since it knows the machine.
     programs: Mapping[str, UnitLines] | None = field(default=None, metadata=notation(left_out=True))
     packages: tuple[str, ...] | None = field(default=None, metadata=notation(left_out=True))

@@ -73,12 +73,12 @@ def _make_discovery(fleet: Fleet, robot: Robot) -> dict[str, Any]:
     """Return the parameters of the bundled master_discovery, with upstream's names if upstream has the same ones."""
     shared, exports = fleet.variables, robot.variables.exports
     multicast = shared.transport in ("both", "multicast")
-    peers = [str(other.master.discovery_address) for other in fleet.robots if other != robot]
+    peers = [str(other.companion.discovery_address) for other in fleet.robots if other != robot]
     return {
         "name": robot.master_name,
         "mcast_group": str(shared.multicast_group),
         "mcast_port": shared.multicast_port,
-        "interface": str(robot.master.discovery_address),
+        "interface": str(robot.companion.discovery_address),
         "rpc_port": robot.variables.rpc_port,
         "heartbeat_hz": shared.heartbeat_hz,
         "offline_after": shared.offline_after,
@@ -108,7 +108,7 @@ def _list_served_names(fleet: Fleet, robot: Robot) -> list[ServedNames]:
 
 def _addresses(robot: Robot) -> list[str]:
     """Return the addresses from which a robot's master_sync asks the others."""
-    return list(dict.fromkeys(map(str, filter(None, (robot.master.address, robot.master.common_address)))))
+    return list(dict.fromkeys(map(str, filter(None, (robot.companion.address, robot.companion.common_address)))))
 
 
 # Filters that leave no publisher out.
@@ -272,7 +272,7 @@ def _group_alternatives(items: Iterable[str]) -> list[str]:
 
 def list_limits(fleet: Fleet, robot: Robot) -> Iterator[str]:
     """Yield a sentence for each thing that the provider of a robot cannot do. The bundled nodes can do everything."""
-    host, provider = robot.master.name, robot.variables.provider
+    host, provider = robot.companion.name, robot.variables.provider
     if provider not in UPSTREAM:
         return
     bundled = _make_discovery(fleet, robot)

@@ -19,7 +19,9 @@ LOOKED_AT_WITH_ROS = ("ros", "packages", "ports", "exports", "sshd", "environmen
 def fleet_plan(fleet: Fleet) -> model.FleetPlan:
     """Return the plan of the fleet; the router has an entry among the computers, too."""
     computers = {
-        computer.name: _plan_computer(fleet, robot, computer) for robot in fleet.robots for computer in robot.computers
+        computer.name: _plan_sealed(fleet, robot, computer) if computer.sealed else _plan_computer(fleet, robot, computer)
+        for robot in fleet.robots
+        for computer in robot.computers
     }
     if fleet.router and fleet.router.name:
         computers[fleet.router.name] = _plan_router(fleet, fleet.router)
@@ -61,16 +63,17 @@ def fleet_plan(fleet: Fleet) -> model.FleetPlan:
 
 
 def _make_master(fleet: Fleet, robot: Robot) -> model.Master:
-    address, port = robot.master.discovery_address, robot.variables.rpc_port
+    address, port = robot.companion.discovery_address, robot.variables.rpc_port
     return model.Master(
         robot=robot.name,
-        computer=robot.master.name,
+        computer=robot.companion.name,
         address=address,
         name=robot.master_name,
         uri=membership.master_uri(fleet, robot),
         monitor_uri=f"http://{address}:{port}",
         rpc_port=port,
         declared=robot.variables.exports is not None,
+        roscore=robot.master.address if robot.master.sealed else None,
     )
 
 
@@ -89,7 +92,7 @@ def _flows(fleet: Fleet) -> tuple[model.Flow, ...]:
 
 
 def _make_member(fleet: Fleet, robot: Robot, computer: Computer) -> model.Member:
-    is_master = computer == robot.master
+    is_master = computer == robot.companion
     routed = fleet.variables.multicast_routing != "none" and robot.gateway is not None and bool(robot.gateway.name)
     in_common_network = computer.common_address is not None
     return model.Member(
@@ -98,8 +101,8 @@ def _make_member(fleet: Fleet, robot: Robot, computer: Computer) -> model.Member
         address=computer.address,
         network=robot.network,
         discovery_address=computer.discovery_address,
-        discovery=is_master or in_common_network,
-        multicast=in_common_network or (is_master and routed),
+        discovery=not computer.sealed and (is_master or in_common_network),
+        multicast=not computer.sealed and (in_common_network or (is_master and routed)),
     )
 
 
@@ -117,7 +120,7 @@ def _listeners(members: Iterable[model.Member]) -> tuple[model.Listener, ...]:
 
 
 def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.ComputerPlan:
-    is_master = computer == robot.master
+    is_master = computer == robot.companion
     is_gateway = robot.gateway is not None and robot.gateway.name == computer.name
     existing = robot.variables.routes == "existing"
     expected = _list_expected_routes(fleet, robot, computer) if existing else ()
@@ -131,7 +134,7 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         networks=_interfaces(fleet, robot, computer),
         is_master=is_master,
         is_gateway=is_gateway,
-        roscore=robot.variables.roscore,
+        roscore="sealed" if robot.master.sealed else robot.variables.roscore,
         roscore_port=robot.variables.roscore_port,
         ros_setup=computer.variables.ros_setup,
         sysctl=_sysctl(fleet) + (FORWARDING if is_gateway else ()),
@@ -152,6 +155,22 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         sync=parameters.sync(fleet, robot) if is_master else {},
         limits=tuple(parameters.list_limits(fleet, robot)) if is_master else (),
         listens=is_master or computer.common_address is not None,
+    )
+
+
+def _plan_sealed(fleet: Fleet, robot: Robot, computer: Computer) -> model.ComputerPlan:
+    """Return what is known of a sealed computer: its addresses, and the routes that somebody else made there."""
+    return model.ComputerPlan(
+        computer=computer.name,
+        robot=robot.name,
+        address=computer.address,
+        common_address=computer.common_address,
+        network=robot.network,
+        networks=_interfaces(fleet, robot, computer),
+        roscore="existing",
+        roscore_port=robot.variables.roscore_port,
+        routes_expected=_list_expected_routes(fleet, robot, computer),
+        sealed=True,
     )
 
 
@@ -288,9 +307,10 @@ def _sysctl(fleet: Fleet) -> tuple[model.Setting, ...]:
 
 
 def _ports(fleet: Fleet, robot: Robot) -> tuple[model.Port, ...]:
-    """Return the ports that the services of the robot's master listen on."""
+    """Return the ports that the services of the robot's master listen on, or those of its companion."""
+    roscore = () if robot.master.sealed else (model.Port("tcp", robot.variables.roscore_port),)
     return (
-        model.Port("tcp", robot.variables.roscore_port),
+        *roscore,
         model.Port("udp", fleet.variables.multicast_port),
         model.Port("tcp", robot.variables.rpc_port),
     )
@@ -300,7 +320,7 @@ def _services(robot: Robot, is_master: bool) -> tuple[str, ...]:
     """Return the services of a computer of a robot, in the order in which they start."""
     if not is_master:
         return ("address",)
-    roscore = ("roscore",) if robot.variables.roscore == "managed" else ()
+    roscore = ("roscore",) if robot.variables.roscore == "managed" and not robot.master.sealed else ()
     connections = ("connections",) if robot.variables.provider == "bundled" else ()
     metrics = ("metrics",) if parameters.writes_metrics(robot) else ()
     return ("address", *roscore, "discovery", *connections, "sync", *metrics)

@@ -373,7 +373,7 @@ def _find_holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[Holder]:
 
 def _find_missing_roscore(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
     listening = {(holder["protocol"], holder["port"]) for holder in info["ports"]}
-    if plan.roscore != "managed" and ("tcp", plan.roscore_port) not in listening:
+    if plan.roscore == "existing" and ("tcp", plan.roscore_port) not in listening:
         yield (
             f"{plan.computer}: nothing listens on TCP port {plan.roscore_port}; expected the roscore that something else starts, "
             "since multimaster_roscore is 'existing': start it now, for the discovery node waits for it."
