@@ -62,7 +62,8 @@ def computers_tried(fleet: Mapping[str, Any], observer: str, pairs: str = AUTO) 
     if pairs not in (AUTO, ALL):
         raise AnsibleFilterError(f"verify_pairs is {pairs!r}, expected {AUTO} or {ALL}.")
     networks = {member["name"]: str(member["network"]) for member in fleet["members"]}
-    targets = choose_pairs(networks, fleet["computers"], pairs)[observer]
+    observers = [name for name, plan in fleet["computers"].items() if not plan.get("sealed")]
+    targets = choose_pairs(networks, observers, pairs)[observer]
     return [name for name in networks if name in targets]
 
 

@@ -70,7 +70,10 @@ def throughput_streams(
     _read_number("verify_throughput_least", least, 0, MOST, f"a number of Mbit/s from 0 to {MOST}")
     if not length:
         return {"to": {}, "seconds": 0}
-    networks = {member["name"]: str(member["network"]) for member in fleet["members"]}
+    sealed = {name for name, plan in fleet["computers"].items() if plan.get("sealed")}
+    networks = {
+        member["name"]: str(member["network"]) for member in fleet["members"] if member["name"] not in sealed
+    }
     to = tried.streams(tried.choose_pairs(networks, networks, pairs), list(networks), length)
     return {"to": to, "seconds": math.ceil(tried.number(to) * length + len(to) * tried.START)}
 

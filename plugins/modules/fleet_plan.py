@@ -80,7 +80,7 @@ masters:
       type: str
       sample: kobuki1
     computer:
-      description: The computer that runs the roscore.
+      description: The computer that runs the roscore; its companion, where that computer is sealed.
       returned: always
       type: str
       sample: kobuki1computer

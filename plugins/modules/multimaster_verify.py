@@ -149,6 +149,12 @@ options:
             is.
         type: bool
         default: false
+      roscore:
+        description:
+          - The IPv4 address of its roscore, for example V(192.168.1.40), where that is on a sealed computer. Empty, where it is on
+            O(masters[].computer).
+        type: str
+        default: ""
   present:
     description:
       - The names of the computers that take part in this run, for example V([kobuki1computer, kobuki2computer]). Only
@@ -1782,6 +1788,7 @@ ARGUMENTS = {
             "robot": {"type": "str", "default": ""},
             "uri": {"type": "str", "default": ""},
             "declared": {"type": "bool", "default": False},
+            "roscore": {"type": "str", "default": ""},
         },
     },
     "present": {"type": "list", "elements": "str"},

@@ -41,6 +41,8 @@ def list_wrong_places(params: Params) -> typing.Iterator[str]:
             yield f"{place % 'network'} is {member['network']!r}, expected a network such as 192.168.1.0/24."
     for master in masters:
         addresses.append((f"masters: the address of {master['computer']}", master["address"]))
+        if master.get("roscore"):
+            addresses.append((f"masters: the roscore of {master['computer']}", master["roscore"]))
         ports.append((f"masters: the rpc_port of {master['computer']}", master["rpc_port"]))
     for place, address in addresses:
         if not is_address(address):

@@ -46,7 +46,7 @@ def _roscore(master: typing.Dict[str, typing.Any]) -> typing.Tuple[str, str]:
     port = urlsplit(master.get("uri") or "").port
     if not port:
         return "", Outcome.NOT_TRIED.value
-    answer = _connect(master["address"], port)
+    answer = _connect(master.get("roscore") or master["address"], port)
     return "open" if answer["open"] else answer["error"], answer["outcome"]
 
 

@@ -148,6 +148,11 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "see on the controller: ansible {place} -m ansible.builtin.ping -vvv",
         cost=2.0,
     ),
+    ("computer", "sealed"): Fault(
+        "{place} is sealed: nobody logs in there, so its settings, clock, routes back, packet filter and own view were not looked at",
+        "its nodes are judged by what the others see of them; for the rest ask its maker, see docs/operate/sealed.md",
+        read=ALWAYS,
+    ),
     ("computer", "unmeasured"): Fault(
         "{place} could not be looked at: {what}",
         "see on the controller: ansible-playbook playbooks/verify.yml -vv --limit {place}",
@@ -476,6 +481,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         read=READ,
     ),
     ("roscore", "dead"): Fault("no roscore answers on {place}", f"{RESTART}; see {ROSCORE}", ROSCORE, cost=1.5),
+    ("roscore", "sealed"): Fault(
+        "the roscore on the sealed computer {place} {what}",
+        "switch {place} on, see that its system starts the roscore, and that multimaster_sealed has its address and all its names",
+        "from its companion: ping -c 2 {place}; rosnode list",
+        cost=1.5,
+        what="does not answer",
+    ),
     ("roscore", "hung"): Fault(
         "the roscore on {place} runs and does not answer", f"{RESTART}; see {ROSCORE}", ROSCORE, cost=2.4
     ),
@@ -767,6 +779,7 @@ CALLS = (
     *(("filter", f"{mode} out") for mode in ("rpc", "roscore", "nodes", "all")),
 )
 STOPPED, FULL, LOOPING = ("service", "stopped"), ("service", "full"), ("service", "looping")
+SEALED = ("roscore", "sealed")
 _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     **{(node, "hung"): (STOPPED, FULL, LOOPING) for node in ("roscore", "discovery", "sync")},
     **{
@@ -775,6 +788,7 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
             FULL,
             LOOPING,
             *((name, mode) for name in (node, "roscore") for mode in ("dead", "hung")),
+            SEALED,
         )
         for node in ("discovery", "sync")
     },
@@ -791,11 +805,11 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     ("set_up", "by_hand"): (("set_up", "others"),),
     ("set_up", "refused"): (("ros", "broken"),),
     ("roscore", "dead"): (("interface", "duplicate"),),  # the other computer refuses
-    ("discovery", "dead"): (("roscore", "dead"), LOOPING),
+    ("discovery", "dead"): (("roscore", "dead"), SEALED, LOOPING),
     # A node whose datagrams its own kernel refuses leaves the group, and tries again.
     ("discovery", "group"): (("filter", "group out"), ("filter", "group"), ("filter", "udp out"), ("filter", "udp")),
-    ("sync", "dead"): (("roscore", "dead"), LOOPING),
-    ("service", "restarting"): (("roscore", "dead"), ("set_up", "others"), LOOPING),
+    ("sync", "dead"): (("roscore", "dead"), SEALED, LOOPING),
+    ("service", "restarting"): (("roscore", "dead"), SEALED, ("set_up", "others"), LOOPING),
     ("names", "unknown"): (("names", "order"),),
     ("names", "old"): (("names", "order"),),
     ("names", "several"): (("names", "order"),),

@@ -203,7 +203,7 @@ class Exchanges:
         """Index the contents of the roscores, by robot; robots without content are left out."""
         self.flows = Flows(fleet)
         self.robots = {robot: RoscoreIndex.from_content(exchange) for robot, exchange in seen.items()}
-        self._uris = {master.robot: normalise_uri(master.uri) for master in fleet.masters}
+        self._uris = {robot: [normalise_uri(uri) for uri in uris] for robot, uris in fleet.master_uris.items()}
         self._wanted: dict[tuple[str, int], frozenset[Item]] = {}  # by robot and id of its rules
         self._holders, self._shared = _find_shared_names({robot: has.names() for robot, has in self.robots.items()})
         self._bridged = {robot: has.list_bridged_topics() for robot, has in self.robots.items()}
@@ -248,7 +248,8 @@ class Exchanges:
 
     def find_imports(self, source: str, target: str) -> Mapping[Item, str]:
         """Return what a target with a known content has of the source, with the types."""
-        return self.robots[target].imports.get(self._uris[source], {})
+        imports = self.robots[target].imports
+        return next((imports[uri] for uri in self._uris[source] if uri in imports), {})
 
     def clashes(self, source: str, target: str) -> list[Clash]:
         """List the names that pass from `source` and that `target` has itself, or gets of a third robot."""

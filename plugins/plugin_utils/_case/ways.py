@@ -34,6 +34,11 @@ class Way(NamedTuple):
         return self.next_hop is not None
 
 
+def _describe_roscore(part: Part) -> str:
+    """Say what a roscore shows. Without a word of it, it does not answer."""
+    return f"calls itself {part.what}" if part.mode == "name" and part.what else ""
+
+
 class Ways:
     """The plan of a fleet, indexed for questions about ways and masters."""
 
@@ -58,8 +63,21 @@ class Ways:
         for gateway in self.gateways.values():
             self._at.update({str(gateway.address): gateway.title, str(gateway.common_address): gateway.title})
         self.titles = frozenset(gateway.title for gateway in self.gateways.values())
+        self.master_uris: Mapping[str, tuple[str, ...]] = fleet.master_uris  # by robot
+        self.sealed_roscores: Mapping[str, str] = fleet.sealed_roscores  # by companion
         self.master_at: Mapping[str, Master] = {master.computer: master for master in fleet.masters}
         self.parts: dict[tuple[str, str], frozenset[Part]] = {}  # between two computers, as needs.way finds them
+
+    def seal(self, parts: frozenset[Part]) -> frozenset[Part]:
+        """Say of the roscores on sealed computers that they are there: nobody can look at them, or start them again, from here."""
+        if not self.sealed_roscores:
+            return parts
+        return frozenset(
+            Part("roscore", self.sealed_roscores[part.place], "sealed", _describe_roscore(part))
+            if part.kind == "roscore" and part.place in self.sealed_roscores
+            else part
+            for part in parts
+        )
 
     def network(self, robot: str) -> str:
         """Name the network of a robot's computers."""

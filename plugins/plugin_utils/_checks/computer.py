@@ -12,7 +12,7 @@ from .._case.needs import Parts, join_parts, make_parts
 from .._case.packet_filters import ROSCORE
 from .._case.ways import COMMON
 from .._observed.observations import DefaultRoute, ForwardingInterface, Service
-from .._observed.uris import is_same_uri
+from .._observed.uris import is_one_of, is_same_uri
 from .engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement
 from .manual_setup import guard
 
@@ -388,6 +388,27 @@ def _judge_answers_pings(case: Case) -> Judgement | None:
     return Judgement(WARNING if ignored else OK, "net.ipv4.icmp_echo_ignore_all is 0", str(ignored))
 
 
+# Computers where nobody logs in
+
+
+def _list_sealed(case: Case) -> list[str]:
+    """List the sealed computers of the observer's robot, where the observer runs the nodes of that robot."""
+    plan = case.observer.plan
+    if not plan.is_master:
+        return []
+    return [name for name, other in case.fleet.computers.items() if other.sealed and other.robot == plan.robot]
+
+
+@Check(
+    title="a sealed computer is looked at by its companion",
+    expected="listed, and not judged, where a robot has sealed computers",
+    evidence=lambda case: join_parts(make_parts("computer", name, "sealed") for name in _list_sealed(case)),
+)
+def _judge_sealed(case: Case) -> Judgement | None:
+    names = ", ".join(_list_sealed(case))
+    return Judgement(UNKNOWN, "what only a login shows", f"nobody logs in on {names}") if names else None
+
+
 # The robot's roscore
 
 
@@ -417,10 +438,11 @@ def _judge_master_uri(case: Case) -> Judgement | None:
     if not case.observer.is_probed or case.observer.lacks_ros:
         return None
     expected = case.ways.masters[case.observer.plan.robot].uri
+    named = case.ways.master_uris[case.observer.plan.robot]  # a sealed roscore may have any of its names
     roscore = case.probe.roscore
     if roscore.error:
         return Judgement(FAILED, expected, roscore.error)
-    good = is_same_uri(roscore.answer, expected) and is_same_uri(roscore.uri, expected)
+    good = is_one_of(roscore.answer, named) and is_same_uri(roscore.uri, expected)
     found = (
         roscore.answer
         if is_same_uri(roscore.answer, roscore.uri)

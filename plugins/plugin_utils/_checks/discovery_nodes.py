@@ -16,7 +16,7 @@ from .._case.policy_routing import taker
 from .._case.ways import COMMON
 from .._observed.observations import Datagrams, ListedMaster, Route
 from .._observed.outcomes import Outcome
-from .._observed.uris import host_of, is_same_uri
+from .._observed.uris import host_of, is_one_of
 from .engine import FAILED, MASTER, MASTER_TOO, MEMBER, OK, WARNING, Check, Judgement
 
 # The share of datagrams that may be lost.
@@ -480,6 +480,11 @@ def _judge_clock(case: Case) -> Judgement | None:
 # The masters that a discovery node lists
 
 
+def _has_planned_uri(entry: ListedMaster, case: Case) -> bool:
+    """Nobody here can rename a sealed roscore: it may have any of its names."""
+    return is_one_of(entry.uri, case.ways.master_uris[case.master.robot])
+
+
 def _has_planned_address(entry: ListedMaster, case: Case) -> bool:
     """A node may see itself through its loopback interface; the others must see it at its planned address."""
     host = host_of(entry.monitoruri)
@@ -526,7 +531,7 @@ def _list_evidence(case: Case) -> Parts:
     entry = case.observer.listed.get(case.master.name)
     if entry is None or not entry.online:
         return frozenset()
-    if not is_same_uri(entry.uri, case.master.uri):
+    if not _has_planned_uri(entry, case):
         return make_parts("roscore", case.target, "name", what=entry.uri)
     if case.robots[0] == case.robots[1]:  # the node tells the address from which it sends
         return make_parts("interface", case.target, "multicast")
@@ -549,7 +554,7 @@ def _judge_list_masters(case: Case) -> Judgement | None:
     master = case.master
     entry = case.observer.listed.get(master.name)
     good = (
-        entry is not None and entry.online and is_same_uri(entry.uri, master.uri) and _has_planned_address(entry, case)
+        entry is not None and entry.online and _has_planned_uri(entry, case) and _has_planned_address(entry, case)
     )
     expected = f"{master.name} online, {master.uri}, monitored at {master.monitor_uri}"
     if entry is None:

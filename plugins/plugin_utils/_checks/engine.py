@@ -116,7 +116,9 @@ class Verification:
         self.state = FleetState(fleet, observations, least, since_last)
         self.ways, self.run = self.state.ways, self.state.run
         self.tried = choose_pairs(
-            {member.name: str(member.network) for member in fleet.members}, fleet.computers, pairs
+            {member.name: str(member.network) for member in fleet.members},
+            [name for name, plan in fleet.computers.items() if not plan.sealed],
+            pairs,
         )
 
     def rows(self, passed: Passed | None = None) -> Iterator[Row]:

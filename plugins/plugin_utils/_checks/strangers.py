@@ -11,7 +11,7 @@ from .._case.case import Case
 from .._case.needs import Parts, join_parts, make_parts
 from .._case.ways import COMMON
 from .._observed.observations import Outsider
-from .._observed.uris import host_of, is_same_uri
+from .._observed.uris import host_of, is_one_of
 from .engine import OK, WARNING, Check, Judgement
 
 
@@ -66,7 +66,7 @@ def _misread_member_parts(case: Case, entry: Outsider) -> Parts:
     """A computer of the fleet that is ignored: its master calls itself otherwise, or its gateway translates its address."""
     computer = case.ways.name_at(entry.address)
     master = case.ways.master_at.get(computer)
-    if master is not None and not is_same_uri(entry.uri, master.uri):
+    if master is not None and not is_one_of(entry.uri, case.ways.master_uris[master.robot]):
         return make_parts("roscore", computer, "name", what=entry.uri)
     beyond = COMMON if computer in {gateway.title for gateway in case.ways.gateways.values()} else ""
     return make_parts("translation", computer, "on", what=beyond)

@@ -138,13 +138,13 @@ class _Diagnosis:
         """Note what a row shows to be broken, or whom it lets suspect."""
         check = self.checks[row.check]
         case = self.verification.case(check, row.observer, row.target)
-        told = find_parts(case, check.outcome(case), check.carries)
+        told = case.ways.seal(find_parts(case, check.outcome(case), check.carries))
         shown = told if len(told) == 1 else frozenset()
-        if evidence := self._find_drop(check, row) or self._read_end(row) or check.evidence(case) or shown:
+        if evidence := self._find_drop(check, row) or self._read_end(row) or case.ways.seal(check.evidence(case)) or shown:
             for part in evidence:
                 self._finding(part).proof.append(row)
         else:
-            self.open.append((row, told or (check.suspects or check.needs)(case)))
+            self.open.append((row, told or case.ways.seal((check.suspects or check.needs)(case))))
 
     def _read_end(self, row: Row) -> Parts:
         """Return the part that followed packets have shown on the way of a row."""
@@ -226,7 +226,7 @@ class _Diagnosis:
         """Find the known fault from which follows what a row has shown of a node."""
         check = self.checks[row.check]
         case = self.verification.case(check, row.observer, row.target)
-        return effects.find_cause(check, row, (check.suspects or check.needs)(case))
+        return effects.find_cause(check, row, case.ways.seal((check.suspects or check.needs)(case)))
 
     def _use_ends(self) -> None:
         """Let what failed on a way that was followed suspect only what the packets left there."""
@@ -364,7 +364,7 @@ class _Diagnosis:
                 case = self.verification.case(check, observer, target)
                 judged = check.judge(case)
                 if judged is not None and judged.verdict == OK:
-                    found[check.id] = check.needs(case)
+                    found[check.id] = case.ways.seal(check.needs(case))
         return found
 
     def _suspect_pairs(self, part: Part) -> Iterable[tuple[str, str]]:

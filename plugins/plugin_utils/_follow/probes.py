@@ -46,7 +46,7 @@ def list_trips(verification: Verification, check: Check, row: Row) -> list[Trip]
     own, master = find_trip(verification, check, row), _name_master(verification, row.observer)
     suspects = (check.suspects or check.needs)(verification.case(check, row.observer, row.target))
     found = [own] if own else []
-    if Part("roscore", master, "hung") in suspects:
+    if Part("roscore", master, "hung") in suspects and master not in verification.ways.sealed_roscores:
         found.append(Trip(ROSCORE, row.observer, master))
     if Part("discovery", row.target, "hung") in suspects:
         found.append(Trip("rpc", row.observer, row.target))

@@ -65,7 +65,7 @@ def list_findings(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
 def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> list[dict[str, Any]]:
     """List the robots: computers, what they provide, and what they have imported from others."""
-    by_uri = {normalise_uri(master.uri): master.robot for master in fleet.masters}
+    by_uri = {normalise_uri(uri): robot for robot, uris in fleet.master_uris.items() for uri in uris}
     robots = []
     for robot, master in fleet.master_of.items():
         seen = observations.get(master.computer)

@@ -55,7 +55,8 @@ def judge(verification: Verification, pages: bool, everything: bool) -> Judgemen
     passed: Passed | None = None if whole else Counter()
     rows = list(verification.rows(passed))
     matrices = Matrices(fleet, rows, passed) if pages else None
-    summary = summarise(rows, computers, len(fleet.computers), verification.pairs, passed)
+    reached = sum(not plan.sealed for plan in fleet.computers.values())
+    summary = summarise(rows, computers, reached, verification.pairs, passed)
     diagnosis = explain_rows(verification, summary.notable)
     kept = (rows if whole else summary.notable) if pages else ()
     return Judgement(summary, diagnosis, kept, matrices, time.monotonic() - began)

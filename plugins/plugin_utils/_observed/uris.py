@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import lru_cache
 from urllib.parse import urlsplit
 
@@ -20,6 +21,11 @@ def normalise_uri(uri: str) -> str:
 def is_same_uri(one: str, other: str) -> bool:
     """Say if two URIs are the same; capital letters and a slash at the end do not count."""
     return normalise_uri(one) == normalise_uri(other)
+
+
+def is_one_of(uri: str, others: Iterable[str]) -> bool:
+    """Say if a URI is among others."""
+    return any(is_same_uri(uri, other) for other in others)
 
 
 @lru_cache(CACHE_SIZE)

@@ -278,6 +278,21 @@ class FleetPlan:
         return {master.robot: master for master in self.masters}
 
     @cached_property
+    def master_uris(self) -> Mapping[str, tuple[str, ...]]:
+        """The URIs that the master of each robot may have, the planned one first. A sealed one may have each of its names."""
+        names = {known.robot: known.uris for known in self.belonging.robots}
+        return {
+            master.robot: tuple(dict.fromkeys([master.uri, *(names.get(master.robot, ()) if master.roscore else ())]))
+            for master in self.masters
+        }
+
+    @cached_property
+    def sealed_roscores(self) -> Mapping[str, str]:
+        """The sealed computer with the roscore of each companion, by the companion."""
+        sealed = {plan.address: name for name, plan in self.computers.items() if plan.sealed}
+        return {master.computer: sealed[master.roscore] for master in self.masters if master.roscore in sealed}
+
+    @cached_property
     def gateways(self) -> Mapping[str, Gateway]:
         """The gateway of each robot that has a network of its own, by the robot's name."""
         names = {plan.robot: name for name, plan in self.computers.items() if plan.is_gateway}

@@ -80,7 +80,8 @@ def draw_fleet(fleet: FleetPlan, marks: Iterable[Mark] = (), unseen: Mapping[str
 def _device(plan: ComputerPlan) -> _Device:
     duties = {"master": plan.is_master, "gateway": plan.is_gateway, "router": plan.is_router}
     addresses = dict.fromkeys(str(address) for address in (plan.address, plan.common_address) if address)
-    lines = (" ".join(duty for duty in duties if duties[duty]) or "computer", *addresses)
+    duty = " ".join(duty for duty in duties if duties[duty]) or "computer"
+    lines = ("sealed" if plan.sealed else duty, *addresses)
     return _Device(plan.computer, lines, f"{plan.computer}: {', '.join(lines)}")
 
 
