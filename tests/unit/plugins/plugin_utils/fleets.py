@@ -115,6 +115,22 @@ def fig12(**variables):
     )
 
 
+SEALED, COMPANION = "hsrb", "hsr-pc"
+
+
+def sealed(**variables):
+    """The plan of two robots, of which one has its roscore on a sealed computer; `variables` are of that robot."""
+    shared = {"multimaster_common_network": "192.168.1.0/24", "multimaster_advertise": "address"}
+    own = {
+        "multimaster_address": "192.168.1.41",
+        "multimaster_master": SEALED,
+        "multimaster_sealed": {SEALED: {"address": "192.168.1.40", "aliases": ["hsrb.local"]}},
+    }
+    values = {COMPANION: {**shared, **own, **variables}, ONE: {**shared, "multimaster_address": "192.168.1.229"}}
+    robots = {"hsr": [COMPANION], "kobuki1": [ONE]}
+    return plan_module.fleet_plan(fleet_module.read_fleet(fleet_module.Inventory(robots=robots, variables=values)))
+
+
 def outside(robot):
     return [host for name, (*_numbers, hosts) in ROBOTS.items() if name != robot for host in hosts]
 
@@ -264,7 +280,8 @@ def good_probe(fleet, me, own):
                 seconds=0.1,
             )
             for other in others_of(fleet, own.computer)
-            if not (other.robot != me.robot and flows.declares_nothing(other.robot, me.robot))
+            if not fleet.computers[other.name].sealed
+            and not (other.robot != me.robot and flows.declares_nothing(other.robot, me.robot))
         ),
         services=tuple(
             Service(service, f"multimaster-{service}.service", "loaded", "active", "running")
@@ -298,7 +315,7 @@ def good_multicast(fleet, me, own):
         callers=tuple(
             Caller(str(layout.way(plan, me.name).source), 3)
             for caller, plan in fleet.computers.items()
-            if caller != me.name
+            if caller != me.name and not plan.sealed
         ),
         memberships=tuple(
             Membership(f"eth{number}", str(fleet.multicast_group))
@@ -334,7 +351,9 @@ def registered(fleet, robot):
 
 
 def talkers_of(fleet, robot):
-    return [member.name for member in fleet.members if member.robot == robot]
+    return [
+        member.name for member in fleet.members if member.robot == robot and not fleet.computers[member.name].sealed
+    ]
 
 
 def own_source(fleet, own):
@@ -407,7 +426,7 @@ def without(entries, name, key="name"):
 
 def observed(fleet):
     """A good observation of every computer."""
-    return {name: good(fleet, name) for name in fleet.computers}
+    return {name: good(fleet, name) for name, of_it in fleet.computers.items() if not of_it.sealed}
 
 
 def judged(fleet, seen):

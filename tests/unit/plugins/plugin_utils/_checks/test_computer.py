@@ -18,8 +18,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from fleets import (
+    COMPANION,
     ONE,
     ROBOTS,
+    SEALED,
     TWO,
     assert_told,
     diagnose,
@@ -35,6 +37,7 @@ from fleets import (
     outside,
     parts,
     plan,
+    sealed,
     second_default_route,
     silent,
     update,
@@ -297,3 +300,31 @@ def test_a_service_that_preflight_left_out_is_not_missed():
 
     assert ("services", ONE, ONE) in notable(evaluate(without_connections))
     assert not notable(evaluate(left_out))
+
+
+# A computer where nobody logs in
+
+NOT_JUDGED = {("sealed", COMPANION, COMPANION, UNKNOWN, "nobody logs in on hsrb")}
+
+
+def test_a_sealed_computer_is_not_judged():
+    assert notable(evaluate(fleet=sealed())) == NOT_JUDGED
+    assert parts(diagnosed(fleet=sealed())) == [("computer", SEALED, "sealed")]
+
+
+def test_a_sealed_roscore_may_have_each_of_its_names():
+    def rename(seen):
+        update(seen[COMPANION].probe.roscore, answer="http://hsrb.local:11311/")
+        for one in seen.values():
+            update(of(one.probe.list_masters.masters, SEALED), uri="http://hsrb.local:11311/")
+
+    assert notable(evaluate(rename, sealed())) == NOT_JUDGED
+
+
+def test_a_silent_sealed_roscore_is_named():
+    def silence(seen):
+        update(seen[COMPANION].probe.roscore, answer="", error="no answer", outcome=Outcome.REFUSED)
+        update(seen[COMPANION].probe, list_masters=ListMasters(error="ERROR: Unable to communicate with master!"))
+        update(of(seen[ONE].probe.list_masters.masters, SEALED), online=False)
+
+    assert ("roscore", SEALED, "sealed") in parts(diagnosed(silence, sealed()))

@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The plan of a robot whose roscore is on a sealed computer: its companion gets the nodes, and nobody gets a login there."""
+
+from ipaddress import IPv4Address
+
+from fleets import COMPANION, ONE, SEALED, sealed
+
+AT = IPv4Address("192.168.1.40")
+
+
+def test_the_companion_runs_the_nodes_of_a_sealed_roscore():
+    plan = sealed()
+    own, master = plan.computers[COMPANION], plan.master_of["hsr"]
+    assert own.services == ("address", "discovery", "connections", "sync") and own.is_master
+    assert own.environment == {"ROS_MASTER_URI": "http://192.168.1.40:11311", "ROS_IP": "192.168.1.41"}
+    assert (own.roscore, [entry.port for entry in own.ports]) == ("sealed", [11511, 11611])
+    assert (master.computer, master.name, master.roscore) == (COMPANION, SEALED, AT)
+    assert (master.uri, master.monitor_uri) == ("http://192.168.1.40:11311/", "http://192.168.1.41:11611")
+    assert own.discovery["interface"] == "192.168.1.41"
+    assert plan.computers[ONE].discovery["robot_hosts"] == ["192.168.1.41"]
+
+
+def test_others_know_a_sealed_computer_by_all_its_names():
+    plan = sealed(multimaster_firewall="none")
+    assert [(entry.address, entry.names) for entry in plan.hosts_entries][1] == (AT, (SEALED, "hsrb.local"))
+    known = plan.belonging.robots[0]
+    assert set(known.uris) == {f"http://{host}:11311/" for host in ("192.168.1.40", "hsrb", "hsrb.local")}
+    assert known.addresses == (IPv4Address("192.168.1.41"),) and {SEALED, "hsrb.local", str(AT)} <= set(known.hosts)
+    assert plan.master_uris["hsr"] == known.uris and AT in plan.belonging.computers
+
+
+def test_nothing_is_planned_on_a_sealed_computer():
+    of_sealed = sealed().computers[SEALED]
+    assert of_sealed.sealed and not of_sealed.services and not of_sealed.environment and not of_sealed.sysctl
+    assert not of_sealed.look_at.parts and not of_sealed.listens
+    assert SEALED not in [listener.name for listener in sealed().listeners]
