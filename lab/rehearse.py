@@ -95,6 +95,7 @@ def prepare(options: argparse.Namespace, work: Path) -> Preparation:
     (work / "inventory.yml").write_text(json.dumps(found.inventory, indent=1) + "\n")  # JSON is YAML
     listing = read_inventory(work / "inventory.yml")
     extras = {name: Extra(device.addresses) for name, device in found.devices.items()}
+    extras |= {name: Extra((of.address,)) for name, of in found.sealed.items()}
     return Preparation(found, choose_suites(hosts_of(listing, extras), options.suites), faults)
 
 
@@ -132,6 +133,9 @@ class Rehearsal:
         """Start the containers, and what in the robots' world is not the collection's."""
         containers.bring_up(self.lab, self.prepared.hosts, full=self.prepared.full)
         self.connection = containers.write_inventory(self.lab, self.prepared.hosts)
+        for name, of in self.prepared.rehearsed.sealed.items():
+            if of.gateway:
+                self.run(name, f"ip route replace default via {of.gateway}")
         for host, port in self.prepared.rehearsed.roscores.items():
             self.run(
                 host,

@@ -127,7 +127,8 @@ def cast_of(robots: Mapping[str, Sequence[str]], variables: Mapping[str, Mapping
 
 
 def _master(hosts: Sequence[str], own: Mapping[str, Any]) -> str:
-    return str(own.get("multimaster_master") or hosts[0])
+    master = own.get("multimaster_master") or hosts[0]
+    return str(master if master in hosts else own.get("multimaster_companion") or hosts[0])  # a sealed one is no host
 
 
 def cast_faults(names: Iterable[str], cast: Cast, folder: Path = FOLDER) -> list[Fault]:

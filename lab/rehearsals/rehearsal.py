@@ -10,7 +10,7 @@ import ipaddress
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +85,14 @@ class Device:
 
 
 @dataclass(frozen=True)
+class Sealed:
+    """A computer where nobody logs in: its address, and the gateway of its network. Empty: it is in the common network."""
+
+    address: str
+    gateway: str = ""
+
+
+@dataclass(frozen=True)
 class Rehearsable:
     """The inventory of a rehearsal, and what was changed in it."""
 
@@ -92,6 +100,7 @@ class Rehearsable:
     notes: tuple[str, ...]
     devices: dict[str, Device]  # by the name of the container's computer
     roscores: dict[str, int]  # masters whose roscore something else starts -> its port
+    sealed: Mapping[str, Sealed] = field(default_factory=dict)  # by name
 
 
 def make_rehearsable(values: Mapping[str, Any]) -> Rehearsable:
@@ -107,13 +116,14 @@ def make_rehearsable(values: Mapping[str, Any]) -> Rehearsable:
     }
     if values["routers"]:
         inventory["routers"] = group(values["routers"])
-    devices = _devices(values)
+    devices, sealed = _devices(values), dict(_sealed(values))
     notes += _name_forgotten(values)
     notes += [
         f"{name}: a container with Linux stands in for the device at {', '.join(of.addresses)}"
         for name, of in devices.items()
     ]
-    return Rehearsable(inventory, tuple(notes), devices, dict(_roscores(values)))
+    notes += [f"{name}: a container with Debian's ROS stands in for this sealed computer" for name in sealed]
+    return Rehearsable(inventory, tuple(notes), devices, dict(_roscores(values)), sealed)
 
 
 def _replace_impossible(host: str, given: Mapping[str, Any], notes: list[str]) -> dict[str, Any]:
@@ -155,8 +165,18 @@ def _devices(values: Mapping[str, Any]) -> dict[str, Device]:
 def _roscores(values: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
     for hosts in values["robots"].values():
         own = values["variables"][hosts[0]] if hosts else {}
-        if own.get("multimaster_roscore") == "existing":
-            yield own.get("multimaster_master", hosts[0]), int(own.get("multimaster_roscore_port", 11311))
+        master = own.get("multimaster_master", hosts[0] if hosts else "")
+        if own.get("multimaster_roscore") == "existing" or master in (own.get("multimaster_sealed") or ()):
+            yield master, int(own.get("multimaster_roscore_port", 11311))
+
+
+def _sealed(values: Mapping[str, Any]) -> Iterator[tuple[str, Sealed]]:
+    for hosts in values["robots"].values():
+        own = values["variables"][hosts[0]] if hosts else {}
+        named = str(own.get("multimaster_gateway") or "")
+        gateway = values["variables"][named]["multimaster_address"] if named in hosts else named
+        for name, entry in (own.get("multimaster_sealed") or {}).items():
+            yield name, Sealed(str(entry["address"] if isinstance(entry, Mapping) else entry), gateway)
 
 
 # What is left aside

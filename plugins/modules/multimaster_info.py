@@ -234,6 +234,11 @@ interfaces:
       returned: always
       type: int
       sample: 1500
+    point_to_point:
+      description: Whether it is one end of a link with two ends, such as a tunnel.
+      returned: always
+      type: bool
+      sample: false
     addresses:
       description: Its addresses.
       returned: always
@@ -409,6 +414,11 @@ forwarding:
           returned: always
           type: int
           sample: 1500
+        point_to_point:
+          description: Whether the interface is one end of a link with two ends, such as a tunnel.
+          returned: always
+          type: bool
+          sample: false
         mac:
           description: The hardware address of the interface, or empty.
           returned: always

@@ -786,6 +786,11 @@ forwarding:
           returned: always
           type: int
           sample: 1500
+        point_to_point:
+          description: Whether the interface is one end of a link with two ends, such as a tunnel.
+          returned: always
+          type: bool
+          sample: false
         mac:
           description: The hardware address of the interface, or empty.
           returned: always

@@ -40,6 +40,7 @@ class Interface(typing.NamedTuple):
     multicast: bool = False
     loopback: bool = False
     mtu: int = 0  # bytes
+    point_to_point: bool = False  # a link with two ends, such as a tunnel: no computer is asked for by ARP
     addresses: typing.Tuple[Address, ...] = ()
 
     @property
@@ -96,6 +97,7 @@ def from_json(output: str) -> typing.List[Interface]:
             multicast="MULTICAST" in link.get("flags", ()),
             loopback="LOOPBACK" in link.get("flags", ()),
             mtu=link.get("mtu", 0),
+            point_to_point="POINTOPOINT" in link.get("flags", ()),
             addresses=tuple(
                 Address(entry["local"], entry["prefixlen"], entry["family"])
                 for entry in link.get("addr_info", ())

@@ -45,7 +45,7 @@ def questions(interfaces: typing.Iterable[network.Interface], addresses: typing.
     own, others = [], []
     wanted = [ipaddress.IPv4Address(address) for address in dict.fromkeys(addresses)]
     for interface in interfaces:
-        if interface.up and not interface.loopback:
+        if interface.up and not interface.loopback and not interface.point_to_point:
             networks = [entry.interface for entry in interface.addresses if entry.family == "inet"]
             own += [(interface.name, str(entry.ip)) for entry in networks]
             near = (address for address in wanted if any(address in entry.network for entry in networks))

@@ -369,7 +369,8 @@ def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]
                 "send_redirects": larger(name, "send_redirects"),
             }
             places = {"addresses": [one.address for one in addresses], "prefixes": [one.prefix for one in addresses]}
-            found.append(dict(link_of(name), interface=name, mtu=interface.mtu or None, **settings, **places))
+            link = dict(link_of(name), mtu=interface.mtu or None, point_to_point=interface.point_to_point)
+            found.append(dict(link, interface=name, **settings, **places))
     switches = {name: value(name) for name in ("ip_forward", "icmp_echo_ignore_all")}
     return {**switches, "interfaces": found}
 

@@ -20,6 +20,7 @@ from .ways import COMMON, Way, Ways
 T = TypeVar("T")
 
 LATELY = 600.0  # seconds
+ALONE = 32  # the prefix length of an address on a point-to-point link, as of a VPN: routes lead to the others
 ANSWERS_BROADCASTS = ("net.ipv4.icmp_echo_ignore_broadcasts", "0")
 
 
@@ -88,7 +89,7 @@ class Participant:
             (entry.interface, address, size, planned[address])
             for entry in self.interfaces
             for address, size in zip(entry.addresses, entry.prefixes, strict=False)
-            if planned.get(address, size) != size
+            if planned.get(address, size) != size and not (entry.point_to_point and size == ALONE)
         ]
 
     @property

@@ -400,7 +400,7 @@ def _list_sealed(case: Case) -> list[str]:
 
 
 @Check(
-    title="a sealed computer is looked at by its companion",
+    title="sealed computer could be looked at",
     expected="listed, and not judged, where a robot has sealed computers",
     evidence=lambda case: join_parts(make_parts("computer", name, "sealed") for name in _list_sealed(case)),
 )

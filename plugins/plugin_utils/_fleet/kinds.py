@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Callable, Mapping, Sequence
-from ipaddress import IPv4Address, IPv4Network, ip_address, ip_network
+from ipaddress import IPv4Address, IPv4Network, IPv6Address, ip_address, ip_network
 from typing import Any, NamedTuple, TypeVar
 
 from . import exports
@@ -62,6 +62,8 @@ def names(value: Any) -> list[str]:
 def address(value: Any) -> IPv4Address:
     """Read the IPv4 address of one computer."""
     parsed = _parse(ip_address, value, "an IPv4 address such as 192.168.1.229")
+    if isinstance(parsed, IPv6Address):
+        raise UnexpectedValue("an IPv4 address such as 192.168.1.229, since the nodes of ROS 1 are reached by IPv4 alone here")
     if not isinstance(parsed, IPv4Address) or parsed.is_loopback or parsed.is_multicast or parsed.is_unspecified:
         raise UnexpectedValue("the IPv4 address of one computer, such as 192.168.1.229")
     return parsed

@@ -113,6 +113,7 @@ class ForwardingInterface:
     state: str = ""  # the kernel's operational state: up, down, unknown and so on
     carrier_changes: int | None = None  # the times that its link came or went
     last: str = ""  # where it is down: the last line of the journal about its link
+    point_to_point: bool = False  # a link with two ends, such as a tunnel
     power_save: bool | None = None  # of a wireless interface; None of any other one, and without an answer of iw
 
 

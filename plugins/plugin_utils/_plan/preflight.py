@@ -22,6 +22,8 @@ from .model import ComputerPlan, Interface, Port
 OWN_UNITS = tuple(f"multimaster-{name}.service" for name in (*units.OTHERS, *units.NODES))
 # The bundled nodes need this Python (Noetic's), and so do the services on the system's Python.
 NODES_PYTHON = (3, 8)
+# The prefix length of an address on a point-to-point link, and the beginnings of IPv6 addresses that are more than link-local.
+ALONE, GLOBAL = 32, ("2", "3", "fc", "fd")
 # Services that may be left out: what is missing without them, and which of the two they need: CAP_NET_ADMIN, which systemd
 # lacks in some containers, and the system's Python.
 NEEDS = {
@@ -167,7 +169,7 @@ def _add_interfaces(plan: ComputerPlan, interfaces: Mapping[IPv4Address, str]) -
 
 def _find_interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interface) -> tuple[str, list[str]]:
     """Return the name of the interface with an address of the plan, and its problems."""
-    others = []
+    others, newer = [], False
     for interface in info["interfaces"]:
         for entry in interface["addresses"]:
             if entry["address"] == str(wanted.address):
@@ -178,6 +180,12 @@ def _find_interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interfa
                 for entry in interface["addresses"]
                 if ":" not in entry["address"]
             ]
+            newer |= any(entry["address"].lower().startswith(GLOBAL) for entry in interface["addresses"])
+    if newer and not others:
+        return "", [
+            f"{plan.computer}: {_variable(plan, wanted)} is {wanted.address}, but the machine has addresses of IPv6 alone; expected an IPv4 "
+            "address, since the nodes of ROS 1 are reached by IPv4 alone here: give it one, as by a VPN that has IPv4 (WireGuard, Tailscale)."
+        ]
     return "", [
         f"{plan.computer}: {_variable(plan, wanted)} is {wanted.address}, but the machine has {', '.join(others) or 'no address'}; expected that address "
         "on one of its interfaces: correct the inventory, or give the machine the address."
@@ -200,6 +208,19 @@ def _check_interface(plan: ComputerPlan, wanted: Interface, interface: Mapping[s
             f"{plan.computer}: the interface {place} does not do multicast; expected the flag MULTICAST: "
             f"set it{multicast}, or set multimaster_transport to unicast."
         )
+    elif prefix == ALONE and interface.get("point_to_point"):
+        # No network, but a route to each of the others: the shape of Tailscale. Nothing on it is for a group.
+        if sends:
+            yield (
+                f"{plan.computer}: the interface {place} is a point-to-point link with a single address, which carries no multicast; expected "
+                "discovery by datagrams to each master: set multimaster_transport to 'unicast' in group_vars/robots.yml."
+            )
+        if any(route.gateway in wanted.network for route in plan.routes):
+            yield (
+                f"{plan.computer}: the interface {place} is a point-to-point link with a single address, on which no route has a gateway; "
+                f"expected the VPN to lead to the networks of other robots itself, or a tunnel with the prefix length "
+                f"{wanted.network.prefixlen}: take one such as WireGuard, or give these robots no network of their own."
+            )
     elif prefix != wanted.network.prefixlen:
         yield (
             f"{plan.computer}: {_variable(plan, wanted)} is {wanted.address}, on {name} with the prefix length {prefix}; expected "
