@@ -94,6 +94,13 @@ def test_a_roscore_that_something_else_starts():
     assert found.roscores == {"ana-nav": 11411}
 
 
+def test_a_sealed_computer_gets_a_container_with_a_roscore():
+    sealed = {"hsrb": {"address": "192.168.11.40"}}
+    found = rehearsal.make_rehearsable(values(multimaster_sealed=sealed, multimaster_master="hsrb"))
+    assert found.roscores == {"hsrb": 11311} and found.sealed["hsrb"].address == "192.168.11.40"
+    assert "hsrb: a container with Debian's ROS stands in for this sealed computer" in found.notes
+
+
 def test_a_declaration_that_leaves_nobody_out_has_no_note():
     for exports in ([], [{"topics": ["/pose"]}], [{"topics": ["/pose"], "to": ["bob"]}]):
         assert not [

@@ -37,6 +37,7 @@ def test_interfaces_from_json():
             "multicast": True,
             "loopback": False,
             "mtu": 1500,
+            "point_to_point": False,
             "addresses": [{"address": "192.168.1.229", "prefix": 24, "family": "inet"}],
         }
     ]

@@ -328,3 +328,14 @@ def test_a_silent_sealed_roscore_is_named():
         update(of(seen[ONE].probe.list_masters.masters, SEALED), online=False)
 
     assert ("roscore", SEALED, "sealed") in parts(diagnosed(silence, sealed()))
+
+
+def test_an_address_of_a_vpn_stands_alone():
+    def narrow(seen):
+        update(seen[ONE].probe.forwarding.interfaces[0], prefixes=(32,))
+
+    def tunnel(seen):
+        narrow(seen)
+        update(seen[ONE].probe.forwarding.interfaces[0], point_to_point=True)
+
+    assert notable(evaluate(narrow)) and not notable(evaluate(tunnel))

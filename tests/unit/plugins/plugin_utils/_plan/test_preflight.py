@@ -105,6 +105,23 @@ def test_a_machine_like_its_plan():
     assert compare() == preflight.Comparison((), (), plan, preflight.MachineState())
 
 
+def _make_vpn(interface):
+    """Give an interface the shape of Tailscale's."""
+    interface.update(point_to_point=True)
+    interface["addresses"][0].update(prefix=32)
+
+
+def test_a_vpn_with_single_addresses_may_be_the_common_network():
+    def change(info):
+        _make_vpn(info["interfaces"][1])
+
+    quiet = {"send_mcast": False, "interface": "192.168.1.229"}
+    assert not compare(change, discovery=quiet).problems
+    routes = [{"destination": "192.168.11.0/24", "gateway": "192.168.1.201"}]
+    (problem,) = compare(change, discovery=quiet, routes=routes).problems
+    assert "on which no route has a gateway" in problem
+
+
 PROBLEMS = {
     "address elsewhere": (
         lambda info: info["interfaces"][1]["addresses"][0].update(address="10.0.0.5"),
@@ -113,6 +130,14 @@ PROBLEMS = {
     "another prefix length": (
         lambda info: info["interfaces"][1]["addresses"][0].update(prefix=16),
         "multimaster_address is 192.168.1.229, on eth0 with the prefix length 16; expected 24",
+    ),
+    "a single address, and multicast": (
+        lambda info: _make_vpn(info["interfaces"][1]),
+        "eth0 .* is a point-to-point link with a single address, which carries no multicast; .* 'unicast'",
+    ),
+    "IPv6 alone": (
+        lambda info: info["interfaces"][1].update(addresses=[{"address": "fc94::1", "prefix": 128}]),
+        "is 192.168.1.229, but the machine has addresses of IPv6 alone; expected an IPv4 address",
     ),
     "interface down": (lambda info: info["interfaces"][1].update(up=False), "interface eth0 .* is down"),
     "no multicast": (lambda info: info["interfaces"][1].update(multicast=False), "does not do multicast"),
