@@ -85,7 +85,7 @@ class Device:
 
 
 @dataclass(frozen=True)
-class Sealed:
+class SealedComputer:
     """A computer where nobody logs in: its address, and the gateway of its network. Empty: it is in the common network."""
 
     address: str
@@ -100,7 +100,7 @@ class Rehearsable:
     notes: tuple[str, ...]
     devices: dict[str, Device]  # by the name of the container's computer
     roscores: dict[str, int]  # masters whose roscore something else starts -> its port
-    sealed: Mapping[str, Sealed] = field(default_factory=dict)  # by name
+    sealed: Mapping[str, SealedComputer] = field(default_factory=dict)  # by name
 
 
 def make_rehearsable(values: Mapping[str, Any]) -> Rehearsable:
@@ -116,7 +116,7 @@ def make_rehearsable(values: Mapping[str, Any]) -> Rehearsable:
     }
     if values["routers"]:
         inventory["routers"] = group(values["routers"])
-    devices, sealed = _devices(values), dict(_sealed(values))
+    devices, sealed = _devices(values), dict(_list_sealed(values))
     notes += _name_forgotten(values)
     notes += [
         f"{name}: a container with Linux stands in for the device at {', '.join(of.addresses)}"
@@ -170,13 +170,13 @@ def _roscores(values: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
             yield master, int(own.get("multimaster_roscore_port", 11311))
 
 
-def _sealed(values: Mapping[str, Any]) -> Iterator[tuple[str, Sealed]]:
+def _list_sealed(values: Mapping[str, Any]) -> Iterator[tuple[str, SealedComputer]]:
     for hosts in values["robots"].values():
         own = values["variables"][hosts[0]] if hosts else {}
         named = str(own.get("multimaster_gateway") or "")
         gateway = values["variables"][named]["multimaster_address"] if named in hosts else named
         for name, entry in (own.get("multimaster_sealed") or {}).items():
-            yield name, Sealed(str(entry["address"] if isinstance(entry, Mapping) else entry), gateway)
+            yield name, SealedComputer(str(entry["address"] if isinstance(entry, Mapping) else entry), gateway)
 
 
 # What is left aside

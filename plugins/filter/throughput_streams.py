@@ -71,9 +71,7 @@ def throughput_streams(
     if not length:
         return {"to": {}, "seconds": 0}
     sealed = {name for name, plan in fleet["computers"].items() if plan.get("sealed")}
-    networks = {
-        member["name"]: str(member["network"]) for member in fleet["members"] if member["name"] not in sealed
-    }
+    networks = {member["name"]: str(member["network"]) for member in fleet["members"] if member["name"] not in sealed}
     to = tried.streams(tried.choose_pairs(networks, networks, pairs), list(networks), length)
     return {"to": to, "seconds": math.ceil(tried.number(to) * length + len(to) * tried.START)}
 

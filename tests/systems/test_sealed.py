@@ -47,7 +47,9 @@ def test_robots_talk_with_a_sealed_roscore(lab):
     assert "ready" in lab.run(OTHER, hear.format("/hsr/pose"))
     assert "ready" in lab.run(COMPANION, hear.format("/kobuki/status"))
     assert "ready" in lab.run(SEALED, f"env {MAKER} {hear.format('/kobuki/status')}")
-    wait_until(lambda: SEALED in lab.run(OTHER, "rosservice call /grip/where", check=False), 20, "its service is called")
+    wait_until(
+        lambda: SEALED in lab.run(OTHER, "rosservice call /grip/where", check=False), 20, "its service is called"
+    )
 
 
 def test_a_second_run_changes_nothing(lab):

@@ -64,7 +64,7 @@ class Ways:
             self._at.update({str(gateway.address): gateway.title, str(gateway.common_address): gateway.title})
         self.titles = frozenset(gateway.title for gateway in self.gateways.values())
         self.master_uris: Mapping[str, tuple[str, ...]] = fleet.master_uris  # by robot
-        self.sealed_roscores: Mapping[str, str] = fleet.sealed_roscores  # by companion
+        self.sealed_roscores: Mapping[str, str] = fleet.companions  # by companion
         self.master_at: Mapping[str, Master] = {master.computer: master for master in fleet.masters}
         self.parts: dict[tuple[str, str], frozenset[Part]] = {}  # between two computers, as needs.way finds them
 

@@ -553,9 +553,7 @@ def _judge_list_masters(case: Case) -> Judgement | None:
         return None
     master = case.master
     entry = case.observer.listed.get(master.name)
-    good = (
-        entry is not None and entry.online and _has_planned_uri(entry, case) and _has_planned_address(entry, case)
-    )
+    good = entry is not None and entry.online and _has_planned_uri(entry, case) and _has_planned_address(entry, case)
     expected = f"{master.name} online, {master.uri}, monitored at {master.monitor_uri}"
     if entry is None:
         error = case.probe.list_masters.error

@@ -140,7 +140,12 @@ class _Diagnosis:
         case = self.verification.case(check, row.observer, row.target)
         told = case.ways.seal(find_parts(case, check.outcome(case), check.carries))
         shown = told if len(told) == 1 else frozenset()
-        if evidence := self._find_drop(check, row) or self._read_end(row) or case.ways.seal(check.evidence(case)) or shown:
+        if (
+            evidence := self._find_drop(check, row)
+            or self._read_end(row)
+            or case.ways.seal(check.evidence(case))
+            or shown
+        ):
             for part in evidence:
                 self._finding(part).proof.append(row)
         else:

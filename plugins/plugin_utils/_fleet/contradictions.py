@@ -17,7 +17,7 @@ from ipaddress import IPv4Address
 from .exports import FILTERS, FROM_CLIENT, FROM_SERVER, KINDS, Export, make_node_filters, topics_of
 from .filters import BUILT_IN, WHITE_LISTS, Filters, matches, usable
 from .flows import list_givers, make_flows
-from .kinds import Sealed
+from .kinds import SealedComputer
 from .sentences import shorten_list
 from .values import nearest
 
@@ -246,7 +246,7 @@ class SealedRobot:
 
     name: str
     hosts: Sequence[str]
-    sealed: Mapping[str, Sealed]
+    sealed: Mapping[str, SealedComputer]
     master: str | None
     companion: str | None
     gateway: str | IPv4Address | None

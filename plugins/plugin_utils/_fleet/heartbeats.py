@@ -54,7 +54,8 @@ def find_unreachable_masters(fleet: Fleet) -> list[str]:
     if fleet.variables.transport != "multicast" or len(fleet.robots) < 2:
         return []
     return [
-        f"{robot.companion.name}: is the {'companion of the ' if robot.master.sealed else ''}master of the robot {robot.name} behind the gateway {robot.gateway.title}, and "
+        f"{robot.companion.name}: is the {'companion of the ' if robot.master.sealed else ''}master of the robot {robot.name} behind "
+        f"the gateway {robot.gateway.title}, and "
         f"multimaster_transport is 'multicast'; expected a way to it, since nobody passes {group} on there: set multimaster_transport to "
         "'both'"
         + (" or multimaster_multicast_routing to 'smcroute'" if robot.gateway.name else "")

@@ -63,13 +63,15 @@ def address(value: Any) -> IPv4Address:
     """Read the IPv4 address of one computer."""
     parsed = _parse(ip_address, value, "an IPv4 address such as 192.168.1.229")
     if isinstance(parsed, IPv6Address):
-        raise UnexpectedValue("an IPv4 address such as 192.168.1.229, since the nodes of ROS 1 are reached by IPv4 alone here")
+        raise UnexpectedValue(
+            "an IPv4 address such as 192.168.1.229, since the nodes of ROS 1 are reached by IPv4 alone here"
+        )
     if not isinstance(parsed, IPv4Address) or parsed.is_loopback or parsed.is_multicast or parsed.is_unspecified:
         raise UnexpectedValue("the IPv4 address of one computer, such as 192.168.1.229")
     return parsed
 
 
-class Sealed(NamedTuple):
+class SealedComputer(NamedTuple):
     """A computer where Ansible does not log in: its address, and its further names."""
 
     address: IPv4Address
@@ -80,7 +82,10 @@ class Sealed(NamedTuple):
         return " ".join([str(self.address), *self.aliases])
 
 
-def sealed(value: Any) -> Mapping[str, Sealed]:
+SEALED = ("address", "aliases")
+
+
+def seals(value: Any) -> Mapping[str, SealedComputer]:
     """Read the sealed computers of a robot: each name with its address, or with `address` and `aliases`."""
     expected = "names of computers with their addresses, such as {hsrb: 192.168.1.40}"
     if not isinstance(value, Mapping):
@@ -88,15 +93,18 @@ def sealed(value: Any) -> Mapping[str, Sealed]:
     for key, entry in value.items():
         if not is_host_name(key) or key.lower() == "localhost":
             raise UnexpectedValue(f"{expected}, but '{key}' is no name")
-        if isinstance(entry, Mapping) and entry.keys() - {"address", "aliases"}:
-            raise UnexpectedValue(f"'address' and 'aliases' of '{key}'{nearest(str(min(entry.keys() - {'address', 'aliases'}, key=str)), ('address', 'aliases'))}")
-    return {str(key): _sealed(entry) for key, entry in value.items()}
+        unknown = sorted(map(str, set(entry) - set(SEALED))) if isinstance(entry, Mapping) else []
+        if unknown:
+            raise UnexpectedValue(
+                f"'address' and 'aliases' of '{key}'{nearest(unknown[0], SEALED)}, but '{unknown[0]}' is neither"
+            )
+    return {str(key): _seal(entry) for key, entry in value.items()}
 
 
-def _sealed(entry: Any) -> Sealed:
+def _seal(entry: Any) -> SealedComputer:
     if isinstance(entry, Mapping):
-        return Sealed(address(entry.get("address")), tuple(names(entry.get("aliases", ()))))
-    return Sealed(address(entry))
+        return SealedComputer(address(entry.get("address")), tuple(names(entry.get("aliases", ()))))
+    return SealedComputer(address(entry))
 
 
 def gateway(value: Any) -> str | IPv4Address:

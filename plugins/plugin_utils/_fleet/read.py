@@ -58,7 +58,7 @@ class _InventoryValues:
         """Return (name, hosts, values) of each robot, also of those without hosts."""
         return ((name, hosts, self.own.get(name, {})) for name, hosts in self.inventory.robots.items())
 
-    def sealed(self) -> Mapping[str, kinds.Sealed]:
+    def seals(self) -> Mapping[str, kinds.SealedComputer]:
         """Return the sealed computers of all robots."""
         return {name: entry for own in self.own.values() for name, entry in own.get("multimaster_sealed", {}).items()}
 
@@ -264,7 +264,7 @@ def _find_ambiguous_names(reading: _InventoryValues) -> Iterator[str]:
         for host, values in reading.hosts.items()
         if "multimaster_address" in values
     }
-    aliases |= {name: entry.aliases for name, entry in reading.sealed().items() if name not in aliases}
+    aliases |= {name: entry.aliases for name, entry in reading.seals().items() if name not in aliases}
     for computer, others in aliases.items():
         for name in (computer, *others):
             first = owner.setdefault(name.lower(), computer)
@@ -284,7 +284,7 @@ def _find_network_problems(reading: _InventoryValues, router: Router | None) -> 
     raw = reading.inventory.variables
     return networks.find_network_problems(
         common=reading.shared.get("multimaster_common_network"),
-        addresses={name: entry.address for name, entry in reading.sealed().items()}
+        addresses={name: entry.address for name, entry in reading.seals().items()}
         | {
             host: values["multimaster_address"]
             for host, values in reading.hosts.items()
@@ -406,7 +406,7 @@ def _make_computer(reading: _InventoryValues, robot: str, host: str, gateway: Ga
     return Computer(host, robot, gateway.common_address if host == gateway.name else None, values)
 
 
-def _make_sealed_computer(robot: str, name: str, entry: kinds.Sealed, gateway: Gateway | None) -> Computer:
+def _make_sealed_computer(robot: str, name: str, entry: kinds.SealedComputer, gateway: Gateway | None) -> Computer:
     raw = {"multimaster_address": entry.address, "multimaster_aliases": list(entry.aliases)}
     defaults = {row.name: row.read(row.default) for row in variables.OF_COMPUTER if row.default is not None}
     values = _make_variables(variables.ComputerVariables, {**defaults, **raw})

@@ -209,8 +209,8 @@ class RobotVariables:
         "The computer of the robot that runs the roscore. Default: the only computer. Required where there are several.",
         "kobuki1computer",
     )
-    sealed: Mapping[str, kinds.Sealed] = row(
-        kinds.sealed,
+    sealed: Mapping[str, kinds.SealedComputer] = row(
+        kinds.seals,
         "Computers of the robot where one may not log in, by their names: the address of each, or its `address` and `aliases`. They "
         "are no hosts of the inventory. One of them may be `multimaster_master`. See docs/operate/sealed.md.",
         "{hsrb: 192.168.1.40}",

@@ -287,7 +287,7 @@ class FleetPlan:
         }
 
     @cached_property
-    def sealed_roscores(self) -> Mapping[str, str]:
+    def companions(self) -> Mapping[str, str]:
         """The sealed computer with the roscore of each companion, by the companion."""
         sealed = {plan.address: name for name, plan in self.computers.items() if plan.sealed}
         return {master.computer: sealed[master.roscore] for master in self.masters if master.roscore in sealed}

@@ -19,7 +19,9 @@ LOOKED_AT_WITH_ROS = ("ros", "packages", "ports", "exports", "sshd", "environmen
 def fleet_plan(fleet: Fleet) -> model.FleetPlan:
     """Return the plan of the fleet; the router has an entry among the computers, too."""
     computers = {
-        computer.name: _plan_sealed(fleet, robot, computer) if computer.sealed else _plan_computer(fleet, robot, computer)
+        computer.name: _plan_sealed(fleet, robot, computer)
+        if computer.sealed
+        else _plan_computer(fleet, robot, computer)
         for robot in fleet.robots
         for computer in robot.computers
     }

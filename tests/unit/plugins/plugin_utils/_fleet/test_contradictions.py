@@ -37,7 +37,10 @@ WRONG = {
         problems(multimaster_master="hsr-pc", multimaster_companion="hsr-pc"),
         "but multimaster_master of the robot hsr is no sealed computer",
     ),
-    "names": (problems(multimaster_advertise="name"), "hsrb: is in multimaster_sealed, but multimaster_advertise is 'n"),
+    "names": (
+        problems(multimaster_advertise="name"),
+        "hsrb: is in multimaster_sealed, but multimaster_advertise is 'n",
+    ),
     "managed roscore": (problems(multimaster_roscore="managed"), "hsrb: is sealed, but multimaster_roscore of the rob"),
     "other nodes": (problems(multimaster_provider="fkie_apt"), "hsrb: is sealed, but multimaster_provider of the robo"),
     "sealed gateway": (
@@ -53,7 +56,10 @@ WRONG = {
         problems(multimaster_sealed={"kobuki-pc": "192.168.1.40"}, multimaster_master="hsr-pc"),
         "kobuki-pc: is a host of the inventory, and in multimaster_sealed of the robot hsr; expected one of the two",
     ),
-    "outside": (problems(multimaster_sealed={"hsrb": "192.168.2.40"}), "hsrb: multimaster_sealed is 192.168.2.40, which"),
+    "outside": (
+        problems(multimaster_sealed={"hsrb": "192.168.2.40"}),
+        "hsrb: multimaster_sealed is 192.168.2.40, which",
+    ),
     "same address": (problems(multimaster_sealed={"hsrb": "192.168.1.41"}), "is 192.168.1.41, which hsrb has too"),
     "same name": (
         problems(multimaster_sealed={"hsrb": {"address": "192.168.1.40", "aliases": ["Kobuki-PC"]}}),
@@ -79,7 +85,9 @@ def test_a_wrong_seal_is_one_sentence(case):
 def test_one_sealed_computer_has_one_robot():
     sealed = {**SHARED, **HSR}
     values = {f"hsr{n}-pc": {**sealed, "multimaster_address": f"192.168.1.{n}"} for n in (1, 2)}
-    with pytest.raises(InventoryProblems, match="hsrb: is in multimaster_sealed of the robots hsr1 and hsr2; expected one"):
+    with pytest.raises(
+        InventoryProblems, match="hsrb: is in multimaster_sealed of the robots hsr1 and hsr2; expected one"
+    ):
         read.read_fleet(Inventory(robots={"hsr1": ["hsr1-pc"], "hsr2": ["hsr2-pc"]}, variables=values))
 
 
