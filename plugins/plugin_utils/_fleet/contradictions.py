@@ -259,7 +259,7 @@ class SealedRobot:
         return self.master in self.sealed
 
     @property
-    def where(self) -> str:
+    def file(self) -> str:
         """The file with the variables of the robot."""
         return f"group_vars/{self.name}.yml"
 
@@ -272,7 +272,7 @@ def find_wrong_seals(robots: Sequence[SealedRobot], hosts: Collection[str], adve
             if name in hosts:
                 yield (
                     f"{name}: is a host of the inventory, and in multimaster_sealed of the robot {robot.name}; expected one of the two, "
-                    f"since Ansible logs in to each host: take it out of its group, or out of multimaster_sealed in {robot.where}."
+                    f"since Ansible logs in to each host: take it out of its group, or out of multimaster_sealed in {robot.file}."
                 )
             elif owner.setdefault(name, robot.name) != robot.name:
                 yield (
@@ -295,23 +295,23 @@ def _find_wrong_companion(robot: SealedRobot) -> Iterator[str]:
         if robot.has_sealed_master and len(robot.hosts) > 1:
             yield (
                 f"{host}: multimaster_companion is not set, but the master of the robot {robot.name}, {robot.master}, is sealed; expected "
-                f"the computer that runs discovery and sync for it, one of {choices}: set it in {robot.where}."
+                f"the computer that runs discovery and sync for it, one of {choices}: set it in {robot.file}."
             )
     elif companion in robot.sealed:
         yield (
             f"{host}: multimaster_companion is {companion}, which is sealed; expected a computer where Ansible may log in, one of "
-            f"{choices}: correct it in {robot.where}."
+            f"{choices}: correct it in {robot.file}."
         )
     elif companion not in robot.hosts:
         yield (
             f"{host}: multimaster_companion is '{companion}', which is no computer of the robot {robot.name}; expected one of "
-            f"{choices}{nearest(companion, robot.hosts)}: correct it in {robot.where}."
+            f"{choices}{nearest(companion, robot.hosts)}: correct it in {robot.file}."
         )
     elif not robot.has_sealed_master:
         yield (
             f"{host}: multimaster_companion is {companion}, but multimaster_master of the robot {robot.name} is no sealed computer; "
             f"expected one of multimaster_sealed, since any other master runs its nodes itself: correct multimaster_master, or "
-            f"remove multimaster_companion in {robot.where}."
+            f"remove multimaster_companion in {robot.file}."
         )
 
 
@@ -321,17 +321,17 @@ def _find_tasks_of_sealed(robot: SealedRobot) -> Iterator[str]:
     if gateways:
         yield (
             f"{gateways[0]}: is sealed, and multimaster_gateway of the robot {robot.name}; expected a gateway that can be set up: a computer "
-            f"of the inventory, or a device for which playbooks/router_config.yml writes what to paste: correct it in {robot.where}."
+            f"of the inventory, or a device for which playbooks/router_config.yml writes what to paste: correct it in {robot.file}."
         )
     if not robot.has_sealed_master:
         return
     if robot.roscore == "managed":
         yield (
             f"{robot.master}: is sealed, but multimaster_roscore of the robot {robot.name} is 'managed'; expected 'existing', since its own "
-            f"system starts the roscore there: correct it in {robot.where}."
+            f"system starts the roscore there: correct it in {robot.file}."
         )
     if robot.provider not in (None, "bundled"):
         yield (
             f"{robot.master}: is sealed, but multimaster_provider of the robot {robot.name} is '{robot.provider}', whose nodes run beside "
-            f"their roscore alone; expected 'bundled', whose nodes can run on another computer: correct it in {robot.where}."
+            f"their roscore alone; expected 'bundled', whose nodes can run on another computer: correct it in {robot.file}."
         )
