@@ -136,7 +136,7 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         networks=_interfaces(fleet, robot, computer),
         is_master=is_master,
         is_gateway=is_gateway,
-        roscore="sealed" if robot.master.sealed else robot.variables.roscore,
+        roscore=_roscore(robot),
         roscore_port=robot.variables.roscore_port,
         ros_setup=computer.variables.ros_setup,
         sysctl=_sysctl(fleet) + (FORWARDING if is_gateway else ()),
@@ -158,6 +158,11 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         limits=tuple(parameters.list_limits(fleet, robot)) if is_master else (),
         listens=is_master or computer.common_address is not None,
     )
+
+
+def _roscore(robot: Robot) -> str:
+    """Return who starts the roscore: the collection, something else on this computer, or a sealed computer."""
+    return "sealed" if robot.master.sealed else robot.variables.roscore
 
 
 def _plan_sealed(fleet: Fleet, robot: Robot, computer: Computer) -> model.ComputerPlan:
@@ -322,7 +327,7 @@ def _services(robot: Robot, is_master: bool) -> tuple[str, ...]:
     """Return the services of a computer of a robot, in the order in which they start."""
     if not is_master:
         return ("address",)
-    roscore = ("roscore",) if robot.variables.roscore == "managed" and not robot.master.sealed else ()
+    roscore = ("roscore",) if _roscore(robot) == "managed" else ()
     connections = ("connections",) if robot.variables.provider == "bundled" else ()
     metrics = ("metrics",) if parameters.writes_metrics(robot) else ()
     return ("address", *roscore, "discovery", *connections, "sync", *metrics)
