@@ -11,9 +11,9 @@ from ansible.module_utils.parsing.convert_bool import boolean
 from ansible.plugins.action import ActionBase
 from ansible.release import __version__
 
+from ..plugin_utils._changes.refusal import refuse
 from ..plugin_utils._data.plain import Mismatch, from_plain, to_plain
 from ..plugin_utils._fleet.plain_text import LINE, plain
-from ..plugin_utils._fleet.sentences import number_problems
 from ..plugin_utils._plan import preflight
 from ..plugin_utils._plan.model import ComputerPlan
 
@@ -41,7 +41,6 @@ class ActionModule(ActionBase):
         result.update(changed=False, warnings=[plain(text, LINE) for text in comparison.warnings])
         if problems and boolean(self._task.args.get("refuse", True)):
             # Ansible prints the result of a failed task. So the plan, which no task uses then, is not in it.
-            result.update(failed=True, problems=problems, noted=[], msg=number_problems(problems))
-            return result
+            return {**result, "noted": [], **refuse(problems)}
         result.update(to_plain(comparison.plan), found=to_plain(comparison.state), problems=[], noted=problems)
         return result

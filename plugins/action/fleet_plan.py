@@ -12,9 +12,9 @@ from ansible.errors import AnsibleError
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ansible.plugins.action import ActionBase
 
+from ..plugin_utils._changes.refusal import refuse
 from ..plugin_utils._data.plain import to_plain
 from ..plugin_utils._fleet import read, variables
-from ..plugin_utils._fleet.sentences import number_problems
 from ..plugin_utils._options import roles
 from ..plugin_utils._plan.plan import fleet_plan
 
@@ -39,8 +39,7 @@ class ActionModule(ActionBase):
         except read.InventoryProblems as error:
             problems = [*error.problems, *problems]
         if problems:
-            result.update(failed=True, problems=problems, msg=number_problems(problems))
-            return result
+            return {**result, **refuse(problems)}
         result.update(
             changed=False,
             msg=f"{len(plan.masters)} robots with {len(plan.members)} computers on {plan.common_network}",
@@ -57,24 +56,26 @@ def read_inventory(task_vars: Mapping[str, Any], group: str, router_group: str) 
     """
     hostvars = task_vars["hostvars"]
     root = hostvars._inventory.groups.get(group)
-    robots = (
-        {}
-        if root is None
-        else {
-            str(child.name): [str(host.name) for host in child.get_hosts()]
-            for child in sorted(root.child_groups, key=lambda child: child.name)
-        }
-    )
+    children = [] if root is None else sorted(root.child_groups, key=lambda child: child.name)
+    robots = {str(child.name): _host_names(child) for child in children}
     hosts = [host for of_robot in robots.values() for host in of_robot]
-    members = [] if root is None else [str(host.name) for host in root.get_hosts()]
+    members = [] if root is None else _host_names(root)
     of_router = hostvars._inventory.groups.get(router_group)
-    routers = [] if of_router is None else [str(host.name) for host in of_router.get_hosts()]
+    routers = [] if of_router is None else _host_names(of_router)
     return read.Inventory(
         robots=robots,
         variables={host: _variables_of(host, hostvars[host]) for host in (*hosts, *routers)},
         strays=[host for host in members if host not in hosts],
         routers=routers,
+        parts={
+            str(child.name): {str(part.name): _host_names(part) for part in child.child_groups} for child in children
+        },
     )
+
+
+def _host_names(group: Any) -> list[str]:
+    """Return the names of the hosts of a group of Ansible's, with those of its child groups."""
+    return [str(host.name) for host in group.get_hosts()]
 
 
 def _variables_of(host: str, hostvars: Mapping[str, Any]) -> dict[str, Any]:

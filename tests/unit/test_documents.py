@@ -3,6 +3,7 @@
 
 """The pages: each link leads somewhere, each page that a file names is there, the index has them all; the README's inventory works."""
 
+import configparser
 import os
 import re
 import subprocess
@@ -123,6 +124,26 @@ def test_the_inventory_of_the_readme_is_the_shipped_one():
     shipped = {str(path.relative_to(folder)): yaml.safe_load(path.read_text()) for path in folder.rglob("*.yml")}
     assert len(blocks) == 4 == text("README.md").count("```yaml")
     assert {name: yaml.safe_load(block) for name, block in blocks} == shipped
+
+
+def test_the_table_of_the_playbooks_has_each_one():
+    listed = set(re.findall(r"^\| `rosfleet.+?\|", text("docs/start/playbooks.md"), re.MULTILINE))
+    names = {name for row in listed for name in re.findall(r"rosfleet\.multimaster\.(\w+)", row)}
+    assert names == {Path(name).stem for name in THERE if re.fullmatch(r"playbooks/\w+\.yml", name)}
+
+
+def test_a_page_for_users_calls_playbooks_by_their_installed_names():
+    pages = {page: text(page) for page in PAGES if not page.startswith("docs/develop/")}
+    command = re.compile(r"ansible-(?:playbook|navigator) [^\n`]*?(?<![\w/])(?:playbooks/\w+|site)\.yml.*")
+    assert {page: found for page, words in pages.items() if (found := command.findall(words))} == {}
+
+
+def test_the_settings_of_ansible_for_users_are_those_of_the_checkout():
+    (block,) = re.findall(r"^```ini\n(.*?)^```$", text("docs/start/playbooks.md"), re.DOTALL | re.MULTILINE)
+    told, own = configparser.ConfigParser(), configparser.ConfigParser()
+    told.read_string(block)
+    own.read_string(text("ansible.cfg"))
+    assert [told[part] for part in told] and all(told[part].items() <= own[part].items() for part in told)
 
 
 def test_the_readme_is_short():

@@ -58,6 +58,7 @@ DOORS = {
             "action/fleet_report.py",
             "action/fleet_summary.py",
             "action/fleet_watch.py",
+            "plugin_utils/_changes/refusal.py",
         },
         "warning": set(),
     },

@@ -26,7 +26,10 @@ CONNECTION = re.compile(
 )
 SECRET = re.compile(r"ansible_(\w+_)?(pass|password|passphrase|pwd|token|secret)\w*|ansible_\w*_private_key")
 
-_SECRET_INSIDE = re.compile(r"pass(word|wd|phrase)?\b|sshpass|token|secret", re.IGNORECASE)
+# ProxyUseFdpass is an option of ssh, which hands over a file descriptor. It may follow its `-o` without a space.
+_SECRET_INSIDE = re.compile(
+    r"(?!o?ProxyUseFdpass\b)\b\w*?(pass(word|wd|phrase)?\b|sshpass|token|secret)", re.IGNORECASE
+)
 
 Connections = Mapping[str, Mapping[str, Any]]  # machine -> its variables of the list, as they are written there
 Ways = Mapping[str, Sequence[str]]  # machine -> the lines that say how it is reached
@@ -62,7 +65,7 @@ def _group(title: str, notes: Iterable[str], lines: Iterable[str]) -> str:
 def _hosts(proposal: Proposal, ways: Ways) -> str:
     lines = _comment(
         [
-            "Written by playbooks/adopt.yml, which looked at the machines. A comment says what was guessed: read it, and correct it.",
+            "Written by rosfleet.multimaster.adopt, which looked at the machines. A comment says what was guessed: read it, and correct it.",
             'A group below "robots" is a robot; a host of that group is a computer of it.',
             *(f"Left out: {name}, since {why}." for name, why in sorted(proposal.left_out.items())),
         ]

@@ -155,7 +155,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("computer", "unmeasured"): Fault(
         "{place} could not be looked at: {what}",
-        "see on the controller: ansible-playbook playbooks/verify.yml -vv --limit {place}",
+        "see on the controller: ansible-playbook rosfleet.multimaster.verify -vv --limit {place}",
         read=READ,
         what="a measurement gave no result",
     ),

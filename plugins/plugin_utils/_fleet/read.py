@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any, TypeVar
 
@@ -43,6 +43,9 @@ class Inventory:
     variables: Mapping[str, Mapping[str, Any]]  # host -> its multimaster_* variables
     strays: Sequence[str] = ()  # hosts of the robots' group outside its child groups
     routers: Sequence[str] = ()  # hosts of the group `routers`
+    parts: Mapping[str, Mapping[str, Sequence[str]]] = field(
+        default_factory=dict
+    )  # robot -> its child groups -> their hosts
 
 
 @dataclass(frozen=True)
@@ -73,10 +76,11 @@ def read_fleet(inventory: Inventory) -> Fleet:
             ]
         )
     problems: list[str] = []
+    inventory = _open_collections(inventory, problems)
     reading = _read_values(inventory, problems)
     router = _read_router(reading, problems)
     for name, hosts, own in reading.robots():
-        problems += _find_robot_problems(name, hosts, own)
+        problems += _find_robot_problems(name, hosts, own, inventory.variables)
     problems += [
         *_find_ambiguous_names(reading),
         *_find_network_problems(reading, router),
@@ -91,6 +95,34 @@ def read_fleet(inventory: Inventory) -> Fleet:
     if problems:
         raise InventoryProblems(_collapse(problems, [*reading.hosts, *inventory.routers]))
     return fleet
+
+
+# Groups
+
+
+def _open_collections(inventory: Inventory, problems: list[str]) -> Inventory:
+    """Return the inventory with its robots directly below `robots`, as the corrected one has them.
+
+    A group of several robots looks like one robot whose computers agree on no master. Of the robots in it, the other
+    sentences are true; of the group, none would be.
+    """
+    robots: dict[str, Sequence[str]] = {}
+    strays = list(inventory.strays)
+    for name, hosts in inventory.robots.items():
+        groups = {group: members for group, members in inventory.parts.get(name, {}).items() if members}
+        masters = {str(inventory.variables.get(host, {}).get("multimaster_master")) for host in hosts}
+        is_robot = len(groups) < 2 or len(hosts) < 2 or (len(masters) == 1 and masters != {"None"})
+        if is_robot:
+            robots[name] = hosts
+            continue
+        problems.append(
+            f"The group {name}: stands between 'robots' and the groups {', '.join(groups)}, so it is one robot, but its computers "
+            "have no multimaster_master in common; expected each robot directly below 'robots': put these groups there. Is it "
+            f"one robot? Then set multimaster_master in group_vars/{name}.yml."
+        )
+        robots.update(groups)
+        strays += [host for host in hosts if not any(host in members for members in groups.values())]
+    return dataclasses.replace(inventory, robots=robots, strays=strays)
 
 
 # Reading of values
@@ -130,7 +162,12 @@ def _read_host(host: str, raw: Mapping[str, Any], problems: list[str]) -> Values
             problems.append(
                 f"{host}: {variable.name} is {_quote_value(value)}; expected {expected}: correct it in the inventory."
             )
-    if not kinds.is_host_name(host) or host.lower() == "localhost":
+    if host.lower() == "localhost":
+        problems.append(
+            f"{host}: its name in the inventory is '{host}', which every computer is for itself; expected the name by which the other "
+            "computers know it: rename it. With ansible_connection: local, Ansible still does not use ssh for it."
+        )
+    elif not kinds.is_host_name(host):
         problems.append(
             f"{host}: its name in the inventory is '{host}'; expected a host name of letters, digits and hyphens "
             "(RFC 1123), since it is the name by which the other computers know it: rename it."
@@ -231,7 +268,9 @@ def _read_router(reading: _InventoryValues, problems: list[str]) -> Router | Non
 # Comparing of values
 
 
-def _find_robot_problems(name: str, hosts: Sequence[str], own: Values) -> Iterator[str]:
+def _find_robot_problems(
+    name: str, hosts: Sequence[str], own: Values, raw: Mapping[str, Mapping[str, Any]]
+) -> Iterator[str]:
     """Yield the problem of a robot: it has no computers, no master, or one port for two programs."""
     # The only computer of a robot is its master.
     master = own.get("multimaster_master", hosts[0] if len(hosts) == 1 else None)
@@ -239,6 +278,8 @@ def _find_robot_problems(name: str, hosts: Sequence[str], own: Values) -> Iterat
     port = own.get("multimaster_rpc_port")
     if not hosts:
         yield f"The robot {name} has no computers: its group is empty; expected at least one host: add it or remove the group."
+    elif master is None and any(raw.get(host, {}).get("multimaster_master") is not None for host in hosts):
+        pass  # it is set, to what cannot be read: that has its sentence
     elif master is None:
         yield (
             f"{hosts[0]}: multimaster_master is not set; expected the computer of the robot {name} that runs its roscore, "
@@ -273,7 +314,7 @@ def _find_ambiguous_names(reading: _InventoryValues) -> Iterator[str]:
                     f"{computer}: the name {name} also means {first}; expected names that mean one computer each "
                     "(case does not count): rename one, or correct multimaster_aliases."
                 )
-            if name.lower() == "localhost":
+            if name.lower() == "localhost" and name != computer:
                 yield (
                     f"{computer}: multimaster_aliases has localhost, which every computer is for itself; expected names of "
                     "this computer alone: remove it."

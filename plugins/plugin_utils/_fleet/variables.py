@@ -98,7 +98,7 @@ class FleetVariables:
     router: IPv4Address | None = row(
         kinds.address,
         "The address of the router in the common network, where the router is a device that Ansible does not manage. "
-        "`playbooks/router_config.yml` writes its configuration. Default: the host of the group `routers`, if there is one.",
+        "`rosfleet.multimaster.router_config` writes its configuration. Default: the host of the group `routers`, if there is one.",
         "192.168.1.1",
     )
     transport: str = word(
@@ -205,7 +205,7 @@ class RobotVariables:
         "networks",
     )
     master: str | None = row(
-        kinds.name,
+        kinds.text,  # compared with the computers of the robot: that sentence names them
         "The computer of the robot that runs the roscore. Default: the only computer. Required where there are several.",
         "kobuki1computer",
     )

@@ -3,6 +3,7 @@
 
 """The files of an adopted inventory: golden ones, and what Ansible reads of them."""
 
+import json
 import os
 import pathlib
 import sys
@@ -95,6 +96,21 @@ def test_no_secret_is_written():
     infos, connections = CASES["untidy"]
     text = "".join(write.files(adopted(infos), connections).values())
     assert "sshpass" not in text and "password: x" not in text and "no way" not in text and "1.2.3.4" not in text
+
+
+@pytest.mark.parametrize("options", ["-o ProxyUseFdpass=yes", "-oProxyUseFdpass=yes -o ProxyCommand='nc %h 22'"])
+def test_an_option_of_ssh_is_no_secret(options):
+    infos, _connections = CASES["untidy"]
+    given = {name: {"ansible_ssh_common_args": options} for name in infos}
+    assert json.dumps(options) in "".join(write.files(adopted(infos), given).values())
+
+
+@pytest.mark.parametrize("word", ["pass", "sshpass -p x", "my_password", "ProxyUseFdpass=yes token=1", "DB_PASSWD=1"])
+def test_a_word_of_a_secret_is_found(word):
+    infos, _connections = CASES["untidy"]
+    given = {name: {"ansible_ssh_common_args": f"-o X='{word}'"} for name in infos}
+    text = "".join(write.files(adopted(infos), given).values())
+    assert word not in text and "ansible_ssh_common_args: a secret" in text
 
 
 HOSTILE = "x\n  evil: {{ lookup('pipe', 'id') }}\u202e\x1b[31m"

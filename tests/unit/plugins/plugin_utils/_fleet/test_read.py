@@ -311,6 +311,24 @@ WRONG = {
         lambda robots, variables: robots["kobuki2"].append("kobuki1computer"),
         ["kobuki1computer: is in the groups of 2 robots (kobuki1, kobuki2)", "multimaster_master is not set"],
     ),
+    "localhost": (
+        lambda robots, variables: (
+            robots.update(kobuki1=["localhost"]),
+            variables.update(localhost=variables.pop("kobuki1computer")),
+        ),
+        ["localhost: its name in the inventory is 'localhost', which every computer is for itself; expected the name"],
+    ),
+    "underscore in the master": (
+        setting("kobuki2computer", multimaster_master="kobuki2_computer"),
+        [
+            "kobuki2computer: multimaster_master is 'kobuki2_computer', which is no computer of the robot kobuki2; expected one of "
+            "kobuki2computer (did you mean kobuki2computer?): correct it in group_vars/kobuki2.yml."
+        ],
+    ),
+    "master that is a number": (
+        setting("kobuki2computer", multimaster_master=7),
+        ["kobuki2computer: multimaster_master is 7; expected a text that is not empty"],
+    ),
     "robot without computers": (
         lambda robots, variables: robots.update(ghost=[]),
         ["The robot ghost has no computers"],
@@ -393,6 +411,43 @@ def test_all_problems_are_found_in_one_pass():
         setting("kobuki2computer", multimaster_exports=[{"topics": ["/pose"], "to": ["kobuki2"]}])(robots, variables)
 
     assert len(problems(change)) == 3
+
+
+def between(**changes):
+    """The fleet of Fig. 5, whose robots are in a group of their own below `robots`."""
+    data = copy.deepcopy(KOBUKIS)
+    robots = {**data["robots"], **changes.pop("robots", {})}
+    for name, variables in changes.items():
+        data["variables"].setdefault(name, dict(data["variables"]["kobuki1computer"])).update(variables)
+    hosts = [host for members in robots.values() for host in members]
+    return fleet_module.Inventory(robots={"lab": hosts}, variables=data["variables"], parts={"lab": robots})
+
+
+def test_a_group_between_robots_and_a_robot_is_named():
+    with pytest.raises(fleet_module.InventoryProblems) as caught:
+        fleet_module.read_fleet(between())
+    (sentence,) = caught.value.problems
+    assert sentence.startswith(
+        "The group lab: stands between 'robots' and the groups kobuki1, kobuki2, so it is one robot"
+    )
+    assert sentence.endswith(
+        "put these groups there. Is it one robot? Then set multimaster_master in group_vars/lab.yml."
+    )
+
+
+def test_robots_below_a_group_between_are_read_as_robots():
+    masters = {f"kobuki{number}computer": {"multimaster_master": f"kobuki{number}computer"} for number in (1, 2)}
+    masters["kobuki2computer"]["multimaster_transport"] = "radio"
+    with pytest.raises(fleet_module.InventoryProblems) as caught:
+        fleet_module.read_fleet(between(**masters))
+    assert len(caught.value.problems) == 2  # the group, and the value
+    assert not any("multimaster_master is" in text for text in caught.value.problems)
+
+
+def test_a_robot_may_have_groups_of_its_own():
+    master = {"multimaster_master": "kobuki1computer"}
+    (robot,) = fleet_module.read_fleet(between(kobuki1computer=master, kobuki2computer=master)).robots
+    assert (robot.name, robot.master.name) == ("lab", "kobuki1computer")
 
 
 def test_one_wrong_line_of_the_inventory_is_one_sentence():
