@@ -14,6 +14,7 @@ import fcntl
 import json
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -106,6 +107,7 @@ class Rehearsal:
     name: str
     prepared: Preparation
     work: Path
+    keep: bool = False  # leave a fleet that is set up
     connection: Path = Path()
     seconds: dict[str, float] = field(default_factory=dict)
     wrong: list[str] = field(default_factory=list)
@@ -242,8 +244,19 @@ class Rehearsal:
             self.step(f"fault {fault.name}: {fault.title}", lambda fault=fault: self.fault(fault))
         if self.prepared.faults:
             self.step("verify.yml: the faults are taken back", lambda: self.verify("end"))
-        self.step("teardown.yml: take it back", self.teardown)
+        if self.step("teardown.yml: take it back", self.teardown) and self.keep:
+            self.step("site.yml: set up again, to look around", lambda: self.play("site.yml"))
         return not self.wrong
+
+    def explain_kept(self) -> str:
+        """Say how the computers that stay are reached; the paths are those of the checkout."""
+        inventories = " ".join(
+            f"-i {shlex.quote(os.path.relpath(path, ROOT))}" for path in (self.work / "inventory.yml", self.connection)
+        )
+        return (
+            f"  with Ansible, in {ROOT}:\n    .work/venv/bin/ansible-playbook {inventories} playbooks/verify.yml\n"
+            f"  a shell: .work/venv/bin/python lab/lab.py shell --name {self.lab} HOST\n  remove them: make lab-down"
+        )
 
 
 def _wait_or_kill(process: subprocess.Popen[bytes]) -> None:
@@ -277,15 +290,14 @@ def rehearse(options: argparse.Namespace) -> bool:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise LabError(f"the rehearsal {name} is running already: wait for its end.") from None
-        run = Rehearsal(name, prepare(options, work), work)
+        run = Rehearsal(name, prepare(options, work), work, options.keep)
         with contextlib.nullcontext() if options.keep else containers.remove_at_end(run.lab):
             if options.keep:
                 containers.take_down(run.lab)
             run.whole()
-        if options.keep:
-            print(
-                f"  look around: .work/venv/bin/python lab/lab.py shell --name {run.lab} HOST; remove them: make lab-down"
-            )
+        if options.keep and run.connection.name:
+            say("the computers stay")
+            print(run.explain_kept(), flush=True)
         say("the rehearsal")
         print(summarize(run), flush=True)
         return not run.wrong
@@ -315,7 +327,7 @@ def parse_options(words: Sequence[str] | None = None) -> argparse.Namespace:
         help="Debian's release of all computers, or of one",
     )
     parser.add_argument("--overlap", action="store_true", help="rehearse networks that this machine has, too")
-    parser.add_argument("--keep", action="store_true", help="leave the containers at the end")
+    parser.add_argument("--keep", action="store_true", help="leave the containers at the end, with the fleet set up")
     options = parser.parse_args(words)
     if not re.fullmatch(r"[a-z0-9_]*", options.name):
         parser.error(f"--name is '{options.name}'; expected small letters, digits and underscores")

@@ -75,6 +75,27 @@ def test_what_cannot_go_on_ends_the_steps(monkeypatch):
     assert played == ["site.yml"] and run.wrong == ["site.yml: make the fleet talk"]
 
 
+@pytest.mark.parametrize("keep, last", [(False, "playbooks/teardown.yml"), (True, "site.yml")])
+def test_a_fleet_that_is_kept_is_set_up(monkeypatch, keep, last):
+    run, played = rehearsal(), []
+    run.keep = keep
+    for name in ("start", "reboot"):
+        monkeypatch.setattr(rehearse.Rehearsal, name, lambda self: True)
+    monkeypatch.setattr(
+        rehearse.Rehearsal, "play", lambda self, name, variables=None: bool(played.append(name) or True)
+    )
+    assert run.whole() and played[-1] == last and played.count("site.yml") == 1 + keep
+
+
+def test_the_line_by_which_ansible_reaches_what_is_kept():
+    run = rehearsal()
+    run.work, run.connection = rehearse.ROOT / ".work/rehearse/my fleet", rehearse.ROOT / ".work/lab/x/hosts.yml"
+    command = (
+        "ansible-playbook -i '.work/rehearse/my fleet/inventory.yml' -i .work/lab/x/hosts.yml playbooks/verify.yml"
+    )
+    assert command in run.explain_kept()
+
+
 def test_a_failed_step_of_the_lab_is_told_and_others_go_on(monkeypatch, capsys):
     run, steps = rehearsal(), []
 
