@@ -105,6 +105,22 @@ def test_failures_come_first_and_the_page_fits_the_window(browser, pages, width)
     assert browser.js("document.documentElement.scrollWidth") <= width
 
 
+CROSSED = """(svg => {
+    const box = e => e.getBoundingClientRect(), texts = [...svg.querySelectorAll('text')].filter(e => !e.closest('g'));
+    const over = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+    const wires = [...svg.querySelectorAll('.wire')].map(box);
+    return [texts.length, texts.filter(e => wires.some(wire => over(wire, box(e)))).map(e => e.textContent)];
+})(document.querySelector('svg[role=group]'))"""
+
+
+@pytest.mark.parametrize("width", [1300, 390])
+@pytest.mark.parametrize("state", ["wrong", "large"])
+def test_no_wire_of_the_picture_crosses_a_text(browser, pages, state, width):
+    browser.open(pages / f"{state}.html", width=width)
+    number, crossed = browser.js(CROSSED)
+    assert number > 5 and crossed == []
+
+
 @pytest.mark.parametrize("width", [1300, 390])
 def test_the_way_of_packets_can_be_read(browser, pages, width):
     browser.open(pages / "followed.html", width=width)

@@ -27,7 +27,8 @@ SIGNS = {OK: "\u2713", FAILED: "\u2716", WARNING: "\u25b2", UNKNOWN: "?"}  # nev
 WIDTH = 1160  # of the picture; a single robot may need more
 COLUMNS = 2  # computers of a robot side by side
 BOX, GAP, BAR, EDGE = 46, 14, 10, 12  # heights and distances
-HEAD = 62  # the title of a robot, and the robots that it discovers
+AISLE = 18  # width of the aisles at both sides of a robot: wires go there, and texts begin between them
+HEAD = 68  # the title of a robot, and the robots that it discovers
 LETTER = 7.3  # width of a letter
 LONGEST, SHORTEST = 26, 14  # letters of a name that are shown
 MARKS = 4  # marks that are drawn at one place
@@ -37,6 +38,7 @@ text { font: 12px system-ui, sans-serif; fill: var(--ink, #1b1f24) }
 .title { font-weight: 700; font-size: 14px }
 .small { font-size: 11px; fill: var(--soft, #57606a) }
 .box { fill: var(--paper, #fff); stroke: var(--ink, #1b1f24); stroke-width: 1.2 }
+.title, .aside { paint-order: stroke; stroke: var(--pale, #f6f8fa); stroke-width: 5px; stroke-linejoin: round }
 .robot { fill: var(--pale, #f6f8fa); stroke: var(--soft, #57606a); stroke-dasharray: 2 3 }
 .device { stroke-dasharray: 6 3 }
 .bar { fill: var(--bar, #0969da) }
@@ -149,7 +151,7 @@ class _Picture:
             device = _device(self.fleet.computers[router.name])
         else:
             device = _Device(str(router.address), ("router, no computer",), "the router, a device", planned=False)
-        self._wire(EDGE + GAP + self.box // 2, y + BOX, y + BOX + 3 * GAP)
+        self._wire(EDGE + GAP + AISLE // 2, y + BOX, y + BOX + 3 * GAP)
         self._box(device, EDGE + GAP, y)
         return y + self._height(device) + 2 * GAP
 
@@ -162,15 +164,15 @@ class _Picture:
             lines = ("gateway, no computer", str(network.gateway), str(network.common_address))
             front.append(_Device(str(network.gateway), lines, "the gateway of the robot, a device", planned=False))
         y = top + GAP
-        self._text(x + GAP, y + 20, f"robot {shorten(robot)}", "title")
+        self._text(x + GAP + AISLE, y + 20, f"robot {shorten(robot)}", "title")
         for number, line in enumerate(self._describe_discovery(robot)):
-            self._text(x + GAP, y + 37 + 15 * number, line, "small")
+            self._text(x + GAP + AISLE, y + 37 + 15 * number, line, "small aside")
         marks = self.marks.get(robot, ())
         self._marks(x + self.frame - GAP, y + 6, marks)
         y = self._hang(front, x, y + HEAD, top)
         if network is not None:
             if front:
-                self._wire(x + GAP + self.box // 2, top, y + 2 * GAP)
+                self._wire(x + GAP + AISLE // 2, top, y + 2 * GAP)
             y += 2 * GAP
             self._bar(x + GAP, y, self.frame - 2 * GAP, f"own network {network.network}", f"the network of {robot}")
             y = self._hang([_device(plan) for plan in plans if not plan.common_address], x, y + BAR + GAP, y)
@@ -189,11 +191,11 @@ class _Picture:
             yield f"{SIGNS[FAILED]} does not discover {shorten_list(map(shorten, unseen))}"
 
     def _hang(self, devices: Sequence[_Device], x: int, y: int, above: int) -> int:
-        """Draw boxes in columns below a bar; return the y of the next thing."""
+        """Draw boxes in columns below a bar, with wires in the outer aisles; return the y of the next thing."""
         for row in _part(devices, COLUMNS):
             for column, device in enumerate(row):
                 left = x + GAP + column * (self.box + GAP)
-                self._wire(left + self.box // 2, above, y)
+                self._wire(left + (self.box - AISLE // 2 if column else AISLE // 2), above, y)
                 self._box(device, left, y)
             y += max(map(self._height, row)) + GAP
         return y
@@ -212,12 +214,12 @@ class _Picture:
         for number, line in enumerate(device.lines):
             self._text(x + GAP, y + 35 + 14 * number, line, "small")
         self.parts.append("</g>")
-        self._marks(x + self.box, y - 8, marks)
+        self._marks(x + self.box, y - 14, marks)  # above the name
 
     def _bar(self, x: int, y: int, width: int, text: str, place: str) -> None:
         marks = self.marks.get(place, ()) if place else ()
         self.parts.append(f'<rect class="bar{_class(marks)}" x="{x}" y="{y}" width="{width}" height="{BAR}" rx="3"/>')
-        self._text(x + GAP + (0 if place != COMMON else self.box), y - 5, text, "small")
+        self._text(x + GAP + AISLE, y - 5, text, "small")
         self._marks(x + width, y - 8, marks)
 
     def _marks(self, right: int, y: int, marks: Sequence[Mark]) -> None:
