@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-lab lab lab-tests demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop checkout format house readme lock copies shipped
+.PHONY: help setup setup-lab lab lab-tests demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop test-matrix checkout format house readme lock copies shipped
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -65,6 +65,9 @@ test-faults: lab-tests ## the catalogue of faults on real systems, and its table
 
 test-interop: checkout lab-tests ## the bundled nodes with those of multimaster_fkie 1.3.2 (FKIE=checkout)
 	@FKIE="$(abspath $(FKIE))" $(PYTHON) tools/test.py interop
+
+test-matrix: lab ## four versions of ansible-core on the controller by three releases of Debian on the robots, and their table in docs/start/machines.md (a quarter of an hour)
+	@$(PYTHON) tests/matrix/run.py --page
 
 checkout:
 	@test -e "$(FKIE)/fkie_master_discovery/nodes/master_discovery" -a -e "$(FKIE)/fkie_master_sync/nodes/master_sync" \
