@@ -63,8 +63,19 @@ class Controller:
         shutil.rmtree(self.packages, ignore_errors=True)
         wanted = "ansible-core" if self.line == NEWEST else f"ansible-core=={self.line}.*"
         kinds = [f"manylinux_2_{number}_{platform.machine()}" for number in (17, 28, 34)]
-        foreign = [*(f"--platform={kind}" for kind in kinds), "--platform=any", f"--python-version={PYTHON}"]
-        words = ["--only-binary=:all:", *(foreign if self.in_image else []), "--target", str(self.packages), wanted]
+        # pip compares a package with the Python that it runs on itself, also where it installs for another one.
+        foreign = [
+            *(f"--platform={kind}" for kind in kinds),
+            *("--platform=any", f"--python-version={PYTHON}", "--ignore-requires-python"),
+        ]
+        words = [
+            "--no-compile",
+            "--only-binary=:all:",
+            *(foreign if self.in_image else []),
+            "--target",
+            str(self.packages),
+            wanted,
+        ]
         command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *words]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
