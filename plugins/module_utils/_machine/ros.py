@@ -20,10 +20,12 @@ from .._process.commands import BASE_PATH, CLEAN, run
 from .._process.foreign import foreign, last_line
 from . import fkie, set_up
 
-PYTHON = "/usr/bin/python3"  # what ROS on Python 3 and Debian's packages are built for
+PYTHON = "/usr/bin/python3"  # what Debian's packages and most of ROS on Python 3 are built for
 PYTHON2 = "/usr/bin/python2.7"  # what the ROS distributions before Noetic are built for
 MODULES = ("rospy", "genpy", "rosgraph", "std_msgs", "std_srvs")
 COMMANDS = ("roscore", "rostopic", "rosservice")
+CONDA = "CONDA_PREFIX"  # set by conda: the folder of an environment, which may have a ROS of RoboStack
+_OF_CONDA = "conda-meta"  # what conda keeps in each environment
 HOOKS = "etc/catkin/profile.d"  # in a prefix: what its set-up file sources at its end
 _DEBIAN = "/usr/lib/python3/dist-packages/rospy"
 _IN_A_FOLDER = ("setup.bash", "setup.sh", "devel/setup.bash", "install/setup.bash")
@@ -201,7 +203,7 @@ def source(setup: str) -> typing.Tuple[typing.Dict[str, str], str]:
     shell = _SHELLS.get(os.path.splitext(setup)[1], "bash")
     # No positional parameters: catkin's files hand theirs on. Their output is not the environment.
     script = f"{{ . {shlex.quote(setup)}; }} >&2; exec /usr/bin/env -0"
-    answer = foreign([shell, "-c", script], CLEAN, _SOURCING)
+    answer = foreign([shell, "-c", script], dict(CLEAN, **activate(setup)), _SOURCING)
     if len(answer.output) > _LARGEST:
         return (
             {},
@@ -214,6 +216,17 @@ def source(setup: str) -> typing.Tuple[typing.Dict[str, str], str]:
     return {}, explain_closed(
         [setup]
     ) or f"The set-up file {quote(setup)}, sourced by {shell}, sets no variables: {error}."
+
+
+def activate(setup: str) -> typing.Dict[str, str]:
+    """Return the variables that conda sets before it sources a set-up file in one of its environments; none elsewhere.
+
+    RoboStack's set-up file needs both: it asks the `python` of the environment, which looks where it is.
+    """
+    folder = os.path.dirname(setup)
+    if not os.path.isdir(os.path.join(folder, _OF_CONDA)):
+        return {}
+    return {CONDA: folder, "PATH": f"{folder}/bin:{BASE_PATH}"}
 
 
 def read_variables(output: bytes) -> typing.Dict[str, str]:
@@ -258,15 +271,21 @@ def hooks(environment: typing.Dict[str, str]) -> typing.Tuple[str, str]:
 
 def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
     where = quote(setup) or "Debian's packages"
-    old = environment.get("ROS_PYTHON_VERSION") == "2" or "/python2." in environment.get("PYTHONPATH", "")
-    python = PYTHON2 if old else PYTHON
-    if not os.path.exists(python):
-        return {
-            "problem": f"The rospy of {where} is made for Python 2, but there is no {python}; install it (python2.7)."
-        }
-    version, missing, error = try_import(python, MODULES, full(environment))
+    tried = []
+    for python in interpreters(environment):
+        if not os.path.exists(python):
+            return {
+                "problem": f"The rospy of {where} is made for Python 2, but there is no {python}; install it (python2.7)."
+            }
+        tried.append((python, *try_import(python, MODULES, full(environment))))
+        if tried[-1][1] and "rospy" not in tried[-1][2]:
+            break
+    else:
+        del tried[1:]  # ROS is in none of them, so the first one is as good as any
+    python, version, missing, error = tried[-1]
     if not version:
-        return {"problem": f"The modules of {where} cannot be imported: {quote(error)}."}
+        why = explain_closed([python]) or f"The modules of {where} cannot be imported: {quote(error)}."
+        return {"python": python, "problem": why}
     result = {"python": python, "python_version": version, "missing": missing, "rospy": "rospy" not in missing}
     if missing:
         folders = [item for item in environment.get("PYTHONPATH", "").split(":") if os.path.isabs(item)]
@@ -274,9 +293,22 @@ def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
         advice = "install what is missing" if setup else f"install {packages}"
         result["problem"] = (
             explain_closed(folders)
-            or f"{python} cannot import {', '.join(map(quote, missing))} out of {where}; {advice}."
+            or f"{quote(python)} cannot import {', '.join(map(quote, missing))} out of {where}; {advice}."
         )
     return result
+
+
+def interpreters(environment: typing.Dict[str, str]) -> typing.List[str]:
+    """List the interpreters that a ROS may be made for, by its variables; the first that has its rospy is used.
+
+    An environment of conda has one of its own, and that one comes first. Another prefix may have one too, such as a ROS that
+    was built for a later Python than the system's: it is in the folders that the set-up file adds to PATH.
+    """
+    if environment.get("ROS_PYTHON_VERSION") == "2" or "/python2." in environment.get("PYTHONPATH", ""):
+        return [PYTHON2]
+    of_conda = shutil.which("python3", path=os.path.join(environment.get(CONDA) or "/nowhere", "bin"))
+    added = shutil.which("python3", path=environment.get("PATH") or "/nowhere")
+    return list(dict.fromkeys(python for python in (of_conda, PYTHON, added) if python))
 
 
 def try_import(

@@ -20,7 +20,7 @@ _AMBIGUOUS = _QUOTING | frozenset(";$")
 # The variables that root may have, if root owns the set-up file: ROS, and the places of its parts.
 _OF_ROOT = re.compile(
     r"(?:ROS|ROSCONSOLE|CATKIN|GAZEBO|IGN|GZ|SDF)_[A-Z0-9_]+|ROSLISP_PACKAGE_DIRECTORIES|PKG_CONFIG_PATH"
-    r"|PATH|PYTHONPATH|LD_LIBRARY_PATH|(?:CMAKE|AMENT|COLCON)_PREFIX_PATH"
+    r"|CONDA_PREFIX|PATH|PYTHONPATH|LD_LIBRARY_PATH|(?:CMAKE|AMENT|COLCON)_PREFIX_PATH"
 )
 # The variables that no user gets: they make programs run other code, or belong to the session.
 _OF_NOBODY = re.compile(

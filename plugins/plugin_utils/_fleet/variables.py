@@ -79,8 +79,8 @@ class ComputerVariables:
     )
     ros_setup: str = row(
         kinds.setup,
-        "The place of ROS. `auto` finds /opt/ros or Debian's packages. `debian` takes Debian's packages. A path is a prefix or the "
-        "set-up file of a workspace.",
+        "The place of ROS. `auto` finds /opt/ros or Debian's packages. `debian` takes Debian's packages. A path is a prefix, the "
+        "set-up file of a workspace, or an environment of conda with RoboStack's ROS.",
         "/home/robot/ws/devel/setup.bash",
         default="auto",
     )

@@ -3,6 +3,7 @@
 
 """Finding ROS: set-up files that are really sourced, by a user who may not read everything."""
 
+import json
 import os
 import pathlib
 import shutil
@@ -231,6 +232,82 @@ def test_a_ros_for_python_2_is_examined_with_it(opt, more, monkeypatch):
     chosen = find(opt)["chosen"]
     assert (chosen["python"], chosen["python_version"], chosen["rospy"]) == (str(interpreter), "2.7.17", True)
     assert chosen["problem"] == ""
+
+
+def interpreter(path, missing, version="3.12.1"):
+    """A program in the place of an interpreter: what it says of the modules that it is asked for."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"""#!/bin/sh\necho '{{"version": "{version}", "missing": {json.dumps(missing)}}}'\n""")
+    path.chmod(0o755)
+    return str(path)
+
+
+def environment_of_conda(opt, missing=()):
+    """An environment of conda with RoboStack's ROS: its set-up file asks for what conda sets, and gives no PYTHONPATH."""
+    here = opt / "miniforge3/envs/ros"
+    interpreter(here / "bin/python3", list(missing))
+    (here / "conda-meta").mkdir()
+    for name in ("bin/roscore", "bin/env-python"):
+        (here / name).write_text("#!/bin/sh\necho yes\n")
+        (here / name).chmod(0o755)
+    (here / "setup.bash").write_text(
+        f'[ "$CONDA_PREFIX" = {here} ] && [ "$(env-python)" = yes ] || return 1\nexport ROS_DISTRO=noetic ROS_VERSION=1\n'
+    )
+    return here
+
+
+@pytest.mark.parametrize("named", ["", "setup.bash"])
+def test_an_environment_of_conda_has_its_own_python(opt, named):
+    here = environment_of_conda(opt)
+    chosen = find(opt, str(here / named))["chosen"]
+    assert (chosen["python"], chosen["python_version"], chosen["problem"]) == (f"{here}/bin/python3", "3.12.1", "")
+    assert chosen["commands"]["roscore"] == f"{here}/bin/roscore"
+    assert chosen["environment"] == {
+        "CONDA_PREFIX": str(here),
+        "PATH": f"{here}/bin",
+        "ROS_DISTRO": "noetic",
+        "ROS_VERSION": "1",
+    }
+    assert chosen["for_root"] == chosen["environment"]
+
+
+def test_what_an_environment_of_conda_lacks_is_named(opt):
+    here = environment_of_conda(opt, ["std_srvs"])
+    chosen = find(opt, str(here))["chosen"]
+    assert (chosen["python"], chosen["missing"]) == (f"{here}/bin/python3", ["std_srvs"])
+    assert chosen["problem"].startswith(f"{here}/bin/python3 cannot import std_srvs out of {here}/setup.bash;")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="root only can be stopped by nobody's rights")
+def test_a_closed_environment_of_conda_is_named(opt):
+    here = environment_of_conda(opt)
+    os.chmod(here / "bin", 0o700)
+    (here / "setup.bash").write_text("export ROS_DISTRO=noetic\n")
+    problem = find(opt, str(here))["problem"]
+    assert f"The folder {here}/bin (mode 0700) is closed to other users" in problem
+
+
+def test_a_prefix_may_be_made_for_another_python(opt, monkeypatch):
+    monkeypatch.setattr(ros, "PYTHON", interpreter(opt / "system/python3", list(ros.MODULES)))
+    here = prefix(opt)
+    other = interpreter(here / "bin/python3", [])
+    chosen = find(opt)["chosen"]
+    assert (chosen["python"], chosen["rospy"], chosen["problem"]) == (other, True, "")
+
+
+def test_the_first_python_is_named_if_none_has_rospy(opt, monkeypatch):
+    system = interpreter(opt / "system/python3", ["rospy", "genpy"])
+    monkeypatch.setattr(ros, "PYTHON", system)
+    interpreter(prefix(opt) / "bin/python3", ["rospy"])
+    found = find(opt)
+    assert found["chosen"]["python"] == system
+    assert f'{system} cannot import "rospy", "genpy" out of' in found["problem"]
+
+
+def test_a_python_of_another_environment_is_no_reason(opt):
+    base = environment_of_conda(opt, ["rospy"])
+    chosen = find(opt, str(prefix(opt, more=f"export CONDA_PREFIX={base}")))["chosen"]
+    assert (chosen["python"], chosen["problem"]) == (ros.PYTHON, "")
 
 
 @pytest.mark.parametrize(
