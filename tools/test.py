@@ -172,6 +172,7 @@ SECONDS = {
     "exchanges": 80,
     "hostile_robot": 120,
     "removal": 60,
+    "prefixes": 80,
 }
 
 #: Files of tests/systems that have a lab in common, by its name. All others have one each: "systems-NAME".
@@ -260,7 +261,14 @@ SUITES = [
     lint(
         "shellcheck",
         "shellcheck",
-        *(".ci/run", "tools/setup.sh", "tools/lock.sh", "lab/files/make-opt-ros", "lab/files/wire"),
+        *(
+            ".ci/run",
+            "tools/setup.sh",
+            "tools/lock.sh",
+            "lab/files/make-opt-ros",
+            "lab/files/ros-box",
+            "lab/files/wire",
+        ),
     ),
     lint("reuse", "reuse", "lint", "--lines"),
     lint("antsibull-changelog", "antsibull-changelog", "lint"),

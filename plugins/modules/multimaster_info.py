@@ -23,7 +23,7 @@ options:
       - Where ROS 1 is. V(auto) takes the only C(/opt/ros/<distro>), and Debian's packages where there is none.
         V(debian) takes Debian's packages.
       - Anything else is the path of a set-up file, or of the folder that holds it, for example
-        V(/home/robot/ws/devel/setup.bash).
+        V(/home/robot/ws/devel/setup.bash). In an environment of conda it is sourced with C(CONDA_PREFIX) and C(PATH) set, as conda does.
     type: str
     default: auto
   ports:
@@ -548,7 +548,7 @@ ros:
           type: str
           sample: "1"
         python:
-          description: The interpreter that ROS is used with.
+          description: The interpreter that ROS is used with, that of the prefix where the prefix has one of its own, as those of conda have.
           returned: always
           type: str
           sample: /usr/bin/python3
@@ -722,6 +722,11 @@ ports:
       returned: always
       type: str
       sample: roscore.service
+    container:
+      description: Whether that process has numbers of its own below this machine's, as processes in a container have.
+      returned: always
+      type: bool
+      sample: false
 masters:
   description:
     - The roscores on the TCP ports among O(ports), with the discovery and sync nodes that are registered there.
@@ -761,6 +766,11 @@ masters:
           returned: always
           type: str
           sample: roscore.service
+        container:
+          description: Whether it runs in a container.
+          returned: always
+          type: bool
+          sample: false
     uri:
       description: The URI by which the roscore calls itself.
       returned: always

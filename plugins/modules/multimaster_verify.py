@@ -1499,6 +1499,29 @@ file_limits:
       returned: always
       type: str
       sample: robot.service
+container_names:
+  description: Containers with processes of ROS whose own C(/etc/hosts) lacks names of the fleet that this computer's has, 20 at most.
+  returned: when O(action=collect)
+  type: list
+  elements: dict
+  sample: [{node: rosmaster, unit: docker-0badcafe.scope, missing: [kobuki2computer]}]
+  contains:
+    node:
+      description: A process there, by the name of its node or of its program.
+      returned: always
+      type: str
+      sample: rosmaster
+    unit:
+      description: The unit of systemd that has the container, or empty.
+      returned: always
+      type: str
+      sample: docker-0badcafe.scope
+    missing:
+      description: The names.
+      returned: always
+      type: list
+      elements: str
+      sample: [kobuki2computer]
 changes:
   description:
     - When files were changed and services were started that may decide names and packet filters. What a kernel was told by hand has no time.

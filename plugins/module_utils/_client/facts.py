@@ -60,7 +60,7 @@ def _master(place: Row) -> typing.Optional[Row]:
 def _entry(place: Row, error: str) -> Row:
     return {
         "port": place["port"],
-        "process": {key: place[key] for key in ("pid", "command", "user", "unit")},
+        "process": {key: place[key] for key in ("pid", "command", "user", "unit", "container")},
         "uri": "",
         "pid": 0,
         "run_id": "",

@@ -132,7 +132,13 @@ def _holder(entry: Socket, pid: int, proc: str) -> typing.Dict[str, typing.Any]:
         "command": plain(text(os.path.join(folder, "cmdline"), 4096).replace("\0", " ")) if pid else "",
         "user": user,
         "unit": unit(text(os.path.join(folder, "cgroup"))) if pid else "",
+        "container": is_contained(text(os.path.join(folder, "status"))) if pid else False,
     }
+
+
+def is_contained(status: str) -> bool:
+    """Return True if the text of /proc/PID/status has a second number: that of a namespace below, as a container has one (proc(5))."""
+    return bool(re.search(r"^NSpid:\s+\d+\s+\d", status, re.MULTILINE))
 
 
 def unit(cgroups: str) -> str:

@@ -193,6 +193,11 @@ PARTS = (
     Part("changes", lambda params, ros, deadline: changes.changes(), [], on_router=True),
     Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], on_router=True),
     Part("file_limits", lambda params, ros, deadline: resources.file_limits(), []),
+    Part(
+        "container_names",
+        lambda params, ros, deadline: resources.container_names(member["name"] for member in params["members"]),
+        [],
+    ),
     Part("ros_missing", lambda params, ros, deadline: ros.problem(), "not looked at"),
     Part("next_boot", look_next_boot, [], on_router=True),
     Part("services", lambda params, ros, deadline: services.services(params["services"], environment(params, ros)), []),

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Resources that programs of this computer depend on: a clock that is kept right, room to write, and limits of open files."""
+"""Resources that programs of this computer depend on: a clock that is kept right, room to write, limits of open files, names in containers."""
 
 import ctypes
 import os
@@ -10,6 +10,7 @@ import typing
 
 from .._machine import ports
 from .._module.plain_text import LINE, plain
+from .._module.regular_files import read_regular
 from .._process import processes
 from .._process.commands import text
 
@@ -21,6 +22,7 @@ STATE = "/var/lib/private/multimaster-{}"
 # An accept of libxmlrpcpp takes 8 bytes for each file that its process may open (XmlRpcServer::countFreeFDs).
 MOST_FILES = 1 << 20  # as containers have it
 MOST_NODES = 20  # that are told
+_MOST_HOSTS = 1 << 20  # bytes of a file of names
 _STARTERS = re.compile(r"(?:user@\d+|sshd?(?:@.*)?|getty@.*|cron)\.service\Z")  # their limit is that of a shell
 
 
@@ -78,6 +80,46 @@ def file_limits(proc: str = "/proc") -> typing.List[typing.Dict[str, typing.Any]
         if len(found) == MOST_NODES:
             break
     return list(found.values())
+
+
+def container_names(
+    names: typing.Iterable[str], proc: str = "/proc", hosts: str = "/etc/hosts"
+) -> typing.List[typing.Dict[str, typing.Any]]:
+    """List containers with processes of ROS whose /etc/hosts lacks some of these names that this computer's has, at most MOST_NODES.
+
+    A container has a copy from the moment of its start, which may be before the fleet's names came. What it says else is not
+    told: a stranger may have made it.
+    """
+    wanted = _read_hosts(hosts) & {name.lower() for name in names}
+    found: typing.Dict[typing.Tuple[str, str], typing.Dict[str, typing.Any]] = {}
+    for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
+        if len(found) == MOST_NODES or not wanted:
+            break
+        folder = os.path.join(proc, str(pid))
+        if not ports.is_contained(text(os.path.join(folder, "status"))) or not _has_master(pid, proc):
+            continue
+        try:
+            missing = wanted - _read_hosts(os.path.join(folder, "root/etc/hosts"))
+        except OSError:  # it has ended, has no such file, or may not be looked at
+            continue
+        if missing:
+            unit = ports.unit(text(os.path.join(folder, "cgroup")))
+            node = _name_of(pid, proc)
+            found.setdefault((unit, "" if unit else node), {"node": node, "unit": unit, "missing": sorted(missing)})
+    return list(found.values())
+
+
+def _read_hosts(path: str) -> typing.Set[str]:
+    """Read the names in a file such as /etc/hosts. Raises OSError."""
+    lines = read_regular(path, _MOST_HOSTS).decode("utf-8", "replace").lower().splitlines()
+    return {name for line in lines for name in line.partition("#")[0].split()[1:]}
+
+
+def _has_master(pid: int, proc: str) -> bool:
+    try:
+        return "ROS_MASTER_URI" in processes.environment(pid, proc)
+    except OSError:
+        return False
 
 
 def _is_node(pid: int, listens: typing.Set[str], proc: str) -> bool:

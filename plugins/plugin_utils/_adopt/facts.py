@@ -71,6 +71,7 @@ class Roscore:
     discovery: tuple[Discovery, ...] = ()
     syncs: bool = False  # a sync node is there
     upstream: bool = False  # some of the nodes are those of multimaster_fkie
+    contained: bool = False  # it runs in a container
 
 
 @dataclass(frozen=True)
@@ -152,6 +153,7 @@ def _roscore(entry: Info) -> Roscore:
         discovery=tuple(map(_discovery, discovery)),
         syncs=bool(sync),
         upstream="upstream" in [node.get("implementation") for node in (*discovery, *sync)],
+        contained=process.get("container") is True,
     )
 
 

@@ -228,6 +228,8 @@ def _roscore(scene: _Scene, group: groups.Group) -> tuple[facts.Roscore, str]:
 
 def _ports(roscore: facts.Roscore, doubt: str) -> dict[str, Choice]:
     choices = {}
+    if roscore.contained:
+        choices["roscore"] = Choice("existing", "it runs in a container, where the collection starts nothing")
     if roscore.port != ROSCORE_PORT or doubt:
         choices["roscore_port"] = Choice(roscore.port, doubt)
     rpc = next((node.uri.port for node in roscore.discovery if node.uri), 0)
@@ -243,7 +245,9 @@ def _describe_services(scene: _Scene, group: groups.Group, roscore: facts.Roscor
         return []
     what = f"The roscore on {scene.name(group.master)} was started by {roscore.runs or 'somebody'}"
     told = [
-        f"{what}: end it and what starts it at boot before site.yml, which starts its own, or set multimaster_roscore: existing"
+        f"{what}: it stays, and the collection's nodes run beside its container, as docs/start/containers.md says"
+        if roscore.contained
+        else f"{what}: end it and what starts it at boot before site.yml, which starts its own, or set multimaster_roscore: existing"
     ]
     if roscore.discovery or roscore.syncs:
         nodes = "The nodes of multimaster_fkie" if roscore.upstream else "Discovery and sync nodes"

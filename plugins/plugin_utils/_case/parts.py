@@ -194,6 +194,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="see ulimit -n",
         read=ALWAYS,
     ),
+    ("container", "names"): Fault(
+        "a container on {place} was started before the names of the fleet came, and does not know them: {what}",
+        "start it again, such as docker compose restart; see docs/start/containers.md",
+        "on {place}: grep -c rosfleet /etc/hosts /proc/[0-9]*/root/etc/hosts",
+        what="see its /etc/hosts",
+        read=ALWAYS,
+    ),
     ("computer", "disk"): Fault(
         "{place} has no room on {what}", "make room there; see on {place}: df -h; du -xsh /var/log", what="a disk"
     ),

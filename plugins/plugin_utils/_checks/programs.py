@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Checks of the programs on a computer: their parameters, their room to write, and their limits."""
+"""Checks of the programs on a computer: their parameters, their room to write, their limits, and names in containers."""
 
 from __future__ import annotations
 
 from .._case.case import Case
 from .._case.needs import Parts, join_parts, make_parts
 from .._fleet.sentences import shorten_list
-from .._observed.observations import Disk, FileLimit, ParameterDifference
+from .._observed.observations import ContainerNames, Disk, FileLimit, ParameterDifference
 from .engine import FAILED, OK, WARNING, Check, Judgement
 from .manual_setup import guard
 
@@ -118,3 +118,26 @@ def _judge_file_limits(case: Case) -> Judgement | None:
         return None
     found = shorten_list(f"{entry.limit} for {entry.node}" for entry in case.probe.file_limits)
     return Judgement(WARNING if found else OK, "1048576 open files at most", found or "no process of ROS with more")
+
+
+# Containers
+
+
+def _describe_container(entry: ContainerNames) -> str:
+    return f"{entry.unit or entry.node} lacks {shorten_list(entry.missing)}"
+
+
+@Check(
+    title="containers have the names of the fleet",
+    expected="a container with ROS has the names of the fleet in its own /etc/hosts, which it got when it was started (warning)",
+    needs=lambda case: make_parts("container", case.observer.name, "names"),
+    evidence=lambda case: join_parts(
+        make_parts("container", case.observer.name, "names", what=_describe_container(entry))
+        for entry in case.probe.container_names
+    ),
+)
+def _judge_container_names(case: Case) -> Judgement | None:
+    if not case.observer.is_probed or "ROS_HOSTNAME" not in case.observer.plan.environment:
+        return None  # without names, addresses are told
+    found = "; ".join(map(_describe_container, case.probe.container_names))
+    return Judgement(WARNING if found else OK, "the names of the fleet in each container", found or "none lacks one")

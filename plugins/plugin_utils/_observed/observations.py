@@ -343,6 +343,15 @@ class FileLimit:
 
 
 @dataclass(frozen=True)
+class ContainerNames:
+    """A container whose /etc/hosts is older than the names of the fleet."""
+
+    node: str  # a process of ROS there
+    unit: str = ""  # of the container
+    missing: tuple[str, ...] = ()  # names
+
+
+@dataclass(frozen=True)
 class SilentNode:
     """A registered node of the robot that does not answer."""
 
@@ -429,6 +438,7 @@ class Probe:
     clock: Clock = Clock()
     disks: tuple[Disk, ...] = ()
     file_limits: tuple[FileLimit, ...] = ()
+    container_names: tuple[ContainerNames, ...] = ()
     changes: tuple[Change, ...] = ()
     services: tuple[Service, ...] = ()
     next_boot: tuple[BootDeviation, ...] = ()

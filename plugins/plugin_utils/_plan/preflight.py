@@ -313,7 +313,7 @@ def _is_too_old(python: str) -> bool:
 def _check_ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     host, ros = plan.computer, info["ros"]
     if ros["problem"]:
-        return [f"{host}: {quote(ros['problem'], LINE)}"]
+        return [f"{host}: {quote(ros['problem'], LINE)}", *_explain_containers(plan, ros)]
     chosen = ros["chosen"]
     if not chosen:
         return [
@@ -333,9 +333,10 @@ def _check_ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
                 f"{host}: the ROS of {where} has no roscore; expected it, since multimaster_roscore is 'managed': install it, or set "
                 "multimaster_roscore to 'existing' where something else starts a roscore."
             ]
-        problems = list(providers.check_paths(plan, [roscore]))
-        if problems:
-            return problems
+    programs = [chosen["python"], chosen["commands"].get("roscore") if plan.roscore == "managed" else ""]
+    problems = list(providers.check_paths(plan, filter(None, programs))) if plan.is_master else []
+    if problems:
+        return problems
     if plan.provider == "bundled" and _is_too_old(chosen["python_version"]):
         return [
             f"{host}: the ROS of {where} has Python {quote(chosen['python_version'])}; expected 3.8 or later for the bundled nodes (Ubuntu 20.04, Debian 11 "
@@ -344,10 +345,21 @@ def _check_ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
     return []
 
 
+def _explain_containers(plan: ComputerPlan, ros: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence for a robot whose ROS may be in a container alone: its roscore is another's, and its computer has no ROS."""
+    if plan.is_master and plan.roscore == "existing" and not ros.get("found"):
+        yield (
+            f"{plan.computer}: its roscore is another's (multimaster_roscore is 'existing'), and may be in a container; expected rospy beside "
+            "it, on the computer itself, since the nodes of the collection run there: install it "
+            "(apt-get install python3-rospy python3-std-srvs python3-rostopic python3-rosservice), as docs/start/containers.md says."
+        )
+
+
 def _suggest_packages(chosen: Mapping[str, Any]) -> str:
     names = [module.replace("_", "-") for module in chosen["missing"]]
     prefix = "python3-" if chosen["kind"] == "debian" else f"ros-{chosen['distro'] or 'DISTRO'}-"
-    words = " ".join(["apt-get install", *("{}" for _name in names)])
+    tool = "conda install" if "CONDA_PREFIX" in chosen["environment"] else "apt-get install"
+    words = " ".join([tool, *("{}" for _name in names)])
     return advice.command(f" ({words})", *(("what", prefix + name) for name in names))
 
 

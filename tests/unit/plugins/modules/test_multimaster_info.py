@@ -133,6 +133,12 @@ def test_unit_of_a_process(cgroups, unit):
     assert ports_module.unit(cgroups) == unit
 
 
+def test_a_process_in_a_container_has_a_second_number():
+    assert ports_module.is_contained("Name:\trosmaster\nNSpid:\t4711\t1\nNSpgid:\t4711\t1\n")
+    assert not ports_module.is_contained("Name:\trosmaster\nNSpid:\t4711\nNSpgid:\t4711\n")
+    assert not ports_module.is_contained("")
+
+
 @pytest.mark.parametrize(
     ("line", "found"),
     [

@@ -85,5 +85,37 @@ def test_a_node_that_may_open_many_files(monkeypatch, limit, listens, variables,
     assert _find_limits(limit, listens, variables, *words) == ([name] if told else [])
 
 
+def _fake_process(proc, pid, numbers, variables, hosts):
+    """A process as proc(5) shows it, with a root file system of its own."""
+    folder = proc / str(pid)
+    (folder / "root/etc").mkdir(parents=True)
+    (folder / "status").write_text(f"Name:\trosmaster\nNSpid:\t{numbers}\n")
+    (folder / "environ").write_text("".join(f"{name}={value}\0" for name, value in variables.items()))
+    (folder / "cmdline").write_text("python3\0/usr/bin/rosmaster\0--core\0")
+    (folder / "cgroup").write_text(f"0::/system.slice/docker-{pid}.scope\n")
+    if hosts is not None:
+        (folder / "root/etc/hosts").write_text(hosts)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "variables", "hosts", "missing"),
+    [
+        ("9\t1", ROS, "127.0.0.1 localhost\n", ["ana-pc", "bob-pc"]),
+        ("9\t1", ROS, "192.168.1.1\tANA-PC ana # bob-pc\n", ["bob-pc"]),
+        ("9\t1", ROS, "192.168.1.1 ana-pc\n192.168.1.2 bob-pc\n", []),
+        ("9\t1", ROS, None, []),
+        ("9\t1", {}, "", []),  # no process of ROS
+        ("9", ROS, "", []),  # in no container
+    ],
+)
+def test_a_container_that_is_older_than_the_names(tmp_path, numbers, variables, hosts, missing):
+    own = tmp_path / "hosts"
+    own.write_text("192.168.1.1 ana-pc # rosfleet.multimaster\n192.168.1.2 bob-pc\n")
+    _fake_process(tmp_path / "proc", 9, numbers, variables, hosts)
+    found = resources.container_names(["ana-pc", "bob-pc", "cid-pc"], str(tmp_path / "proc"), str(own))
+    expected = {"node": "rosmaster", "unit": "docker-9.scope", "missing": missing}
+    assert found == ([expected] if missing else [])
+
+
 def test_no_limit_of_a_process_that_has_ended():
     assert processes.file_limit(1 << 30) == 0

@@ -127,6 +127,18 @@ def test_a_network_for_administration_is_no_common_network():
     assert list(proposal.left_out) == ["laptop"]
 
 
+def test_a_roscore_in_a_container_stays():
+    process = {"unit": "docker-0badcafe.scope", "command": "rosmaster", "pid": 9, "user": "root", "container": True}
+    boxed = machine("cid", "192.168.1.50/24", masters=[roscore("cid", process=process)])
+    proposal = adopted(fleet(cid=boxed))
+    choices = {robot.name: robot.choices.get("roscore") for robot in proposal.robots}
+    assert choices["robot_cid"].value == "existing" and "container" in choices["robot_cid"].why
+    assert choices["ana"] is choices["bob"] is None
+    (note,) = [text for robot in proposal.robots for text in robot.notes if "docker-0badcafe.scope" in text]
+    assert "it stays" in note and "end it" not in note
+    assert valid(proposal) == {**ROBOTS, "robot_cid": ["cid"]}
+
+
 def test_a_sensor_network_in_each_robot_is_inside_it():
     infos = fleet(cid=machine("cid", "192.168.1.50/24", masters=[roscore("cid", "192.168.1.50")]))
     for info in infos.values():

@@ -6,6 +6,7 @@
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    ContainerNames,
     Disk,
     FileLimit,
     NodeParameters,
@@ -29,6 +30,10 @@ def _limit(unit):
     return lambda seen: update(seen[ONE].probe, file_limits=(FileLimit("/amcl", 1073741816, unit),))
 
 
+def _old_container(seen):
+    return update(seen[ONE].probe, container_names=(ContainerNames("rosmaster", "docker-0badcafe.scope", (TWO,)),))
+
+
 FAULTS = [
     (_differs("master_discovery", "mcast_group", "239.1.2.3"), "parameters", FAILED, "discovery", ONE, "group"),
     (_differs("master_discovery", "mcast_port", "11512"), "parameters", FAILED, "discovery", ONE, "group"),
@@ -40,6 +45,7 @@ FAULTS = [
     (_disk(10**9, 0), "room", FAILED, "computer", TWO, "disk"),
     (_limit("robot.service"), "file_limits", WARNING, "limit", ONE, "unit"),
     (_limit(""), "file_limits", WARNING, "limit", ONE, "shell"),
+    (_old_container, "container_names", WARNING, "container", ONE, "names"),
 ]
 
 
@@ -53,6 +59,8 @@ def test_the_finding_says_which_parameter_and_which_disk():
     assert group.proof[0].found == "mcast_group of master_discovery is 239.1.2.3"
     (disk,) = diagnosed(_disk(0, 10**6)).findings
     assert "/var/log" in disk.sentence()
+    (old,) = diagnosed(_old_container).findings
+    assert f"docker-0badcafe.scope lacks {TWO}" in old.sentence()
 
 
 def test_files_that_are_not_counted_are_enough():

@@ -93,6 +93,15 @@ def compare(change=None, **plan):
     return preflight.compare(from_plain(ComputerPlan, {**PLAN, **plan}), info)
 
 
+def test_a_robot_with_ros_in_a_container_alone():
+    def change(info):
+        info["ros"].update(problem="There is no ROS 1.", chosen=None, found=[])
+
+    _first, second = compare(change, roscore="existing").problems
+    assert "may be in a container; expected rospy" in second and "apt-get install python3-rospy " in second
+    assert len(compare(change).problems) == 1
+
+
 def test_a_machine_like_its_plan():
     programs = units.render_programs("bundled", "/usr/bin/python3", {}, 11311)
     plan = dataclasses.replace(
@@ -147,6 +156,16 @@ PROBLEMS = {
     "missing module": (
         lambda info: info["ros"]["chosen"].update(missing=["std_srvs"]),
         "lacks the Python modules std_srvs; .*apt-get install python3-std-srvs",
+    ),
+    "missing module of conda": (
+        lambda info: info["ros"]["chosen"].update(
+            kind="workspace", distro="noetic", missing=["std_srvs"], environment={"CONDA_PREFIX": "/opt/conda"}
+        ),
+        "lacks the Python modules std_srvs; .*conda install ros-noetic-std-srvs",
+    ),
+    "odd interpreter": (
+        lambda info: info["ros"]["chosen"].update(python="+/bin/python3"),
+        r"The program '\+/bin/python3' is to be run by a unit of systemd; expected an absolute path",
     ),
     "odd roscore": (
         lambda info: info["ros"]["chosen"].update(commands={"roscore": "+/bin/sh"}),
