@@ -32,7 +32,7 @@ DEFINED = re.compile(r"^\[[^\]]+\]: (\S+)", re.MULTILINE)
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 NAMED = re.compile(r"`([\w./-]+\.(?:py|yml|md|txt|in|json))`")
 #: Files that docs/develop/adding.md tells to write.
-EXAMPLES = {"freebsd.py", "dhcpcd.py", "test_dhcpcd.py", "NAME.py", "test_NAME.py", "one.txt"}
+EXAMPLES = {"freebsd.py", "dhcpcd.py", "test_dhcpcd.py", "NAME.py", "test_NAME.py", "two.txt"}
 MENTION = re.compile(r"(?<![\w./-])docs/[\w/-]+(?:\.\w+)*")
 
 #: These two lay down pages that are not there.
