@@ -85,6 +85,15 @@ options:
         type: list
         elements: str
         default: []
+      programs:
+        description: Other programs that it uses, for example V([screen]); see RV(ros.found[].nodes[].lacks).
+        type: list
+        elements: str
+        default: []
+      environment:
+        description: Variables that it needs, which are set for the import where the ROS does not set them, for example V({ROS_VERSION: "1"}).
+        type: dict
+        default: {}
   packages:
     description:
       - Debian packages whose versions are looked up, for example V([ros-noetic-fkie-master-sync]); see RV(packages).
@@ -644,6 +653,12 @@ ros:
               returned: always
               type: str
               sample: ""
+            lacks:
+              description: Those of its programs that are not in the PATH of ROS.
+              returned: always
+              type: list
+              elements: str
+              sample: [screen]
         problem:
           description: One sentence about what is wrong with this installation, or empty.
           returned: always
@@ -812,7 +827,7 @@ masters:
       type: int
       sample: 30
     discovery:
-      description: The discovery nodes, known by a service C(list_masters) in any namespace; eight at most.
+      description: The robot's own discovery nodes, known by a service C(list_masters) in any namespace; eight at most.
       returned: always
       type: list
       elements: dict
@@ -828,7 +843,9 @@ masters:
           type: str
           sample: /master_discovery/list_masters
         implementation:
-          description: V(bundled) or V(upstream); empty where it does not answer at RV(masters[].discovery[].uri).
+          description:
+            - V(bundled), V(upstream) for multimaster_fkie, or V(fkie_mas) for its successor, which the type of its service tells.
+            - Empty where it does not answer at RV(masters[].discovery[].uri).
           returned: always
           type: str
           sample: upstream
@@ -884,7 +901,7 @@ masters:
           type: str
           sample: ""
     sync:
-      description: The sync nodes, known by a service C(get_sync_info) in any namespace; eight at most.
+      description: The robot's own sync nodes, known by a service C(get_sync_info) in any namespace; eight at most.
       returned: always
       type: list
       elements: dict
@@ -900,7 +917,7 @@ masters:
           type: str
           sample: /master_sync/get_sync_info
         implementation:
-          description: V(bundled) or V(upstream). The bundled one writes the parameter C(/rosfleet_multimaster/imports).
+          description: V(bundled), V(upstream) or V(fkie_mas). The bundled one writes the parameter C(/rosfleet_multimaster/imports).
           returned: always
           type: str
           sample: upstream

@@ -12,15 +12,14 @@ import xmlrpc.client
 from .._machine import ports
 from .._module.plain_text import plain
 from .._process.deadlines import call_all
-from . import tcpros
+from . import own_services, tcpros
 from .xml_rpc import Strange, ask, server
 
 CALLER = "/multimaster_info"
-LIST_MASTERS, SYNC_INFO = "/list_masters", "/get_sync_info"  # the ends of the names of services
 IMPORTS = "/rosfleet_multimaster/imports"  # a parameter that the bundled master_sync alone writes
-NODES = 8  # discovery nodes of a roscore that are asked, and sync nodes: one of each is usual
 PATIENCE = 30.0  # seconds for all roscores
-BUNDLED, UPSTREAM = "bundled", "upstream"
+BUNDLED, UPSTREAM, SUCCESSOR = "bundled", "upstream", "fkie_mas"
+SUCCESSOR_TYPES = "fkie_mas_msgs/"  # how the types of its services begin; their content is upstream's
 
 Row = typing.Dict[str, typing.Any]
 Tables = typing.List[typing.Dict[str, typing.List[str]]]
@@ -52,8 +51,13 @@ def _master(place: Row) -> typing.Optional[Row]:
         return dict(entry, error=plain(problem))
     nodes = {node for table in tables for users in table.values() for node in users}
     entry.update(nodes=len(nodes), topics=len({*publishers, *subscribers}), services=len(services))
-    entry["discovery"] = [_discovery(roscore, entry["uri"], *pair) for pair in _providers(services, LIST_MASTERS)]
-    entry["sync"] = [_sync(roscore, *pair) for pair in _providers(services, SYNC_INFO)]
+    provided = {name: users[0] for name, users in services.items() if users}
+    own = [
+        [(name, provided[name]) for name in own_services.find_own(roscore, CALLER, provided, end)]
+        for end in (own_services.LIST_MASTERS, own_services.SYNC_INFO)
+    ]
+    entry["discovery"] = [_discovery(roscore, entry["uri"], *pair) for pair in own[0]]
+    entry["sync"] = [_sync(roscore, *pair) for pair in own[1]]
     return entry
 
 
@@ -81,11 +85,6 @@ def _uri_at(place: Row) -> str:
     return f"http://{f'[{address}]' if ':' in address else address}:{place['port']}/"
 
 
-def _providers(services: typing.Dict[str, typing.List[str]], end: str) -> typing.List[typing.Tuple[str, str]]:
-    """List (service, node) of the first services with this end of their name."""
-    return [(name, services[name][0]) for name in sorted(services) if name.endswith(end) and services[name]][:NODES]
-
-
 def _parameter(uri: str, name: str, default: typing.Any) -> typing.Any:
     """Return a parameter of a roscore, or the default where it gives none."""
     try:
@@ -106,13 +105,14 @@ def _state(uri: str) -> Tables:
 def _discovery(roscore: str, uri: str, service: str, node: str) -> Row:
     """Describe a discovery node, by its list of masters and its parameters at the roscore."""
     entry: Row = {"node": plain(node), "service": plain(service), "masters": [], "error": ""}
+    kind = ""
     try:
-        entry["masters"] = tcpros.call_by_name(roscore, service, tcpros.LIST_MASTERS, CALLER)
+        entry["masters"], kind = tcpros.call_by_name(roscore, service, tcpros.LIST_MASTERS, CALLER)
     except OSError as problem:
         entry["error"] = plain(problem)
     own = [master for master in entry["masters"] if master["uri"].rstrip("/") == uri.rstrip("/")]
     entry["uri"] = own[0]["monitoruri"] if own else ""
-    entry["implementation"] = _implementation(entry["uri"])
+    entry["implementation"] = SUCCESSOR if kind.startswith(SUCCESSOR_TYPES) else _implementation(entry["uri"])
     entry["group"] = plain(_parameter(roscore, f"{node}/mcast_group", ""))
     entry["group_port"] = _number(_parameter(roscore, f"{node}/mcast_port", 0))
     return entry
@@ -134,12 +134,16 @@ def _implementation(uri: str) -> str:
 def _sync(roscore: str, service: str, node: str) -> Row:
     """Describe a sync node, by what it tells of its imports."""
     entry: Row = {"node": plain(node), "service": plain(service), "imports": [], "error": ""}
+    kind = ""
     try:
-        hosts = tcpros.call_by_name(roscore, service, tcpros.GET_SYNC_INFO, CALLER)
+        hosts, kind = tcpros.call_by_name(roscore, service, tcpros.GET_SYNC_INFO, CALLER)
         entry["imports"] = [_count_imports(host) for host in hosts]
     except OSError as problem:
         entry["error"] = plain(problem)
-    entry["implementation"] = BUNDLED if _parameter(roscore, IMPORTS, None) is not None else UPSTREAM
+    if kind.startswith(SUCCESSOR_TYPES):
+        entry["implementation"] = SUCCESSOR
+    else:
+        entry["implementation"] = BUNDLED if _parameter(roscore, IMPORTS, None) is not None else UPSTREAM
     return entry
 
 

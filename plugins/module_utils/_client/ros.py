@@ -18,11 +18,11 @@ from .._module.regular_files import read_regular
 from .._process.commands import BASE_PATH, text
 from .._process.deadlines import poll
 from .._process.foreign import foreign
-from . import tcpros
+from . import own_services, tcpros
 from .xml_rpc import ask
 
 CALLER = "/multimaster_verify"
-LIST_MASTERS = "/master_discovery/list_masters"
+LIST_MASTERS = "/master_discovery/list_masters"  # of the nodes that the collection starts; others may have other names
 KILLED = 10  # seconds after which a program is killed that does not end at its limit
 
 
@@ -88,7 +88,10 @@ def roscore(ros: Ros, deadline: float) -> typing.Dict[str, str]:
 
 
 def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.Dict[str, typing.Any]:
-    """Do what `rosservice call /master_discovery/list_masters` does, again until the wanted names are online."""
+    """Do what `rosservice call /master_discovery/list_masters` does, again until the wanted names are online.
+
+    A discovery node that somebody has started may have another name, as that of fkie_mas has.
+    """
     began = time.monotonic()
     missing = ros.problem("rosservice")
     if missing:
@@ -96,8 +99,11 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
 
     def look() -> typing.Dict[str, typing.Any]:
         try:
-            rows = tcpros.call_by_name(ros.uri, LIST_MASTERS, tcpros.LIST_MASTERS, CALLER)
-        except OSError as problem:
+            services = [str(name) for name, _nodes in ros.ask("getSystemState")[2]]
+            own = own_services.find_own(ros.uri, CALLER, services, own_services.LIST_MASTERS)
+            service = own[0] if own else LIST_MASTERS
+            rows, _type = tcpros.call_by_name(ros.uri, service, tcpros.LIST_MASTERS, CALLER)
+        except (OSError, LookupError, TypeError, ValueError) as problem:  # or a state that is none
             return {"masters": [], "error": plain(problem)}
         return {
             "masters": [{key: row[key] for key in ("name", "uri", "online", "monitoruri")} for row in rows],

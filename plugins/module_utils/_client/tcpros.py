@@ -123,8 +123,8 @@ def _explain(late: str, strange: str) -> typing.Iterator[None]:
         raise OSError(f"{strange}: {quote(problem)}") from None
 
 
-def call(uri: str, service: str, known: Types, caller: str) -> typing.List[Row]:
-    """Call a service at its URI (rosrpc://host:port) and read the list in its answer. Raises OSError with a sentence."""
+def call(uri: str, service: str, known: Types, caller: str) -> typing.Tuple[typing.List[Row], str]:
+    """Call a service at its URI (rosrpc://host:port); return the list in its answer, and its type. Raises OSError with a sentence."""
     deadline = time.monotonic() + CALL
     with _explain(f"{service} gave no answer within {CALL:g} s", f"{service} gave an answer that is none"):
         place = urllib.parse.urlsplit(uri)
@@ -144,11 +144,11 @@ def call(uri: str, service: str, known: Types, caller: str) -> typing.List[Row]:
             answer = _read_block(connection, MOST, deadline)
         if not good:
             raise OSError(f"{service}: {quote(answer.decode('utf-8', 'replace'))}")
-        return Reader(answer).items(known[fields["md5sum"]])
+        return Reader(answer).items(known[fields["md5sum"]]), plain(fields.get("type", ""))
 
 
-def call_by_name(master: str, service: str, known: Types, caller: str) -> typing.List[Row]:
-    """Call a service where the roscore at `master` says that it is. Raises as `call` does."""
+def call_by_name(master: str, service: str, known: Types, caller: str) -> typing.Tuple[typing.List[Row], str]:
+    """Call a service where the roscore at `master` says that it is. Returns and raises as `call` does."""
     return call(str(ask(master, caller, "lookupService", service)), service, known, caller)
 
 

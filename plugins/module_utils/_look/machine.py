@@ -130,6 +130,8 @@ OPTIONS: typing.Dict[str, typing.Any] = {
             "package": {"type": "str", "required": True},
             "executable": {"type": "str", "required": True},
             "modules": {"type": "list", "elements": "str", "default": []},
+            "programs": {"type": "list", "elements": "str", "default": []},
+            "environment": {"type": "dict", "default": {}},
         },
     },
     "packages": {"type": "list", "elements": "str", "default": []},

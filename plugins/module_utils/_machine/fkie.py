@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The parts of multimaster_fkie on this machine: executables of ROS packages, and Debian packages. Nothing is changed."""
+"""The parts of multimaster_fkie or fkie_mas on this machine: executables of ROS packages, and Debian packages. Nothing is changed."""
 
 import json
 import os
@@ -43,6 +43,10 @@ def executable(package, name):
             folders[:] = [] if ends else sorted(entry for entry in folders if not entry.startswith("."))
     return ""
 
+def lacks(programs):
+    folders = paths("PATH")
+    return [name for name in programs if not any(os.access(os.path.join(folder, name), os.X_OK) for folder in folders)]
+
 def problem(modules):
     for name in modules:
         try:
@@ -53,12 +57,14 @@ def problem(modules):
 
 found = []
 for node in json.loads(sys.argv[1]):
+    for name, value in node["environment"].items():
+        os.environ.setdefault(name, value)
     path = executable(node["package"], node["executable"])
     if path and not os.access(path, os.R_OK):
         why = "%s is closed to other users" % path
     else:
         why = problem(node["modules"]) if path else ""
-    found.append({"package": node["package"], "executable": node["executable"], "path": path, "problem": why})
+    found.append({"path": path, "problem": why, "lacks": lacks(node["programs"]) if path else []})
 print("")
 print(json.dumps(found))
 """
@@ -66,8 +72,8 @@ print(json.dumps(found))
 
 def nodes(
     wanted: typing.List[typing.Dict[str, typing.Any]], python: str, environment: typing.Dict[str, str]
-) -> typing.List[typing.Dict[str, str]]:
-    """Find each wanted executable of a ROS package: its path or "", and the problem that keeps it from running.
+) -> typing.List[typing.Dict[str, typing.Any]]:
+    """Find each wanted executable of a ROS package: its path or "", the problem that keeps it from running, and programs that it lacks.
 
     `environment` is the whole environment of the services.
     """
@@ -81,8 +87,10 @@ def nodes(
     return [_check_answer(node, entry) for node, entry in zip(wanted, answers)]
 
 
-def _check_answer(node: typing.Dict[str, typing.Any], entry: typing.Any) -> typing.Dict[str, str]:
+def _check_answer(node: typing.Dict[str, typing.Any], entry: typing.Any) -> typing.Dict[str, typing.Any]:
     """Check the answer about a node: an imported module could print anything."""
+    said = entry.get("lacks") if isinstance(entry, dict) else None
+    lacks = [name for name in node["programs"] if isinstance(said, list) and name in said]
     path = entry.get("path") if isinstance(entry, dict) else None
     problem = entry.get("problem") if isinstance(entry, dict) else None
     if not isinstance(path, str) or not isinstance(problem, str):
@@ -91,11 +99,14 @@ def _check_answer(node: typing.Dict[str, typing.Any], entry: typing.Any) -> typi
         return _node(node, "", "its path is not absolute, or has other characters than letters, digits and _ . + -")
     if path and not os.path.isfile(path):
         return _node(node, "", f"{quote(path)} is no file")
-    return _node(node, path, plain(problem))
+    return _node(node, path, plain(problem), lacks)
 
 
-def _node(node: typing.Dict[str, typing.Any], path: str, problem: str) -> typing.Dict[str, str]:
-    return {"package": node["package"], "executable": node["executable"], "path": path, "problem": problem}
+def _node(
+    node: typing.Dict[str, typing.Any], path: str, problem: str, lacks: typing.Sequence[str] = ()
+) -> typing.Dict[str, typing.Any]:
+    found = {"package": node["package"], "executable": node["executable"], "path": path, "problem": problem}
+    return dict(found, lacks=list(lacks))
 
 
 def packages(wanted: typing.List[str], record: str = INSTALLED) -> typing.List[typing.Dict[str, typing.Any]]:

@@ -11,9 +11,9 @@ import time
 import typing
 import xmlrpc.client
 
-from .._client import message_types, tcpros
+from .._client import message_types, own_services, tcpros
 from .._client.documents import NODE, STATE
-from .._client.facts import IMPORTS, SYNC_INFO
+from .._client.facts import IMPORTS
 from .._client.ros import CALLER, Ros
 from .._client.xml_rpc import server
 from .._machine.outcomes import Outcome, classify_error
@@ -89,11 +89,11 @@ def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]
             return value
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         pass  # another implementation
-    service = next((name for name in sorted(services) if name.endswith(SYNC_INFO)), None)
-    if service is None:
+    own = own_services.find_own(ros.uri, CALLER, services, own_services.SYNC_INFO)
+    if not own:
         raise OSError(f"{ros.uri}: no master_sync tells what it has registered")
     found: typing.Dict[str, typing.Dict[str, str]] = {}
-    for host in tcpros.call_by_name(ros.uri, service, tcpros.GET_SYNC_INFO, CALLER):
+    for host in tcpros.call_by_name(ros.uri, own[0], tcpros.GET_SYNC_INFO, CALLER)[0]:
         nodes = found.setdefault(host["masteruri"], {})
         for entry in host["publisher"] + host["subscriber"] + host["services"]:
             nodes[entry["node"]] = entry["nodeuri"]

@@ -12,6 +12,8 @@ from .._module.plain_text import plain
 FILTERS = ("ignore_", "sync_", "hide_", "do_not_sync")  # how the names of filters begin
 MOST = 50  # parameters that are told
 LONGEST = 200  # characters of a value: they are for people
+# The same nodes of fkie_mas, where somebody has started them by hand.
+SUCCESSOR = {"master_discovery": "mas_discovery", "master_sync": "mas_sync"}
 NOTHING: typing.Dict[str, typing.Any] = {"nodes": [], "differing": [], "error": ""}
 
 
@@ -22,7 +24,7 @@ def parameters(ros: Ros, planned: typing.Dict[str, typing.Dict[str, typing.Any]]
         if not wanted:
             continue
         try:
-            there = ros.ask("getParam", "/" + node)
+            there = _read(ros, node)
         except OSError as problem:
             found["error"] = str(problem)
             continue
@@ -30,6 +32,18 @@ def parameters(ros: Ros, planned: typing.Dict[str, typing.Dict[str, typing.Any]]
             found["nodes"].append(node)
             found["differing"] += compare(node, wanted, there)
     return found
+
+
+def _read(ros: Ros, node: str) -> typing.Any:
+    """Read the namespace of a node. Raises OSError with the sentence about the usual name where neither is there."""
+    try:
+        return ros.ask("getParam", "/" + node)
+    except OSError:
+        try:
+            return ros.ask("getParam", "/" + SUCCESSOR[node])
+        except (OSError, KeyError):
+            pass
+        raise
 
 
 def compare(

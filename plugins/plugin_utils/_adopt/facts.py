@@ -70,8 +70,8 @@ class Roscore:
     runs: str  # its unit, else its command
     discovery: tuple[Discovery, ...] = ()
     syncs: bool = False  # a sync node is there
-    upstream: bool = False  # some of the nodes are those of multimaster_fkie
     contained: bool = False  # it runs in a container
+    makes: frozenset[str] = frozenset()  # whose nodes these are: bundled, upstream, fkie_mas
 
 
 @dataclass(frozen=True)
@@ -152,8 +152,8 @@ def _roscore(entry: Info) -> Roscore:
         runs=quote(process["unit"] or process["command"], 100),
         discovery=tuple(map(_discovery, discovery)),
         syncs=bool(sync),
-        upstream="upstream" in [node.get("implementation") for node in (*discovery, *sync)],
         contained=process.get("container") is True,
+        makes=frozenset(str(node.get("implementation", "")) for node in (*discovery, *sync)),
     )
 
 

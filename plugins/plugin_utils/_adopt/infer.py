@@ -14,6 +14,8 @@ from .._fleet import kinds
 from . import facts, groups, names
 from .proposal import Choice, Choices, Computer, Proposal, Robot
 
+# Nodes that can be kept -> what people call them.
+MAKERS = {"fkie_mas": "fkie_mas", "upstream": "multimaster_fkie"}
 # What discovery nodes use where no parameter says another thing.
 GROUP, PORT, ROSCORE_PORT = "226.0.0.0", 11511, 11311
 
@@ -250,8 +252,13 @@ def _describe_services(scene: _Scene, group: groups.Group, roscore: facts.Roscor
         else f"{what}: end it and what starts it at boot before site.yml, which starts its own, or set multimaster_roscore: existing"
     ]
     if roscore.discovery or roscore.syncs:
-        nodes = "The nodes of multimaster_fkie" if roscore.upstream else "Discovery and sync nodes"
-        kept = ", or set multimaster_provider: fkie_existing" if roscore.upstream else ""
+        maker = next((name for make, name in MAKERS.items() if make in roscore.makes), "")
+        nodes = f"The nodes of {maker}" if maker else "Discovery and sync nodes"
+        kept = (
+            f", or set multimaster_provider: fkie_existing, with multimaster_ros_setup: the set-up file of {maker}"
+            if maker
+            else ""
+        )
         told.append(
             f"{nodes} run there, which site.yml replaces: end them and what starts them at boot{kept}; filters of the sync node "
             "are not read: write them as multimaster_filters"

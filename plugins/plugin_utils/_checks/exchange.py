@@ -36,9 +36,14 @@ def _silent_suspects(case: Case) -> Parts:
 
 
 def _silent_evidence(case: Case) -> Parts:
-    """The collection's own nodes hang; services that do not run have a check of their own."""
+    """The collection's own nodes hang, or those of fkie_mas; services that do not run have a check of their own."""
     silent = case.exchange.silent if case.exchange else ()
-    hung = {"/master_discovery": "discovery", "/master_sync": "sync"}
+    hung = {
+        "/master_discovery": "discovery",
+        "/master_sync": "sync",
+        "/mas_discovery": "discovery",
+        "/mas_sync": "sync",
+    }
     nodes = join_parts(make_parts(kind, case.observer.name, "hung") for node, kind in hung.items() if node in silent)
     refused = [entry.node for entry in (case.exchange.silences if case.exchange else ()) if _has_ended(case, entry)]
     ended = make_parts("registration", case.observer.name, "ghost", what=shorten_list(refused, NAMED))

@@ -160,6 +160,8 @@ class Node:
     package: str
     executable: str
     modules: tuple[str, ...]
+    programs: tuple[str, ...] = ()  # what else it uses
+    environment: Mapping[str, str] = field(default_factory=dict)  # what it needs, where the ROS does not set it
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from typing import Any
 
 from .._fleet.contradictions import DIAGNOSTICS
 from .._fleet.exports import make_node_filters
-from .._fleet.filters import HOSTS, NAMES, NO_NAME, WHITE_LISTS
+from .._fleet.filters import HOSTS, NAMES, NO_NAME, SUCCESSOR, WHITE_LISTS
 from .._fleet.flows import VERIFICATION_TOPICS, Flow
 from .._fleet.model import Fleet, Robot
 from .._fleet.sentences import shorten_list
@@ -235,7 +235,10 @@ def _upstream_sync(bundled: Mapping[str, Any]) -> dict[str, Any]:
     sections = {key: value for key, value in bundled.items() if isinstance(value, Mapping)}
     kept = {key: value for key, value in bundled.items() if key not in (*sections, *UPSTREAM_FILTERS, *HOSTS)}
     common = _close_white_lists({name: list(bundled.get(name, ())) for name in UPSTREAM_FILTERS}, {})
-    lists: dict[str, list[Any]] = {name: [*_group_alternatives(items)] for name, items in common.items()}
+    # Upstream knows its own names, and not those of its successor: a stranger's start button would be registered.
+    lists: dict[str, list[Any]] = {
+        name: [*SUCCESSOR.get(name, ()), *_group_alternatives(items)] for name, items in common.items()
+    }
     for master, section in sections.items():
         own = _close_white_lists({name: list(section.get(name, ())) for name in UPSTREAM_FILTERS}, common)
         for name, items in own.items():

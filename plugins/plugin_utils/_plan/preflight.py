@@ -143,7 +143,7 @@ def _add_programs(plan: ComputerPlan, info: Mapping[str, Any], nodes: providers.
         return plan
     python = info["ros"]["chosen"]["python"]
     programs = (
-        units.render_programs(plan.provider, python, nodes.paths, plan.roscore_port)
+        units.render_programs(plan.provider, python, nodes.paths, plan.roscore_port, nodes.release.environment)
         if plan.is_master
         else plan.programs
     )

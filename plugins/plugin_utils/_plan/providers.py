@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Providers of the discovery and sync nodes: the bundled ones, or multimaster_fkie, called upstream here.
+"""Providers of the discovery and sync nodes: the bundled ones, or multimaster_fkie or its successor, called upstream here.
 
 Upstream's packages and programs are in tables, by release. They are found on a machine here.
 """
@@ -18,19 +18,40 @@ from .model import ComputerPlan, Node
 
 # Releases of upstream
 
+# The Python modules of both nodes in their packages, in each release; until fkie_mas their executables, too.
+MODULES = ("master_discovery", "master_sync")
+
 
 @dataclass(frozen=True)
 class Release:
-    """The ROS packages of a release. Their executables are always master_discovery and master_sync."""
+    """The ROS packages of a release, and what it needs beside ROS."""
 
     discovery: str
     sync: str
     messages: str
     hides: bool  # master_discovery has hide_nodes, hide_topics and hide_services
+    executables: tuple[str, str] = MODULES
+    needs: tuple[str, ...] = ()  # Python modules that are looked for before its own, which end without them
+    packages: str = ""  # what has these modules
+    programs: tuple[str, ...] = ()
+    environment: Mapping[str, str] = field(default_factory=dict)  # where the ROS does not set it
 
 
 OLD = Release("master_discovery_fkie", "master_sync_fkie", "multimaster_msgs_fkie", hides=False)
 NEW = Release("fkie_master_discovery", "fkie_master_sync", "fkie_multimaster_msgs", hides=True)  # since 1.0.0
+# fkie_mas, whose version 5 runs on ROS 1 and 2: it asks the environment which one this is, and takes its ports from that.
+SUCCESSOR = Release(
+    "fkie_mas_discovery",
+    "fkie_mas_sync",
+    "fkie_mas_msgs",
+    hides=True,
+    executables=("mas-discovery", "mas-sync"),
+    needs=("websockets.sync.server", "psutil", "netifaces"),
+    packages="fkie_mas needs the Python packages websockets (12 or newer), psutil and netifaces for the Python of ROS",
+    programs=("screen",),
+    environment={"ROS_VERSION": "1", "ROS_DISTRO": "noetic"},
+)
+RELEASES = (NEW, OLD, SUCCESSOR)
 
 # The release in the packages of each ROS distribution. Debian's own ROS packages have no multimaster_fkie.
 # Melodic has 0.8.12; newer ones need packages that Ubuntu 18.04 lacks.
@@ -53,14 +74,21 @@ def packages_to_look_for(provider: str, is_master: bool) -> tuple[str, ...]:
 
 def nodes_to_look_for(provider: str) -> tuple[Node, ...]:
     """Return the nodes for multimaster_info to look for."""
-    return tuple(node for release in (NEW, OLD) for node in _nodes(release)) if provider == "fkie_existing" else ()
+    return tuple(node for release in RELEASES for node in _nodes(release)) if provider == "fkie_existing" else ()
 
 
 def _nodes(release: Release) -> tuple[Node, ...]:
     messages = (f"{release.messages}.msg", f"{release.messages}.srv")
+    parts = zip((release.discovery, release.sync), release.executables, MODULES, strict=True)
     return tuple(
-        Node(package, executable, (f"{package}.{executable}", *messages))
-        for package, executable in ((release.discovery, "master_discovery"), (release.sync, "master_sync"))
+        Node(
+            package,
+            executable,
+            (*release.needs, f"{package}.{module}", *messages),
+            release.programs,
+            release.environment,
+        )
+        for package, executable, module in parts
     )
 
 
@@ -75,9 +103,21 @@ class Installation:
     packages: Sequence[str] = ()
     problems: Sequence[str] = ()
     release: Release = NEW
+    lacks: Sequence[str] = ()  # programs that are not there
 
     def limits(self, plan: ComputerPlan) -> list[str]:
-        """Return a sentence if this release does not know all parameters."""
+        """Return a sentence if a program is missing, and one if this release does not know all parameters."""
+        return [*self._list_missing_programs(plan), *self._explain_hiding(plan)]
+
+    def _list_missing_programs(self, plan: ComputerPlan) -> Iterator[str]:
+        for program in self.lacks:
+            yield (
+                f"{plan.computer}: multimaster_provider is '{plan.provider}', but the fkie_mas of this robot finds no program {program}; "
+                f"expected it for the nodes that its mas-daemon starts: install the Debian package {program}. Discovery and sync work "
+                "without it."
+            )
+
+    def _explain_hiding(self, plan: ComputerPlan) -> list[str]:
         if self.release.hides or not any(name.startswith("hide_") for name in plan.discovery):
             return []
         return [
@@ -127,8 +167,9 @@ def _find_existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Installatio
     if not plan.is_master:
         return Installation()
     by_package = {node["package"]: node for node in chosen["nodes"]}
-    releases = [(by_package[release.discovery], by_package[release.sync]) for release in (NEW, OLD)]
-    nodes = max(releases, key=lambda nodes: sum(bool(node["path"]) for node in nodes))  # the new one if they are equal
+    nodes_of = {number: (by_package[of.discovery], by_package[of.sync]) for number, of in enumerate(RELEASES)}
+    # The first one if they are equal.
+    number, nodes = max(nodes_of.items(), key=lambda item: sum(bool(node["path"]) for node in item[1]))
     where = quote(chosen["setup"]) or "Debian's packages"
     wrong = [
         f"{node['package']}/{node['executable']} "
@@ -136,14 +177,18 @@ def _find_existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Installatio
         for node in nodes
         if node["problem"] or not node["path"]
     ]
+    release = RELEASES[number]
+    unmet = any(module.partition(".")[0] in node["problem"] for module in release.needs for node in nodes)
     problem = (
-        f"{plan.computer}: multimaster_provider is 'fkie_existing', but in the ROS of {where} {' and '.join(wrong)}; expected both nodes of "
-        "multimaster_fkie in lib/<package> of its CMAKE_PREFIX_PATH or in a package below its ROS_PACKAGE_PATH, importable for any user: name "
+        f"{plan.computer}: multimaster_provider is 'fkie_existing', but in the ROS of {where} {' and '.join(wrong)}"
+        f"{f' ({release.packages})' if unmet else ''}; expected both nodes of "
+        "multimaster_fkie or of fkie_mas in lib/<package> of its CMAKE_PREFIX_PATH or in a package below its ROS_PACKAGE_PATH, importable for any user: name "
         "the set-up file of that installation in multimaster_ros_setup, or set multimaster_provider to 'bundled'."
     )
     paths = {"discovery": nodes[0]["path"], "sync": nodes[1]["path"]}
     problems = [problem] if wrong else list(check_paths(plan, paths.values()))
-    return Installation(paths, (), problems, OLD if nodes == releases[1] else NEW)
+    lacks = tuple(dict.fromkeys(program for node in nodes for program in node.get("lacks", ())))
+    return Installation(paths, (), problems, release, () if wrong else lacks)
 
 
 def check_paths(plan: ComputerPlan, paths: Iterable[str]) -> Iterator[str]:

@@ -328,7 +328,7 @@ FileDescriptorStoreMax=1
 KillMode=mixed
 TimeoutStartSec=60"""
 _WATCHED = """\
-Environment=ROS_PYTHON_LOG_CONFIG_FILE={library}/python/rosfleet_multimaster/logging.conf
+{environment}Environment=ROS_PYTHON_LOG_CONFIG_FILE={library}/python/rosfleet_multimaster/logging.conf
 ExecStartPre={wait} --set /{node} {configuration}/{node}.json
 ExecStart={python} {path} __name:={node}
 # Started means that it answers.
@@ -351,9 +351,19 @@ PROGRAMS: dict[str, dict[str, UnitLines]] = {
 NO_PROGRAMS = {name: UnitLines() for name in NODES}
 
 
-def render_programs(provider: str, python: str, paths: Mapping[str, str], port: int) -> dict[str, UnitLines]:
-    """The lines that differ, by node. `paths` are upstream's executables, by node. `port` is that of the roscore."""
+def render_programs(
+    provider: str,
+    python: str,
+    paths: Mapping[str, str],
+    port: int,
+    environment: Mapping[str, str] | None = None,
+) -> dict[str, UnitLines]:
+    """The lines that differ, by node. `paths` are upstream's executables, by node. `port` is that of the roscore.
+
+    `environment` is what upstream's nodes need where the file with the environment has no other value (systemd.exec(5)).
+    """
     lines = {}
+    variables = " ".join(f"{name}={value}" for name, value in (environment or {}).items())
     for name, program in PROGRAMS[provider].items():
         _task, ros_service = NODES.get(name, ("", ""))
         service = program.service.format(
@@ -365,6 +375,7 @@ def render_programs(provider: str, python: str, paths: Mapping[str, str], port: 
             service=ros_service,
             configuration=CONFIGURATION,
             library=LIBRARY,
+            environment=f"Environment={variables}\n" if variables else "",
         )
         lines[name] = UnitLines(program.unit, service)
     return lines

@@ -96,6 +96,26 @@ def test_all_but_the_exchange_itself_is_exchanged_by_default():
     assert not default.topic("/n", "/bond", "bond/Status", True)
 
 
+@pytest.mark.parametrize("service", ["run", "start_launch", "load_launch", "list_nodes", "get_loggers"])
+@pytest.mark.parametrize("node", ["/mas_daemon", "/anything"])
+def test_no_start_button_of_a_stranger_is_exchanged(service, node):
+    assert not rules().service(node, f"/mas_daemon/{service}")
+    assert not Filters({"sync_services": ["*"]}).rules("other").service(node, f"/mas_daemon/{service}")
+
+
+def test_the_exchange_of_the_successor_is_not_exchanged():
+    default = rules()
+    for node in ("/mas_discovery", "/mas_sync", "/mas_daemon", "/mas_zeroconf", "/mas_subscriber/odom"):
+        assert not default.topic(node, "/diagnostics", "diagnostic_msgs/DiagnosticArray", True)
+        assert not default.service(node, "/x")
+    for service in ("/mas_sync/get_sync_info", "/mas_discovery/list_masters", "/mas_discovery/refresh"):
+        assert not default.service("/x", service)
+    assert not default.topic("/x", "/mas_discovery/changes", "x/Y", True)
+    assert not default.topic("/x", "/changes", "fkie_mas_msgs/MasterState", True)
+    assert default.topic("/mas", "/mas_discovery_of_mine", "std_msgs/String", True)
+    assert default.service("/mas_daemon_of_mine", "/mas_daemons/run")
+
+
 @pytest.mark.parametrize(
     ("values", "topic", "wanted"),
     [

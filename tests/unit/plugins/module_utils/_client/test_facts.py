@@ -63,8 +63,15 @@ def seen(*ports):
     return facts.masters([{"protocol": "tcp", "port": port} for port in ports])
 
 
-@pytest.mark.parametrize(("node", "implementation"), [(Bundled(), "bundled"), (object(), "upstream")])
-def test_a_roscore_and_its_nodes(node, implementation):
+@pytest.mark.parametrize(
+    ("node", "implementation", "messages"),
+    [
+        (Bundled(), "bundled", "fkie_multimaster_msgs"),
+        (object(), "upstream", "fkie_multimaster_msgs"),
+        (object(), "fkie_mas", "fkie_mas_msgs"),
+    ],
+)
+def test_a_roscore_and_its_nodes(node, implementation, messages):
     roscore = Roscore()
     with contextlib.ExitStack() as running:
         port = running.enter_context(served(roscore))
@@ -76,7 +83,9 @@ def test_a_roscore_and_its_nodes(node, implementation):
             ("/master_discovery/list_masters", LIST_MASTERS, listed),
             ("/master_sync/get_sync_info", GET_SYNC_INFO, imported),
         ):
-            roscore.places[name] = running.enter_context(provider(head(md5sum=md5sum), answer(content)))
+            kind = {LIST_MASTERS: "DiscoverMasters", GET_SYNC_INFO: "GetSyncInfo"}[md5sum]
+            first = head(md5sum=md5sum, type=f"{messages}/{kind}")
+            roscore.places[name] = running.enter_context(provider(first, answer(content)))
         roscore.parameters = {
             "/run_id": "2bb5",
             "/rosversion": "1.15.15\n",
@@ -108,6 +117,18 @@ def test_nodes_that_do_not_tell_are_a_sentence():
     (discovery,), (sync,) = found["discovery"], found["sync"]
     assert "no address of a service" in discovery["error"] and "refused" in sync["error"]
     assert (discovery["implementation"], discovery["masters"], sync["imports"]) == ("", [], [])
+
+
+def test_nodes_of_another_robot_are_not_told_as_own():
+    """Its sync node has registered them here."""
+    roscore = Roscore()
+    roscore.places = {
+        "/mas_discovery/list_masters": "rosrpc://198.51.100.2:1",
+        "/mas_sync/get_sync_info": "rosrpc://198.51.100.2:1",
+    }
+    with served(roscore) as port:
+        (found,) = seen(port)
+    assert (found["discovery"], found["sync"], found["services"]) == ([], [], 3)
 
 
 class Page(http.server.BaseHTTPRequestHandler):

@@ -7,7 +7,7 @@ import os
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import ros as probe_ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import tcpros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import own_services, tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment as environment_module
 from hypothesis import given
@@ -93,6 +93,29 @@ def test_list_masters_is_asked_without_a_command(roscore, monkeypatch):
         found = probe_ros.list_masters(made, {"one"}, 0)
     assert [(entry["name"], entry["online"]) for entry in found["masters"]] == [("one", True), ("two", False)]
     assert not found["error"]
+
+
+def test_a_discovery_node_of_another_name_is_asked(roscore, monkeypatch):
+    """As fkie_mas has it, where somebody has started it by hand."""
+    made, command = roscore
+    command("rosservice", "exit 1")
+    name = "/mas_discovery/list_masters"
+    state = [[], [], [[name, ["/mas_discovery"]], ["/mas_discovery/refresh", ["/mas_discovery"]]]]
+    monkeypatch.setattr(made, "ask", lambda method: state)
+    head_of_mas = head(md5sum=LIST_MASTERS, type="fkie_mas_msgs/DiscoverMasters")
+    with provider(head_of_mas, answer(rows(master("one")))) as uri:
+        for module in (tcpros, own_services):
+            monkeypatch.setattr(module, "ask", lambda master, caller, method, asked: uri if asked == name else "")
+        found = probe_ros.list_masters(made, {"one"}, 0)
+    assert [entry["name"] for entry in found["masters"]] == ["one"] and not found["error"]
+
+
+@pytest.mark.parametrize("state", [5, [1, 2, 3], [[], [], [["/x"]]]])
+def test_a_state_that_is_none_is_a_sentence(roscore, monkeypatch, state):
+    made, command = roscore
+    command("rosservice", "exit 1")
+    monkeypatch.setattr(made, "ask", lambda method: state)
+    assert probe_ros.list_masters(made, {"one"}, 0)["error"]
 
 
 def test_a_discovery_that_is_not_there_is_a_sentence(roscore):

@@ -15,7 +15,7 @@ NAME = "/master_discovery/list_masters"
 
 
 def call(uri, known=None):
-    return tcpros.call(uri, NAME, known or tcpros.LIST_MASTERS, "/me")
+    return tcpros.call(uri, NAME, known or tcpros.LIST_MASTERS, "/me")[0]
 
 
 @pytest.mark.parametrize("md5sum", tcpros.LIST_MASTERS)

@@ -151,6 +151,15 @@ def test_a_folder_for_hooks_that_is_not_roots_is_named(opt):
     assert ros.hooks({}) == ("", "")
 
 
+@pytest.mark.parametrize(("given", "seen"), [({}, "1"), ({"SOME_VERSION": "2"}, "2")])
+def test_a_node_sees_the_variables_that_it_needs(opt, given, seen):
+    """As fkie_mas sees ROS_VERSION, which Debian's ROS does not set."""
+    package(opt / "src")
+    (opt / "src/python/some_sync/sync.py").write_text("import os\nraise ValueError(os.environ['SOME_VERSION'])\n")
+    problem = nodes(opt, ROS_PACKAGE_PATH=str(opt), **given)[1]
+    assert problem == f"some_sync.sync cannot be imported: ValueError: {seen}"
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason="root only can be stopped by nobody's rights")
 @pytest.mark.parametrize("what", ["", "setup.sh", "python"])
 def test_a_closed_folder_or_file_is_named(opt, what):
@@ -333,7 +342,15 @@ def test_values_that_fit_into_no_file_are_left_out():
 # Executables of ROS packages
 
 
-WANTED = [{"package": "some_sync", "executable": "sync", "modules": ["some_sync.sync", "some_msgs.srv"]}]
+WANTED = [
+    {
+        "package": "some_sync",
+        "executable": "sync",
+        "modules": ["some_sync.sync", "some_msgs.srv"],
+        "programs": ["sh", "no_such_program"],
+        "environment": {"SOME_VERSION": "1"},
+    }
+]
 
 
 def package(folder, modules=("some_sync/sync.py", "some_msgs/srv.py")):
@@ -353,6 +370,7 @@ def nodes(opt, **environment):
     environment = {"PYTHONPATH": f"{opt}/src/python", **environment}
     (found,) = fkie.nodes(WANTED, ros.PYTHON, ros.full(environment))
     assert (found["package"], found["executable"]) == ("some_sync", "sync")
+    assert found["lacks"] == (["no_such_program"] if found["path"] else [])
     return found["path"], found["problem"]
 
 

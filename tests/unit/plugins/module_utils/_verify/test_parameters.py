@@ -69,3 +69,10 @@ def test_what_anybody_may_have_set_is_short_and_plain(value):
 
 def test_a_namespace_that_is_no_namespace_is_not_compared():
     assert parameters.parameters(Told({"/master_sync": "a text"}), {"master_sync": {"a": 1}})["nodes"] == []
+
+
+def test_nodes_of_fkie_mas_are_compared_below_their_own_names():
+    told = Told({"/mas_discovery": {"mcast_group": "239.1.2.3", "mcast_port": 11511, "allow": []}})
+    found = parameters.parameters(told, PLANNED)
+    assert found["nodes"] == ["master_discovery"] and "not set" in found["error"]
+    assert [(entry["node"], entry["name"]) for entry in found["differing"]] == [("master_discovery", "mcast_group")]

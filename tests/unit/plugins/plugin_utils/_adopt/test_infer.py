@@ -193,6 +193,16 @@ def test_the_roscore_that_most_nodes_name_counts():
     assert valid(proposal) == ROBOTS
 
 
+@pytest.mark.parametrize(("make", "name"), [("upstream", "multimaster_fkie"), ("fkie_mas", "fkie_mas")])
+def test_nodes_that_can_be_kept_are_told_by_their_name(make, name):
+    there = roscore("robot", "192.168.1.7", implementation=make)
+    notes = " ".join(
+        propose([facts.read_machine("robot", machine("robot", "192.168.1.7/24", masters=[there]))], {}).robots[0].notes
+    )
+    assert f"The nodes of {name} run there" in notes
+    assert f"multimaster_provider: fkie_existing, with multimaster_ros_setup: the set-up file of {name}" in notes
+
+
 def test_a_roscore_that_does_not_run_is_a_guess():
     infos = fleet()
     infos["bob-arm"]["masters"] = []

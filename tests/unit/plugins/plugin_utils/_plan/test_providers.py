@@ -97,7 +97,12 @@ def machine(distribution, computer="tibi-visio"):
                 "python_version": "2.7.12" if old else "3.11.2",
                 "commands": {"roscore": f"{'/usr' if own else '/opt/ros/' + distribution}/bin/roscore"},
                 "nodes": [
-                    {**node, "path": f"/home/robot/ws/src/{node['package']}/nodes/{node['executable']}", "problem": ""}
+                    {
+                        **node,
+                        "path": f"/home/robot/ws/src/{node['package']}/nodes/{node['executable']}",
+                        "problem": "",
+                        "lacks": [],
+                    }
                     for node in nodes
                 ],
             },
@@ -151,6 +156,59 @@ def test_what_is_written_for_each_distribution(case):
     if os.environ.get("UPDATE_GOLDEN"):
         path.write_text(rendered(found.plan))
     assert rendered(found.plan) == path.read_text()
+
+
+# An installation of your own
+
+
+def with_fkie_mas(problem="", lacks=()):
+    """A robot of the provider `fkie_existing`, whose ROS has fkie_mas alone."""
+    found = machine("debian")
+    for node in found["ros"]["chosen"]["nodes"]:
+        if node["package"].startswith("fkie_mas_"):
+            node.update(problem=problem, lacks=list(lacks))
+        else:
+            node["path"] = ""
+    computers = plan(everywhere("tibi", multimaster_provider="fkie_existing"))
+    return preflight.compare(from_plain(ComputerPlan, computers["tibi-visio"]), found)
+
+
+def test_fkie_mas_is_an_installation_too():
+    found = with_fkie_mas()
+    assert found.problems == ()
+    lines = found.plan.programs["discovery"].service
+    assert "Environment=ROS_VERSION=1 ROS_DISTRO=noetic\n" in lines
+    assert "nodes/mas-discovery __name:=master_discovery" in lines
+    assert "nodes/mas-sync __name:=master_sync" in found.plan.programs["sync"].service
+    assert found.plan.discovery["hide_topics"]
+    assert not [warning for warning in found.warnings if "screen" in warning or 'cannot "hide' in warning]
+
+
+def test_what_fkie_mas_needs_is_said_before():
+    found = with_fkie_mas(
+        "websockets.sync.server cannot be imported: ModuleNotFoundError: No module named 'websockets'"
+    )
+    (problem,) = found.problems
+    assert problem.startswith("tibi-visio: ") and "; expected" in problem and "\n" not in problem
+    assert "fkie_mas_discovery/mas-discovery does not run" in problem
+    assert "fkie_mas needs the Python packages websockets (12 or newer), psutil and netifaces" in problem
+    (warning,) = [text for text in with_fkie_mas(lacks=["screen"]).warnings if "screen" in text]
+    assert warning.startswith("tibi-visio: ") and "install the Debian package screen" in warning
+
+
+def test_multimaster_fkie_comes_before_its_successor():
+    computers = plan(everywhere("tibi", multimaster_provider="fkie_existing"))
+    found = preflight.compare(from_plain(ComputerPlan, computers["tibi-visio"]), machine("debian"))
+    assert "fkie_master_discovery/nodes/master_discovery" in found.plan.programs["discovery"].service
+    assert "ROS_VERSION" not in found.plan.programs["discovery"].service
+
+
+def test_no_start_button_of_a_stranger_reaches_upstream():
+    """Upstream knows its own names alone, so the parameters have those of its successor."""
+    sync = plan()["tibi-visio"]["sync"]
+    assert "/mas_daemon/*" in sync["ignore_services"] and "/mas_daemon" in sync["ignore_nodes"]
+    assert "fkie_mas_msgs/*" in sync["ignore_type"]
+    assert "/mas_daemon/*" not in plan()["car-pc"]["sync"].get("ignore_services", [])
 
 
 @pytest.mark.parametrize("distribution", providers.DISTRIBUTIONS)

@@ -203,6 +203,13 @@ WHITE_LISTS = ("sync_nodes", "sync_topics", "sync_services")
 #: Parameters of master_discovery that hide something from every other master -> the filter that each of them is.
 HIDDEN = {f"hide_{kind}": f"ignore_{kind}" for kind in ("nodes", "topics", "services", "subscribers")}
 
+#: What fkie_mas, the successor of multimaster_fkie, has beside a roscore. Its /mas_daemon starts programs for whoever calls it.
+SUCCESSOR: Mapping[str, Sequence[str]] = {
+    "ignore_nodes": ("/mas_discovery", "/mas_sync", "/mas_daemon", "/mas_zeroconf", "/mas_subscriber/*"),
+    "ignore_topics": ("/mas_discovery/*", "/mas_sync/*", "/mas_daemon/*", "/mas_zeroconf/*"),
+    "ignore_services": ("/mas_discovery/*", "/mas_sync/*", "/mas_daemon/*", "/mas_zeroconf/*"),
+    "ignore_type": ("fkie_mas_msgs/*",),
+}
 #: Never exchanged: what belongs to the roscore and to the exchange itself.
 BUILT_IN: Mapping[str, Sequence[str]] = {
     "ignore_nodes": (
@@ -213,8 +220,16 @@ BUILT_IN: Mapping[str, Sequence[str]] = {
         "/node_manager_daemon",
         "/zeroconf",
         "/param_sync",
+        *SUCCESSOR["ignore_nodes"],
     ),
-    "ignore_topics": ("/rosout", "/rosout_agg", "/master_discovery/*", "/master_sync/*", "/zeroconf/*"),
+    "ignore_topics": (
+        "/rosout",
+        "/rosout_agg",
+        "/master_discovery/*",
+        "/master_sync/*",
+        "/zeroconf/*",
+        *SUCCESSOR["ignore_topics"],
+    ),
     "ignore_services": (
         "/*get_loggers",
         "/*set_logger_level",
@@ -222,6 +237,7 @@ BUILT_IN: Mapping[str, Sequence[str]] = {
         "/master_sync/*",
         "/node_manager_daemon/*",
         "/zeroconf/*",
+        *SUCCESSOR["ignore_services"],
     ),
     "ignore_type": (
         "bond/Status",
@@ -229,6 +245,7 @@ BUILT_IN: Mapping[str, Sequence[str]] = {
         "fkie_multimaster_msgs/SyncServiceInfo",
         "fkie_multimaster_msgs/SyncMasterInfo",
         "fkie_multimaster_msgs/MasterState",
+        *SUCCESSOR["ignore_type"],
     ),
 }
 
