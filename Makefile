@@ -63,15 +63,17 @@ test-long: bench-site ## what takes too long for 'make test': losses of minutes,
 test-faults: lab-tests ## the catalogue of faults on real systems, and its table in docs/operate/verification.md (an hour); FUZZ=200 SEED=1: drawn ones
 	@$(if $(FUZZ),$(PYTHON) tests/faults/fuzz.py --number $(FUZZ) --seed $(or $(SEED),1),$(PYTHON) tools/test.py faults)
 
-test-interop: checkout lab-tests ## the bundled nodes with those of multimaster_fkie 1.3.2 (FKIE=checkout)
-	@FKIE="$(abspath $(FKIE))" $(PYTHON) tools/test.py interop
+test-interop: checkout lab-tests ## the bundled nodes with those of multimaster_fkie 1.3.2 (FKIE=checkout), or of fkie_mas 5.7.0 (MAS=checkout)
+	@$(if $(MAS),bash tests/interop/needs.sh)
+	@$(if $(MAS),MAS="$(abspath $(MAS))",FKIE="$(abspath $(FKIE))") $(PYTHON) tools/test.py interop
 
 test-matrix: lab ## four versions of ansible-core on the controller by three releases of Debian on the robots, and their table in docs/start/machines.md (a quarter of an hour)
 	@$(PYTHON) tests/matrix/run.py --page
 
 checkout:
-	@test -e "$(FKIE)/fkie_master_discovery/nodes/master_discovery" -a -e "$(FKIE)/fkie_master_sync/nodes/master_sync" \
-		|| { echo "make test-interop needs FKIE=<folder of a checkout of multimaster_fkie 1.3.2>, but FKIE is '$(FKIE)'." >&2; exit 1; }
+	@test -e "$(MAS)/fkie_mas_discovery/nodes/mas-discovery" -a -e "$(MAS)/fkie_mas_sync/nodes/mas-sync" \
+		-o -e "$(FKIE)/fkie_master_discovery/nodes/master_discovery" -a -e "$(FKIE)/fkie_master_sync/nodes/master_sync" \
+		|| { echo "make test-interop needs FKIE=<folder of a checkout of multimaster_fkie 1.3.2> or MAS=<of fkie_mas 5.7.0>, but FKIE is '$(FKIE)', and MAS is '$(MAS)'." >&2; exit 1; }
 
 bench: lab-tests ## how fast topics cross, beside multimaster_fkie where FKIE=<checkout> is given (half an hour; KEEP=yes: into docs)
 	@$(PYTHON) tests/bench/network/network.py $(if $(FKIE),--fkie "$(abspath $(FKIE))") $(if $(KEEP),--keep)

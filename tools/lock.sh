@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 #
-# Writes requirements-lab.txt and requirements-dev.txt out of the files .in: every package that is needed, with the hashes of
+# Writes requirements-lab.txt, requirements-dev.txt and tests/interop/needs.txt out of the files .in: every package that is needed, with the hashes of
 # all its files, so for every machine and Python from 3.11 on. Versions that are in it already stay, unless
 # 'make lock UPGRADE=yes'. What both have, both have in one version.
 set -euo pipefail
@@ -28,4 +28,5 @@ lock() { # NAME [OPTION...]
 
 lock requirements-dev
 lock requirements-lab --constraint requirements-dev.txt
+lock tests/interop/needs --constraint requirements-dev.txt
 rm -rf "$venv"

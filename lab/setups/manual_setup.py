@@ -14,17 +14,16 @@ from machines.podman import ROOT, podman
 GROUP = "224.0.0.1"
 FOLDER = "/opt/by_hand"
 ROSCORE, DISCOVERY, SYNC = "by-hand-roscore", "by-hand-discovery", "by-hand-sync"
-BUNDLED = {
-    ROSCORE: "roscore",
-    DISCOVERY: f"env PYTHONPATH={FOLDER} python3 -m rosfleet_multimaster.master_discovery _mcast_group:={GROUP}",
-    SYNC: f"env PYTHONPATH={FOLDER} python3 -m rosfleet_multimaster.master_sync",
-}
-# Where the interoperation tests have a checkout of multimaster_fkie.
-UPSTREAM = {
-    ROSCORE: "roscore",
-    DISCOVERY: f"python3 /opt/fkie/fkie_master_discovery/nodes/master_discovery _mcast_group:={GROUP}",
-    SYNC: "python3 /opt/fkie/fkie_master_sync/nodes/master_sync",
-}
+
+
+def programs_of(discovery, sync):
+    """The programs of a robot, by their units, of the commands of its nodes."""
+    return {ROSCORE: "roscore", DISCOVERY: f"{discovery} _mcast_group:={GROUP}", SYNC: sync}
+
+
+BUNDLED = programs_of(
+    *(f"env PYTHONPATH={FOLDER} python3 -m rosfleet_multimaster.master_{node}" for node in ("discovery", "sync"))
+)
 
 
 @contextlib.contextmanager

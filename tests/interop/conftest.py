@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The lab of the interoperation tests: `make test-interop FKIE=<checkout of multimaster_fkie 1.3.2>`."""
+"""The lab of the interoperation tests: `make test-interop FKIE=<checkout of multimaster_fkie 1.3.2>`, or `MAS=<of fkie_mas 5.7.0>`."""
 
 import dataclasses
 import os
@@ -19,14 +19,7 @@ sys.path += [str(ROOT / "lab"), str(HERE)]
 import fleet  # noqa: E402
 from machines import containers  # noqa: E402
 from machines.layout import hosts_of, read_inventory  # noqa: E402
-
-# What every computer sees of this machine.
-MOUNTS = {
-    "/opt/fkie": Path(os.environ.get("FKIE", "/nowhere")),
-    "/opt/interop": HERE / "modules",
-    "/opt/messages/fkie_multimaster_msgs": ROOT / "roles/nodes/files/python/fkie_multimaster_msgs",
-    "/opt/nodes": ROOT / "lab" / "nodes",
-}
+from upstream import MOUNTS, UPSTREAM  # noqa: E402
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -36,6 +29,8 @@ def lab():
     hosts = [dataclasses.replace(host, mounts=mounts) for host in hosts_of(read_inventory(inventory))]
     with containers.remove_at_end(fleet.LAB):
         containers.bring_up(fleet.LAB, hosts)
+        with ThreadPoolExecutor() as pool:
+            list(pool.map(lambda computer: computer.run(UPSTREAM.ready), fleet.COMPUTERS))
         connection = containers.write_inventory(fleet.LAB, hosts)
         done = subprocess.run(
             [Path(sys.executable).with_name("ansible-playbook"), "-i", inventory, "-i", connection, "site.yml"],

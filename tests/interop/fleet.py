@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Robots in the lab whose nodes are the bundled ones or those of a checkout of multimaster_fkie, in any combination.
+"""Robots in the lab whose nodes are the bundled ones or those of a checkout (upstream.py), in any combination.
 
-The collection installs every robot; on `theirs` it runs multimaster_fkie by its provider `fkie_existing`. A robot with one
+The collection installs every robot; on `theirs` it runs upstream's nodes by its provider `fkie_existing`. A robot with one
 node of each has the bundled ones; in the place of one of them upstream's runs as a transient service, with the same
 parameters, from the checkout, with the collection's message package.
 """
@@ -21,6 +21,8 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from machines import containers
+from upstream import SETUP
+from upstream import UPSTREAM as IMPLEMENTATION
 
 LAB = "interop"
 BUNDLED, UPSTREAM = "bundled", "upstream"
@@ -154,9 +156,8 @@ class Robot(Computer):
             return
         self.run(f"systemctl stop {self.unit(node)}; rosparam delete /master_{node}", check=False)
         given = shlex.join(f"_{name}:={json.dumps(value)}" for name, value in values.items())
-        command = (
-            f"source /opt/interop/setup.bash; exec python3 /opt/fkie/fkie_master_{node}/nodes/master_{node} {given}"
-        )
+        program = f"env {IMPLEMENTATION.environment} python3 {IMPLEMENTATION.program(node)} __name:=master_{node}"
+        command = f"source {SETUP}; exec {program} {given}"
         self.run(
             f"systemd-run --quiet --collect --unit={self.unit(node)} --property=TimeoutStopSec=15"
             f" --setenv=ROS_HOME=/run/interop bash -lc {shlex.quote(command)}"
@@ -199,7 +200,8 @@ class Robot(Computer):
 
     def masters(self) -> dict[str, bool]:
         """The masters that its discovery lists, and whether they are online."""
-        listed = self.run("timeout 10 rosservice call /master_discovery/list_masters", check=False)
+        messages = f"source {SETUP};" if self.discovery == UPSTREAM else ""
+        listed = self.run(f"{messages} timeout 10 rosservice call /master_discovery/list_masters", check=False)
         return {
             name: online == "True"
             for name, online in re.findall(r'name: "?([\w-]+)"?$.*?online: (\w+)', listed, re.M | re.S)

@@ -4,15 +4,18 @@
 """The two robots of Fig. 5 with upstream's nodes, set up by hand as the report says: verified from the inventory alone."""
 
 import pytest
-from conftest import MOUNTS
 from machines.layout import Extra
 from machines.podman import ROOT
 from setups import manual_setup
 from subject import lab_of
+from upstream import MOUNTS, SETUP, UPSTREAM
 
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
 ADDRESSES = {FIRST: "192.168.1.229", SECOND: "192.168.1.239"}
-WORKSPACE = {"multimaster_ros_setup": "/opt/interop/setup.bash"}
+WORKSPACE = {"multimaster_ros_setup": SETUP}
+PROGRAMS = manual_setup.programs_of(
+    *(f"env {UPSTREAM.environment} python3 {UPSTREAM.program(node)}" for node in ("discovery", "sync"))
+)
 
 
 @pytest.fixture
@@ -27,7 +30,9 @@ def lab():
     with lab_of(
         "by-hand", ROOT / "inventory" / "single_computer", {host: Extra((), mounts) for host in ADDRESSES}
     ) as lab:
-        with manual_setup.robots(lab, ADDRESSES, manual_setup.UPSTREAM, f". {WORKSPACE['multimaster_ros_setup']}"):
+        for host in ADDRESSES:
+            lab.run(host, UPSTREAM.ready)
+        with manual_setup.robots(lab, ADDRESSES, PROGRAMS, f". {SETUP}"):
             yield lab
 
 
@@ -37,7 +42,7 @@ def test_robots_that_talk_pass_and_drift_is_named(lab):
     assert "PASSED: none of" in output
     for host in ADDRESSES:
         assert f"nothing stands against the plan: {host}" in output
-    assert "UDP port 11511 and TCP port 11611: python3 /opt/fkie/fkie_master_discovery/nodes/master_discovery" in output
+    assert f"UDP port 11511 and TCP port 11611: python3 {UPSTREAM.program('discovery')}" in output
     for host in (FIRST, SECOND):
         assert f"the nodes on {host} were started by hand" in output
     assert "follows: services are active (1)" in output
@@ -50,7 +55,7 @@ def test_a_discovery_node_that_does_not_run_is_named(lab):
         lab,
         SECOND,
         manual_setup.DISCOVERY,
-        f". {WORKSPACE['multimaster_ros_setup']}; exec {manual_setup.UPSTREAM[manual_setup.DISCOVERY]}",
+        f". {SETUP}; exec {PROGRAMS[manual_setup.DISCOVERY]}",
     )
     assert status != 0
     assert f"the discovery node of {SECOND} does not run" in output

@@ -255,8 +255,8 @@ class RobotVariables:
     provider: str = word(
         ("bundled", "fkie_apt", "fkie_existing"),
         "The discovery and sync nodes of the robot. `bundled`: those of the collection. `fkie_apt`: multimaster_fkie from the package"
-        " sources that the robot has. `fkie_existing`: an installation of multimaster_fkie, or of its successor fkie_mas, that `multimaster_ros_setup` leads to. See"
-        " docs/operate/providers.md.",
+        " sources that the robot has. `fkie_existing`: an installation of multimaster_fkie, or of its successor fkie_mas, that"
+        " `multimaster_ros_setup` leads to. See docs/operate/providers.md.",
         "fkie_existing",
     )
     metrics: str = word(

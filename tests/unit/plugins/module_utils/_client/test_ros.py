@@ -6,8 +6,8 @@
 import os
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import ros as probe_ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import own_services, tcpros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import ros as probe_ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment as environment_module
 from hypothesis import given
