@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-lab lab lab-tests demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop test-matrix checkout format house readme lock copies shipped
+.PHONY: help setup setup-lab lab lab-tests demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop test-matrix checkout docs format house readme lock copies shipped
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -87,6 +87,9 @@ format: setup ## format the Python files
 
 house: setup ## figures of the code: rooms, imports, long functions (REV=revision of git)
 	@$(PYTHON) tools/house.py $(if $(REV),--rev $(REV))
+
+docs: setup ## a site of all pages, modules, roles, filters and variables, with a search, in .work/docsite/html; each link is looked at
+	@$(PYTHON) tools/docsite/build.py
 
 readme: setup ## write the generated tables: variables, checks
 	@PYTHONPATH=.work/collections $(PYTHON) tools/readme.py

@@ -14,9 +14,12 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[3]
 COLLECTION = "rosfleet.multimaster."
-ROUTING = yaml.safe_load((ROOT / "meta/runtime.yml").read_text(encoding="utf-8"))["plugin_routing"]
+RUNTIME = yaml.safe_load((ROOT / "meta/runtime.yml").read_text(encoding="utf-8"))
+ROUTING = RUNTIME["plugin_routing"]
 REDIRECTS = {name: entry["redirect"] for name, entry in ROUTING["modules"].items() if "redirect" in entry}
 TOMBSTONES = {name: entry["tombstone"] for name, entry in ROUTING["modules"].items() if "tombstone" in entry}
+#: the option that the modules of a group have in common
+OPTIONS_OF_GROUPS = {"confirmation": "confirm_within", "conflicts": "on_conflict", "records": "records"}
 #: options with which a module runs anywhere
 OPTIONS = {"multimaster_logs": {"services": ["roscore"], "lines": 1}}
 
@@ -90,3 +93,30 @@ def test_a_former_name_runs(play, name):
 def test_a_module_without_successor_says_what_to_do(play, name):
     status, output, _results = play((name, {}))
     assert status != 0 and TOMBSTONES[name]["warning_text"] in output, output
+
+
+def test_a_group_of_modules_has_its_option_in_common(ansible):
+    """And all that have it are in it."""
+    status, output = ansible("ansible-doc", "--json", "--metadata-dump", "-t", "module", COLLECTION.rstrip("."))
+    assert status == 0, output
+    options = {
+        name.removeprefix(COLLECTION): set(entry["doc"]["options"])
+        for name, entry in json.loads(output[output.index("{") :])["all"]["module"].items()
+        if name.removeprefix(COLLECTION) not in ROUTING["modules"]
+    }
+    having = {
+        group: [name for name in sorted(options) if option in options[name]]
+        for group, option in OPTIONS_OF_GROUPS.items()
+    }
+    assert having == RUNTIME["action_groups"]
+
+
+def test_defaults_of_a_group_reach_its_modules(ansible, tmp_path):
+    """Also where an action of the same name stands before the module."""
+    task = {COLLECTION + "sysctl": {"settings": []}}
+    defaults = {f"group/{COLLECTION}conflicts": {"on_conflict": "nonsense"}}
+    play = {"hosts": "localhost", "gather_facts": False, "module_defaults": defaults, "tasks": [task]}
+    (tmp_path / "play.yml").write_text(json.dumps([play]))
+    python = f"ansible_python_interpreter={sys.executable}"
+    status, output = ansible("ansible-playbook", "-i", "localhost,", "-c", "local", "-e", python, "--check", "play.yml")
+    assert status != 0 and "on_conflict" in output and "nonsense" in output, output
