@@ -301,6 +301,7 @@ SUITES = [
         ),
         limit=LONG_LIMIT,
     ),
+    cases("long", "site", "tests/site", seconds=90),  # the documentation
     demonstration("bullseye", 90, "--suite=bullseye", layout="single_computer", group="long"),
     Suite(
         "faults",

@@ -75,18 +75,35 @@ def write_reference() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     collection = yaml.safe_load((ROOT / "galaxy.yml").read_text(encoding="utf-8"))
     run(
-        *("antsibull-docs", "--config-file", Path(__file__).with_name("antsibull-docs.cfg"), "collection", "--use-current"),
+        *(
+            "antsibull-docs",
+            "--config-file",
+            Path(__file__).with_name("antsibull-docs.cfg"),
+            "collection",
+            "--use-current",
+        ),
         *("--squash-hierarchy", "--fail-on-error", "--cleanup", "similar-files", "--dest-dir", folder),
         f"{collection['namespace']}.{collection['name']}",
     )
+
+
+def write_html() -> None:
+    """Let Sphinx write the site. After a change of this folder it reads all pages again, which it does not see by itself."""
+    here, kept = Path(__file__).parent, WORK / "doctrees"
+    pickle = kept / "environment.pickle"
+    last = max(path.stat().st_mtime for path in here.glob("*.py"))
+    if not pickle.is_file() or pickle.stat().st_mtime < last:
+        shutil.rmtree(kept, ignore_errors=True)
+        shutil.rmtree(HTML, ignore_errors=True)
+    words = ("--quiet", "--fail-on-warning", "--keep-going", "--jobs=auto", "--builder=html")
+    run("sphinx-build", *words, "--conf-dir", here, "--doctree-dir", kept, SOURCE, HTML)
 
 
 def main() -> None:
     """Build the site, and look at its links."""
     write_pages(read_tree())
     write_reference()
-    words = ("--quiet", "--fail-on-warning", "--keep-going", "--jobs=auto", "--builder=html")
-    run("sphinx-build", *words, "--conf-dir", Path(__file__).parent, "--doctree-dir", WORK / "doctrees", SOURCE, HTML)
+    write_html()
     lost = list(links.find_lost_links(HTML))
     if lost:
         raise SystemExit("\n".join([*lost, f"{len(lost)} links lead nowhere."]))

@@ -25,6 +25,8 @@ root_doc = "index"
 myst_heading_anchors = 6
 html_theme = "furo"
 html_title = f"{project} {release}"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sphinx = False
 smartquotes = False  # code and commands are to be pasted
@@ -36,6 +38,8 @@ _THEIR_PAGES = {
     "ansible_configuration_settings": "reference_appendices/config.html#ansible-configuration-settings",
     "common_return_values": "reference_appendices/common_return_values.html#common-return-values",
 }
+# The theme has a list of the headings beside each page.
+_CONTENTS = re.compile(r"^\.\. contents::.*\n(?: +:.*\n)*", re.MULTILINE)
 _THEIR_PLUGIN = re.compile(r"ansible_collections\.(\w+)\.(\w+)\.(\w+)")
 
 
@@ -52,5 +56,11 @@ def lead_to_ansible(_app: Any, _env: Any, node: Any, text: nodes.Element) -> nod
     return nodes.reference("", "", text, internal=False, refuri=_ANSIBLE + page) if page else None
 
 
+def leave_contents_out(_app: Any, _name: str, source: list[str]) -> None:
+    """Take the list of its headings from a page of antsibull."""
+    source[0] = _CONTENTS.sub("", source[0])
+
+
 def setup(app: Any) -> None:
+    app.connect("source-read", leave_contents_out)
     app.connect("missing-reference", lead_to_ansible)
