@@ -105,7 +105,9 @@ def test_a_file_of_ours_that_the_list_has_not_is_told():
 def test_no_test_no_tool_no_secret_and_no_link_is_in_it(archive):
     own = package.content(archive)
     assert not [name for name in own if name in DECOYS or name.endswith("(no file)")]
-    assert not [name for name in own if name.split("/")[0] in ("tests", "tools", "extensions", ".ci", ".github", ".work")]
+    assert not [
+        name for name in own if name.split("/")[0] in ("tests", "tools", "extensions", ".ci", ".github", ".work")
+    ]
     assert not [name for name in own if name.endswith(".png") or name.startswith("docs/understand/performance/")]
 
 
