@@ -9,7 +9,7 @@ from __future__ import annotations
 DOCUMENTATION = r"""
 name: computers_tried
 short_description: The computers that a computer looks at in a verification
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Up to 30 computers look at all others. In a larger fleet most pairs say nothing new, so a computer tries the next two
     of its own network, and one computer of each other network, another one than its neighbours try.

@@ -9,7 +9,7 @@ from __future__ import annotations
 DOCUMENTATION = r"""
 name: environment_files
 short_description: The files that carry one environment of ROS to everything that reads one
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Merges the variables of an installation of ROS with those of the plan, and renders the result for systemd's units,
     login shells, desktops, commands by ssh, and shells that source the set-up file of ROS.

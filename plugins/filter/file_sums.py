@@ -8,7 +8,7 @@ from __future__ import annotations
 DOCUMENTATION = r"""
 name: file_sums
 short_description: Give the digests of files in place of their content
-version_added: "0.5.0"
+version_added: "1.0.0"
 description:
   - Takes the option O(rosfleet.multimaster.managed_files#module:files) and gives the same with C(sha256) in place of C(content), and the
     digest that M(rosfleet.multimaster.managed_files) returns for them.

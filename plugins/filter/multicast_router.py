@@ -9,7 +9,7 @@ from __future__ import annotations
 DOCUMENTATION = r"""
 name: multicast_router
 short_description: The file and the unit of the multicast router of a gateway
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Renders what smcroute needs to pass one multicast group on, both ways between two interfaces.
   - Without a group there is nothing to pass on, so both lists are empty.

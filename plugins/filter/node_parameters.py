@@ -9,7 +9,7 @@ from __future__ import annotations
 DOCUMENTATION = r"""
 name: node_parameters
 short_description: The parameters of a node with the robots of the fleet
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Adds the robots of the fleet to the parameters of a bundled node. The nodes of multimaster_fkie know no members, so their
     parameters stay as they are.

@@ -9,7 +9,7 @@ from __future__ import annotations
 DOCUMENTATION = r"""
 name: router_config
 short_description: The way to the networks of the robots, for routers and gateways of other makes
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Renders the static routes of the fleet's plan as configuration to paste, for the router of the common network and for
     every gateway of a robot that is no computer of the inventory (section 4.2 of the report).

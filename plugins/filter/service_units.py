@@ -9,7 +9,7 @@ from __future__ import annotations
 DOCUMENTATION = r"""
 name: service_units
 short_description: The units of the services of a robot
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Renders the units of systemd that run the roscore, the discovery node and the sync node of a robot.
   - A unit names the digest of what its service reads. So a service is restarted exactly when that changes.

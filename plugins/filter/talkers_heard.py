@@ -9,7 +9,7 @@ from __future__ import annotations
 DOCUMENTATION = r"""
 name: talkers_heard
 short_description: The talkers of the verification that are to be heard on each robot
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - The verification runs a talker on every computer with ROS. A robot hears the talkers of every robot that gives it
     something, and its own ones.

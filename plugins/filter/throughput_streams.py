@@ -9,7 +9,7 @@ from __future__ import annotations
 DOCUMENTATION = r"""
 name: throughput_streams
 short_description: The streams that measure the throughput between computers
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Each computer sends to those that it tries; see P(rosfleet.multimaster.computers_tried#filter). One stream is sent at a time. All
     together take 300 seconds at most. Where that is not enough, each computer sends to every second of those that it tries, or to fewer.

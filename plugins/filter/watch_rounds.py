@@ -9,7 +9,7 @@ from __future__ import annotations
 DOCUMENTATION = r"""
 name: watch_rounds
 short_description: The rounds of a watch over the fleet
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Reads how long to watch, and says when progress is told. A round takes 15 seconds, and more in a watch of more than a quarter of an
     hour, 300 seconds at most.

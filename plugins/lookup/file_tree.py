@@ -9,7 +9,7 @@ from __future__ import annotations
 DOCUMENTATION = r"""
 name: file_tree
 short_description: The text files below a folder, ready for managed_files
-version_added: "0.1.0"
+version_added: "1.0.0"
 author:
   - rosfleet contributors (@rosfleet)
 description:

@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: firewall
 short_description: A packet filter that lets the fleet in, at run time and at boot
-version_added: "0.5.0"
+version_added: "1.0.0"
 description:
   - Protects the TCP and UDP ports 1024 to 65535 of this computer, on which ROS listens, from everybody but O(members).
     On a gateway or router it protects those of the O(networks) behind it in the same way.

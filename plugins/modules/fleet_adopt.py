@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: fleet_adopt
 short_description: Write the inventory of robots that were set up by hand
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Finds out which robots there are from what M(rosfleet.multimaster.multimaster_info) has read on a list of machines. These are
     the common network, the robots' own networks, gateways, roscores, the router, and the multicast group and ports of the

@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: fleet_bundle
 short_description: Write one file for those who are asked for help
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Writes a ZIP archive with the plan of the fleet, what every computer has seen of the others, the report as a page and as data, versions,
     and the last lines of the services' logs. All files in it are JSON, HTML or text.

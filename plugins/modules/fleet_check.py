@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: fleet_check
 short_description: Compare a computer's plan with its machine before anything changes
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Compares the plan of M(rosfleet.multimaster.fleet_plan) with what M(rosfleet.multimaster.multimaster_info) found on the machine.
     Are the addresses on its interfaces, are there the routes that it is said to have, is ROS there, who holds the ports.

@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: fleet_finding
 short_description: Tell a finding as the result of a task
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Returns a finding of M(rosfleet.multimaster.fleet_report), for what records the results of tasks, such as ARA, the replay of
     C(ansible-navigator) or the callback P(ansible.builtin.junit#callback).

@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: fleet_follow
 short_description: Choose which packets are followed, where no value shows why they are lost
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Judges what the computers have registered so far, as M(rosfleet.multimaster.fleet_report) does. Where something failed and
     no value shows the reason, it chooses a packet for each way that fails, at most twelve, and the computers on these ways.

@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: fleet_plan
 short_description: Compute what every computer of the fleet needs
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Reads the C(multimaster_*) variables of all robots from the inventory, whatever C(--limit) says, validates them, and
     computes the plan of every computer.

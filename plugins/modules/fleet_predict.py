@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: fleet_predict
 short_description: Predict which computers reach each other after site.yml
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Follows packets hop by hop, through what M(rosfleet.multimaster.multimaster_info) has read on all computers and the plan of
     M(rosfleet.multimaster.fleet_plan), as the kernels would pass them on. Nothing is sent.

@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: fleet_report
 short_description: Judge what all computers have seen of each other
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Reads what M(rosfleet.multimaster.multicast_verify) and M(rosfleet.multimaster.multimaster_verify) have returned on
     all computers of the play, compares it with the plan of M(rosfleet.multimaster.fleet_plan), prints the findings, and

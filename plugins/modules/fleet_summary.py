@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: fleet_summary
 short_description: Say what a run changed on each computer
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Prints one line for the fleet, and one for each computer on which M(rosfleet.multimaster.multimaster_computer) changed
     something or failed. In check mode it says what would change.

@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: fleet_watch
 short_description: Tell how a watch over the fleet goes
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Reads what M(rosfleet.multimaster.multimaster_watch) has returned on all computers of the play, and prints a line of
     progress with what was lost and what has returned since the last one.

@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: hosts_entries
 short_description: Bind the names of all computers to their addresses in /etc/hosts
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Gives C(/etc/hosts) all bindings of the fleet in one run, as sections 3.2 and 4.2 of the report IRI-TR-15-1 ask for
     (its Fig. 6 and Fig. 12), and returns what libc then answers.

@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: managed_files
 short_description: Own a set of files whole
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Writes a set of files, the bundle, and removes its files that are no longer listed. An empty list removes the whole
     bundle, with the folders that were made for it.

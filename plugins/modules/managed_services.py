@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: managed_services
 short_description: Own systemd units whole, running with their current inputs
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Writes a list of systemd units, the bundle, enables and starts them in the order of the list, and removes its
     units that are no longer listed. An empty list removes the whole bundle, with the state, cache, log and

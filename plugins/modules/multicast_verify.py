@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: multicast_verify
 short_description: Measure who hears whom on a multicast group
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Sends and receives real UDP datagrams on the multicast group and port of the fleet, on a chosen interface, between
     all computers in the same seconds, and returns for every other computer whether it is heard, from which source

@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: multimaster_computer
 short_description: Bring a computer to its plan in one run, or in two where a change is to be confirmed
-version_added: "0.5.0"
+version_added: "1.0.0"
 description:
   - Does what the modules of a computer's concerns do, in the order of the options, with their own code and their own options.
     Most of a module's time goes into its start, so one run in place of many is what makes a play quick.

@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: multimaster_follow
 short_description: Follow packets from computer to computer, and tell where they vanish
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - The second look of a verification. Several computers listen while some of them send once more what did not arrive. Each tells
     which of these packets came in and went out, by which interface, from and to which hardware address.

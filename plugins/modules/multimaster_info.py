@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: multimaster_info
 short_description: Find out what a machine is before it becomes a computer of the fleet
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Reads in one run what has to be known before a robot's computer is changed. Its interfaces and addresses, where
     ROS 1 is, who holds the ports of the services, which files set other values of C(ROS_MASTER_URI), and what sshd is

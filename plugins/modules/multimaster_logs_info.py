@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: multimaster_logs_info
 short_description: Read the last lines that the services of the collection have logged
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Reads the journal of this machine for the services of the collection, for M(rosfleet.multimaster.fleet_bundle).
   - A service without lines, or a journal that cannot be read, is no failure; RV(problems) says why.

@@ -6,7 +6,7 @@
 DOCUMENTATION = r"""
 module: multimaster_packages
 short_description: Install Debian packages, and remove those that it has installed itself
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Installs what is missing, without recommended packages, from the package sources that the computer has.
   - A package that was there before is never removed. The record of the others is C(/etc/rosfleet-multimaster/packages); it is written

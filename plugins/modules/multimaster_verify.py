@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: multimaster_verify
 short_description: Measure what this computer sees of the other computers and masters
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Does from this computer to all others what sections 3.2 and 3.3 of the report IRI-TR-15-1 try by hand. It resolves
     the names, pings by name and by address, connects to the discovery nodes, compares the clocks, calls

@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: multimaster_watch
 short_description: Watch a computer of a fleet for a while, and tell what is lost and when
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Watches on this computer what costs little. These are the heartbeats of the discovery nodes of all masters (on the
     group, and by any way), the membership of the group, addresses and links, routes, kernel settings,

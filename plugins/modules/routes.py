@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: routes
 short_description: Routes, at run time and at boot
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Makes routes now, in the kernel, and brings them back at boot, by whatever manages the interface of each route.
     Both are one resource with one result per route.

@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: sysctl
 short_description: Kernel settings, at run time and at boot
-version_added: "0.1.0"
+version_added: "1.0.0"
 description:
   - Sets kernel settings now, through C(/proc/sys), and at boot, by a drop-in that this module owns whole.
     It never changes somebody else's file.
