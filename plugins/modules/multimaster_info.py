@@ -91,7 +91,7 @@ options:
         elements: str
         default: []
       environment:
-        description: Variables that it needs, which are set for the import where the ROS does not set them, for example V({ROS_VERSION: "1"}).
+        description: Variables that it needs, which are set for the import where the ROS does not set them, such as E(ROS_VERSION).
         type: dict
         default: {}
   packages:

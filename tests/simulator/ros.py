@@ -310,7 +310,7 @@ class Ros:
             seen.RegisteredTopic("/rosout", "rosgraph_msgs/Log", (base, talker), ("/rosout",)),
         ]
 
-    def own_services(self, robot):
+    def node_services(self, robot):
         base = f"/{robot}/base"
         return [seen.RegisteredService(f"/{robot}/reset", base), seen.RegisteredService(f"{base}/get_loggers", base)]
 
@@ -341,7 +341,7 @@ class Ros:
                 connections.append(seen.Connection(f"/{robot}/base", "/chatter", "in", f"/{other}/talker", host, other))
         return seen.Exchange(
             topics=tuple(topics),
-            services=tuple(self.own_services(robot)),
+            services=tuple(self.node_services(robot)),
             imports=tuple(imports),
             silent=(*its.ghosts, *self._hung(its)),
             silences=(
@@ -425,7 +425,7 @@ class Ros:
             topics.append(seen.RegisteredTopic(topic_of(name), TALKS, (talker_of(name),)))
         services = tuple(
             entry
-            for entry in self.own_services(source)
+            for entry in self.node_services(source)
             if self.passes(source, target, Item("service", entry.name, entry.node), "")
         )
         return seen.Import(self.uri(source), tuple(topics), services)

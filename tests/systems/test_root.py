@@ -147,6 +147,6 @@ def test_an_answer_of_the_workspace_is_judged(robbed, lie):
     lab.run(FIRST, f"su {PERSON} -c 'mkdir -p {WORKSPACE}/lib/p; touch {WORKSPACE}/lib/p/e'")
     status, output = lab.module(FIRST, "multimaster_info", arguments)
     assert status == 0, output
-    (nodes,) = set(re.findall(r'"nodes": (\[[^]]*"executable"[^]]*\])', output))
-    (found,) = json.loads(nodes)
+    answer, _end = json.JSONDecoder().raw_decode(output, output.index("{"))
+    (found,) = answer["ros"]["chosen"]["nodes"]
     assert found["path"] == "" and found["problem"], found

@@ -58,7 +58,7 @@ def test_a_second_run_changes_nothing(lab):
 
 
 def test_verify_judges_what_others_see(lab):
-    status, output = lab.play("verify.yml")
+    status, output = lab.play("playbooks/verify.yml")
     assert status == 0 and "PASSED" in output, output
     assert "VERIFICATION of 2 computers" in output and "hsrb is sealed" in output and "not judged" in output, output
 
@@ -66,14 +66,14 @@ def test_verify_judges_what_others_see(lab):
 def test_a_silent_sealed_roscore_is_named(lab):
     lab.run(SEALED, "systemctl stop foreign-roscore.service pose grip")
     try:
-        status, output = lab.play("verify.yml", variables={"verify_patience": 3})
+        status, output = lab.play("playbooks/verify.yml", variables={"verify_patience": 3})
     finally:
         lab.run(SEALED, "systemctl start foreign-roscore.service")
     assert status != 0 and "1. the roscore on the sealed computer hsrb does not answer" in output, output
 
 
 def test_nobody_logs_in_and_teardown_leaves_it_alone(lab):
-    status, output = lab.play("teardown.yml")
+    status, output = lab.play("playbooks/teardown.yml")
     assert status == 0, output
     assert "hsrb" not in lab.run(COMPANION, "cat /etc/hosts")
     assert lab.run(SEALED, LOOK) == lab.seen

@@ -132,13 +132,13 @@ def test_the_table_of_the_playbooks_has_each_one():
     assert names == {Path(name).stem for name in THERE if re.fullmatch(r"playbooks/\w+\.yml", name)}
 
 
-def test_a_page_for_users_calls_playbooks_by_their_installed_names():
+def test_a_page_calls_playbooks_by_their_installed_names():
     pages = {page: text(page) for page in PAGES if not page.startswith("docs/develop/")}
     command = re.compile(r"ansible-(?:playbook|navigator) [^\n`]*?(?<![\w/])(?:playbooks/\w+|site)\.yml.*")
     assert {page: found for page, words in pages.items() if (found := command.findall(words))} == {}
 
 
-def test_the_settings_of_ansible_for_users_are_those_of_the_checkout():
+def test_the_settings_for_users_are_those_of_the_checkout():
     (block,) = re.findall(r"^```ini\n(.*?)^```$", text("docs/start/playbooks.md"), re.DOTALL | re.MULTILINE)
     told, own = configparser.ConfigParser(), configparser.ConfigParser()
     told.read_string(block)

@@ -241,7 +241,7 @@ PLACES = {
     "a registration": lambda name, _there: str(Registration("publisher", name, name, "http://b:1/")),
     "logs of a bundle": lambda name, _there: run._lines({"problems": [name], "logs": {name: ["one", name]}}),
     "ROS of a robot": lambda name, _there: preflight._check_ros(
-        types.SimpleNamespace(computer="kobuki1"), {"ros": {"problem": name}}
+        types.SimpleNamespace(computer="kobuki1", is_master=False), {"ros": {"problem": name}}
     )[0],
     "last words of a robot": lambda name, _there: preflight.explain_failure(
         "kobuki1", {"msg": f"kobuki1: {' '.join(name.split())}"}, "2.19"

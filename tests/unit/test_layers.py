@@ -161,7 +161,7 @@ def test_the_picture_in_the_documentation_is_this_table(tree):
 
 
 #: where actions share what needs Ansible's classes
-ACTIONS_SHARE = {"_changes/robot_action.py", "_changes/confirmation.py", "_changes/trees.py"}
+ACTIONS_SHARE = {f"_changes/{name}.py" for name in ("robot_action", "confirmation", "trees", "refusal")}
 
 
 def test_the_halves_do_not_know_each_other():

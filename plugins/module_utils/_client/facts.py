@@ -12,7 +12,7 @@ import xmlrpc.client
 from .._machine import ports
 from .._module.plain_text import plain
 from .._process.deadlines import call_all
-from . import own_services, tcpros
+from . import node_services, tcpros
 from .xml_rpc import Strange, ask, server
 
 CALLER = "/multimaster_info"
@@ -53,8 +53,8 @@ def _master(place: Row) -> typing.Optional[Row]:
     entry.update(nodes=len(nodes), topics=len({*publishers, *subscribers}), services=len(services))
     provided = {name: users[0] for name, users in services.items() if users}
     own = [
-        [(name, provided[name]) for name in own_services.find_own(roscore, CALLER, provided, end)]
-        for end in (own_services.LIST_MASTERS, own_services.SYNC_INFO)
+        [(name, provided[name]) for name in node_services.find_own(roscore, CALLER, provided, end)]
+        for end in (node_services.LIST_MASTERS, node_services.SYNC_INFO)
     ]
     entry["discovery"] = [_discovery(roscore, entry["uri"], *pair) for pair in own[0]]
     entry["sync"] = [_sync(roscore, *pair) for pair in own[1]]

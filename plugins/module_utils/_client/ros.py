@@ -18,7 +18,7 @@ from .._module.regular_files import read_regular
 from .._process.commands import BASE_PATH, text
 from .._process.deadlines import poll
 from .._process.foreign import foreign
-from . import own_services, tcpros
+from . import node_services, tcpros
 from .xml_rpc import ask
 
 CALLER = "/multimaster_verify"
@@ -100,7 +100,7 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
     def look() -> typing.Dict[str, typing.Any]:
         try:
             services = [str(name) for name, _nodes in ros.ask("getSystemState")[2]]
-            own = own_services.find_own(ros.uri, CALLER, services, own_services.LIST_MASTERS)
+            own = node_services.find_own(ros.uri, CALLER, services, node_services.LIST_MASTERS)
             service = own[0] if own else LIST_MASTERS
             rows, _type = tcpros.call_by_name(ros.uri, service, tcpros.LIST_MASTERS, CALLER)
         except (OSError, LookupError, TypeError, ValueError) as problem:  # or a state that is none

@@ -11,7 +11,7 @@ import time
 import typing
 import xmlrpc.client
 
-from .._client import message_types, own_services, tcpros
+from .._client import message_types, node_services, tcpros
 from .._client.documents import NODE, STATE
 from .._client.facts import IMPORTS
 from .._client.ros import CALLER, Ros
@@ -89,7 +89,7 @@ def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]
             return value
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         pass  # another implementation
-    own = own_services.find_own(ros.uri, CALLER, services, own_services.SYNC_INFO)
+    own = node_services.find_own(ros.uri, CALLER, services, node_services.SYNC_INFO)
     if not own:
         raise OSError(f"{ros.uri}: no master_sync tells what it has registered")
     found: typing.Dict[str, typing.Dict[str, str]] = {}

@@ -166,16 +166,13 @@ def _find_packages(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[
 def _find_existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Installation:
     if not plan.is_master:
         return Installation()
-    by_package = {node["package"]: node for node in chosen["nodes"]}
-    nodes_of = {number: (by_package[of.discovery], by_package[of.sync]) for number, of in enumerate(RELEASES)}
-    # The first one if they are equal.
-    number, nodes = max(nodes_of.items(), key=lambda item: sum(bool(node["path"]) for node in item[1]))
+    number, nodes = _choose_release(chosen["nodes"])
     where = quote(chosen["setup"]) or "Debian's packages"
     wrong = [
         f"{node['package']}/{node['executable']} "
         + (f"does not run ({quote(node['problem'])})" if node["problem"] else "is not there")
         for node in nodes
-        if node["problem"] or not node["path"]
+        if not _runs(node)
     ]
     release = RELEASES[number]
     unmet = any(module.partition(".")[0] in node["problem"] for module in release.needs for node in nodes)
@@ -189,6 +186,21 @@ def _find_existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Installatio
     problems = [problem] if wrong else list(check_paths(plan, paths.values()))
     lacks = tuple(dict.fromkeys(program for node in nodes for program in node.get("lacks", ())))
     return Installation(paths, (), problems, release, () if wrong else lacks)
+
+
+def _choose_release(found: Sequence[Mapping[str, Any]]) -> tuple[int, tuple[Mapping[str, Any], Mapping[str, Any]]]:
+    """Choose the release of which most is there, the first one if they are equal: its number, and its two nodes."""
+    by_package = {node["package"]: node for node in found}
+    nodes = {number: (by_package[of.discovery], by_package[of.sync]) for number, of in enumerate(RELEASES)}
+    return max(nodes.items(), key=lambda item: [sum(map(there, item[1])) for there in (_runs, _is_there)])
+
+
+def _is_there(node: Mapping[str, Any]) -> bool:
+    return bool(node["path"])
+
+
+def _runs(node: Mapping[str, Any]) -> bool:
+    return _is_there(node) and not node["problem"]
 
 
 def check_paths(plan: ComputerPlan, paths: Iterable[str]) -> Iterator[str]:

@@ -258,7 +258,7 @@ def test_a_strangers_pattern_is_cheap_or_refused(text):
             assert 0 < len(str(problem)) < 1000 + len(text)
             return
     for name in NAMES:
-        with within(0.5):  # nobody else runs meanwhile
+        with within(1.5):  # an eighth of a second here; an expensive one takes minutes
             pattern.matches(name)
 
 

@@ -7,7 +7,11 @@ import pytest
 from ansible.errors import AnsibleFilterError
 from ansible_collections.rosfleet.multimaster.plugins.filter.throughput_streams import throughput_streams
 
-FLEET = {"members": [{"name": name, "network": "192.168.1.0/24"} for name in ("pc0", "pc1", "pc2")]}
+NAMES = ("pc0", "pc1", "pc2")
+FLEET = {
+    "members": [{"name": name, "network": "192.168.1.0/24"} for name in (*NAMES, "sealed")],
+    "computers": {**dict.fromkeys(NAMES, {}), "sealed": {"sealed": True}},
+}
 
 
 @pytest.mark.parametrize("nothing", [0, 0.0, False, "0", "false", "False", "no"])

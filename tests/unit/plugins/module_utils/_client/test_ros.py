@@ -6,7 +6,7 @@
 import os
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import own_services, tcpros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node_services, tcpros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import ros as probe_ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment as environment_module
@@ -104,7 +104,7 @@ def test_a_discovery_node_of_another_name_is_asked(roscore, monkeypatch):
     monkeypatch.setattr(made, "ask", lambda method: state)
     head_of_mas = head(md5sum=LIST_MASTERS, type="fkie_mas_msgs/DiscoverMasters")
     with provider(head_of_mas, answer(rows(master("one")))) as uri:
-        for module in (tcpros, own_services):
+        for module in (tcpros, node_services):
             monkeypatch.setattr(module, "ask", lambda master, caller, method, asked: uri if asked == name else "")
         found = probe_ros.list_masters(made, {"one"}, 0)
     assert [entry["name"] for entry in found["masters"]] == ["one"] and not found["error"]

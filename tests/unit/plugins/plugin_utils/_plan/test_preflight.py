@@ -525,11 +525,18 @@ def test_a_node_at_a_path_that_a_unit_cannot_have_is_refused():
 GONE = {"path": "", "problem": ""}
 NO_NEW = {"fkie_master_discovery": GONE, "fkie_master_sync": GONE}
 NO_OLD = {"master_discovery_fkie": GONE, "master_sync_fkie": GONE}
+NO_MAS = {"fkie_mas_discovery": GONE, "fkie_mas_sync": GONE}
+BROKEN = {"problem": "x.msg cannot be imported: ImportError: no"}
 
 
 @pytest.mark.parametrize(
     ("there", "package"),
-    [({}, "fkie_master_sync"), (NO_OLD, "fkie_master_sync"), (NO_NEW, "master_sync_fkie")],
+    [
+        ({}, "fkie_master_sync"),
+        (NO_OLD, "fkie_master_sync"),
+        (NO_NEW, "master_sync_fkie"),
+        ({"fkie_master_sync": BROKEN}, "master_sync_fkie"),
+    ],
 )
 def test_an_installation_of_either_name(there, package):
     found = compare(lambda info: workspace(info, **there), provider="fkie_existing")
@@ -542,12 +549,15 @@ def test_an_installation_of_either_name(there, package):
     ("there", "expected"),
     [
         (
-            {**NO_OLD, **NO_NEW},
+            {**NO_OLD, **NO_NEW, **NO_MAS},
             "fkie_master_discovery/master_discovery is not there and fkie_master_sync/master_sync is",
         ),
-        ({**NO_OLD, "fkie_master_sync": GONE}, "/setup.bash fkie_master_sync/master_sync is not there; expected both"),
         (
-            {"fkie_master_sync": {"problem": "x.msg cannot be imported: ImportError: no"}, **NO_OLD},
+            {**NO_OLD, **NO_MAS, "fkie_master_sync": GONE},
+            "/setup.bash fkie_master_sync/master_sync is not there; expected both",
+        ),
+        (
+            {"fkie_master_sync": BROKEN, **NO_OLD, **NO_MAS},
             r'fkie_master_sync/master_sync does not run \("x.msg cannot be imported: ImportError: no"\); expected both',
         ),
     ],

@@ -4,7 +4,7 @@
 """Whose the services of discovery and sync nodes are: names of all implementations, and places that may be anywhere."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import own_services
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node_services
 
 ROSCORE = "http://robot1:11311/"
 ADDRESSES = {"robot1": ["192.0.2.1"], "robot1.local": ["192.0.2.1"], "robot2": ["192.0.2.2"], "me": ["127.0.0.1"]}
@@ -12,17 +12,17 @@ ADDRESSES = {"robot1": ["192.0.2.1"], "robot1.local": ["192.0.2.1"], "robot2": [
 
 @pytest.fixture
 def found(monkeypatch):
-    monkeypatch.setattr(own_services, "_addresses", lambda host: frozenset(ADDRESSES.get(host, [])))
-    monkeypatch.setattr(own_services, "_list_own_addresses", lambda: frozenset(["127.0.0.1", "192.0.2.1"]))
+    monkeypatch.setattr(node_services, "_addresses", lambda host: frozenset(ADDRESSES.get(host, [])))
+    monkeypatch.setattr(node_services, "_list_own_addresses", lambda: frozenset(["127.0.0.1", "192.0.2.1"]))
 
-    def find(places, end=own_services.LIST_MASTERS):
+    def find(places, end=node_services.LIST_MASTERS):
         def look_up(roscore, caller, method, name):
             if places[name] is None:
                 raise OSError("unknown service")
             return places[name]
 
-        monkeypatch.setattr(own_services, "ask", look_up)
-        return own_services.find_own(ROSCORE, "/me", places, end)
+        monkeypatch.setattr(node_services, "ask", look_up)
+        return node_services.find_own(ROSCORE, "/me", places, end)
 
     return find
 
@@ -37,8 +37,8 @@ def test_own_node_is_found_under_any_name(found, node, host):
 def test_service_of_another_robot_is_not_taken(found):
     """Its sync node has registered it here, and its name comes first."""
     places = {"/mas_sync/get_sync_info": "rosrpc://robot2:1", "/my_sync/get_sync_info": "rosrpc://robot1:1"}
-    assert found(places, own_services.SYNC_INFO) == ["/my_sync/get_sync_info"]
-    assert found({"/mas_sync/get_sync_info": "rosrpc://robot2:1"}, own_services.SYNC_INFO) == []
+    assert found(places, node_services.SYNC_INFO) == ["/my_sync/get_sync_info"]
+    assert found({"/mas_sync/get_sync_info": "rosrpc://robot2:1"}, node_services.SYNC_INFO) == []
 
 
 def test_usual_names_come_first_and_unknown_places_last(found):
@@ -59,10 +59,10 @@ def test_a_place_that_is_none_is_unknown(found, place):
 
 def test_few_of_many_are_looked_at(found):
     places = {f"/{number:04}/list_masters": "rosrpc://robot1:1" for number in range(1000)}
-    assert len(found({**places, "/mas_discovery/list_masters": "rosrpc://robot1:1"})) == own_services.MOST
+    assert len(found({**places, "/mas_discovery/list_masters": "rosrpc://robot1:1"})) == node_services.MOST
 
 
 def test_addresses_are_looked_up():
-    assert "127.0.0.1" in own_services._addresses("localhost")
-    assert own_services._addresses("a" * 300) == frozenset()
-    assert "127.0.0.1" in own_services._list_own_addresses()
+    assert "127.0.0.1" in node_services._addresses("localhost")
+    assert node_services._addresses("a" * 300) == frozenset()
+    assert "127.0.0.1" in node_services._list_own_addresses()
