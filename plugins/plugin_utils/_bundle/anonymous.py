@@ -20,7 +20,8 @@ from .secrets import list_words
 
 # Names of the collection and of ROS stay, also if a robot has one of them.
 _OURS = (
-    r"master_discovery|master_sync|mas_(?:discovery|sync|daemon)|mas-(?:discovery|sync|daemon)|rosfleet(?:[_.-]multimaster)?|rosout|roscore|rosmaster|ros_comm|multimaster_verify(?:_talker|_listener)?"
+    r"master_discovery|master_sync|mas[_-](?:discovery|sync|daemon)|rosfleet(?:[_.-]multimaster)?|rosout|roscore|rosmaster|ros_comm"
+    r"|multimaster_verify(?:_talker|_listener)?"
     r"|multimaster[_-](?:address|roscore|discovery|sync|connections|multicast-routing|verify)"
 )
 _PUBLIC = {"localhost", "wiki.ros.org", "www.ros.org", "docs.ros.org", "answers.ros.org", "github.com", "www.w3.org"}
