@@ -3,11 +3,16 @@
 
 """Runs ansible-test sanity on a copy of the files that git knows or would add.
 
+    python tools/sanity.py [--core LINE] [ARGUMENT OF ansible-test]...
+
+With `--core` ("2.16"), it is that line's own ansible-test, with its ignore file; else the one of the tests' tools.
+
 ansible-test wants a collection at .../ansible_collections/NAMESPACE/NAME, and looks at every file it finds there.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
 import shutil
@@ -18,7 +23,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 WORK = ROOT / ".work" / "sanity"
 COPY = WORK / "ansible_collections" / "rosfleet" / "multimaster"
-INTERPRETERS = ("3.8", "3.9", "3.10", "3.11", "3.12", "3.13")
+INTERPRETERS = ("2.7", *(f"3.{number}" for number in range(6, 14)))  # of robots and controllers, for any line
+OF_2_20 = "3.12"  # what ansible-core needs since then; before, it runs on the Python of the tests' tools
 
 # ansible-test fetches a script that puts pip into the virtual environments of its tests. Python brings a pip of its own:
 # this stands in for the script, so that nothing but packages is fetched.
@@ -44,11 +50,24 @@ def copy() -> None:
     subprocess.run(["git", "init", "--quiet"], cwd=COPY, check=True)
 
 
-def stand_in_for_get_pip() -> None:
-    """Put the stand-in where ansible-test keeps its download, unless that is there."""
-    import ansible_test._internal.python_requirements as requirements
+def install(line: str, folder: Path) -> Path:
+    """Install the newest release of a line of ansible-core; return the folder of its programs."""
+    is_new = [int(part) for part in line.split(".")] >= [2, 20]
+    python = folder / f"python{OF_2_20}" if is_new else sys.executable
+    venv = WORK / f"core-{line}"
+    if not (venv / "bin" / "ansible-test").exists():
+        subprocess.run([python, "-m", "venv", "--clear", venv], check=True)
+        pip = [venv / "bin" / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        subprocess.run([*pip, f"ansible-core=={line}.*"], check=True)
+    return venv / "bin"
 
-    version = re.search(r"pip='([\d.]+)'", Path(requirements.__file__).read_text())
+
+def stand_in_for_get_pip(programs: Path) -> None:
+    """Put the stand-in where ansible-test keeps its download, unless that is there."""
+    requirements = next(
+        programs.parent.glob("lib/python3*/site-packages/ansible_test/_internal/python_requirements.py")
+    )
+    version = re.search(r"pip='([\d.]+)'", requirements.read_text())
     if not version:
         return
     script = Path.home() / ".ansible" / "test" / "cache" / f"get_pip_{version[1].replace('.', '_')}.py"
@@ -72,11 +91,16 @@ def interpreters() -> Path:
 
 
 def main() -> int:
-    """Return ansible-test's exit status; arguments are handed on to it."""
+    """Return ansible-test's exit status; other arguments are handed on to it."""
+    parser = argparse.ArgumentParser(allow_abbrev=False)
+    parser.add_argument("--core", metavar="LINE")
+    options, others = parser.parse_known_args()
     copy()
-    stand_in_for_get_pip()
-    path = os.pathsep.join([str(interpreters()), str(Path(sys.executable).parent), os.environ["PATH"]])
-    command = ["ansible-test", "sanity", "--local", "--color", "no", *sys.argv[1:]]
+    folder = interpreters()
+    programs = install(options.core, folder) if options.core else Path(sys.executable).parent
+    stand_in_for_get_pip(programs)
+    path = os.pathsep.join([str(folder), str(programs), os.environ["PATH"]])
+    command = ["ansible-test", "sanity", "--local", "--color", "no", *others]
     return subprocess.run(command, cwd=COPY, env={**os.environ, "PATH": path}, check=False).returncode
 
 
