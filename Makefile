@@ -45,8 +45,8 @@ check: setup lab ## what one runs before every commit: lint, types, the unit tes
 lint: setup ## linters, types, and checks of files
 	@$(PYTHON) tools/test.py lint
 
-sanity: setup ## ansible-test sanity
-	@$(PYTHON) tools/test.py sanity
+sanity: setup ## ansible-test sanity (CORE=2.16, 2.18 or 2.20: that of another ansible-core)
+	@$(PYTHON) tools/test.py $(if $(CORE),long:sanity_$(CORE),sanity)
 
 unit: setup ## unit tests
 	@$(PYTHON) tools/test.py unit

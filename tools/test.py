@@ -204,6 +204,9 @@ TIMED = {"links", "data_flow", "alone"}
 #: of the multi-computer layout shows the same fleet in every run, but for its restart and its teardown.
 COSTLY = {"links", "multi_computer"}
 
+#: Faults that are drawn by a seed, of ten kinds, each of which breaks something: their numbers.
+DRAWN = ("1", "2", "4", "6", "14", "15", "18", "27", "37", "39")
+
 
 def scenarios() -> list[Suite]:
     """The Molecule scenarios."""
@@ -285,8 +288,18 @@ SUITES = [
         "catalogue",
         (sys.executable, "tests/faults/run.py", "--quick"),
         faults,
-        seconds=600,
+        cores=LAB_CORES,
+        seconds=320,
         labs=("faults",),
+    ),
+    Suite(
+        "systems",
+        "drawn",
+        (sys.executable, "tests/faults/fuzz.py", "--seed=3", "--only", *DRAWN),
+        faults,
+        cores=LAB_CORES,
+        seconds=300,
+        labs=("fuzz",),
     ),
     demonstration("single_computer", 80, "--suite=kobuki2computer=trixie"),  # one robot of each release
     demonstration("multi_computer", 200),
@@ -302,6 +315,12 @@ SUITES = [
         limit=LONG_LIMIT,
     ),
     cases("long", "site", "tests/site", seconds=90),  # the documentation
+    *(
+        Suite(
+            "long", f"sanity_{line}", (sys.executable, "tools/sanity.py", f"--core={line}"), judge_sanity, seconds=240
+        )
+        for line in ("2.16", "2.18", "2.20")
+    ),
     demonstration("bullseye", 90, "--suite=bullseye", layout="single_computer", group="long"),
     Suite(
         "faults",

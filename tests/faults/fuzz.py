@@ -4,6 +4,7 @@
 """Faults that nobody foresaw, on real systems: drawn by a seed, kept where they break something, verified, graded and undone.
 
     python tests/faults/fuzz.py --number 200 --seed 1 [--labs 2] [--record FOLDER]
+    python tests/faults/fuzz.py --seed 3 --only 1 2 4
 
 The oracle is where a fault was made: the computer that is named first, and its part or the hop where packets end. What breaks nothing
 by the lab's own test is drawn again. The last lines are a table of the kinds.

@@ -118,9 +118,9 @@ def test_preflight_refuses_only_filters_that_nodes_refuse():
 
 
 def test_nodes_start_with_exports_that_preflight_accepts():
-    values = [draw_exports(seed) for seed in range(24)]
+    values = [draw_exports(seed) for seed in range(12)]
     accepted = [value for value in values if is_accepted(value, read_exports)]
-    assert 4 < len(accepted) < 24
+    assert 2 < len(accepted) < 12
     for value in accepted:
         plans = plan_of({}, value)
         assert starts_with(plans["ana"]["sync"]) and starts_with(plans["bob"]["discovery"], parameters.DISCOVERY)
