@@ -43,6 +43,14 @@ options:
     description: The user who gets all of O(ros), V(*) for every user but root, or empty for no user.
     type: str
     default: ""
+  reach:
+    description: What shells, desktops and commands by ssh get. Services get all of it in any case.
+    type: str
+    choices:
+      all: The variables of the plan and those of O(ros), with its folders.
+      names: C(ROS_MASTER_URI), and C(ROS_HOSTNAME) or C(ROS_IP), alone.
+      none: Nothing.
+    default: all
 """
 
 EXAMPLES = r"""
@@ -83,9 +91,11 @@ from ansible.errors import AnsibleFilterError
 
 from ..plugin_utils._plan import environment as environment_module
 
+REACHES = ("all", "names", "none")
+
 
 def environment_files(
-    ours: Any, machine: Any, ros: Any = None, for_root: Any = None, person: str = ""
+    ours: Any, machine: Any, ros: Any = None, for_root: Any = None, person: str = "", reach: str = "all"
 ) -> dict[str, Any]:
     """Return files and notes for one machine; see DOCUMENTATION."""
     if ours == {}:
@@ -104,10 +114,14 @@ def environment_files(
         raise AnsibleFilterError(
             f"The user who gets the environment is {person!r}; expected the name of an account, '*', or nothing: correct environment_person."
         )
+    if reach not in REACHES:
+        raise AnsibleFilterError(
+            f"What shells get is {reach!r}; expected one of {', '.join(REACHES)}: correct environment_reach or multimaster_shells."
+        )
     environment = environment_module.merge_for_users(ros or {}, for_root or {}, person, ours)
     return {
-        "files": environment_module.render_files(environment, machine),
-        "notes": environment_module.find_gaps(machine, environment),
+        "files": environment_module.render_files(environment, machine, reach),
+        "notes": environment_module.find_gaps(machine, environment_module.narrow(environment, reach)),
         "digest": environment_module.compute_digest(environment),
     }
 

@@ -76,6 +76,14 @@ options:
         type: list
         elements: str
         default: []
+      reach:
+        description: What shells are to get of them and of the folders of the collection.
+        type: str
+        choices:
+          all: The variables and the folders.
+          names: The variables alone.
+          none: Nothing.
+        default: all
 seealso:
   - module: rosfleet.multimaster.sysctl
   - module: rosfleet.multimaster.routes

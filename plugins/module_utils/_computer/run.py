@@ -25,6 +25,7 @@ SHELLS = dict(
     files=dict(type="list", elements="str", default=[]),
     exports=dict(type="list", elements="str", default=[]),
     notes=dict(type="list", elements="str", default=[]),
+    reach=dict(type="str", choices=["all", "names", "none"], default="all"),
 )
 
 

@@ -84,6 +84,13 @@ class ComputerVariables:
         "/home/robot/ws/devel/setup.bash",
         default="auto",
     )
+    shells: str = word(
+        ("all", "names", "none"),
+        "What shells, desktops and commands by ssh get. `all`: the ROS that `multimaster_ros_setup` leads to, as services get it. `names`: "
+        "`ROS_MASTER_URI` and the variable of `multimaster_advertise` (ROS_HOSTNAME or ROS_IP) alone, so people with two ROS source the one "
+        "that they want. `none`: nothing. Services always get all.",
+        "names",
+    )
 
 
 @dataclass(frozen=True)

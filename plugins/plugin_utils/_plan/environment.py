@@ -82,18 +82,28 @@ def merge_for_users(
     return whole if whole == others else replace(whole, others=others, person=person)
 
 
-def render_files(environment: Environment, info: Mapping[str, Any]) -> list[dict[str, Any]]:
+def narrow(environment: Environment, shells: str) -> Environment | None:
+    """Return what shells get: `all` of it, the `names` of the master and of the computer alone, or nothing (`none`)."""
+    if shells == "names":
+        names = {name: value for name, value in environment.texts.items() if name in (MASTER, *NAMES)}
+        return Environment(names, {}, environment.unset)
+    return environment if shells == "all" else None
+
+
+def render_files(environment: Environment, info: Mapping[str, Any], shells: str = "all") -> list[dict[str, Any]]:
     """Return the files of an environment that a machine can use, as managed_files takes them. `info` is the return of multimaster_info."""
-    hooks = (info["ros"].get("chosen") or {}).get("hooks") or ""
-    contents = {
-        f"{CONFIGURATION}/environment": render_units(environment),
-        PROFILE: _render_profile(environment),
-        DESKTOP: _render_desktop(environment),
-        GENERATOR: _render_generator(environment),
-        SSHD: _render_ssh(environment, info["sshd"]),
-        # Hooks run in the order of names: after 1.ros_package_path.sh of ros_environment, before 10.roslaunch.sh (localhost).
-        f"{hooks}/1.rosfleet-multimaster.sh": _render_hook(environment) if hooks else "",
-    }
+    contents = {f"{CONFIGURATION}/environment": render_units(environment)}
+    seen = narrow(environment, shells)
+    if seen:
+        hooks = (info["ros"].get("chosen") or {}).get("hooks") or ""
+        contents |= {
+            PROFILE: _render_profile(seen),
+            DESKTOP: _render_desktop(seen),
+            GENERATOR: _render_generator(seen),
+            SSHD: _render_ssh(seen, info["sshd"]),
+            # Hooks run in the order of names: after 1.ros_package_path.sh of ros_environment, before 10.roslaunch.sh (localhost).
+            f"{hooks}/1.rosfleet-multimaster.sh": _render_hook(seen) if hooks else "",
+        }
     more: dict[str, dict[str, Any]] = {GENERATOR: {"mode": "0755"}, SSHD: {"validate": SSHD_TEST}}
     return [
         {"path": path, "content": content, "mode": "0644", **more.get(path, {})}
@@ -107,10 +117,10 @@ def compute_digest(environment: Environment) -> str:
     return hashlib.sha256(render_units(environment).encode()).hexdigest()
 
 
-def find_gaps(info: Mapping[str, Any], environment: Environment) -> list[str]:
-    """Return a sentence for each consumer without the environment on this machine."""
+def find_gaps(info: Mapping[str, Any], environment: Environment | None) -> list[str]:
+    """Return a sentence for each consumer without the environment on this machine; none where shells are to get nothing."""
     sshd = info["sshd"]
-    if not sshd["installed"]:
+    if not sshd["installed"] or environment is None:
         return []
     host = quote(info["hostname"])
     whole = f"Commands by ssh do not get the environment of ROS on {host}"
@@ -141,13 +151,14 @@ def find_differences(
     seen: Mapping[str, Mapping[str, str] | None],
     rendered: Collection[str],
     known: Collection[str] = (),
+    shells: str = "all",
 ) -> list[str]:
     """Return a sentence for each of our variables that does not arrive, out of `environment` of multimaster_info.
 
     `rendered` are the paths of our files. A consumer without one is passed over. `known` are the variables that older
-    files of the machine set. Login shells may have another value of them.
+    files of the machine set. Login shells may have another value of them. `shells` says how much they are to get.
     """
-    planned = merge({}, ours)
+    planned = narrow(merge({}, ours), shells) or Environment()
     wanted = {**planned.texts, **planned.lists, **dict.fromkeys(planned.unset)}
     differences = []
     for what, paths in SEEN.items():
@@ -212,14 +223,15 @@ def _render_by_user(environment: Environment, render: Callable[[Environment], li
 def _render_hook(environment: Environment) -> str:
     """Render a hook of catkin. A set-up file makes ROS_PACKAGE_PATH anew, then it sources the hooks.
 
-    A value of the person stays. Shells that read no profile (zsh, cron) get the fleet's master instead of localhost.
+    Our folders are put in front again, where shells get folders. A value of the person stays. Shells that read no profile
+    (zsh, cron) get the fleet's master instead of localhost.
     """
     names = "".join(f"${{{name}-}}" for name in NAMES)
     tests = [
         (name, names if name in NAMES else f"${{{name}-}}") for name in environment.texts if name in (MASTER, *NAMES)
     ]
     lines = [f'[ -n "{test}" ] || export {name}={shlex.quote(environment.texts[name])}' for name, test in tests]
-    return _HEADER + "\n".join([*lines, *_prepend_folders(merge({}, {}).lists)]) + "\n"
+    return _HEADER + "\n".join([*lines, *(_prepend_folders(merge({}, {}).lists) if environment.lists else ())]) + "\n"
 
 
 def _prepend_folders(lists: Mapping[str, Sequence[str]]) -> Iterator[str]:

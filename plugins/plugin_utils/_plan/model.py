@@ -225,6 +225,7 @@ class ComputerPlan:
     roscore: str = "managed"  # or existing, or sealed: on another computer, where nobody logs in
     roscore_port: int = 0
     ros_setup: str = "auto"
+    shells: str = "all"  # or names, or none: what shells get of the environment
     sysctl: tuple[Setting, ...] = ()
     routes: tuple[Route, ...] = ()
     routes_expected: tuple[ExpectedRoute, ...] = ()

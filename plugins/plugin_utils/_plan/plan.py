@@ -139,6 +139,7 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         roscore=_roscore(robot),
         roscore_port=robot.variables.roscore_port,
         ros_setup=computer.variables.ros_setup,
+        shells=computer.variables.shells,
         sysctl=_sysctl(fleet) + (FORWARDING if is_gateway else ()),
         routes=() if existing else _routes(fleet, robot, computer),
         routes_expected=expected,

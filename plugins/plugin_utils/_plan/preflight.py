@@ -80,10 +80,11 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
     limits = list(plan.limits)
     holders: list[Holder] = []
     if not plan.is_router:
-        warnings += [*_check_exports(plan, info), *_check_sshd(plan, info)]
+        if plan.shells != "none":  # else shells are somebody else's, whatever they have
+            warnings += [*_check_exports(plan, info), *_check_sshd(plan, info)]
         ros = list(_check_ros(plan, info))
         if not ros:
-            warnings += set_up.list_warnings(plan.computer, info["ros"]["chosen"])
+            warnings += set_up.list_warnings(plan.computer, info["ros"]["chosen"], plan.shells)
             nodes = providers.find_nodes(plan, info["ros"]["chosen"], info)
             filled, ros = _add_programs(filled, info, nodes), list(nodes.problems)
             limits += nodes.limits(plan)

@@ -11,12 +11,17 @@ from typing import Any
 from .._fleet.plain_text import quote
 
 
-def list_warnings(host: str, chosen: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a sentence for each thing that root, other users or all users do not get. `chosen` is the ROS of the machine."""
+def list_warnings(host: str, chosen: Mapping[str, Any], shells: str = "all") -> Iterator[str]:
+    """Yield a sentence for each thing that root, other users or all users do not get. `chosen` is the ROS of the machine.
+
+    `shells`: what they are to get; who is to get less misses nothing.
+    """
     setup, person, doubt = quote(chosen["setup"]), quote(chosen.get("person", "*")), quote(chosen.get("doubt", ""))
     variables = chosen.get("environment", {})
     withheld = set(variables) - set(chosen.get("for_root", variables))
-    if doubt:
+    if shells != "all":
+        pass  # nobody's shell is to get the variables of the set-up file
+    elif doubt:
         below = chosen.get("below", "")
         rest = f"those of {quote(below)}" if below else "the collection's own only, such as ROS_MASTER_URI"
         others = (
@@ -33,12 +38,12 @@ def list_warnings(host: str, chosen: Mapping[str, Any]) -> Iterator[str]:
             f"{host}: the set-up file {setup} sets {', '.join(map(quote, sorted(withheld)))}, which root does not get; expected "
             "variables of ROS, with paths that root alone can change: set others in root's own profile, if root needs them."
         )
-    if chosen.get("hooks_doubt"):
+    if chosen.get("hooks_doubt") and shells != "none":
         yield (
             f"{host}: no hook of catkin is written {quote(chosen['hooks_doubt'])}; expected a folder that root alone can change: a shell that "
             "reads no profile (zsh, cron) and sources this set-up file has no ROS_MASTER_URI of the fleet: set it there."
         )
-    if chosen.get("left_out"):
+    if chosen.get("left_out"):  # services do not get them either
         yield (
             f"{host}: the set-up file {setup} sets {', '.join(map(quote, chosen['left_out']))}, which nobody gets; expected variables of ROS, and "
             'absolute folders without ; $ " and \\ in lists: set what makes programs run other code than their own where it is needed, and there alone.'

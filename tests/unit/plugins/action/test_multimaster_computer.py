@@ -192,6 +192,13 @@ def test_what_shells_see_is_compared_with_the_plan(play, found, wrong):
     assert result["warnings"] == ["No ssh."] and result["changed"] is True
 
 
+def test_shells_with_names_alone_need_no_folders(play):
+    names = {**SHELLS, "before": {"login": VARIABLES}}
+    assert play(answer(managed_files=RIGHT), sysctl=None, routes=None, shells=names)[0]["failed"]
+    names["reach"] = "names"
+    assert "failed" not in play(answer(managed_files=RIGHT), sysctl=None, routes=None, shells=names)[0]
+
+
 def test_shells_see_the_same_when_nothing_was_written(play):
     result, _runs, _connection = play(answer(managed_files=RIGHT), sysctl=None, routes=None, shells=SHELLS)
     assert result["failed"]

@@ -386,6 +386,14 @@ WRONG = {
         everywhere(multimaster_heartbeat_hz=0.02, multimaster_offline_after=5),
         ["multimaster_heartbeat_hz is 0.02 and multimaster_offline_after is 5, so a robot promises 0 heartbeats"],
     ),
+    "shells of an unknown kind": (
+        setting("kobuki1computer", multimaster_shells="some"),
+        ["kobuki1computer: multimaster_shells is 'some'; expected"],
+    ),
+    "shells as a switch": (
+        everywhere(multimaster_shells=False),
+        ["kobuki1computer, kobuki2computer: multimaster_shells is False; expected"],
+    ),
     "relative set-up file": (
         setting("kobuki1computer", multimaster_ros_setup="ws/devel/setup.bash"),
         [
@@ -493,6 +501,7 @@ def test_an_empty_inventory_is_named():
                     "offline_after",
                     "provider",
                     "ros_setup",
+                    "shells",
                     "strangers",
                     "allow",
                     "nonsense",

@@ -247,6 +247,66 @@ def test_differences_leave_known_exports_to_the_preflight():
     assert environment_module.find_differences(OURS, seen, [environment_module.DESKTOP]) == []
 
 
+WITH_HOOKS = {**INFO, "ros": {"chosen": {"hooks": "/opt/ros/noetic/etc/catkin/profile.d"}}}
+HOOK = "/opt/ros/noetic/etc/catkin/profile.d/1.rosfleet-multimaster.sh"
+
+
+def reaching_shells(reach):
+    made = environment_files(
+        OURS, WITH_HOOKS, ros=NOETIC, for_root={"ROS_DISTRO": "noetic"}, person="robot", reach=reach
+    )
+    return {file["path"]: file["content"] for file in made.pop("files")}, made
+
+
+def test_shells_with_names_alone_keep_their_own_ros():
+    files, rest = reaching_shells("names")
+    assert set(files) == {
+        "/etc/rosfleet-multimaster/environment",
+        environment_module.PROFILE,
+        environment_module.DESKTOP,
+        environment_module.SSHD,
+        HOOK,
+    }
+    mine = {"PYTHONPATH": "/mine", "ROS_DISTRO": "one", "ROS_PACKAGE_PATH": "/mine/share"}
+    for path in (environment_module.PROFILE, HOOK):
+        seen = sourced(files[path], mine)
+        assert {name: seen[name] for name in (*mine, *OURS)} == {**mine, **OURS}
+        assert seen["PATH"] == "/usr/bin:/bin"
+    assert "ROS_IP" not in sourced(files[environment_module.PROFILE], {"ROS_IP": "10.0.0.9"})
+    for path in (environment_module.DESKTOP, environment_module.SSHD):
+        assert "noetic" not in files[path] and "PATH" not in files[path] and OURS["ROS_MASTER_URI"] in files[path]
+    assert rest["notes"] == []
+
+
+def test_services_have_all_whatever_shells_get():
+    made = {reach: reaching_shells(reach) for reach in ("all", "names", "none")}
+    units = "/etc/rosfleet-multimaster/environment"
+    assert len({files[units] for files, _rest in made.values()}) == 1
+    assert len({rest["digest"] for _files, rest in made.values()}) == 1
+    assert list(made["none"][0]) == [units] and made["none"][1]["notes"] == []
+    assert environment_module.GENERATOR in made["all"][0]
+
+
+def test_nothing_for_shells_has_no_note_about_sshd():
+    old = {**INFO, "sshd": {**INFO["sshd"], "includes_drop_ins": False}}
+    assert environment_files(OURS, old, reach="none")["notes"] == []
+    assert len(environment_files(OURS, old, reach="names")["notes"]) == 1
+
+
+def test_differences_ask_shells_for_what_they_get():
+    seen = {"login": OURS, "ssh": {"ROS_HOSTNAME": "other"}, "desktop": None}
+    paths = [environment_module.PROFILE]
+    assert environment_module.find_differences(OURS, seen, paths, shells="names") == []
+    assert len(environment_module.find_differences(OURS, seen, paths)) == 2
+    assert len(environment_module.find_differences(OURS, seen, [environment_module.SSHD], shells="names")) == 2
+    assert environment_module.find_differences(OURS, {"login": {}}, paths, shells="none") == []
+
+
+def test_the_filter_refuses_an_unknown_reach():
+    with pytest.raises(Exception, match="What shells get is 'some'; expected one of all, names, none"):
+        environment_files(OURS, INFO, reach="some")
+
+
 def test_filter_refuses_a_missing_plan_or_machine():
     with pytest.raises(Exception, match="expected a mapping with ROS_MASTER_URI"):
         environment_files({"ROS_HOSTNAME": "kobuki1computer"}, INFO)

@@ -5,7 +5,7 @@
 
 from ipaddress import IPv4Address
 
-from fleets import COMPANION, ONE, SEALED, sealed
+from fleets import COMPANION, ONE, SEALED, plan, sealed
 
 AT = IPv4Address("192.168.1.40")
 
@@ -29,6 +29,11 @@ def test_others_know_a_sealed_computer_by_all_its_names():
     assert set(known.uris) == {f"http://{host}:11311/" for host in ("192.168.1.40", "hsrb", "hsrb.local")}
     assert known.addresses == (IPv4Address("192.168.1.41"),) and {SEALED, "hsrb.local", str(AT)} <= set(known.hosts)
     assert plan.master_uris["hsr"] == known.uris and AT in plan.belonging.computers
+
+
+def test_the_plan_says_what_shells_get():
+    assert {entry.shells for entry in plan().computers.values()} == {"all"}
+    assert {entry.shells for entry in plan(multimaster_shells="names").computers.values()} == {"names"}
 
 
 def test_nothing_is_planned_on_a_sealed_computer():

@@ -282,6 +282,16 @@ def test_an_export_of_the_planned_value_is_no_matter():
     assert compare(lambda info: info["exports"].append(export)).warnings == ()
 
 
+def test_shells_that_get_nothing_are_not_judged():
+    export = {"file": "/home/a/.bashrc", "line": 7, "variable": "ROS_IP", "text": "", "value": "10.0.0.5"}
+
+    def change(info):
+        info["exports"].append(export)
+        info["sshd"]["includes_drop_ins"] = False
+
+    assert [len(compare(change, shells=reach).warnings) for reach in ("all", "names", "none")] == [2, 2, 0]
+
+
 def test_another_name_of_the_machine_is_named():
     assert 'calls itself "debian"' in compare(lambda info: info.update(hostname="debian")).warnings[0]
 

@@ -9,9 +9,9 @@ SETUP = "/home/robot/ws/devel/setup.bash"
 ALL = {"PATH": "/home/robot/ws/bin", "MODEL": "burger"}
 
 
-def said(**changes):
+def said(shells="all", **changes):
     chosen = {"setup": SETUP, "environment": ALL, "for_root": ALL, "person": "*", "doubt": "", "left_out": []}
-    found = list(set_up.list_warnings("kobuki1computer", {**chosen, **changes}))
+    found = list(set_up.list_warnings("kobuki1computer", {**chosen, **changes}, shells))
     assert all(text.startswith("kobuki1computer: ") and "; expected " in text for text in found)
     return found
 
@@ -39,6 +39,12 @@ def test_no_hook():
         'no hook of catkin is written "below /home/robot/ws/devel, since /home/robot belongs to robot"; expected'
         in text
     )
+
+
+def test_who_is_to_get_less_misses_nothing():
+    parts = {"for_root": {}, "person": "robot", "doubt": "/home/robot belongs to robot", "hooks_doubt": "below /home"}
+    assert [len(said(shells, **parts)) for shells in ("all", "names", "none")] == [2, 1, 0]
+    assert len(said("none", left_out=["LD_PRELOAD"])) == 1, "services have no such variable either"
 
 
 def test_names():
