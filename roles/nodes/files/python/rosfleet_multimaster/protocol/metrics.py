@@ -14,7 +14,7 @@ PREFIX = "multimaster_"  # of all names, as Prometheus has them
 VERSION = "1.0.0"  # of the collection; galaxy.yml has the same
 LABEL = 100  # characters of the value of a label
 MOST = 1000  # lines of one metric
-REASONS = ("node", "service", "type", "place", "limit")  # kinds of refusals
+REASONS = ("node", "service", "type", "place", "limit", "parameter")  # kinds of refusals
 CHANGES = ("registered", "unregistered")
 KINDS = ("publisher", "subscriber", "service")
 
@@ -67,8 +67,9 @@ FAMILIES: Mapping[str, Family] = {
     "registration_changes_total": Family(
         "counter", ("change",), "Registrations of other masters that were made in the own roscore, and withdrawn."
     ),
-    "refusals": Family("gauge", ("reason",), "Registrations that are refused now."),
-    "refusals_total": Family("counter", ("reason",), "Registrations that were refused."),
+    "parameters": Family("gauge", _OF_LINK, "Parameters of other masters that are kept in the own roscore."),
+    "refusals": Family("gauge", ("reason",), "Registrations and parameters that are refused now."),
+    "refusals_total": Family("counter", ("reason",), "Registrations and parameters that were refused."),
     "changes_received_total": Family("counter", (), "Changes that other masters told."),
     "states_received_total": Family("counter", (), "Whole states that were fetched from other masters."),
     "round_seconds": Family("gauge", (), "Seconds that the last round of synchronising took."),

@@ -4,6 +4,7 @@
 
 import difflib
 import ipaddress
+import re
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
@@ -69,6 +70,7 @@ KINDS: Mapping[str, Tuple[str, Callable[[Any], bool]]] = {
     "names": ("a pattern, or a list of patterns", lambda value: isinstance(value, str) or _texts(value)),
     "patterns": ("a list of patterns, or a mapping from a master's name to one", _patterns),
     "exports": ("nothing at all, or a list of entries such as {to: [192.168.1.2], topics: [/pose]}", _entries),
+    "crossing": ("a list of entries such as {from: robot2, names: [/robot_description]}", _entries),
     "strangers": (f"{IGNORE} or {ALLOW}", lambda value: value in (IGNORE, ALLOW)),
     "networks": ("a list of IPv4 addresses and networks", lambda value: _texts(value) and all(map(_is_network, value))),
     "members": ("a list of robots", lambda value: isinstance(value, list)),
@@ -118,6 +120,7 @@ DISCOVERY: Mapping[str, Parameter] = {
 SYNC: Mapping[str, Parameter] = {
     **{name: Parameter([], "patterns") for name in (*HOSTS, *NAMES)},
     "sync_topics_on_demand": Parameter(False, "flag"),
+    "sync_parameters": Parameter([], "crossing"),
     "sync_remote_nodes": Parameter(False, "flag"),
     "resync_on_reconnect": Parameter(True, "flag"),
     "resync_on_reconnect_timeout": Parameter(0.0, "seconds"),
@@ -171,6 +174,8 @@ def _check(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
     for number, entry in enumerate(values["members"], 1):
         if problem_of(entry):
             raise ParameterError(f"entry {number} of ~members: {problem_of(entry)}")
+    if table is SYNC:
+        _check_crossing(values["sync_parameters"] or [])
     if table is DISCOVERY:
         _check_group(values["mcast_group"])
         for number, entry in enumerate(values["exports"] or [], 1):
@@ -209,6 +214,55 @@ def _check_export(what: str, entry: Mapping[str, Any]) -> None:
             Pattern.from_items(entry.get(key, []), f"{what}, {key}")
         except InvalidPattern as problem:
             raise ParameterError(str(problem)) from None
+
+
+# The parameters of other robots that are copied here
+
+CROSSING = 100  # names from one robot
+_CROSSING_NAME = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
+#: Never copied, and nothing in them: they say what this roscore is, what time it is here, or what the nodes of the exchange are to do.
+NEVER_CROSSING = (
+    "/run_id",
+    "/rosversion",
+    "/rosdistro",
+    "/roslaunch",
+    "/use_sim_time",
+    "/do_not_sync",
+    "/rosfleet_multimaster",
+    "/master_discovery",
+    "/master_sync",
+)
+
+
+def crossing_problem(name: Any) -> str:
+    """Why no parameter of this name crosses; empty where it may."""
+    if not isinstance(name, str) or len(name) > 255 or not _CROSSING_NAME.fullmatch(name):
+        return "it is no whole name such as /robot_description"
+    if "/" + name.split("/")[1] in NEVER_CROSSING:
+        return "it belongs to the roscore or to the exchange itself"
+    return ""
+
+
+def _check_crossing(entries: Sequence[Mapping[str, Any]]) -> None:
+    """Raise ParameterError where an entry cannot be meant, or where two want one name."""
+    everything: List[str] = []
+    for number, entry in enumerate(entries, 1):
+        what = f"entry {number} of ~sync_parameters"
+        names = entry.get("names")
+        if set(entry) != {"from", "names"} or not isinstance(entry["from"], str) or not _texts(names):
+            raise ParameterError(f"{what} is {entry!r}, but from, a master, and names, a list of texts, are expected")
+        if len(entry["names"]) > CROSSING:
+            raise ParameterError(f"{what} has {len(entry['names'])} names, but at most {CROSSING} are expected")
+        for name in entry["names"]:
+            if crossing_problem(name):
+                raise ParameterError(f"{what} has {name!r}, but {crossing_problem(name)}")
+        everything += entry["names"]
+    ordered = sorted(name + "/" for name in everything)
+    for one, other in zip(ordered, ordered[1:]):
+        if other.startswith(one):
+            raise ParameterError(
+                f"~sync_parameters has {other[:-1]} twice, or in {one[:-1]}, but each one once is expected"
+            )
 
 
 def _is_network(text: str) -> bool:

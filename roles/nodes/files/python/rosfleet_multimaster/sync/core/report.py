@@ -11,14 +11,15 @@ from ...protocol.plain_text import quote
 from .limits import sentence
 from .sync import Refusal
 
-NOUNS = {"node": "node", "service": "service", "type": "topic", "place": "node or service"}
+NOUNS = {"node": "node", "service": "service", "type": "topic", "place": "node or service", "parameter": "parameter"}
 _TAKEN = "at {there} is refused: here it is {here}. Give one of them another name, or ignore it"
 _OTHER = (
     "is refused: there it is {there}, here {here}. Use one definition on both robots, another topic, or ignore_topics"
 )
 _PLACE = "at {there} is refused: {here}. Its nodes belong on computers of its robot, or in multimaster_allow"
+_PARAMETER = "is not copied: {here}"
 _HERE = {**dict.fromkeys(NOUNS, ", here it is "), "place": ": "}
-_SENTENCES = {"type": _OTHER, "place": _PLACE}
+_SENTENCES = {"type": _OTHER, "place": _PLACE, "parameter": _PARAMETER}
 
 
 def describe_refusal(item: Refusal) -> str:
@@ -31,9 +32,9 @@ def describe_refusal(item: Refusal) -> str:
 
 
 def _sides(item: Refusal) -> Tuple[str, str]:
-    """The two sides of a conflict, there and here. Sentences about types and places have their names quoted already."""
+    """The two sides of a conflict, there and here. Sentences about types, places and parameters have their names quoted already."""
     there = item.uri if item.kind == "type" else quote(item.uri)
-    return there, item.holder if item.kind in ("type", "place") else quote(item.holder)
+    return there, item.holder if item.kind in ("type", "place", "parameter") else quote(item.holder)
 
 
 def describe_refusal_end(item: Refusal) -> str:
@@ -44,11 +45,12 @@ def describe_refusal_end(item: Refusal) -> str:
 
 
 def diagnoses(items: Sequence[Refusal]) -> List[Diagnosis]:
-    """The entries about all refusals: of too many, of names, types and places."""
+    """The entries about all refusals: of too many, of names, types, places and parameters."""
     kinds = {
         "names": (("node", "service"), "refused, since the name is taken here"),
         "types": (("type",), "refused, since the topic has another type here"),
         "places": (("place",), "refused, since no node of that robot can be there"),
+        "parameters": (("parameter",), "not copied"),
     }
     limits = [(item.master, sentence(item)) for item in items if item.kind == "limit"]
     return [
@@ -62,6 +64,8 @@ def _refusals(name: str, why: str, items: Sequence[Refusal]) -> Diagnosis:
     for item in items:
         there, here = _sides(item)
         text = f"{there} of {item.master} is refused{_HERE[item.kind]}{here}"
+        if item.kind == "parameter":
+            text = f"of {item.master}: {here}"
         values.append((f"{NOUNS[item.kind]} {quote(item.name)}", text))
     return warning(name, f"{why}: {len(items)}", values)
 
@@ -76,6 +80,12 @@ def refusal_samples(refused: Iterable[Refusal], total: Mapping[str, int]) -> met
         "refusals": {(reason,): now[reason] for reason in metrics.REASONS},
         "refusals_total": {(reason,): total.get(reason, 0) for reason in metrics.REASONS},
     }
+
+
+def parameter_samples(masters: Iterable[str], copied: Iterable[str]) -> metrics.Samples:
+    """The samples about parameters. `masters`: those that may give some; `copied`: the master of each one that is here."""
+    counts = Counter(copied)
+    return {"parameters": {(name,): counts[name] for name in sorted(masters)[: metrics.MOST]}}
 
 
 def registration_samples(names: Mapping[str, str], held: Mapping[Registration, str]) -> metrics.Samples:

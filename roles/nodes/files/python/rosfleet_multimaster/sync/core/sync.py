@@ -84,11 +84,11 @@ class Refusal(NamedTuple):
     A name is taken here, a topic has a different type here, or a node is at an address where its robot cannot be.
     """
 
-    kind: str  # node, service, type, place, limit
-    name: str  # of the node, the service, the topic
+    kind: str  # node, service, type, place, limit, parameter
+    name: str  # of the node, the service, the topic, the parameter
     master: str  # the name of its master
     uri: str  # of the node or service there; for a type, the type there
-    holder: str  # the same here; for a place, the objection
+    holder: str  # the same here; for a place and a parameter, the objection
 
 
 @dataclass
@@ -513,6 +513,15 @@ class Sync:
         if set(here) <= set(uris):
             return []
         return list(dict.fromkeys([*here, *uris]))
+
+    def find_members(self, now: float) -> Dict[str, Master]:
+        """The masters of the fleet's robots that are there, by their names in small letters. Strangers are not among them."""
+        found: Dict[str, Master] = {}
+        for uri, remote in self.remotes.items():
+            member = self.members.master(uri)
+            if member is not None and not self._is_expired(remote, now):
+                found[member.name.lower()] = remote.announced
+        return found
 
     def next_expiry(self, now: float) -> Optional[float]:
         """The time at which the registrations of an offline master end."""

@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Parameters that cross: what other robots offer and what the own roscore has in, the difference to carry out.
+
+The roscore has no owner of a parameter, so there is a record beside them: the names that we set, and the digests of the values. A
+value is ours as long as it has such a digest. What somebody else has set since, or had set before, is never changed.
+
+The record is a parameter, too. So it lives exactly as long as the others, and outlives a killed master_sync. The managed roscore
+lets nobody else set it. Below another roscore anyone may. Who does so gains nothing: whoever can set it can set each
+parameter, and a forged entry is of no use without the digest of the value that is there.
+"""
+
+import json
+from typing import AbstractSet, Any, Dict, List, Mapping, NamedTuple, Optional, Set, Tuple
+
+from ...protocol import json_text
+from ...protocol.parameters import crossing_problem
+from .sync import Refusal
+
+RECORD = "/rosfleet_multimaster/parameters"
+MOST = 2000  # entries of a record
+_SET = "here it has a value of its own, at {}; remove that one, or take the name out of multimaster_exports there"
+
+
+class Owned(NamedTuple):
+    """A parameter that we set: the name of its master, and the digests of the values that it may have."""
+
+    master: str
+    digests: Tuple[str, ...]
+
+
+Record = Dict[str, Owned]  # by the names of the parameters
+
+
+class Offer(NamedTuple):
+    """A parameter of another robot that is to be here."""
+
+    master: str
+    value: Any
+    digest: str
+
+
+class Own(NamedTuple):
+    """What the own roscore has: the names of all parameters that are no namespace, and the digests of some values."""
+
+    leaves: AbstractSet[str]
+    digests: Mapping[str, str]
+
+
+class Todo(NamedTuple):
+    """The difference to carry out in this order: what is deleted, the record, and what is set."""
+
+    delete: List[str]
+    record: Record
+    set: Dict[str, Any]
+    refused: List[Refusal]
+
+
+def plan(offers: Mapping[str, Offer], keep: AbstractSet[str], record: Record, own: Own) -> Todo:
+    """Plan a pass. `keep`: names that stay as they are, since their robot has not said yet what it has.
+
+    A name is refused where something of somebody else is there: a value at this name, below it, or in place of the
+    namespace that it is in.
+    """
+    ours = {name: there for name, mine in record.items() if (there := _find_ours(name, mine, own))}
+    delete = sorted(name for name in ours if name not in offers and name not in keep)
+    foreign = _list_foreign(own.leaves, ours)
+    after = {name: mine for name, mine in ours.items() if name not in delete}
+    values: Dict[str, Any] = {}
+    refused: List[Refusal] = []
+    for name, offer in sorted(offers.items()):
+        holder = "" if name in ours else _find_holder(name, foreign)
+        if holder:
+            refused.append(Refusal("parameter", name, offer.master, "", _SET.format(holder)))
+            continue
+        before = ours[name].digests if name in ours else ()
+        after[name] = Owned(offer.master, tuple(dict.fromkeys((*before, offer.digest))))
+        if before != (offer.digest,):
+            values[name] = offer.value
+    return Todo(delete, after, values, refused)
+
+
+def _find_ours(name: str, mine: Owned, own: Own) -> Optional[Owned]:
+    """The entry of a parameter that has a value of ours, with the digest of that one; None where it has not."""
+    there = own.digests.get(name, "")
+    return Owned(mine.master, (there,)) if there and there in mine.digests else None
+
+
+def _list_foreign(leaves: AbstractSet[str], ours: Mapping[str, Owned]) -> Set[str]:
+    """The parameters that are neither ours nor below one of ours."""
+    return {leaf for leaf in leaves if not any(name in ours for name in (leaf, *_list_parents(leaf)))}
+
+
+def _list_parents(name: str) -> List[str]:
+    """The namespaces that a parameter is in, without the root."""
+    parts = name.split("/")[1:]
+    return ["/" + "/".join(parts[:count]) for count in range(1, len(parts))]
+
+
+def _find_holder(name: str, foreign: AbstractSet[str]) -> str:
+    """The parameter of somebody else that keeps a name from being set, "" where it is free."""
+    above = next((place for place in (name, *_list_parents(name)) if place in foreign), "")
+    return above or min((leaf for leaf in foreign if leaf.startswith(name + "/")), default="")
+
+
+def settle(todo: Todo, failed: AbstractSet[str]) -> Record:
+    """The record after a pass. What was set has one digest, the new one; `failed` could not be set, so it may have any."""
+    return {
+        name: Owned(mine.master, mine.digests[-1:]) if name in todo.set and name not in failed else mine
+        for name, mine in todo.record.items()
+    }
+
+
+# The record as a text
+
+
+def write(record: Record) -> str:
+    """The text of a record."""
+    return json.dumps({name: [mine.master, *mine.digests] for name, mine in sorted(record.items())})
+
+
+def read(text: Any) -> Record:
+    """The record in a value of the parameter server; an empty one where it is damaged. It has no name that never crosses."""
+    try:
+        found = json_text.from_json(text) if isinstance(text, str) else {}
+        rows = list(found.items())[:MOST]
+    except (AttributeError, ValueError):
+        return {}
+    return {
+        name: Owned(row[0], tuple(row[1:]))
+        for name, row in rows
+        if not crossing_problem(name) and isinstance(row, list) and row and all(isinstance(part, str) for part in row)
+    }

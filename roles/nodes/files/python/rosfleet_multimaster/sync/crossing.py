@@ -1,0 +1,339 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Copies planned parameters of other robots to the own roscore, keeps them up to date, and takes them away again.
+
+The other roscores are asked again and again. To subscribe would be no way: who subscribes becomes a node of that roscore,
+which would end its own /master_sync for having the same name. A question leaves nothing there, and each roscore knows it.
+What is large is asked for less often, so it takes no more of the network than what is small.
+"""
+
+from contextlib import closing
+from functools import partial
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+
+from ..edge.clock import monotonic
+from ..edge.loop import Loop, Workers
+from ..edge.process import program
+from ..edge.roscore import Roscore
+from ..edge.rpc_client import Last, Rpc
+from ..protocol.plain_text import quote
+from ..protocol.xml_rpc import DocumentTooLarge
+from .core import crossing, values
+from .core.crossing import Offer, Own, Owned, Todo
+from .core.sync import Refusal, Sync
+
+LOOK = 0.5  # seconds between two looks at who is there
+ASK = 2.0  # seconds between two questions to a robot, at least
+RATE, SELDOM = 1 << 16, 60.0  # bytes of values that are asked for in a second, and the longest pause for that
+RETRY = (2.0, 5.0, 15.0, 30.0)  # seconds after questions without an answer
+TIMEOUT = 5.0  # seconds for an answer
+MOST = 2 << 20  # bytes of an answer
+ROUND = 30.0  # seconds between two looks at the own roscore, if nothing happens
+AGAIN = 1.0  # seconds after a pass that failed
+LEFTOVERS = 15.0  # seconds that parameters of an earlier life wait for their robot
+READERS = 4
+
+
+class Answer(NamedTuple):
+    """What a robot has of the planned parameters: the values that are taken, and why others are not."""
+
+    values: Mapping[str, Tuple[Any, str]]  # name -> value and digest
+    objections: Mapping[str, str]
+    size: int
+
+
+class Source:
+    """A robot whose parameters are planned to be here."""
+
+    def __init__(self, name: str, names: Sequence[str]) -> None:
+        self.name, self.names = name, tuple(names)
+        self.title = name  # as discovery has it
+        self.rpc: Optional[Rpc] = None
+        self.last = Last()
+        self.due = 0.0
+        self.asking, self.failures = False, 0
+        self.met = False  # in this life
+        self.answer: Optional[Answer] = None
+
+    def begin(self, uri: str) -> Rpc:
+        """The connection to ask over."""
+        if self.rpc is None or self.rpc.uri != uri:
+            self.drop()
+            self.rpc = Rpc(uri, TIMEOUT, MOST)
+        self.asking = True
+        return self.rpc
+
+    def drop(self) -> None:
+        """Ask for everything the next time."""
+        if self.rpc is not None and self.asking:
+            self.rpc.cut()  # its thread closes it
+        elif self.rpc is not None:
+            self.rpc.close()
+        self.rpc, self.last = None, Last()
+
+
+class Crossing:
+    """Carries out the plan of parameters of one master_sync."""
+
+    def __init__(
+        self,
+        loop: Loop,
+        roscore: Roscore,
+        core: Sync,
+        calls: Workers,
+        limited: program.LimitedLog,
+        entries: Sequence[Mapping[str, Any]],
+        on_change: Callable[[], None],
+    ) -> None:
+        """`calls`: one thread, for all calls of the own roscore. `entries`: the parameter ~sync_parameters."""
+        self.record: crossing.Record = {}
+        self.refused: List[Refusal] = []
+        self._roscore, self._core, self._calls, self._limited = roscore, core, calls, limited
+        self._on_change = on_change
+        self._sources = {str(entry["from"]).lower(): Source(entry["from"], entry["names"]) for entry in entries}
+        self._readers = Workers(loop, READERS if entries else 0)
+        self._started = float("inf")
+        self._look_due, self._pass_due = 0.0, float("inf")
+        self._working = False
+        self._done: Optional[Callable[[], None]] = None  # the program ends
+
+    def take_over(self) -> None:
+        """Read the record of an earlier life. Raises as Roscore.ask."""
+        (text,) = self._roscore.ask(("getParam", crossing.RECORD))
+        self.record = crossing.read(text)
+        if self.record:
+            program.LOG.info("%d parameters of other robots are here since before this start", len(self.record))
+        self._pass_due = 0.0 if self.record or self._sources else float("inf")
+
+    def masters(self) -> List[str]:
+        """The names of the masters that parameters are planned of."""
+        return [source.title for source in self._sources.values()]
+
+    def tick(self, now: float) -> Optional[float]:
+        """Do what is due; the time of the next thing to do, None without any."""
+        if self._done is not None:
+            return None
+        if self._started > now:
+            self._started = now
+        if self._sources and now >= self._look_due:
+            self._look_due = now + LOOK
+            self._look(now)
+        if now >= self._pass_due and not self._working:
+            self._begin(now)
+        times = [self._look_due] if self._sources else []
+        times += [] if self._working or self._pass_due == float("inf") else [self._pass_due]
+        return min(times, default=None)
+
+    def look_soon(self) -> None:
+        """A master has come or gone."""
+        self._look_due = 0.0
+
+    # The other robots
+
+    def _look(self, now: float) -> None:
+        present = self._core.find_members(now)
+        for key, source in self._sources.items():
+            master = present.get(key)
+            if master is None:
+                self._lose(source, now)
+                continue
+            source.title = master.name
+            if master.online and not source.asking and now >= source.due:
+                self._ask(source, master.uri, now)
+
+    def _lose(self, source: Source, now: float) -> None:
+        """Its robot is not there, or not any more."""
+        source.due = 0.0
+        if source.answer is not None:
+            source.answer = None
+            source.drop()
+            self._pass_due = min(self._pass_due, now)
+
+    def _ask(self, source: Source, uri: str, now: float) -> None:
+        try:
+            rpc = source.begin(uri)
+        except OSError as problem:  # it is no address
+            self._on_answer(source, None, None, problem)
+            return
+        job = partial(_read, rpc, self._roscore.caller, source.names, source.last)
+        self._readers.submit(job, partial(self._on_answer, source, rpc))
+
+    def _on_answer(
+        self, source: Source, rpc: Optional[Rpc], answer: Optional[Answer], problem: Optional[Exception]
+    ) -> None:
+        """Take an answer. Without one and without a problem it is the last one again."""
+        now = monotonic()
+        source.asking = False
+        if rpc is not None and source.rpc is not rpc:  # its robot was lost meanwhile
+            rpc.close()
+            return
+        if problem is not None:
+            source.drop()
+            source.due = now + RETRY[min(source.failures, len(RETRY) - 1)]
+            source.failures += 1
+            text = f"{source.title}: its parameters cannot be read: {quote(problem)}; what is here of it stays"
+            self._limited.say("warning", f"parameters {source.name}", text)
+            return
+        if answer is not None:
+            source.answer, source.met = answer, True
+            self._pass_due = min(self._pass_due, now)
+        size = source.answer.size if source.answer is not None else 0
+        source.failures, source.due = 0, now + min(SELDOM, max(ASK, size / RATE))
+
+    # The own roscore: read, plan, write
+
+    def _begin(self, now: float) -> None:
+        self._working, self._pass_due = True, float("inf")
+        offers, keep = ({}, set()) if self._done is not None else self._collect(now)
+        names = sorted({*self.record, *offers})
+        self._calls.submit(partial(self._read_own, names), partial(self._on_own, offers, keep, self._done is not None))
+
+    def _collect(self, now: float) -> Tuple[Dict[str, Offer], Set[str]]:
+        """What is to be here, and the names that wait for their robot."""
+        offers: Dict[str, Offer] = {}
+        keep: Set[str] = set()
+        for source in self._sources.values():
+            if source.answer is not None:
+                offers.update({name: Offer(source.title, *found) for name, found in source.answer.values.items()})
+            elif not source.met and now < self._started + LEFTOVERS:
+                keep.update(source.names)
+        return offers, keep
+
+    def _read_own(self, names: Sequence[str]) -> Own:
+        leaves, *found = self._roscore.ask(("getParamNames",), *[("getParam", name) for name in names])
+        if not isinstance(leaves, list):
+            raise OSError("the roscore does not tell its parameters")
+        there = {name: value for name, value in zip(names, found) if value is not None and value != {}}
+        return Own(frozenset(map(str, leaves)), {name: values.digest(value) for name, value in there.items()})
+
+    def _on_own(
+        self, offers: Dict[str, Offer], keep: Set[str], last: bool, own: Optional[Own], problem: Optional[Exception]
+    ) -> None:
+        if own is None:
+            self._end(last, problem)
+            return
+        todo = crossing.plan(offers, keep, self.record, own)
+        due = bool(todo.delete or todo.set or todo.record.keys() != self.record.keys()) or (last and bool(self.record))
+        if not due:
+            self._finish(todo, last, set(), None)
+            return
+        self._calls.submit(partial(self._write, todo, last), partial(self._finish, todo, last))
+
+    def _write(self, todo: Todo, last: bool) -> Set[str]:
+        """Carry out a plan; the names that could not be set. The record has them before they are set."""
+        text = ("deleteParam", crossing.RECORD) if last else ("setParam", crossing.RECORD, crossing.write(todo.record))
+        *_deleted, noted = self._roscore.ask(*[("deleteParam", name) for name in todo.delete], text)
+        if noted is None and not last:
+            raise OSError(f"it does not let this program set {crossing.RECORD}")
+        failed = set()
+        for name, value in todo.set.items():  # one by one: all of them may be too long for one request
+            if self._roscore.ask(("setParam", name, value)) == [None]:
+                failed.add(name)
+        return failed
+
+    def _finish(self, todo: Todo, last: bool, failed: Optional[Set[str]], problem: Optional[Exception]) -> None:
+        if failed is None:  # what of it is done the next pass sees
+            self.record = {**self.record, **todo.record}
+            self._end(last, problem)
+            return
+        for name in todo.delete:
+            program.LOG.info("%s: took the parameter %s away", self.record[name].master, name)
+        for name in todo.set:
+            if name in failed:
+                self._limited.say("error", f"set {name}", f"the roscore refuses the parameter {name}")
+            else:
+                program.LOG.info("%s: copied the parameter %s", todo.record[name].master, name)
+        before, self.record = _count(self.record), crossing.settle(todo, failed)
+        refused = [] if last else [*todo.refused, *self._list_objections()]
+        changed = before != _count(self.record) or refused != self.refused
+        self.refused = refused
+        self._end(last, OSError("a parameter is refused") if failed else None)
+        if changed:
+            self._on_change()
+
+    def _list_objections(self) -> List[Refusal]:
+        """A refusal for each value that is not taken."""
+        return [
+            Refusal("parameter", name, source.title, "", f"its value there {why}")
+            for source in self._sources.values()
+            if source.answer is not None
+            for name, why in source.answer.objections.items()
+        ]
+
+    def _end(self, last: bool, problem: Optional[Exception]) -> None:
+        self._working = False
+        now = monotonic()
+        if last and self._done is not None:
+            if problem is not None:
+                program.LOG.warning("parameters of other robots stay here: %s", quote(problem))
+            self._done()
+            return
+        if self._done is not None:
+            self._begin(now)
+            return
+        if problem is not None:
+            self._limited.say(
+                "error", "crossing", f"parameters cannot be copied to {self._roscore.rpc.uri}: {quote(problem)}"
+            )
+        waiting = now < self._started + LEFTOVERS and any(not source.met for source in self._sources.values())
+        pause = AGAIN if problem is not None else max(self._started + LEFTOVERS - now, 0.0) if waiting else ROUND
+        if self.record or self._sources or problem is not None:
+            self._pass_due = min(self._pass_due, now + pause)
+
+    def withdraw(self, done: Callable[[], None]) -> None:
+        """Take everything away, then call `done()` in the loop."""
+        self._done = done
+        if not self._working:
+            self._begin(monotonic())
+
+
+def _count(record: Mapping[str, Owned]) -> List[Tuple[str, str]]:
+    return [(name, mine.master) for name, mine in sorted(record.items())]
+
+
+def _read(rpc: Rpc, caller: str, names: Sequence[str], last: Last) -> Optional[Answer]:
+    """What a roscore has of these names; None where it is the last answer again. Raises what Rpc does."""
+    try:
+        results = rpc.multicall([("getParam", caller, name) for name in names], last)
+    except DocumentTooLarge:
+        with closing(Rpc(rpc.uri, TIMEOUT, MOST)) as other:
+            results = [_read_one(other, caller, name) for name in names]
+    return _take(names, results) if results else None
+
+
+def _read_one(rpc: Rpc, caller: str, name: str) -> Any:
+    try:
+        return rpc.call("getParam", caller, name)
+    except DocumentTooLarge:
+        return values.NotTaken(f"has more than {MOST} bytes")
+
+
+def _take(names: Sequence[str], results: Sequence[Any]) -> Answer:
+    """The answer in results of getParam. Raises ValueError where they are none."""
+    taken: Dict[str, Tuple[Any, str]] = {}
+    objections: Dict[str, str] = {}
+    total = 0
+    for name, result in zip(names, results):
+        try:
+            if isinstance(result, values.NotTaken):
+                raise result
+            value = _value(result)
+            if value is None or value == {}:
+                continue
+            made, size = values.take(value)
+            taken[name] = made, values.digest(made)
+            total += size
+        except values.NotTaken as problem:
+            objections[name] = str(problem)
+            total += MOST
+    return Answer(taken, objections, total)
+
+
+def _value(result: Any) -> Any:
+    """The value in a result of getParam, None where the parameter is not set. Raises ValueError."""
+    if isinstance(result, list) and len(result) == 3 and isinstance(result[0], int):
+        if result[0] == 1:
+            return result[2]
+        if result[0] == -1:
+            return None
+    raise ValueError("it does not answer as a roscore")
