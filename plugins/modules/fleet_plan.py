@@ -150,6 +150,12 @@ flows:
       type: list
       elements: str
       sample: [/tibi/reset]
+    parameters:
+      description: The parameters that are copied, each with all that is below its name.
+      returned: where there are any
+      type: list
+      elements: str
+      sample: [/robot_description]
 common_network:
   description: The network that all robots share.
   returned: success

@@ -257,6 +257,13 @@ options:
         description: Those of C(/master_sync).
         type: dict
         default: {}
+  crossing:
+    description:
+      - Parameters that this robot gives to others, or gets of them, for example V(/robot_description). Their digests on this robot's
+        roscore are returned; see RV(parameters.crossing).
+    type: list
+    elements: str
+    default: []
   environment:
     description:
       - The variables of ROS on this computer where O(environment_file) is not there, since the collection did not set it up, for
@@ -1404,6 +1411,7 @@ parameters:
   sample:
     nodes: [master_discovery, master_sync]
     differing: [{node: master_discovery, name: mcast_port, expected: "11511", found: "11512"}]
+    crossing: [{name: /robot_description, digest: 5feceb66ffc86f38d952786c6d696c79c2dbc239dd4e91b46729d73a27fb57e9}]
     error: ""
   contains:
     nodes:
@@ -1439,6 +1447,23 @@ parameters:
           returned: always
           type: str
           sample: "11512"
+    crossing:
+      description: The parameters of O(crossing).
+      returned: always
+      type: list
+      elements: dict
+      sample: [{name: /robot_description, digest: 5feceb66ffc86f38d952786c6d696c79c2dbc239dd4e91b46729d73a27fb57e9}]
+      contains:
+        name:
+          description: The parameter.
+          returned: always
+          type: str
+          sample: /robot_description
+        digest:
+          description: A SHA-256 of its value, the same on each robot with that value; empty where it is not set.
+          returned: always
+          type: str
+          sample: 5feceb66ffc86f38d952786c6d696c79c2dbc239dd4e91b46729d73a27fb57e9
     error:
       description: Why they could not be read, or empty.
       returned: always
@@ -1829,6 +1854,7 @@ ARGUMENTS = {
         "type": "dict",
         "options": {name: {"type": "dict", "default": {}} for name in ("master_discovery", "master_sync")},
     },
+    "crossing": {"type": "list", "elements": "str", "default": []},
     "environment": {"type": "dict", "default": {}},
     "multicast": {"type": "dict"},
     "look": {"type": "dict"},

@@ -19,6 +19,7 @@ EXPORTS = {
     "ana": [
         {"topics": ["/ana/pose"], "services": ["/ana_server/where"], "actions": ["/ana_action/double"], "to": ["bob"]},
         {"topics": ["/shared"], "to": ["bob"]},
+        {"parameters": ["/ana/model", "/limits", "/taken"], "to": ["bob", "cid"]},
     ],
     "bob": [{"topics": ["/shared", "/mixed"], "to": ["ana", "cid"]}],
     "cid": [{"topics": ["/shared", "/cid/pose"], "to": ["bob"]}],
@@ -59,6 +60,13 @@ def declared(lab, tmp_path_factory):
     exports = {robot: {"multimaster_exports": own} for robot, own in EXPORTS.items()}
     status, output = apply(lab, tmp_path_factory.mktemp("exports"), **exports)
     assert status == 0, output
+    for robot in ("bob", "cid"):
+        lab.run(f"{robot}-pc", "rosparam set /taken own")
+    lab.run(
+        "ana-pc",
+        """rosparam set /ana/model "<robot name='ana'/>"; rosparam set /limits "{speed: 1.5, axes: [1, 2]}" """,
+    )
+    lab.run("ana-pc", "rosparam set /taken other")
     lab.start("ana-pc", "server", "python3 {script} ana_server", "programs/service_server.py")
     lab.start("ana-pc", "action", "python3 {script} ana_action", "programs/action_server.py")
     for robot in ROBOTS:
@@ -151,6 +159,44 @@ def test_what_is_not_exported_is_not_served(declared):
         }
     own = told(declared, "ana", "ana")[0]
     assert {"/secret", "/ana/pose", "/shared"} <= set(dict(own[4])) & set(dict(own[5]))
+
+
+def parameter(lab, robot, name):
+    """A parameter of a robot's roscore; an error where it is not set."""
+    return lab.run(f"{robot}-pc", f"rosparam get {name} 2>&1 || true").strip()
+
+
+def test_parameters_cross_and_follow_and_go(declared):
+    """bob has the managed roscore, cid that of ROS."""
+    copied = {"/ana/model": "<robot name='ana'/>", "/limits/speed": "1.5"}
+    for robot in ("bob", "cid"):
+        wait_until(
+            lambda robot=robot: all(text in parameter(declared, robot, name) for name, text in copied.items()),
+            30,
+            f"{robot} has the parameters of ana",
+        )
+        assert parameter(declared, robot, "/taken") == "own"
+        assert "/taken" in declared.run(f"{robot}-pc", "journalctl -u multimaster-sync | grep 'is not copied'")
+    declared.run("ana-pc", "rosparam set /limits/speed 2.5; rosparam delete /ana/model")
+    for robot in ("bob", "cid"):
+        wait_until(lambda robot=robot: parameter(declared, robot, "/limits/speed") == "2.5", 30, "it changes")
+        wait_until(lambda robot=robot: "not set" in parameter(declared, robot, "/ana/model"), 30, "it goes")
+
+
+@pytest.mark.parametrize("robot", ["bob", "cid"])
+def test_copied_parameters_survive_a_kill_and_go_at_the_end(declared, robot):
+    computer, at = f"{robot}-pc", "systemctl show --value -p MainPID multimaster-sync"
+    wait_until(lambda: parameter(declared, robot, "/limits/speed") == "2.5", 60, "it is there")
+    before = declared.run(computer, at)
+    declared.run(computer, "systemctl kill -s KILL multimaster-sync")
+    wait_until(lambda: declared.run(computer, at) not in (before, "0\n"), 60, "it is started again")
+    declared.run("ana-pc", "rosparam set /limits/speed 3.5")
+    wait_until(lambda: parameter(declared, robot, "/limits/speed") == "3.5", 60, "it knows its copy")
+    declared.run("ana-pc", "rosparam set /limits/speed 2.5")
+    declared.run(computer, "systemctl stop multimaster-sync")
+    assert "not set" in parameter(declared, robot, "/limits") and parameter(declared, robot, "/taken") == "own"
+    declared.run(computer, "systemctl start multimaster-sync")
+    wait_until(lambda: parameter(declared, robot, "/limits/speed") == "2.5", 60, "it is back")
 
 
 BUS = """

@@ -104,7 +104,10 @@ def test_the_diagnostics_say_who_is_there_and_not_too_often(measured):
     names = {name: level for _at, name, level in said}
     assert names[f"multimaster: link to {SECOND}"] == names["multimaster: roscore"] == names["multimaster: names"] == 0
     assert set(names) == {
-        *(f"multimaster: {name}" for name in "roscore masters clocks strangers names types places limits".split()),
+        *(
+            f"multimaster: {name}"
+            for name in "roscore masters clocks strangers names types places parameters limits".split()
+        ),
         f"multimaster: link to {SECOND}",
     }
     assert f'hardware_id: "kobuki1/{FIRST}"' in text and f"kobuki2/{SECOND}" not in text, "each robot's stay there"

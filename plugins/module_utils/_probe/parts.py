@@ -185,7 +185,7 @@ PARTS = (
     ),
     Part(
         "parameters",
-        lambda params, ros, deadline: parameters.parameters(ros, params["parameters"] or {}),
+        lambda params, ros, deadline: parameters.parameters(ros, params["parameters"] or {}, params["crossing"]),
         parameters.NOTHING,
         final=True,
     ),

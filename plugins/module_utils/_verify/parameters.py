@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The parameters of discovery and sync on the roscore, compared with those of the plan."""
+"""The parameters of discovery and sync on the roscore, compared with those of the plan; and the digests of those that cross."""
 
+import hashlib
 import json
 import typing
 
@@ -14,12 +15,17 @@ MOST = 50  # parameters that are told
 LONGEST = 200  # characters of a value: they are for people
 # The same nodes of fkie_mas, where somebody has started them by hand.
 SUCCESSOR = {"master_discovery": "mas_discovery", "master_sync": "mas_sync"}
-NOTHING: typing.Dict[str, typing.Any] = {"nodes": [], "differing": [], "error": ""}
+NOTHING: typing.Dict[str, typing.Any] = {"nodes": [], "differing": [], "crossing": [], "error": ""}
 
 
-def parameters(ros: Ros, planned: typing.Dict[str, typing.Dict[str, typing.Any]]) -> typing.Dict[str, typing.Any]:
-    """Compare the namespace of each node with what is planned; its units write all of it there when the node starts."""
-    found: typing.Dict[str, typing.Any] = {"nodes": [], "differing": [], "error": ""}
+def parameters(
+    ros: Ros, planned: typing.Dict[str, typing.Dict[str, typing.Any]], crossing: typing.Iterable[str] = ()
+) -> typing.Dict[str, typing.Any]:
+    """Compare the namespace of each node with what is planned; its units write all of it there when the node starts.
+
+    `crossing`: names of parameters whose digests are wanted, since two robots are to have the same.
+    """
+    found: typing.Dict[str, typing.Any] = {"nodes": [], "differing": [], "crossing": [], "error": ""}
     for node, wanted in sorted(planned.items()):
         if not wanted:
             continue
@@ -31,7 +37,28 @@ def parameters(ros: Ros, planned: typing.Dict[str, typing.Dict[str, typing.Any]]
         if isinstance(there, dict):
             found["nodes"].append(node)
             found["differing"] += compare(node, wanted, there)
+    try:
+        found["crossing"] = [{"name": name, "digest": _read_digest(ros, name)} for name in crossing]
+    except OSError as problem:
+        found["error"] = str(problem)
     return found
+
+
+def _read_digest(ros: Ros, name: str) -> str:
+    """Read the digest of a parameter, empty where it is not set. Raises OSError where the roscore does not answer."""
+    if not ros.ask("hasParam", name):
+        return ""
+    value = ros.ask("getParam", name)
+    return "" if value == {} else digest(value)
+
+
+def digest(value: typing.Any) -> str:
+    """Return what two values have in common that are the same. The ends of lines are as XML has them."""
+    try:
+        text = json.dumps(value, sort_keys=True, default=repr)
+    except (ValueError, TypeError, RecursionError):
+        text = "?"
+    return hashlib.sha256(text.replace("\\r\\n", "\\n").replace("\\r", "\\n").encode()).hexdigest()
 
 
 def _read(ros: Ros, node: str) -> typing.Any:

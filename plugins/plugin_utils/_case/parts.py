@@ -674,6 +674,14 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "multimaster_filters",
         what="see rosnode info",
     ),
+    ("parameter", "copy"): Fault(
+        "parameters that cross are not the same on {place}: {what}",
+        "if the robot that gets it has a value of its own, remove it there (rosparam delete) or take the name out of "
+        "multimaster_exports; see on its master: journalctl -b -u multimaster-sync",
+        "on the master of the robot that gets it: journalctl -b -u multimaster-sync",
+        what="see multimaster_exports",
+        read=ALWAYS,
+    ),
     ("declaration", "narrow"): Fault(
         "{place} leaves out what the others need: {what}",
         "correct multimaster_exports or multimaster_filters of the robot, and run site.yml",

@@ -127,9 +127,9 @@ class Flows:
             return NOTHING
         values: dict[str, Iterable[str]] = {**self._patterns(target, name)}
         if self._masters[source].declared:
-            topics, services = self._declared.get((source, target), ((), ()))
-            if not topics and not services:
+            if (source, target) not in self._declared:
                 return NOTHING
+            topics, services = self._declared[source, target]
             values.update(sync_nodes=(), sync_topics=(*topics, VERIFICATION_TOPICS), sync_services=tuple(services))
         values["hide_subscribers"] = self._plans[source].discovery.get("hide_subscribers", ())
         key = tuple(tuple(patterns) for patterns in values.values())

@@ -275,6 +275,66 @@ def _judge_flow(case: Case) -> Judgement | None:
     return Judgement(FAILED if found else OK, f"what {its} gives to {own}, and nothing else", found or "just that")
 
 
+# Parameters that cross
+
+
+def _list_copied(case: Case) -> list[str]:
+    """List the parameters that the observer's robot is to have as the target's robot has them."""
+    entries = case.observer.plan.sync.get("sync_parameters", ())
+    return [name for entry in entries if entry["from"] == case.master.name for name in entry["names"]]
+
+
+def _compare_copies(case: Case) -> dict[str, str] | None:
+    """Return what is wrong with each copy, by its parameter; None where one of the two roscores was not read."""
+    master = case.run.get(case.masters[1])
+    if master is None or not master.is_probed or not case.observer.is_probed:
+        return None
+    here, there = (
+        {entry.name: entry.digest for entry in probe.parameters.crossing} for probe in (case.probe, master.probe)
+    )
+    names = _list_copied(case)
+    if not all(name in here and name in there for name in names):
+        return None
+    own, its = case.robots
+    return {
+        name: f"{name} of {its} " + (f"has another value on {own}" if here[name] else f"is not on {own}")
+        for name in names
+        if there[name] and here[name] != there[name]
+    }
+
+
+def _copies_part(case: Case) -> Parts:
+    found = shorten_list((_compare_copies(case) or {}).values(), NAMED)
+    return frozenset({Part.from_pair("parameter", "copy", *case.robots, what=found)})
+
+
+def _copies_evidence(case: Case) -> Parts:
+    """A copy that differs shows itself. One that is not there may be missing with all the rest, since sync does not work."""
+    wrong = (_compare_copies(case) or {}).values()
+    if not any("another value" in words for words in wrong) and case.exchange and not case.exchange.error:
+        own, its = case.robots
+        if case.state.exchanges.find_missing(its, own):
+            return frozenset()
+    return _copies_part(case)
+
+
+@Check(
+    title="copied parameters are as on their robot",
+    scope=MASTER,
+    about="pair of roscores",
+    expected="each parameter that the one robot gives by `multimaster_exports` has the same value at the other, where it is set at all",
+    suspects=_flow_suspects,
+    evidence=_copies_evidence,
+)
+def _judge_copies(case: Case) -> Judgement | None:
+    if not _list_copied(case):
+        return None
+    wrong = _compare_copies(case)
+    if wrong is None:
+        return Judgement(UNKNOWN, "the same values", "the parameters of one of the two are not known")
+    return Judgement(FAILED if wrong else OK, "the same values", shorten_list(wrong.values(), NAMED) or "the same")
+
+
 # Connections
 
 

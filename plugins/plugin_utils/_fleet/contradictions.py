@@ -14,7 +14,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from ipaddress import IPv4Address
 
-from .exports import FILTERS, FROM_CLIENT, FROM_SERVER, KINDS, Export, make_node_filters, topics_of
+from .exports import FILTERS, FROM_CLIENT, FROM_SERVER, KINDS, Export, is_within, make_node_filters, topics_of
 from .filters import BUILT_IN, WHITE_LISTS, Filters, matches, usable
 from .flows import list_givers, make_flows
 from .kinds import SealedComputer
@@ -48,6 +48,7 @@ def find_contradictions(parties: Sequence[Party], robots: Mapping[str, Sequence[
     for party in parties:
         problems += [*_find_wrong_receivers(party, robots), *_find_built_in_names(party)]
     problems += _find_parameter_names(parties) + _find_collisions(parties, list(robots))
+    problems += _find_crossing_parameters(parties, list(robots))
     return [*problems, *_find_second_white_lists(parties), *_find_filtered_exports(parties)]
 
 
@@ -142,6 +143,28 @@ def _find_collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[st
     )
 
 
+def _find_crossing_parameters(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
+    """Return a sentence for two robots that give the same parameter to a third, or one in the namespace of the other."""
+    by_name = {party.name: party for party in parties}
+    entries = [(party.name, entry) for party in parties for entry in party.exports if entry.parameters]
+    problems = {}
+    for name in sorted({name for _robot, entry in entries for name in entry.parameters}):
+        givers: dict[str, list[Export]] = defaultdict(list)
+        given: dict[str, str] = {}  # robot -> this name, or the one that it is in
+        for robot, entry in entries:
+            for other in (other for other in entry.parameters if is_within(name, other)):
+                givers[robot].append(entry)
+                given[robot] = other
+        for (first, second), receivers in _pair_givers(givers, by_name, robots):
+            also = "so does that of" if given[first] == given[second] else f"{given[second]} is given by that of"
+            problems[name] = (
+                f"{by_name[first].host}: multimaster_exports gives the parameter {given[first]} to {shorten_list(receivers)}, and {also} "
+                f"{second}; expected one of the two, since a roscore keeps one value: put it into a namespace of its robot, or choose "
+                "with 'to' who gets which."
+            )
+    return list(problems.values())
+
+
 def _match_givers(parties: Sequence[Party], key: str) -> Iterator[tuple[str, dict[str, list[Export]]]]:
     """Yield each exported name of a kind, with robot -> its entries for this name or for a pattern of it."""
     givers: dict[str, dict[str, list[Export]]] = defaultdict(lambda: defaultdict(list))  # by name or pattern, by robot
@@ -220,7 +243,7 @@ def _find_filtered_exports(parties: Sequence[Party]) -> Iterator[str]:
 
 def _is_ignored(filters: Mapping[str, Sequence[str]], key: str, name: str, parts: Sequence[str]) -> bool:
     """Return True if filters surely ignore this name. Of an action the topics `parts` count."""
-    if "*" in name:
+    if "*" in name or key == "parameters":  # filters are about registrations
         return False
     parameters = make_node_filters(filters)
     if key == "services":

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Declared data flow: the topics, services and actions that a robot gives to other robots.
+"""Declared data flow: the topics, services, actions and parameters that a robot gives to other robots.
 
 Values of `multimaster_exports` in, entries out. flows.py makes the flows of them; contradictions.py compares them.
 """
@@ -9,7 +9,7 @@ Values of `multimaster_exports` in, entries out. flows.py makes the flows of the
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ from .filters import HOSTS, NAMES, Filters, InvalidPattern
 from .values import UnexpectedValue, nearest
 
 # The keys of an entry, and the word for one of its names.
-KINDS = {"topics": "topic", "services": "service", "actions": "action"}
+KINDS = {"topics": "topic", "services": "service", "actions": "action", "parameters": "parameter"}
 
 # actionlib: the five topics of an action NAME (section 2 of the report), by who publishes them.
 FROM_CLIENT = ("goal", "cancel")
@@ -34,6 +34,23 @@ MOST_STARS = 2  # in one name
 MOST_NAMES_WITH = {1: 500, 2: 40}  # stars -> names; an action is three
 MOST_TEXT = 32768  # characters of all names
 
+# Parameters are copied by their whole names. The nodes have the same numbers and names (protocol/parameters.py).
+MOST_PARAMETERS = 100  # of one robot
+_PARAMETER = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
+_LONGEST = 255
+#: Never copied, and nothing in them: they say what a roscore is, what time it is there, or what the nodes of the exchange are to do.
+NEVER_CROSSING = (
+    "/run_id",
+    "/rosversion",
+    "/rosdistro",
+    "/roslaunch",
+    "/use_sim_time",
+    "/do_not_sync",
+    "/rosfleet_multimaster",
+    "/master_discovery",
+    "/master_sync",
+)
+
 _NAME = re.compile(r"[/*][A-Za-z0-9_/*]*")
 
 
@@ -44,6 +61,7 @@ class Export:
     topics: tuple[str, ...] = ()
     services: tuple[str, ...] = ()
     actions: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
     to: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -85,6 +103,7 @@ def read_exports(value: Any) -> tuple[Export, ...]:
             raise UnexpectedValue(f"each entry once, but {entry} is there twice")
         contents.add(content)
     _check_size([item for entry in entries for item in entry.names()])
+    _check_parameters({name for entry in entries for name in entry.parameters})
     topics = [
         name for entry in entries for name in (*entry.topics, *topics_of(entry.actions, FROM_CLIENT + FROM_SERVER))
     ]
@@ -106,6 +125,20 @@ def _check_size(names: Sequence[tuple[str, str]]) -> None:
             raise UnexpectedValue(
                 f"at most {most} names with {stars} times '*', an action counting three, but there are {count}"
             )
+
+
+def is_within(name: str, other: str) -> bool:
+    """Return True if a parameter is another one, or in the namespace of that name."""
+    return f"{name}/".startswith(f"{other}/")
+
+
+def _check_parameters(names: Collection[str]) -> None:
+    if len(names) > MOST_PARAMETERS:
+        raise UnexpectedValue(f"at most {MOST_PARAMETERS} parameters, but there are {len(names)}")
+    for name in sorted(names):
+        inside = next((other for other in sorted(names) if name != other and is_within(name, other)), "")
+        if inside:
+            raise UnexpectedValue(f"parameters that are not in each other, but {name} is in {inside}")
 
 
 def _read_entry(entry: Mapping[Any, Any]) -> Export:
@@ -130,10 +163,19 @@ def _read_texts(key: str, items: Any) -> tuple[str, ...]:
     return tuple(str(item) for item in items)
 
 
-_SUCH_AS = {"topics": "[/tibi/pose]", "services": "[/tibi/reset]", "actions": "[/tibi/dock]", "to": "[dabo]"}
+_SUCH_AS = {
+    "topics": "[/tibi/pose]",
+    "services": "[/tibi/reset]",
+    "actions": "[/tibi/dock]",
+    "parameters": "[/robot_description]",
+    "to": "[dabo]",
+}
 
 
 def _check_name(key: str, name: str) -> None:
+    if key == "parameters":
+        _check_parameter(name)
+        return
     if not _NAME.fullmatch(name):
         raise UnexpectedValue(
             f"absolute names of letters, digits, '_', '/' and '*' for any text at '{key}', but there is '{name}'"
@@ -144,3 +186,16 @@ def _check_name(key: str, name: str) -> None:
         )
     if name.count("*") > MOST_STARS:
         raise UnexpectedValue(f"names with at most {MOST_STARS} times '*' at '{key}', but there is '{name}'")
+
+
+def _check_parameter(name: str) -> None:
+    if not _PARAMETER.fullmatch(name) or len(name) > _LONGEST:
+        raise UnexpectedValue(
+            "whole names of letters, digits, '_' and '/' at 'parameters', since a name has all that is below it, too, but there is "
+            f"'{name}'"
+        )
+    if "/" + name.split("/")[1] in NEVER_CROSSING:
+        raise UnexpectedValue(
+            f"parameters of the robot's own nodes at 'parameters', but there is '{name}', which belongs to the roscore or to the exchange "
+            "itself"
+        )

@@ -28,6 +28,7 @@ class Flow:
     to: tuple[str, ...]  # empty: all others
     topics: tuple[str, ...]
     services: tuple[str, ...]
+    parameters: tuple[str, ...] = ()
 
     def reaches(self, robot: str) -> bool:
         """Return True if a giver gives this to the robot."""
@@ -43,7 +44,7 @@ def make_flows(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Flow, ..
     for robot, entries in exports.items():
         for entry in entries or ():
             topics = entry.topics + topics_of(entry.actions, FROM_SERVER)
-            flows.append(Flow((robot,), entry.to, topics, entry.services))
+            flows.append(Flow((robot,), entry.to, topics, entry.services, entry.parameters))
             clients = tuple(other for other in entry.to or exports if other != robot and exports.get(other) is not None)
             if entry.actions and clients:
                 flows.append(Flow(clients, (robot,), topics_of(entry.actions, FROM_CLIENT), ()))

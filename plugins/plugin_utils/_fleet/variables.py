@@ -255,8 +255,8 @@ class RobotVariables:
     exports: tuple[Export, ...] | None = row(
         read_exports,
         "What this robot gives to which others: a list of entries with `topics`, `services` and `actions` (names in which `*` stands "
-        "for any text) and `to`, a list of robots (default: each other robot). Without the variable, the robot gives everything to "
-        "each other robot, as in the report. `[]` is nothing. See docs/operate/data_flow.md.",
+        "for any text), `parameters` (whole names) and `to`, a list of robots (default: each other robot). Without the variable, the "
+        "robot gives everything but parameters to each other robot, as in the report. `[]` is nothing. See docs/operate/data_flow.md.",
         "[{topics: [/tibi/pose], actions: [/tibi/dock], to: [dabo]}]",
     )
     provider: str = word(

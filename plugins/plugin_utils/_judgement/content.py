@@ -77,7 +77,12 @@ def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> li
                 "computers": [name for name, plan in fleet.computers.items() if plan.robot == robot],
                 "declares": master.declared,
                 "gives": [
-                    {"to": list(flow.to), "topics": list(flow.topics), "services": list(flow.services)}
+                    {
+                        "to": list(flow.to),
+                        "topics": list(flow.topics),
+                        "services": list(flow.services),
+                        **({"parameters": list(flow.parameters)} if flow.parameters else {}),
+                    }
                     for flow in fleet.flows
                     if robot in flow.givers
                 ],

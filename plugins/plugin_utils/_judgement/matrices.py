@@ -67,7 +67,7 @@ KINDS = (
         "exchange",
         "Exchange of topics and services",
         "What is registered at the other roscore, compared with what is to be there.",
-        ("flow", "names", "types", "cross_link"),
+        ("flow", "names", "types", "copies", "cross_link"),
     ),
 )
 _KIND_OF = {check: kind.id for kind in KINDS for check in kind.checks}

@@ -299,11 +299,20 @@ class ParameterDifference:
 
 
 @dataclass(frozen=True)
+class CrossingParameter:
+    """A parameter that two robots are to have alike."""
+
+    name: str
+    digest: str = ""  # of its value; empty where it is not set
+
+
+@dataclass(frozen=True)
 class NodeParameters:
     """The parameters of the nodes on the roscore, compared with the plan; `nodes` names the compared nodes."""
 
     nodes: tuple[str, ...] = ()
     differing: tuple[ParameterDifference, ...] = ()
+    crossing: tuple[CrossingParameter, ...] = ()
     error: str = ""
 
 

@@ -53,12 +53,13 @@ class Master:
 
 @dataclass(frozen=True)
 class Flow:
-    """Topics and services that each of `givers` gives to each of `to`."""
+    """Topics, services and parameters that each of `givers` gives to each of `to`."""
 
     givers: tuple[str, ...] = field(metadata=notation(key="from"))
     to: tuple[str, ...]
     topics: tuple[str, ...] = ()
     services: tuple[str, ...] = ()
+    parameters: tuple[str, ...] | None = field(default=None, metadata=notation(left_out=True))
 
 
 @dataclass(frozen=True)
@@ -240,6 +241,8 @@ class ComputerPlan:
     sync: Parameters = field(default_factory=dict)
     # The folder of node_exporter for the metrics of the nodes. None: the nodes write no metrics.
     metrics_folder: str | None = field(default=None, metadata=notation(left_out=True))
+    # Parameters that its robot gives to others, or gets of them. Only a master has some.
+    crossing: tuple[str, ...] | None = field(default=None, metadata=notation(left_out=True))
     limits: tuple[str, ...] = ()  # a sentence for each thing that the provider cannot do
     listens: bool = False  # it is one of the listeners
     # Ansible does not log in there, so nothing of this plan is applied or looked at.

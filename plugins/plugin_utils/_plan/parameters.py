@@ -133,6 +133,9 @@ def _make_sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
     if fleet.variables.diagnostics == "local":
         parameters.setdefault("ignore_topics", []).append(DIAGNOSTICS)
     received = _make_white_lists(fleet.flows, robot.name)
+    crossing = list_crossing(fleet, robot)
+    if crossing:
+        parameters["sync_parameters"] = crossing
     for other in fleet.robots:
         if other.variables.exports is None or other == robot:
             continue
@@ -143,6 +146,25 @@ def _make_sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
         if robot.variables.filters.get("sync_hosts"):  # it would take the host back
             parameters[other.master_name] = {"ignore_nodes": ["*"]}
     return parameters
+
+
+def list_crossing(fleet: Fleet, robot: Robot) -> list[dict[str, Any]]:
+    """Return the parameters that a robot copies, with the master that each is of."""
+    names: dict[str, dict[str, None]] = {}
+    for flow in fleet.flows:
+        if flow.parameters and flow.reaches(robot.name):
+            for giver in flow.givers:
+                if giver != robot.name:
+                    names.setdefault(giver, {}).update(dict.fromkeys(flow.parameters))
+    return [
+        {"from": other.master_name, "names": list(names[other.name])} for other in fleet.robots if other.name in names
+    ]
+
+
+def list_own_crossing(fleet: Fleet, robot: Robot) -> tuple[str, ...]:
+    """Return the parameters that a robot gives to others, or gets of them."""
+    flows = (flow for flow in fleet.flows if robot.name in flow.givers or flow.reaches(robot.name))
+    return tuple(dict.fromkeys(name for flow in flows for name in flow.parameters))
 
 
 def _list_filters(robot: Robot) -> Filters:
@@ -233,7 +255,8 @@ def _invert_patterns(patterns: Iterable[str]) -> str:
 
 def _upstream_sync(bundled: Mapping[str, Any]) -> dict[str, Any]:
     sections = {key: value for key, value in bundled.items() if isinstance(value, Mapping)}
-    kept = {key: value for key, value in bundled.items() if key not in (*sections, *UPSTREAM_FILTERS, *HOSTS)}
+    ours = (*sections, *UPSTREAM_FILTERS, *HOSTS, "sync_parameters")
+    kept = {key: value for key, value in bundled.items() if key not in ours}
     common = _close_white_lists({name: list(bundled.get(name, ())) for name in UPSTREAM_FILTERS}, {})
     # Upstream knows its own names, and not those of its successor: a stranger's start button would be registered.
     lists: dict[str, list[Any]] = {
@@ -302,6 +325,12 @@ def list_limits(fleet: Fleet, robot: Robot) -> Iterator[str]:
             f"{host}: multimaster_offline_after is {bundled['offline_after']:g} s, but multimaster_provider is '{provider}', which cannot ask a "
             f"silent robot; expected to wait {silence:g} s here, so that lost datagrams remove nobody: accept that, or set "
             "multimaster_provider to 'bundled'."
+        )
+    crossing = [name for entry in list_crossing(fleet, robot) for name in entry["names"]]
+    if crossing:
+        yield (
+            f"{host}: multimaster_exports of others has the parameters {shorten_list(crossing)} for this robot, but multimaster_provider is "
+            f"'{provider}', which copies none; expected the bundled nodes: set them here by hand, or set multimaster_provider to 'bundled'."
         )
     if "exports" in bundled:
         yield _explain_exports(host, provider, bundled["exports"])

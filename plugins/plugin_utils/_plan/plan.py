@@ -88,6 +88,7 @@ def _flows(fleet: Fleet) -> tuple[model.Flow, ...]:
             to=flow.to or tuple(robot for robot in robots if robot not in flow.givers),
             topics=flow.topics,
             services=flow.services,
+            parameters=flow.parameters or None,
         )
         for flow in fleet.flows
     )
@@ -156,6 +157,7 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         provider=robot.variables.provider,
         discovery=parameters.discovery(fleet, robot) if is_master else {},
         sync=parameters.sync(fleet, robot) if is_master else {},
+        crossing=parameters.list_own_crossing(fleet, robot) or None if is_master else None,
         limits=tuple(parameters.list_limits(fleet, robot)) if is_master else (),
         listens=is_master or computer.common_address is not None,
     )

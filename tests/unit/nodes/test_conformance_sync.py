@@ -166,7 +166,7 @@ def test_15_6_a_node_with_the_name_of_an_own_one_ends_no_node(lab):
     until(lab.warnings)
     assert lab.roscore.shut_down == [] and lab.roscore.nodes["/talker"] == "http://own:3/"
     assert not lab.has("Publisher", "/chatter", "/talker")
-    _limits, names, kinds, _places = lab.diagnostics.diagnoses[-1]
+    _limits, names, kinds, *_others = lab.diagnostics.diagnoses[-1]
     assert names[2][0][0] == "node /talker" and kinds[2] == []
 
 
@@ -304,7 +304,7 @@ def test_a_type_conflict_is_refused_and_both_kinds_are_published(lab):
     lab.roscore.call("registerSubscriber", "/own", "/chatter", "std_msgs/Int32", uri)
     lab.start()
     until(lab.warnings)
-    _limits, names, kinds, _places = lab.diagnostics.diagnoses[-1]
+    _limits, names, kinds, *_others = lab.diagnostics.diagnoses[-1]
     assert names[:2] == ("multimaster: names", "OK") and kinds[2][0][0] == "topic /chatter"
     assert not lab.has("Publisher", "/chatter", "/talker")
     lab.own("unregisterSubscriber", "/own", "/chatter", uri)

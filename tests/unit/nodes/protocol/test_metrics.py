@@ -44,6 +44,7 @@ def everything():
         "registration_changes_total": {(what,): 5 for what in metrics.CHANGES},
         **links.link_samples(LINKS),
         **registrations.refusal_samples([Refusal("node", "/a", "tibi", "http://a", "b")], {"node": 4}),
+        **registrations.parameter_samples(["tibi-visio", HOSTILE], ["tibi-visio"]),
         **registrations.registration_samples({"http://tibi-visio:11311/": "tibi-visio", "http://x:1/": HOSTILE}, held),
     }
 

@@ -31,7 +31,7 @@ def test_what_is_as_planned():
     }
     del there["/master_discovery"]["exports"]  # None is not set
     found = parameters.parameters(Told(there), PLANNED)
-    assert found == {"nodes": ["master_discovery", "master_sync"], "differing": [], "error": ""}
+    assert found == {"nodes": ["master_discovery", "master_sync"], "differing": [], "crossing": [], "error": ""}
 
 
 def test_what_differs_and_what_is_not_there():
@@ -76,3 +76,33 @@ def test_nodes_of_fkie_mas_are_compared_below_their_own_names():
     found = parameters.parameters(told, PLANNED)
     assert found["nodes"] == ["master_discovery"] and "not set" in found["error"]
     assert [(entry["node"], entry["name"]) for entry in found["differing"]] == [("master_discovery", "mcast_group")]
+
+
+class Holding:
+    """A roscore that has parameters."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def ask(self, method, name):
+        if self.values is None:
+            raise OSError("http://127.0.0.1:11311: refused")
+        return name in self.values if method == "hasParam" else self.values[name]
+
+
+def test_digests_of_crossing_parameters():
+    one, other = ({"/a": {"model": "<a/>" + end, "k": [1, 2.5]}, "/c": {}} for end in ("\r\n", "\n"))
+    here, there = (
+        parameters.parameters(Holding(values), {}, ["/a", "/b", "/c"])["crossing"] for values in (one, other)
+    )
+    assert here == there and [bool(entry["digest"]) for entry in here] == [True, False, False]
+    assert parameters.digest(1) != parameters.digest(1.0) != parameters.digest("1")
+    deep = []
+    for _level in range(100_000):
+        deep = [deep]
+    assert parameters.digest(deep)
+
+
+def test_a_roscore_without_an_answer_tells_no_digests():
+    found = parameters.parameters(Holding(None), {}, ["/a"])
+    assert found["crossing"] == [] and "refused" in found["error"]

@@ -7,6 +7,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, UNKNOWN, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     Connection,
+    CrossingParameter,
     Import,
     Source,
 )
@@ -288,3 +289,42 @@ def test_two_bridges_with_one_topic_are_a_circle(nodes, circle):
 
     found = {entry.part for entry in diagnosed(change).findings if entry.part.mode == "circle"}
     assert found == ({("topic", "kobuki1", "circle", "/pose", "kobuki2")} if circle else set())
+
+
+# Parameters that cross
+
+MODEL = "/robot_description"
+GIVES = {"kobuki1": [{"topics": ["*"], "services": ["*"], "parameters": [MODEL, "/limits"]}]}
+
+
+def _with_parameters(seen, here, there):
+    """Let the first robot have these digests, and the second one those."""
+    for computer, digests in ((ONE, here), (TWO, there)):
+        crossing = [CrossingParameter(name, text) for name, text in digests.items()]
+        update(seen[computer].probe.parameters, crossing=crossing)
+
+
+@pytest.mark.parametrize(
+    ("here", "there", "found"),
+    [
+        ({MODEL: "x", "/limits": ""}, {MODEL: "x", "/limits": "own"}, ""),
+        ({MODEL: "x", "/limits": ""}, {MODEL: "y", "/limits": ""}, f"{MODEL} of kobuki1 has another value on kobuki2"),
+        ({MODEL: "x", "/limits": ""}, {MODEL: "", "/limits": ""}, f"{MODEL} of kobuki1 is not on kobuki2"),
+    ],
+)
+def test_copied_parameters_are_compared(here, there, found):
+    def change(seen):
+        _with_parameters(seen, here, there)
+
+    fleet = plan(exports=GIVES)
+    if not found:
+        assert not [row for row in notable(evaluate(change, fleet)).values() if row.check == "copies"]
+        return
+    assert_told(change, "copies", FAILED, "parameter", "kobuki1 and kobuki2", "copy", fleet=fleet)
+    (entry,) = diagnosed(change, fleet).findings
+    assert found in entry.sentence()
+
+
+def test_parameters_that_were_not_read_are_not_judged():
+    rows = [row for row in notable(evaluate(fleet=plan(exports=GIVES))).values() if row.check == "copies"]
+    assert [(row.verdict, row.target) for row in rows] == [(UNKNOWN, ONE)]

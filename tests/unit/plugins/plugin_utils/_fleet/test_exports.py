@@ -121,6 +121,14 @@ def test_a_declaration_is_read():
         ([{"topics": "/pose"}], "a list of names at 'topics', such as [/tibi/pose]"),
         ([{"topics": [7]}], "a list of names at 'topics'"),
         ([{"topics": None}], "a list of names at 'topics'"),
+        ([{"parameters": ["/robot_*"]}], "whole names of letters, digits, '_' and '/' at 'parameters'"),
+        ([{"parameters": ["/"]}], "whole names of letters"),
+        ([{"parameters": ["robot_description"]}], "but there is 'robot_description'"),
+        ([{"parameters": ["/" + "a" * 255]}], "whole names of letters"),
+        ([{"parameters": ["/run_id"]}], "'/run_id', which belongs to the roscore or to the exchange itself"),
+        ([{"parameters": ["/roslaunch/uris"]}], "'/roslaunch/uris', which belongs to the roscore"),
+        ([{"parameters": ["/a", "/b/c"]}, {"parameters": ["/b"]}], "not in each other, but /b/c is in /b"),
+        ([{"parameters": [f"/a{n}" for n in range(101)]}], "at most 100 parameters, but there are 101"),
         ([{"topics": ["/pose"], "to": "dabo"}], "a list of robots at 'to', such as [dabo]"),
         ([{"topics": ["/pose"], "to": []}], "at least one robot in 'to'"),
         ([{}], "at least one of topics, services, actions"),
@@ -156,7 +164,7 @@ def test_a_wrong_declaration_is_one_sentence(value, expected):
 @given(
     st.lists(
         st.dictionaries(
-            st.sampled_from(["topics", "services", "actions", "to", "x"]),
+            st.sampled_from(["topics", "services", "actions", "parameters", "to", "x"]),
             st.none()
             | st.text(max_size=3)
             | st.lists(st.sampled_from(["/a", "a", "*", "/a/*", "", "dabo"]), max_size=3),
@@ -259,6 +267,23 @@ WRONG = {
             "dabo": {"filters": {"sync_hosts": ["(car)", r"(tib)(i)-vis\2o"]}},
         },
         ["dabo-nav: multimaster_filters leaves out the topic /pose"],
+    ),
+    "a parameter of two robots": (
+        {"tibi": exports({"parameters": ["/model"], "to": ["dabo"]}), "car": exports({"parameters": ["/model"]})},
+        [
+            "tibi-visio: multimaster_exports gives the parameter /model to dabo, and so does that of car; expected "
+            "one of the two, since a roscore keeps one value: put it into a namespace of its robot, or choose with 'to' who gets which."
+        ],
+    ),
+    "a parameter in that of another robot": (
+        {"tibi": exports({"parameters": ["/arm"]}), "dabo": exports({"parameters": ["/arm/joints"]})},
+        [
+            "tibi-visio: multimaster_exports gives the parameter /arm to car, and /arm/joints is given by that of dabo; expected"
+        ],
+    ),
+    "a parameter of an ignored master": (
+        {"tibi": exports({"parameters": ["/a"], "to": ["dabo"]}), "dabo": {"filters": {"ignore_hosts": ["tibi*"]}}},
+        ["dabo-nav: multimaster_filters leaves out the parameter /a"],
     ),
     "a second white list": (
         {"tibi": exports(POSE), "dabo": {"filters": {"sync_topics": ["/pose"], "sync_nodes": ["/n"]}}},
@@ -412,6 +437,68 @@ def test_two_robots_give_to_a_third():
         {"from": ["tibi"], "to": ["dabo"], "topics": ["/pose"], "services": []},
         {"from": ["car"], "to": ["dabo"], "topics": ["/scan*"], "services": ["/reset"]},
     ]
+
+
+def test_parameters_are_copied_by_whom_they_are_given():
+    model = fleet(
+        tibi=exports(
+            {"parameters": ["/tibi/model", "/limits"], "to": ["dabo"]}, {"parameters": ["/map"], "to": ["car"]}
+        ),
+        car=exports({"parameters": ["/car/model"]}, {**POSE, "to": ["dabo"]}),
+        dabo=exports(),
+    )
+    plan = plan_module.fleet_plan(model)
+    copied = {robot: plan.computers[master].sync.get("sync_parameters") for robot, master in MASTER.items()}
+    assert copied == {
+        "tibi": [{"from": "car", "names": ["/car/model"]}],
+        "dabo": [{"from": "tibi-visio", "names": ["/tibi/model", "/limits"]}, {"from": "car", "names": ["/car/model"]}],
+        "car": [{"from": "tibi-visio", "names": ["/map"]}],
+    }
+    for master in MASTER.values():
+        parameters.overlay(parameters.SYNC, plan.computers[master].sync)
+        assert parameters.overlay(parameters.DISCOVERY, plan.computers[master].discovery)[1] == []
+    assert plan.computers["car"].crossing == ("/map", "/car/model") and plan.computers["dabo-visio"].crossing is None
+    assert to_plain(plan)["flows"][0]["parameters"] == ["/tibi/model", "/limits"]
+    assert "parameters" not in to_plain(plan)["flows"][3]
+
+
+def test_who_names_no_parameter_copies_none():
+    plan = plan_module.fleet_plan(fleet(tibi=exports({"topics": ["*"], "services": ["*"]})))
+    assert not any("sync_parameters" in computer.sync or computer.crossing for computer in plan.computers.values())
+
+
+def test_both_sides_refuse_the_same_parameters():
+    assert exports_module.NEVER_CROSSING == parameters.NEVER_CROSSING
+    assert exports_module.MOST_PARAMETERS == parameters.CROSSING
+    for name in (
+        "/a",
+        "/a/b_1",
+        "/a/",
+        "/",
+        "a",
+        "/a//b",
+        "/a*",
+        "/1",
+        "/run_id",
+        "/run_ids",
+        "/master_sync/x",
+        "/" + "a" * 255,
+    ):
+        try:
+            exports_module.read_exports([{"parameters": [name]}])
+            refused = False
+        except UnexpectedValue:
+            refused = True
+        assert refused is bool(parameters.crossing_problem(name)), name
+
+
+def test_upstreams_nodes_copy_no_parameters():
+    model = fleet(
+        tibi=exports({"parameters": ["/model"]}), dabo={"provider": "fkie_existing", "exports": []}, car=exports()
+    )
+    own = plan_module.fleet_plan(model).computers["dabo-nav"]
+    assert "sync_parameters" not in own.sync
+    assert any("multimaster_exports of others has the parameters /model for this robot" in text for text in own.limits)
 
 
 def test_an_action_flows_in_each_direction():
