@@ -71,9 +71,13 @@ class ActionModule(GuardedAction):
 def compare_shells(result: Result, wanted: Args) -> Result:
     """Return the result; as a failure if shells do not see the variables that are expected."""
     seen = result["shells"] if "shells" in result else wanted.get("before") or {}
-    expected = (wanted.get(name) or () for name in ("files", "exports"))
-    reach = wanted.get("reach") or "all"
-    wrong = find_differences(wanted.get("variables") or {}, {what: seen.get(what) for what in SEEN}, *expected, reach)
+    wrong = find_differences(
+        wanted.get("variables") or {},
+        {what: seen.get(what) for what in SEEN},
+        wanted.get("files") or (),
+        wanted.get("exports") or (),
+        wanted.get("reach") or "all",
+    )
     if not wrong:
         return result
     rest = {name: value for name, value in result.items() if name in ("changed", "diff", "warnings")}

@@ -241,6 +241,25 @@ def test_a_running_fleets_environment_changes_and_changes_back(lab):
         assert status == 0, output
 
 
+def test_shells_get_as_much_as_is_said_and_services_all(lab):
+    """The services go on, whatever shells get."""
+    own = ("/usr/local/lib/rosfleet-multimaster", "ROS_PACKAGE_PATH")
+    before = lab.run(FIRST, "systemctl show --value -p MainPID multimaster-roscore multimaster-sync")
+    for reach in ("names", "none", "all"):
+        status, output = lab.play("site.yml", variables={"multimaster_shells": reach})
+        assert status == 0, output
+        login = lab.run(FIRST, "env -i HOME=/nonexistent bash -lc env")
+        sshd = lab.run(FIRST, "sshd -T -C user=nobody,host=localhost,addr=127.0.0.1 | grep -i ^setenv || true")
+        for seen in (login, sshd):
+            assert (f"ROS_MASTER_URI=http://{FIRST}:11311" in seen) is (reach != "none")
+            assert (f"ROS_HOSTNAME={FIRST}" in seen) is (reach != "none")
+            assert [name in seen for name in own] == [reach == "all"] * 2
+        assert own[0] in lab.run(FIRST, "cat /etc/rosfleet-multimaster/environment")
+        status, output = lab.play("site.yml", variables={"multimaster_shells": reach})
+        assert status == 0 and "changed=0" in output, output
+    assert lab.run(FIRST, "systemctl show --value -p MainPID multimaster-roscore multimaster-sync") == before
+
+
 def test_a_failed_change_is_repaired_by_going_back(lab):
     """The nodes cannot start with this; the run after it restarts what ran with half of the change."""
     wrong = {"multimaster_advertise": "address", "nodes_configuration": "/etc/rosfleet-multimaster/elsewhere"}
