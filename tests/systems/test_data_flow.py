@@ -40,12 +40,12 @@ IMPORTED = {
 }
 
 
-def apply(lab, folder, **variables):
-    """Run site.yml with more variables of robots."""
+def apply(lab, folder, playbook="site.yml", **variables):
+    """Run a playbook with more variables of robots."""
     path = folder / "more.json"
     children = {robot: {"vars": own} for robot, own in variables.items()}
     path.write_text(json.dumps({"robots": {"children": children}}))
-    return lab.play("site.yml", "-i", str(path))
+    return lab.play(playbook, "-i", str(path))
 
 
 @pytest.fixture(scope="module")
@@ -197,6 +197,18 @@ def test_copied_parameters_survive_a_kill_and_go_at_the_end(declared, robot):
     assert "not set" in parameter(declared, robot, "/limits") and parameter(declared, robot, "/taken") == "own"
     declared.run(computer, "systemctl start multimaster-sync")
     wait_until(lambda: parameter(declared, robot, "/limits/speed") == "2.5", 60, "it is back")
+
+
+def test_verify_names_a_parameter_that_differs(declared, tmp_path):
+    exports = {robot: {"multimaster_exports": own} for robot, own in EXPORTS.items()}
+    _status, output = apply(declared, tmp_path, "playbooks/verify.yml", **exports)
+    for robot in ("bob", "cid"):
+        assert f"/taken of ana has another value on {robot}" in output, output
+        declared.run(f"{robot}-pc", "rosparam delete /taken")
+    for robot in ("bob", "cid"):
+        wait_until(lambda robot=robot: parameter(declared, robot, "/taken") == "other", 60, "the name is free")
+    _status, output = apply(declared, tmp_path, "playbooks/verify.yml", **exports)
+    assert "parameters that cross" not in output, output
 
 
 BUS = """

@@ -25,6 +25,10 @@ def test_an_unknown_name_is_a_warning_that_names_the_nearest(table, given, words
     assert len(warnings) == 1 and words in warnings[0]
 
 
+def copied(master, *names, **more):
+    return {"from": master, "names": list(names), **more}
+
+
 @pytest.mark.parametrize(
     ("table", "given", "words"),
     [
@@ -43,6 +47,16 @@ def test_an_unknown_name_is_a_warning_that_names_the_nearest(table, given, words
         (DISCOVERY, {"do_not_sync": [{"robot2": ["/a"]}]}, "a pattern, or a list of patterns"),
         (SYNC, {"ignore_topics": ["/a["]}, "ignore_topics: the pattern '/a[' is no regular expression"),
         (SYNC, {"sync_hosts": 5}, "~sync_hosts is 5"),
+        (SYNC, {"sync_parameters": ["/a"]}, "a list of entries such as {from: robot2"),
+        (SYNC, {"sync_parameters": [{"from": "r"}]}, "from, a master, and names, a list of texts, are expected"),
+        (SYNC, {"sync_parameters": [copied("r", "/a", more=1)]}, "from, a master, and names"),
+        (SYNC, {"sync_parameters": [copied(7, "/a")]}, "from, a master, and names"),
+        (SYNC, {"sync_parameters": [copied("r", "/a*")]}, "has '/a*', but it is no whole name"),
+        (SYNC, {"sync_parameters": [copied("r", "/run_id")]}, "has '/run_id', but it belongs to the roscore"),
+        (SYNC, {"sync_parameters": [copied("r", *[f"/a{n}" for n in range(101)])]}, "but at most 100"),
+        (SYNC, {"sync_parameters": [copied("r", "/a/b"), copied("s", "/a")]}, "has /a/b twice, or in /a"),
+        (SYNC, {"sync_parameters": [copied("r", "/a", "/a")]}, "has /a twice"),
+        (SYNC, {"sync_parameters": [copied("r", "/a"), copied("r", "/b")]}, "is for 'r' once more"),
     ],
 )
 def test_a_wrong_value_is_a_sentence(table, given, words):

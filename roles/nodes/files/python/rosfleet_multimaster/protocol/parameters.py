@@ -246,11 +246,16 @@ def crossing_problem(name: Any) -> str:
 def _check_crossing(entries: Sequence[Mapping[str, Any]]) -> None:
     """Raise ParameterError where an entry cannot be meant, or where two want one name."""
     everything: List[str] = []
+    masters = [entry.get("from") for entry in entries]
     for number, entry in enumerate(entries, 1):
         what = f"entry {number} of ~sync_parameters"
         names = entry.get("names")
         if set(entry) != {"from", "names"} or not isinstance(entry["from"], str) or not _texts(names):
             raise ParameterError(f"{what} is {entry!r}, but from, a master, and names, a list of texts, are expected")
+        if masters.index(entry["from"]) + 1 < number:
+            raise ParameterError(
+                f"{what} is for {entry['from']!r} once more, but one entry for each master is expected"
+            )
         if len(entry["names"]) > CROSSING:
             raise ParameterError(f"{what} has {len(entry['names'])} names, but at most {CROSSING} are expected")
         for name in entry["names"]:

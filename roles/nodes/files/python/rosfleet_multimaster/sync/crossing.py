@@ -32,6 +32,7 @@ ROUND = 30.0  # seconds between two looks at the own roscore, if nothing happens
 AGAIN = 1.0  # seconds after a pass that failed
 LEFTOVERS = 15.0  # seconds that parameters of an earlier life wait for their robot
 READERS = 4
+LINES = 10  # log lines of one pass
 
 
 class Answer(NamedTuple):
@@ -236,13 +237,7 @@ class Crossing:
             self.record = {**self.record, **todo.record}
             self._end(last, problem)
             return
-        for name in todo.delete:
-            program.LOG.info("%s: took the parameter %s away", self.record[name].master, name)
-        for name in todo.set:
-            if name in failed:
-                self._limited.say("error", f"set {name}", f"the roscore refuses the parameter {name}")
-            else:
-                program.LOG.info("%s: copied the parameter %s", todo.record[name].master, name)
+        self._log(todo, failed)
         before, self.record = _count(self.record), crossing.settle(todo, failed)
         refused = [] if last else [*todo.refused, *self._list_objections()]
         changed = before != _count(self.record) or refused != self.refused
@@ -250,6 +245,17 @@ class Crossing:
         self._end(last, OSError("a parameter is refused") if failed else None)
         if changed:
             self._on_change()
+
+    def _log(self, todo: Todo, failed: Set[str]) -> None:
+        """Say what was done, in a few lines: another robot may change all that it gives again and again."""
+        for name in sorted(failed):
+            self._limited.say("error", f"set {name}", f"the roscore refuses the parameter {name}")
+        lines = [f"{self.record[name].master}: took the parameter {name} away" for name in todo.delete]
+        lines += [f"{todo.record[name].master}: copied the parameter {name}" for name in todo.set if name not in failed]
+        for line in lines[:LINES]:
+            program.LOG.info("%s", line)
+        if len(lines) > LINES:
+            program.LOG.info("... and %d more parameters", len(lines) - LINES)
 
     def _list_objections(self) -> List[Refusal]:
         """A refusal for each value that is not taken."""
