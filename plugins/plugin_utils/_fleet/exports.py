@@ -104,6 +104,12 @@ def read_exports(value: Any) -> tuple[Export, ...]:
         contents.add(content)
     _check_size([item for entry in entries for item in entry.names()])
     _check_parameters({name for entry in entries for name in entry.parameters})
+    _check_white_lists(entries)
+    return entries
+
+
+def _check_white_lists(entries: Sequence[Export]) -> None:
+    """Raise UnexpectedValue where the nodes do not take the names as patterns."""
     topics = [
         name for entry in entries for name in (*entry.topics, *topics_of(entry.actions, FROM_CLIENT + FROM_SERVER))
     ]
@@ -113,7 +119,6 @@ def read_exports(value: Any) -> tuple[Export, ...]:
         ).check()
     except InvalidPattern as problem:
         raise UnexpectedValue(f"fewer or shorter names, since {problem}") from None
-    return entries
 
 
 def _check_size(names: Sequence[tuple[str, str]]) -> None:

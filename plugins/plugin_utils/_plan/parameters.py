@@ -326,12 +326,7 @@ def list_limits(fleet: Fleet, robot: Robot) -> Iterator[str]:
             f"silent robot; expected to wait {silence:g} s here, so that lost datagrams remove nobody: accept that, or set "
             "multimaster_provider to 'bundled'."
         )
-    crossing = [name for entry in list_crossing(fleet, robot) for name in entry["names"]]
-    if crossing:
-        yield (
-            f"{host}: multimaster_exports of others has the parameters {shorten_list(crossing)} for this robot, but multimaster_provider is "
-            f"'{provider}', which copies none; expected the bundled nodes: set them here by hand, or set multimaster_provider to 'bundled'."
-        )
+    yield from _explain_crossing(host, provider, list_crossing(fleet, robot))
     if "exports" in bundled:
         yield _explain_exports(host, provider, bundled["exports"])
     if len(robot.computers) > 1:
@@ -346,6 +341,16 @@ def list_limits(fleet: Fleet, robot: Robot) -> Iterator[str]:
             f"{host}: multimaster_roscore is 'existing', and multimaster_provider is '{provider}', whose nodes do not notice that a "
             "roscore was started again; expected it to run as long as they: after a restart of it, run 'systemctl restart "
             "multimaster-discovery multimaster-sync', or set multimaster_roscore to 'managed'."
+        )
+
+
+def _explain_crossing(host: str, provider: str, entries: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield a sentence where parameters of others are for this robot."""
+    crossing = [name for entry in entries for name in entry["names"]]
+    if crossing:
+        yield (
+            f"{host}: multimaster_exports of others has the parameters {shorten_list(crossing)} for this robot, but multimaster_provider is "
+            f"'{provider}', which copies none; expected the bundled nodes: set them here by hand, or set multimaster_provider to 'bundled'."
         )
 
 

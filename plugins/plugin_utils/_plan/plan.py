@@ -147,20 +147,29 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         look_at=_look_at(robot, is_master, expected, metrics),
         multicast_routing=_multicast_routing(fleet, computer) if is_gateway else None,
         firewall=_firewall(fleet, (robot.network,) if is_gateway else (), computer),
-        environment={
-            "ROS_MASTER_URI": membership.master_uri(fleet, robot).rstrip("/"),  # section 3.2 of the report
-            "ROS_HOSTNAME" if fleet.variables.advertise == "name" else "ROS_IP": membership.ros_host(fleet, computer),
-        },
+        environment=_environment(fleet, robot, computer),
         ports=_ports(fleet, robot) if is_master else (),
         services=_services(robot, is_master),
         metrics_folder=robot.variables.metrics_folder if metrics else None,
         provider=robot.variables.provider,
         discovery=parameters.discovery(fleet, robot) if is_master else {},
         sync=parameters.sync(fleet, robot) if is_master else {},
-        crossing=parameters.list_own_crossing(fleet, robot) or None if is_master else None,
+        crossing=_list_parameters(fleet, robot, is_master),
         limits=tuple(parameters.list_limits(fleet, robot)) if is_master else (),
         listens=is_master or computer.common_address is not None,
     )
+
+
+def _list_parameters(fleet: Fleet, robot: Robot, is_master: bool) -> tuple[str, ...] | None:
+    return (parameters.list_own_crossing(fleet, robot) if is_master else ()) or None
+
+
+def _environment(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, str]:
+    """Return the names of the master and of the computer (section 3.2 of the report)."""
+    return {
+        "ROS_MASTER_URI": membership.master_uri(fleet, robot).rstrip("/"),
+        "ROS_HOSTNAME" if fleet.variables.advertise == "name" else "ROS_IP": membership.ros_host(fleet, computer),
+    }
 
 
 def _roscore(robot: Robot) -> str:

@@ -19,9 +19,9 @@ from .protocol.filters import Filters
 from .protocol.members import Members
 from .protocol.messages import Diagnosis, Master, Registration
 from .protocol.plain_text import quote
+from .sync.copies import Copies
 from .sync.core import report
 from .sync.core.sync import NEVER, Refusal, Sync
-from .sync.crossing import Crossing
 from .sync.disconnector import Disconnector
 from .sync.fetcher import Fetcher
 from .sync.finder import Finder
@@ -62,8 +62,8 @@ class MasterSync:
         )
         self.rounds.take_over()  # before the service says that this node synchronises
         planned, changed = values["sync_parameters"], self._on_parameters
-        self.crossing = Crossing(loop, start.roscore, self.core, roscore_calls, limited, planned, changed)
-        self.crossing.take_over()
+        self.copies = Copies(loop, start.roscore, self.core, roscore_calls, limited, planned, changed)
+        self.copies.take_over()
         self.node = ros.SyncNode(lambda: self.rounds.held)
         identity = local_roscore.Identity()
         identity.service = self.node.service_uri()
@@ -105,7 +105,7 @@ class MasterSync:
             self.fetcher.tick(now),
             self.disconnector.tick(now),
             self.rounds.tick(now),
-            self.crossing.tick(now),
+            self.copies.tick(now),
             self.states.tick(now),
             self.looks.tick(now),
         ]
@@ -125,7 +125,7 @@ class MasterSync:
         self.news = {uri: at for uri, at in self.news.items() if at >= asked}
         self.core.take_list(masters, now, self.news.keys())
         self.disconnector.look(now)
-        self.crossing.look_soon()
+        self.copies.look_soon()
         after = self._online()
         if first or any(uri not in after or online > after[uri] for uri, online in before.items()):
             self._request_round()  # a new master needs no round: its state is looked at when it is fetched
@@ -136,7 +136,7 @@ class MasterSync:
         if change == "removed":
             self.rounds.met.add(master.uri)
             self.core.remove(master.uri)
-            self.crossing.look_soon()
+            self.copies.look_soon()
             self._request_round()
             return
         now, known = monotonic(), self.core.remotes.get(master.uri)
@@ -145,7 +145,7 @@ class MasterSync:
         if was_online is not master.online:
             self.status_stale = True
             self.disconnector.look(now)
-            self.crossing.look_soon()
+            self.copies.look_soon()
         own_changed = master.uri == self.uri and master.local_stamp != self.own_local_stamp
         if not master.online:
             self._request_round()
@@ -173,12 +173,12 @@ class MasterSync:
 
     def _on_refusals(self, refused: List[Refusal]) -> None:
         self.of_rounds = refused
-        self._report([*refused, *self.crossing.refused])
+        self._report([*refused, *self.copies.refused])
 
     def _on_parameters(self) -> None:
         """Parameters have come or gone, or others are refused."""
         self.status_stale = True
-        self._report([*self.of_rounds, *self.crossing.refused])
+        self._report([*self.of_rounds, *self.copies.refused])
 
     def _report(self, refused: List[Refusal]) -> None:
         before, self.refusals = set(self.refusals), refused
@@ -210,9 +210,7 @@ class MasterSync:
             ),
             "registration_changes_total": {(what,): rounds.made[what] for what in metrics.CHANGES},
             **report.refusal_samples(set(self.refusals), self.refused_total),
-            **report.parameter_samples(
-                self.crossing.masters(), [mine.master for mine in self.crossing.record.values()]
-            ),
+            **report.parameter_samples(self.copies.masters(), [mine.master for mine in self.copies.record.values()]),
             **report.registration_samples(names, dict(rounds.held)),
         }
 
@@ -235,12 +233,10 @@ class MasterSync:
                 services[master] += 1
             else:
                 topics.setdefault(master, set()).add(item.name)
-        copied = Counter(mine.master for mine in self.crossing.record.values())
         remotes = sorted(self.core.remotes.items(), key=lambda item: item[1].announced.name)
         shares = (
             f"{remote.announced.name}{'' if remote.announced.online else ' (offline)'}: {len(topics.get(uri, ()))} topics,"
-            f" {services[uri]} services"
-            + (f", {copied[remote.announced.name]} parameters" if copied[remote.announced.name] else "")
+            f" {services[uri]} services{self.copies.describe(remote.announced.name)}"
             for uri, remote in remotes
         )
         text = "; ".join(shares) or "no other master"
@@ -261,7 +257,7 @@ class MasterSync:
         self.ended.set()
         notify("STOPPING=1", "STATUS=withdrawing what is of other masters")
         program.leave_after(8.0)
-        self.crossing.withdraw(lambda: self.rounds.withdraw(self._on_withdrawal))
+        self.copies.withdraw(lambda: self.rounds.withdraw(self._on_withdrawal))
 
     def _on_withdrawal(self, farewell: str) -> None:
         self.display.end()

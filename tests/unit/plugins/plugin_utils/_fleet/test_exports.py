@@ -489,7 +489,7 @@ def test_both_sides_refuse_the_same_parameters():
             refused = False
         except UnexpectedValue:
             refused = True
-        assert refused is bool(parameters.crossing_problem(name)), name
+        assert refused is bool(parameters.problem_of_parameter(name)), name
 
 
 def test_upstreams_nodes_copy_no_parameters():

@@ -234,7 +234,7 @@ NEVER_CROSSING = (
 )
 
 
-def crossing_problem(name: Any) -> str:
+def problem_of_parameter(name: Any) -> str:
     """Why no parameter of this name crosses; empty where it may."""
     if not isinstance(name, str) or len(name) > 255 or not _CROSSING_NAME.fullmatch(name):
         return "it is no whole name such as /robot_description"
@@ -259,8 +259,8 @@ def _check_crossing(entries: Sequence[Mapping[str, Any]]) -> None:
         if len(entry["names"]) > CROSSING:
             raise ParameterError(f"{what} has {len(entry['names'])} names, but at most {CROSSING} are expected")
         for name in entry["names"]:
-            if crossing_problem(name):
-                raise ParameterError(f"{what} has {name!r}, but {crossing_problem(name)}")
+            if problem_of_parameter(name):
+                raise ParameterError(f"{what} has {name!r}, but {problem_of_parameter(name)}")
         everything += entry["names"]
     ordered = sorted(name + "/" for name in everything)
     for one, other in zip(ordered, ordered[1:]):

@@ -22,7 +22,7 @@ _LINE_END = re.compile("\r\n?")
 _NO_KEY = re.compile("[/\0-\x1f\x7f]")
 
 
-class NotTaken(ValueError):
+class Objection(ValueError):
     """A value that is not taken; its text goes on after "its value"."""
 
 
@@ -33,11 +33,11 @@ class _Reader:
         self.parts = self.size = 0
 
     def take(self, value: Any, depth: int = 0) -> Any:
-        """The value. Raises NotTaken."""
+        """The value. Raises Objection."""
         self._count(1, _PART)
         if isinstance(value, (dict, list, tuple)):
             if depth >= DEPTH:
-                raise NotTaken(f"has more than {DEPTH} lists and mappings in each other")
+                raise Objection(f"has more than {DEPTH} lists and mappings in each other")
             return self._members(value, depth) if isinstance(value, dict) else self._items(list(value), depth)
         if isinstance(value, str):
             return self._text(value)
@@ -52,21 +52,21 @@ class _Reader:
     def _members(self, value: Dict[Any, Any], depth: int) -> Dict[str, Any]:
         for key in value:
             if not isinstance(key, str) or not 0 < len(key) <= KEY or _NO_KEY.search(key):
-                raise NotTaken("has a member whose name is no short text without a slash")
+                raise Objection("has a member whose name is no short text without a slash")
         return {self._text(key): self.take(part, depth + 1) for key, part in value.items()}
 
     def _text(self, text: str) -> str:
         if _UNWRITABLE.search(text):
-            raise NotTaken("has a character that XML does not have")
+            raise Objection("has a character that XML does not have")
         self._count(0, len(text) if text.isascii() else len(text.encode()))
         return _LINE_END.sub("\n", text)  # as whoever reads it from XML has it
 
     def _count(self, parts: int, size: int) -> None:
         self.parts, self.size = self.parts + parts, self.size + size
         if self.parts > PARTS:
-            raise NotTaken(f"has more than {PARTS} parts")
+            raise Objection(f"has more than {PARTS} parts")
         if self.size > BYTES:
-            raise NotTaken(f"has more than {BYTES} bytes")
+            raise Objection(f"has more than {BYTES} bytes")
 
 
 def _take_number(value: Any) -> Any:
@@ -77,12 +77,12 @@ def _take_number(value: Any) -> Any:
     if isinstance(value, float) and math.isfinite(value):
         return value
     if isinstance(value, (int, float)):
-        raise NotTaken("has a number that XML-RPC does not have")
-    raise NotTaken("is no text, number, list or mapping, and has nothing but these in it")
+        raise Objection("has a number that XML-RPC does not have")
+    raise Objection("is no text, number, list or mapping, and has nothing but these in it")
 
 
 def take(value: Any) -> Tuple[Any, int]:
-    """A value of another robot, made anew, and what it counts in bytes. Raises NotTaken."""
+    """A value of another robot, made anew, and what it counts in bytes. Raises Objection."""
     reader = _Reader()
     return reader.take(value), reader.size
 

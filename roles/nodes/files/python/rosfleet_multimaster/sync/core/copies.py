@@ -14,7 +14,7 @@ import json
 from typing import AbstractSet, Any, Dict, List, Mapping, NamedTuple, Optional, Set, Tuple
 
 from ...protocol import json_text
-from ...protocol.parameters import crossing_problem
+from ...protocol.parameters import problem_of_parameter
 from .sync import Refusal
 
 RECORD = "/rosfleet_multimaster/parameters"
@@ -22,14 +22,14 @@ MOST = 2000  # entries of a record
 _SET = "here it has a value of its own, at {}; remove that one, or take the name out of multimaster_exports there"
 
 
-class Owned(NamedTuple):
+class Copy(NamedTuple):
     """A parameter that we set: the name of its master, and the digests of the values that it may have."""
 
     master: str
     digests: Tuple[str, ...]
 
 
-Record = Dict[str, Owned]  # by the names of the parameters
+Record = Dict[str, Copy]  # by the names of the parameters
 
 
 class Offer(NamedTuple):
@@ -40,7 +40,7 @@ class Offer(NamedTuple):
     digest: str
 
 
-class Own(NamedTuple):
+class Contents(NamedTuple):
     """What the own roscore has: the names of all parameters that are no namespace, and the digests of some values."""
 
     leaves: AbstractSet[str]
@@ -56,7 +56,7 @@ class Todo(NamedTuple):
     refused: List[Refusal]
 
 
-def plan(offers: Mapping[str, Offer], keep: AbstractSet[str], record: Record, own: Own) -> Todo:
+def plan_copies(offers: Mapping[str, Offer], keep: AbstractSet[str], record: Record, own: Contents) -> Todo:
     """Plan a pass. `keep`: names that stay as they are, since their robot has not said yet what it has.
 
     A name is refused where something of somebody else is there: a value at this name, below it, or in place of the
@@ -74,19 +74,19 @@ def plan(offers: Mapping[str, Offer], keep: AbstractSet[str], record: Record, ow
             refused.append(Refusal("parameter", name, offer.master, "", _SET.format(holder)))
             continue
         before = ours[name].digests if name in ours else ()
-        after[name] = Owned(offer.master, tuple(dict.fromkeys((*before, offer.digest))))
+        after[name] = Copy(offer.master, tuple(dict.fromkeys((*before, offer.digest))))
         if before != (offer.digest,):
             values[name] = offer.value
     return Todo(delete, after, values, refused)
 
 
-def _find_ours(name: str, mine: Owned, own: Own) -> Optional[Owned]:
+def _find_ours(name: str, mine: Copy, own: Contents) -> Optional[Copy]:
     """The entry of a parameter that has a value of ours, with the digest of that one; None where it has not."""
     there = own.digests.get(name, "")
-    return Owned(mine.master, (there,)) if there and there in mine.digests else None
+    return Copy(mine.master, (there,)) if there and there in mine.digests else None
 
 
-def _list_foreign(leaves: AbstractSet[str], ours: Mapping[str, Owned]) -> Set[str]:
+def _list_foreign(leaves: AbstractSet[str], ours: Mapping[str, Copy]) -> Set[str]:
     """The parameters that are neither ours nor below one of ours."""
     return {leaf for leaf in leaves if not any(name in ours for name in (leaf, *_list_parents(leaf)))}
 
@@ -106,7 +106,7 @@ def _find_holder(name: str, foreign: AbstractSet[str]) -> str:
 def settle(todo: Todo, failed: AbstractSet[str]) -> Record:
     """The record after a pass. What was set has one digest, the new one; `failed` could not be set, so it may have any."""
     return {
-        name: Owned(mine.master, mine.digests[-1:]) if name in todo.set and name not in failed else mine
+        name: Copy(mine.master, mine.digests[-1:]) if name in todo.set and name not in failed else mine
         for name, mine in todo.record.items()
     }
 
@@ -127,7 +127,10 @@ def read(text: Any) -> Record:
     except (AttributeError, ValueError):
         return {}
     return {
-        name: Owned(row[0], tuple(row[1:]))
+        name: Copy(row[0], tuple(row[1:]))
         for name, row in rows
-        if not crossing_problem(name) and isinstance(row, list) and row and all(isinstance(part, str) for part in row)
+        if not problem_of_parameter(name)
+        and isinstance(row, list)
+        and row
+        and all(isinstance(part, str) for part in row)
     }

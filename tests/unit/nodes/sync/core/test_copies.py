@@ -6,8 +6,8 @@ import json
 import random
 
 import pytest
-from rosfleet_multimaster.sync.core import crossing
-from rosfleet_multimaster.sync.core.crossing import Offer, Own, Owned
+from rosfleet_multimaster.sync.core import copies
+from rosfleet_multimaster.sync.core.copies import Contents, Copy, Offer
 from rosfleet_multimaster.sync.core.values import digest
 
 
@@ -18,7 +18,7 @@ def offers(**values):
 def own(**parameters):
     """The own roscore, with these parameters below the root."""
     digests = {f"/{name}": digest(value) for name, value in parameters.items()}
-    return Own(frozenset(leaves(parameters)), digests)
+    return Contents(frozenset(leaves(parameters)), digests)
 
 
 def leaves(tree, at=""):
@@ -30,11 +30,11 @@ def leaves(tree, at=""):
 
 
 def ours(**values):
-    return {f"/{name}": Owned("robot2", (digest(value),)) for name, value in values.items()}
+    return {f"/{name}": Copy("robot2", (digest(value),)) for name, value in values.items()}
 
 
 def planned(offered, there, record=None, keep=()):
-    todo = crossing.plan(offered, set(keep), record or {}, there)
+    todo = copies.plan_copies(offered, set(keep), record or {}, there)
     return todo.delete, todo.set, sorted(todo.record), [item.name for item in todo.refused]
 
 
@@ -47,10 +47,10 @@ def test_what_is_there_already_of_ours_is_left_alone():
 
 
 def test_a_new_value_replaces_ours():
-    todo = crossing.plan(offers(a=2), set(), ours(a=1), own(a=1))
+    todo = copies.plan_copies(offers(a=2), set(), ours(a=1), own(a=1))
     assert todo.set == {"/a": 2} and todo.record["/a"].digests == (digest(1), digest(2)), "either may be there"
-    assert crossing.settle(todo, set())["/a"].digests == (digest(2),)
-    assert crossing.settle(todo, {"/a"})["/a"].digests == (digest(1), digest(2))
+    assert copies.settle(todo, set())["/a"].digests == (digest(2),)
+    assert copies.settle(todo, {"/a"})["/a"].digests == (digest(1), digest(2))
 
 
 @pytest.mark.parametrize("there", [own(a=5), own(a=1), own(a={"b": 5})], ids=["other", "same", "below"])
@@ -82,26 +82,26 @@ def test_what_somebody_took_away_is_set_again():
 def test_a_name_of_an_earlier_plan_gives_way():
     offered = {"/a/b": Offer("robot2", 1, digest(1))}
     assert planned(offered, own(a={"c": 1}), ours(a={"c": 1})) == (["/a"], {"/a/b": 1}, ["/a/b"], [])
-    record = {"/a/c": Owned("robot2", (digest(1),))}
-    there = Own(frozenset({"/a/c"}), {"/a": digest({"c": 1}), "/a/c": digest(1)})
+    record = {"/a/c": Copy("robot2", (digest(1),))}
+    there = Contents(frozenset({"/a/c"}), {"/a": digest({"c": 1}), "/a/c": digest(1)})
     assert planned(offers(a=1), there, record) == (["/a/c"], {"/a": 1}, ["/a"], [])
 
 
 def test_a_record_is_read_as_it_was_written():
-    record = {"/a": Owned("robot2", ("x", "y")), "/b/c": Owned("robot3", ("z",))}
-    assert crossing.read(crossing.write(record)) == record
+    record = {"/a": Copy("robot2", ("x", "y")), "/b/c": Copy("robot3", ("z",))}
+    assert copies.read(copies.write(record)) == record
 
 
 @pytest.mark.parametrize(
     "name", ["/run_id", "/roslaunch/uris/x", "/", "a", "/a//b", "/rosfleet_multimaster/imports", "/a b"]
 )
 def test_a_forged_record_has_no_name_that_never_crosses(name):
-    assert crossing.read(json.dumps({name: ["robot2", "x"], "/a": ["robot2", "x"]})) == {"/a": Owned("robot2", ("x",))}
+    assert copies.read(json.dumps({name: ["robot2", "x"], "/a": ["robot2", "x"]})) == {"/a": Copy("robot2", ("x",))}
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "{", None, 7, '{"/a": 1}', '{"/a": []}', '{"/a": [1]}', "[" * 9999])
 def test_a_damaged_record_is_an_empty_one(text):
-    assert crossing.read(text) == {}
+    assert copies.read(text) == {}
 
 
 # Drawn: a roscore that others write to as well
@@ -131,7 +131,7 @@ def put(tree, name, value):
 
 def look(tree):
     there = {f"/{name}": find(tree, name) for name in NAMES}
-    return Own(
+    return Contents(
         frozenset(leaves(tree)), {name: digest(value) for name, value in there.items() if value not in (None, {})}
     )
 
@@ -146,17 +146,17 @@ def test_drawn_changes_never_touch_what_others_have_set(seed):
         value = numbers.choice([step, {"b": step}, {"x": {"y": step}}])
         offered = {f"/{name}": Offer("robot2", value, digest(value))} if numbers.random() < 0.7 else {}
         before = json.loads(json.dumps(tree))
-        todo = crossing.plan(offered, set(), record, look(tree))
+        todo = copies.plan_copies(offered, set(), record, look(tree))
         for gone in todo.delete:
             put(tree, gone[1:], None)
         for new, made in todo.set.items():
             put(tree, new[1:], made)
-        record = crossing.settle(todo, set())
+        record = copies.settle(todo, set())
         if numbers.random() < 0.2:  # killed: the next life has the record alone
-            record = crossing.read(crossing.write(todo.record))
+            record = copies.read(copies.write(todo.record))
         others = {leaf for leaf in leaves(before) if str(find(before, leaf[1:])).startswith("own")}
         assert all(find(tree, leaf[1:]) == find(before, leaf[1:]) for leaf in others)
-    todo = crossing.plan({}, set(), record, look(tree))
+    todo = copies.plan_copies({}, set(), record, look(tree))
     for gone in todo.delete:
         put(tree, gone[1:], None)
     assert all(str(find(tree, leaf[1:])).startswith("own") or _is_mixed(tree, leaf) for leaf in leaves(tree))

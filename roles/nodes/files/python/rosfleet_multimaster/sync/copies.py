@@ -18,8 +18,8 @@ from ..edge.roscore import Roscore
 from ..edge.rpc_client import Last, Rpc
 from ..protocol.plain_text import quote
 from ..protocol.xml_rpc import DocumentTooLarge
-from .core import crossing, values
-from .core.crossing import Offer, Own, Owned, Todo
+from .core import copies, values
+from .core.copies import Contents, Copy, Offer, Todo
 from .core.sync import Refusal, Sync
 
 LOOK = 0.5  # seconds between two looks at who is there
@@ -35,7 +35,7 @@ READERS = 4
 LINES = 10  # log lines of one pass
 
 
-class Answer(NamedTuple):
+class ParameterAnswer(NamedTuple):
     """What a robot has of the planned parameters: the values that are taken, and why others are not."""
 
     values: Mapping[str, Tuple[Any, str]]  # name -> value and digest
@@ -54,7 +54,7 @@ class Source:
         self.due = 0.0
         self.asking, self.failures = False, 0
         self.met = False  # in this life
-        self.answer: Optional[Answer] = None
+        self.answer: Optional[ParameterAnswer] = None
 
     def begin(self, uri: str) -> Rpc:
         """The connection to ask over."""
@@ -73,7 +73,7 @@ class Source:
         self.rpc, self.last = None, Last()
 
 
-class Crossing:
+class Copies:
     """Carries out the plan of parameters of one master_sync."""
 
     def __init__(
@@ -87,7 +87,7 @@ class Crossing:
         on_change: Callable[[], None],
     ) -> None:
         """`calls`: one thread, for all calls of the own roscore. `entries`: the parameter ~sync_parameters."""
-        self.record: crossing.Record = {}
+        self.record: copies.Record = {}
         self.refused: List[Refusal] = []
         self._roscore, self._core, self._calls, self._limited = roscore, core, calls, limited
         self._on_change = on_change
@@ -100,8 +100,8 @@ class Crossing:
 
     def take_over(self) -> None:
         """Read the record of an earlier life. Raises as Roscore.ask."""
-        (text,) = self._roscore.ask(("getParam", crossing.RECORD))
-        self.record = crossing.read(text)
+        (text,) = self._roscore.ask(("getParam", copies.RECORD))
+        self.record = copies.read(text)
         if self.record:
             program.LOG.info("%d parameters of other robots are here since before this start", len(self.record))
         self._pass_due = 0.0 if self.record or self._sources else float("inf")
@@ -109,6 +109,11 @@ class Crossing:
     def masters(self) -> List[str]:
         """The names of the masters that parameters are planned of."""
         return [source.title for source in self._sources.values()]
+
+    def describe(self, master: str) -> str:
+        """The words about a master's copies for a status; empty where there are none."""
+        count = sum(mine.master == master for mine in self.record.values())
+        return f", {count} parameters" if count else ""
 
     def tick(self, now: float) -> Optional[float]:
         """Do what is due; the time of the next thing to do, None without any."""
@@ -160,7 +165,7 @@ class Crossing:
         self._readers.submit(job, partial(self._on_answer, source, rpc))
 
     def _on_answer(
-        self, source: Source, rpc: Optional[Rpc], answer: Optional[Answer], problem: Optional[Exception]
+        self, source: Source, rpc: Optional[Rpc], answer: Optional[ParameterAnswer], problem: Optional[Exception]
     ) -> None:
         """Take an answer. Without one and without a problem it is the last one again."""
         now = monotonic()
@@ -200,20 +205,25 @@ class Crossing:
                 keep.update(source.names)
         return offers, keep
 
-    def _read_own(self, names: Sequence[str]) -> Own:
+    def _read_own(self, names: Sequence[str]) -> Contents:
         leaves, *found = self._roscore.ask(("getParamNames",), *[("getParam", name) for name in names])
         if not isinstance(leaves, list):
             raise OSError("the roscore does not tell its parameters")
         there = {name: value for name, value in zip(names, found) if value is not None and value != {}}
-        return Own(frozenset(map(str, leaves)), {name: values.digest(value) for name, value in there.items()})
+        return Contents(frozenset(map(str, leaves)), {name: values.digest(value) for name, value in there.items()})
 
     def _on_own(
-        self, offers: Dict[str, Offer], keep: Set[str], last: bool, own: Optional[Own], problem: Optional[Exception]
+        self,
+        offers: Dict[str, Offer],
+        keep: Set[str],
+        last: bool,
+        own: Optional[Contents],
+        problem: Optional[Exception],
     ) -> None:
         if own is None:
             self._end(last, problem)
             return
-        todo = crossing.plan(offers, keep, self.record, own)
+        todo = copies.plan_copies(offers, keep, self.record, own)
         due = bool(todo.delete or todo.set or todo.record.keys() != self.record.keys()) or (last and bool(self.record))
         if not due:
             self._finish(todo, last, set(), None)
@@ -222,10 +232,10 @@ class Crossing:
 
     def _write(self, todo: Todo, last: bool) -> Set[str]:
         """Carry out a plan; the names that could not be set. The record has them before they are set."""
-        text = ("deleteParam", crossing.RECORD) if last else ("setParam", crossing.RECORD, crossing.write(todo.record))
+        text = ("deleteParam", copies.RECORD) if last else ("setParam", copies.RECORD, copies.write(todo.record))
         *_deleted, noted = self._roscore.ask(*[("deleteParam", name) for name in todo.delete], text)
         if noted is None and not last:
-            raise OSError(f"it does not let this program set {crossing.RECORD}")
+            raise OSError(f"it does not let this program set {copies.RECORD}")
         failed = set()
         for name, value in todo.set.items():  # one by one: all of them may be too long for one request
             if self._roscore.ask(("setParam", name, value)) == [None]:
@@ -238,7 +248,7 @@ class Crossing:
             self._end(last, problem)
             return
         self._log(todo, failed)
-        before, self.record = _count(self.record), crossing.settle(todo, failed)
+        before, self.record = _count(self.record), copies.settle(todo, failed)
         refused = [] if last else [*todo.refused, *self._list_objections()]
         changed = before != _count(self.record) or refused != self.refused
         self.refused = refused
@@ -279,7 +289,7 @@ class Crossing:
             return
         if problem is not None:
             self._limited.say(
-                "error", "crossing", f"parameters cannot be copied to {self._roscore.rpc.uri}: {quote(problem)}"
+                "error", "copies", f"parameters cannot be copied to {self._roscore.rpc.uri}: {quote(problem)}"
             )
         waiting = now < self._started + LEFTOVERS and any(not source.met for source in self._sources.values())
         pause = AGAIN if problem is not None else max(self._started + LEFTOVERS - now, 0.0) if waiting else ROUND
@@ -293,11 +303,11 @@ class Crossing:
             self._begin(monotonic())
 
 
-def _count(record: Mapping[str, Owned]) -> List[Tuple[str, str]]:
+def _count(record: Mapping[str, Copy]) -> List[Tuple[str, str]]:
     return [(name, mine.master) for name, mine in sorted(record.items())]
 
 
-def _read(rpc: Rpc, caller: str, names: Sequence[str], last: Last) -> Optional[Answer]:
+def _read(rpc: Rpc, caller: str, names: Sequence[str], last: Last) -> Optional[ParameterAnswer]:
     """What a roscore has of these names; None where it is the last answer again. Raises what Rpc does."""
     try:
         results = rpc.multicall([("getParam", caller, name) for name in names], last)
@@ -311,17 +321,17 @@ def _read_one(rpc: Rpc, caller: str, name: str) -> Any:
     try:
         return rpc.call("getParam", caller, name)
     except DocumentTooLarge:
-        return values.NotTaken(f"has more than {MOST} bytes")
+        return values.Objection(f"has more than {MOST} bytes")
 
 
-def _take(names: Sequence[str], results: Sequence[Any]) -> Answer:
+def _take(names: Sequence[str], results: Sequence[Any]) -> ParameterAnswer:
     """The answer in results of getParam. Raises ValueError where they are none."""
     taken: Dict[str, Tuple[Any, str]] = {}
     objections: Dict[str, str] = {}
     total = 0
     for name, result in zip(names, results):
         try:
-            if isinstance(result, values.NotTaken):
+            if isinstance(result, values.Objection):
                 raise result
             value = _value(result)
             if value is None or value == {}:
@@ -329,10 +339,10 @@ def _take(names: Sequence[str], results: Sequence[Any]) -> Answer:
             made, size = values.take(value)
             taken[name] = made, values.digest(made)
             total += size
-        except values.NotTaken as problem:
+        except values.Objection as problem:
             objections[name] = str(problem)
             total += MOST
-    return Answer(taken, objections, total)
+    return ParameterAnswer(taken, objections, total)
 
 
 def _value(result: Any) -> Any:

@@ -11,12 +11,12 @@ import sys
 import threading
 from functools import partial
 
-import crossing_program as program
+import copies_program as program
 import pytest
 from parameter_server import ParameterServer
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.edge.loop import Loop
-from rosfleet_multimaster.sync import crossing as module
+from rosfleet_multimaster.sync import copies as module
 from running_sync import until
 
 HERE = pathlib.Path(__file__).parent
@@ -24,42 +24,42 @@ PYTHON = HERE.parents[3] / "roles/nodes/files/python"
 
 
 class Running:
-    """Two roscores, and a Crossing that copies from one to the other."""
+    """Two roscores, and a Copies that copies from one to the other."""
 
     def __init__(self, names):
         self.own, self.other, self.names = ParameterServer(), ParameterServer(), names
-        self.loop = self.crossing = self.core = None
+        self.loop = self.copies = self.core = None
         self.changes = []
 
     def start(self, names=None):
         """Begin a life; the robot is there."""
         self.loop = Loop()
         names = self.names if names is None else names
-        self.crossing, self.core = program.make(
+        self.copies, self.core = program.make(
             self.own.uri, self.other.uri, names, self.loop, lambda: self.changes.append(1)
         )
-        self.crossing.take_over()
+        self.copies.take_over()
         self.core.take_announcement(program.announced(self.other.uri), monotonic())
         thread = threading.Thread(target=self.loop.run, args=(self._tick,), daemon=True)
         thread.start()
         return self
 
     def _tick(self, now):
-        return min(self.crossing.tick(now) or now + 1.0, now + 1.0)
+        return min(self.copies.tick(now) or now + 1.0, now + 1.0)
 
     def announce(self, **changes):
         self.loop.post(self.core.take_announcement, program.announced(self.other.uri, **changes), monotonic())
-        self.loop.post(self.crossing.look_soon)
+        self.loop.post(self.copies.look_soon)
 
     def end(self):
         """The end of a service."""
         over = threading.Event()
-        self.loop.post(self.crossing.withdraw, over.set)
+        self.loop.post(self.copies.withdraw, over.set)
         assert over.wait(10)
         self.loop.stop()
 
     def refused(self):
-        return {item.name: item.holder for item in self.crossing.refused}
+        return {item.name: item.holder for item in self.copies.refused}
 
 
 @pytest.fixture(autouse=True)
@@ -148,7 +148,7 @@ def test_a_roscore_that_does_not_answer_loses_nothing(made):
     lab = made("/a", a=1).start()
     until(lambda: lab.own.own() == {"a": 1})
     lab.other.wrong["/a"] = "nonsense"
-    until(lambda: lab.crossing._sources["robot2"].failures > 2)
+    until(lambda: lab.copies._sources["robot2"].failures > 2)
     assert lab.own.own() == {"a": 1}
     lab.other.wrong.clear()
     lab.other.set("/x", "/a", 2)
@@ -181,7 +181,7 @@ def test_what_is_large_is_asked_for_less_often(made, monkeypatch):
     monkeypatch.setattr(module, "SELDOM", 60.0)
     lab = made("/a", a="x" * (1 << 19)).start()
     until(lambda: "a" in lab.own.tree)
-    source = lab.crossing._sources["robot2"]
+    source = lab.copies._sources["robot2"]
     until(lambda: not source.asking)
     assert source.due - monotonic() > module.SELDOM - 5
 
@@ -228,7 +228,7 @@ def test_hostile_answers_do_no_harm(made, seed):
 
 def killed_at(lab, number, when):
     """Run the program until it is killed at a change of the own roscore, before or after it."""
-    words = [sys.executable, str(HERE.parent / "crossing_program.py"), lab.own.uri, lab.other.uri, *lab.names]
+    words = [sys.executable, str(HERE.parent / "copies_program.py"), lab.own.uri, lab.other.uri, *lab.names]
     paths = os.pathsep.join(map(str, (PYTHON, HERE.parent)))
     child = subprocess.Popen(words, env={**os.environ, "PYTHONPATH": paths}, stderr=subprocess.DEVNULL)
     count = [0]
@@ -275,5 +275,5 @@ def test_after_a_kill_a_robot_has_time_to_come_back(made):
     assert killed_at(lab, 2, "after")
     lab.own.changes.clear()
     lab.start()
-    until(lambda: lab.crossing._sources["robot2"].met)
+    until(lambda: lab.copies._sources["robot2"].met)
     assert lab.own.own() == {"a": 1} and not [change for change in lab.own.changes if change[1] == "/a"]

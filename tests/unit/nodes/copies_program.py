@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A program with a Crossing alone, to be killed: `crossing_program.py OWN-URI OTHER-URI NAME ...`."""
+"""A program with a Copies alone, to be killed: `copies_program.py OWN-URI OTHER-URI NAME ...`."""
 
 import sys
 
@@ -11,8 +11,8 @@ from rosfleet_multimaster.edge.roscore import Roscore
 from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.members import Member, Members
 from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.sync.copies import Copies
 from rosfleet_multimaster.sync.core.sync import Sync
-from rosfleet_multimaster.sync.crossing import Crossing
 
 NAME = "robot2"
 
@@ -22,23 +22,23 @@ def announced(uri, name=NAME, online=True):
 
 
 def make(own_uri, other_uri, names, loop, on_change=lambda: None):
-    """A Crossing, and the core that knows one other robot."""
+    """A Copies, and the core that knows one other robot."""
     uri = other_uri.rstrip("/").lower()
     entry = {"robot": NAME, "name": NAME, "uris": [uri], "rpc_port": 11611, "addresses": ["127.0.0.1"], "hosts": []}
     core = Sync(Filters({}), own_uri, "/master_sync", False, False, 0.0, Members([Member.from_entry(entry)]))
     entries = [{"from": NAME, "names": list(names)}] if names else []
     calls, limited = Workers(loop, 1), program.LimitedLog()
-    return Crossing(loop, Roscore(own_uri, "/master_sync"), core, calls, limited, entries, on_change), core
+    return Copies(loop, Roscore(own_uri, "/master_sync"), core, calls, limited, entries, on_change), core
 
 
 def main():
     """Run until it is killed."""
     own_uri, other_uri, *names = sys.argv[1:]
     loop = Loop()
-    crossing, core = make(own_uri, other_uri, names, loop)
-    crossing.take_over()
+    copies, core = make(own_uri, other_uri, names, loop)
+    copies.take_over()
     core.take_announcement(announced(other_uri), monotonic())
-    loop.run(lambda now: crossing.tick(now) or now + 1.0)
+    loop.run(lambda now: copies.tick(now) or now + 1.0)
 
 
 if __name__ == "__main__":
