@@ -57,7 +57,7 @@ def install(line: str, folder: Path) -> Path:
     venv = WORK / f"core-{line}"
     if not (venv / "bin" / "ansible-test").exists():
         subprocess.run([python, "-m", "venv", "--clear", venv], check=True)
-        pip = [venv / "bin" / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        pip = [str(venv / "bin" / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
         subprocess.run([*pip, f"ansible-core=={line}.*"], check=True)
     return venv / "bin"
 
