@@ -201,8 +201,9 @@ UNIT_CORES = 1.0
 TIMED = {"links", "data_flow", "alone"}
 
 #: Files of tests/systems and Molecule scenarios that are part of 'make test-long', since they take minutes. The demonstration
-#: of the multi-computer layout shows the same fleet in every run, but for its restart and its teardown.
-COSTLY = {"links", "multi_computer"}
+#: of the multi-computer layout shows the same fleet in every run, but for its restart, its teardown, and a master on an inner
+#: computer.
+COSTLY = {"links", "multi_computer", "placement"}
 
 #: Faults that are drawn by a seed, of ten kinds, each of which breaks something: their numbers.
 DRAWN = ("1", "2", "4", "6", "14", "15", "18", "27", "37", "39")
@@ -289,7 +290,7 @@ SUITES = [
         (sys.executable, "tests/faults/run.py", "--quick"),
         faults,
         cores=LAB_CORES,
-        seconds=320,
+        seconds=200,
         labs=("faults",),
     ),
     Suite(
@@ -298,7 +299,7 @@ SUITES = [
         (sys.executable, "tests/faults/fuzz.py", "--seed=3", "--only", *DRAWN),
         faults,
         cores=LAB_CORES,
-        seconds=300,
+        seconds=600,
         labs=("fuzz",),
     ),
     demonstration("single_computer", 80, "--suite=kobuki2computer=trixie"),  # one robot of each release

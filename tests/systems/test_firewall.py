@@ -35,12 +35,17 @@ def test_a_stranger_finds_nothing_and_a_member_everything(fleet):
 def test_forged_packets_reach_a_port_only_without_the_filter(fleet):
     """Without it they do, or the test could not fail."""
     fleet.takes_nothing_in_its_own_name()
-    fleet.run("ana-pc", "nft delete table inet rosfleet_multimaster")
     address, *_others, local, _loopback, group = fleet.list_own_places("ana-pc")
-    heard = fleet.forges("ana-pc", (address, address), ("127.0.0.1", address), (local, local), (local, group))
-    forged = [line for line in heard if not line.startswith("itself")]
-    assert forged == [f"{address} > {address}", f"127.0.0.1 > {address}", f"{local} > {local}", f"{local} > {group}"]
-    fleet.run("ana-pc", "systemctl reload multimaster-firewall")
+    packets = [(address, address), ("127.0.0.1", address), (local, local), (local, group)]
+    fleet.run("ana-pc", "nft delete table inet rosfleet_multimaster")
+    try:
+        heard = fleet.forges("ana-pc", *packets)
+    finally:
+        fleet.run("ana-pc", "systemctl reload multimaster-firewall")
+    # Each family has its own socket: which of them is read first is nobody's promise.
+    assert sorted(line for line in heard if not line.startswith("itself")) == sorted(
+        f"{here} > {there}" for here, there in packets
+    )
     fleet.takes_nothing_in_its_own_name()
 
 
