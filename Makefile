@@ -67,7 +67,7 @@ test-interop: checkout lab-tests ## the bundled nodes with those of multimaster_
 	@$(if $(MAS),bash tests/interop/needs.sh)
 	@$(if $(MAS),MAS="$(abspath $(MAS))",FKIE="$(abspath $(FKIE))") $(PYTHON) tools/test.py interop
 
-test-matrix: lab ## four versions of ansible-core on the controller by three releases of Debian on the robots, and their table in docs/start/machines.md (a quarter of an hour)
+test-matrix: lab ## four versions of ansible-core on the controller by three releases of Debian and three places of ROS on the robots, and their table in docs/start/machines.md (half an hour)
 	@$(PYTHON) tests/matrix/run.py --page
 
 checkout:

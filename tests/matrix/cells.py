@@ -8,14 +8,35 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "start" / "machines.md"
 BEGIN, END = "<!-- matrix: written by `make test-matrix` -->", "<!-- end of matrix -->"
-SUITES = {"bullseye": "Debian 11", "bookworm": "Debian 12", "trixie": "Debian 13"}  # of the robots
 OK, UNTRIED = "works", "not tried"
+_CONDA = "/opt/miniforge3/envs/ros"
 
-Row = dict[str, str]  # version, python, and the end of each suite
+
+@dataclass(frozen=True)
+class Robots:
+    """The robots of a column."""
+
+    title: str
+    suite: str = "bookworm"
+    shape: str = ""  # what make-opt-ros makes of Debian's ROS
+    variables: Mapping[str, str] = field(default_factory=dict)  # what their inventory says then
+
+
+ROBOTS = {
+    "bullseye": Robots("Debian 11", "bullseye"),
+    "bookworm": Robots("Debian 12"),
+    "trixie": Robots("Debian 13", "trixie"),
+    "one": Robots("ROS One (shaped)", shape="one"),
+    "noetic": Robots("Noetic below /opt (shaped)", shape="noetic"),
+    "conda": Robots("RoboStack (shaped)", shape=f"--conda {_CONDA}", variables={"multimaster_ros_setup": _CONDA}),
+}
+
+Row = dict[str, str]  # version, python, and the end of each column
 Kept = dict[str, Row]  # line of ansible-core -> its row
 
 _RECAP = re.compile(r"^[\w.-]+ +: ok=\d+ +changed=(\d+) ", re.MULTILINE)
@@ -42,19 +63,19 @@ def write(path: Path, kept: Kept) -> None:
     path.write_text(json.dumps(kept, indent=1) + "\n")
 
 
-def note(kept: Kept, line: str, version: str, python: str, suite: str, end: str) -> None:
+def note(kept: Kept, line: str, version: str, python: str, robots: str, end: str) -> None:
     """Note the end of a cell. Cells of another version of the same line are forgotten."""
     row = kept.get(line, {})
-    kept[line] = {**(row if row.get("version") == version else {}), "version": version, "python": python, suite: end}
+    kept[line] = {**(row if row.get("version") == version else {}), "version": version, "python": python, robots: end}
 
 
 def table(lines: Sequence[str], kept: Mapping[str, Row]) -> str:
-    """Return a row for each version of ansible-core, and a column for each release of the robots."""
-    head = ["ansible-core", "Python of the controller", *(f"robots with {title}" for title in SUITES.values())]
+    """Return a row for each version of ansible-core, and a column for each kind of robots."""
+    head = ["ansible-core", "its Python", *(robots.title for robots in ROBOTS.values())]
     rows = [head, ["---"] * len(head)]
     for line in lines:
         row = kept.get(line, {})
-        ends = [row.get(suite, UNTRIED) for suite in SUITES]
+        ends = [row.get(name, UNTRIED) for name in ROBOTS]
         rows.append([row.get("version", line), row.get("python", ""), *ends])
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
