@@ -99,16 +99,17 @@ class Chromium:
         elif event == "Runtime.consoleAPICalled":
             self.complaints.append(str(parameters["args"]))
 
-    def open(self, path: Path, width: int = 1280, height: int = 900, **media: str) -> None:
+    def open(self, path: Path, width: int = 1280, height: int = 900, query: str = "", **media: str) -> None:
         """Open a file in a window of this size; `media` are features, as prefers_color_scheme="dark"."""
+        url = path.as_uri() + query
         self.requests.clear()
         self.complaints.clear()
         self.ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         features = [{"name": name.replace("_", "-"), "value": value} for name, value in media.items()]
         self.ask("Emulation.setEmulatedMedia", features=features)
-        self.ask("Page.navigate", url=path.as_uri())
+        self.ask("Page.navigate", url=url)
         ends = time.monotonic() + PATIENCE
-        while self.js("document.readyState") != "complete" or self.js("location.href") != path.as_uri():
+        while self.js("document.readyState") != "complete" or self.js("location.href") != url:
             assert time.monotonic() < ends, "the page is not complete"
             time.sleep(0.1)
 

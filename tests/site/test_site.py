@@ -73,8 +73,7 @@ def test_pictures_are_seen(site, browser, width):
 
 
 def test_a_word_is_found(site, browser):
-    browser.open(site / "index.html", width=390)
-    browser.js(f"location.href = '{(site / 'search.html').as_uri()}?q=multimaster_exports'")
+    browser.open(site / "search.html", width=390, query="?q=multimaster_exports")
     found = "[...document.querySelectorAll('#search-results li a')].map(link => link.getAttribute('href'))"
     ends = time.monotonic() + PATIENCE
     while not any("data_flow" in link for link in browser.js(found) or []):
