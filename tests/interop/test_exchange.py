@@ -88,17 +88,18 @@ def test_md5_sums_of_the_own_types_are_told(robot):
 def test_a_state_says_whose_its_nodes_are(robot):
     """On a roscore with one node of each, it is learnt by get_sync_info; imports do not move the local stamp."""
     giver, imported, own = other(robot), f"/given_to_{robot.label}", f"/of_{robot.label}"
-    local_before = robot.ask("masterInfo")[1]
-    giver.publish(imported)
 
     def origins():
         return {name: (origin, where) for name, _uri, origin, _pid, where in robot.ask("masterInfo")[8]}
 
-    nodes = eventually(origins, lambda nodes: f"{imported}_source" in nodes)
-    assert nodes[f"{imported}_source"] == (f"http://{giver.host}:11311/", "remote")
-    assert robot.ask("masterInfo")[1] == local_before
+    local_before = robot.ask("masterInfo")[1]
     robot.publish(own)
     nodes = eventually(origins, lambda nodes: f"{own}_source" in nodes)
     assert nodes[f"{own}_source"] == (f"http://{robot.host}:11311/", "local")
+    local_after = robot.ask("masterInfo")[1]
+    assert local_after != local_before
+    giver.publish(imported)
+    nodes = eventually(origins, lambda nodes: f"{imported}_source" in nodes)
+    assert nodes[f"{imported}_source"] == (f"http://{giver.host}:11311/", "remote")
     stamp, local_stamp = robot.ask("masterInfo")[:2]
-    assert local_stamp != local_before and robot.ask("masterContacts")[0] == stamp
+    assert local_stamp == local_after and robot.ask("masterContacts")[0] == stamp
