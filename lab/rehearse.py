@@ -56,7 +56,11 @@ class Preparation:
     @property
     def full(self) -> bool:
         """Say whether the computers need more packages than those of a demonstration."""
-        return bool(self.faults) or any(MANAGERS[host.manager].full for host in self.hosts)
+        return (
+            bool(self.faults)
+            or self.rehearsed.wants_packages
+            or any(MANAGERS[host.manager].full for host in self.hosts)
+        )
 
 
 def machine() -> rehearsal.Machine:

@@ -43,7 +43,7 @@ ros-std-msgs ros-std-srvs ros-geometry-msgs ros-diagnostic-msgs ros-actionlib-ms
 
 FULL = """
 network-manager netplan.io ufw firewalld frr cloud-init wireguard-tools
-net-tools tcpdump libfaketime acl attr python3-apt
+net-tools tcpdump libfaketime acl attr python3-apt chrony
 """.split()
 
 # Documentation is a third of the files and no robot needs it.

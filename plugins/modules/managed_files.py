@@ -86,6 +86,10 @@ options:
         description: Whether it is reloaded in any case, for example V(true) where it runs with other files than it should.
         type: bool
         default: false
+      restart:
+        description: Whether it is started again instead, after systemd has read its units, for example V(true) for a service that cannot be reloaded.
+        type: bool
+        default: false
   trees:
     description: Folders of the controller of which all text files belong to the bundle, as M(rosfleet.multimaster.managed_files) takes them.
     type: list

@@ -54,10 +54,11 @@ options:
     type: list
     elements: str
     choices:
-      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, folders, ports, masters, exports, sshd,
-       environment]
+      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, clock, folders, ports, masters, exports,
+       sshd, environment]
     default:
-      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, folders, ports, exports, sshd, environment]
+      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, clock, folders, ports, exports, sshd,
+       environment]
   destinations:
     description:
       - IPv4 addresses to which the ways are looked up, for example V(192.168.10.1); see RV(ways).
@@ -514,6 +515,80 @@ multicast_routing:
       type: list
       elements: str
       sample: []
+clock:
+  description: The time services of this machine.
+  returned: with the part V(clock)
+  type: dict
+  contains:
+    chronyd:
+      description: The program of chrony, empty where it is not installed.
+      returned: always
+      type: str
+      sample: /usr/sbin/chronyd
+    enabled:
+      description: Whether C(chrony.service) starts at boot.
+      returned: always
+      type: bool
+      sample: true
+    settable:
+      description: Whether systemd may let a service set the clock (CAP_SYS_TIME). In most containers it may not.
+      returned: always
+      type: bool
+      sample: true
+    others:
+      description: The configurations of time services that somebody has written, not their Debian package and not the collection; at most 20.
+      returned: always
+      type: list
+      elements: dict
+      sample: []
+      contains:
+        service:
+          description: The unit of systemd.
+          returned: always
+          type: str
+          sample: systemd-timesyncd.service
+        file:
+          description: The file.
+          returned: always
+          type: str
+          sample: /etc/systemd/timesyncd.conf
+        line:
+          description: The line that names a source of time, or a remark in its place.
+          returned: always
+          type: str
+          sample: NTP=192.168.1.9
+    sources:
+      description: The sources of time that the time service has, at most 32. Those without an address, such as a radio clock, are left out.
+      returned: always
+      type: list
+      elements: dict
+      sample: [{address: 192.168.1.201, selected: true, reachable: true, offset_s: 0.0001}]
+      contains:
+        address:
+          description: The address of the source.
+          returned: always
+          type: str
+          sample: 192.168.1.201
+        selected:
+          description: Whether the clock follows it, alone or with others.
+          returned: always
+          type: bool
+          sample: true
+        reachable:
+          description: Whether it has answered one of the last four requests.
+          returned: always
+          type: bool
+          sample: true
+        offset_s:
+          description: How many seconds this machine's clock was ahead of the source at its last answer, or null where the service does not tell.
+          returned: always
+          type: float
+          sample: 0.0001
+    restart_due:
+      description: Whether chrony runs since before the present files of the collection, or does not run with them.
+      returned: always
+      type: bool
+      sample: false
 ros:
   description: ROS 1 on this machine.
   returned: with the part V(ros)

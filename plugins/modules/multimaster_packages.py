@@ -9,8 +9,10 @@ short_description: Install Debian packages, and remove those that it has install
 version_added: "1.0.0"
 description:
   - Installs what is missing, without recommended packages, from the package sources that the computer has.
-  - A package that was there before is never removed. The record of the others is C(/etc/rosfleet-multimaster/packages); it is written
-    before the first one is installed, so what an interrupted run has installed is taken back, too.
+  - A package that was there before is removed only where a new one replaces it, as chrony replaces systemd-timesyncd. It is back when the
+    new one is removed.
+  - The record of both is C(/etc/rosfleet-multimaster/packages). It is written before the first package is installed, so what an
+    interrupted run has installed is taken back, too.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
 options:

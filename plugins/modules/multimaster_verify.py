@@ -1473,8 +1473,45 @@ clock:
   description: The clock of this computer.
   returned: when O(action=collect)
   type: dict
-  sample: {synchronised: true}
+  sample: {synchronised: true, answers: true, service: chrony, sources: [{address: 192.168.1.201, selected: true, reachable: true, offset_s: 0.0001}]}
   contains:
+    answers:
+      description: Whether a time service answers, or null where none was asked.
+      returned: always
+      type: bool
+      sample: true
+    service:
+      description: The time service that answers, V(chrony), V(systemd-timesyncd) or V(ntpd), or empty.
+      returned: always
+      type: str
+      sample: chrony
+    sources:
+      description: The sources of time that it has, at most 32. Those without an address, such as a radio clock, are left out.
+      returned: always
+      type: list
+      elements: dict
+      sample: [{address: 192.168.1.201, selected: true, reachable: true, offset_s: 0.0001}]
+      contains:
+        address:
+          description: The address of the source.
+          returned: always
+          type: str
+          sample: 192.168.1.201
+        selected:
+          description: Whether the clock follows it, alone or with others.
+          returned: always
+          type: bool
+          sample: true
+        reachable:
+          description: Whether it has answered one of the last four requests.
+          returned: always
+          type: bool
+          sample: true
+        offset_s:
+          description: How many seconds this computer's clock was ahead of the source at its last answer, or null where the service does not tell.
+          returned: always
+          type: float
+          sample: 0.0001
     synchronised:
       description: Whether something keeps it right, such as chrony, as the kernel knows it; null where it does not tell.
       returned: always

@@ -5,6 +5,7 @@
 
 import typing
 
+from .._machine import systemd
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem, sentence, unreadable
 from .._process import commands
@@ -29,6 +30,7 @@ RELOAD = dict(
     service=dict(type="str", required=True),
     folder=dict(type="str", required=True),
     due=dict(type="bool", default=False),
+    restart=dict(type="bool", default=False),
 )
 OPTIONS = dict(
     bundle=dict(type="str", required=True),
@@ -54,6 +56,7 @@ class ManagedFiles(ModuleRun):
         except OSError as problem:
             raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
         self.plan, self.machine = self.files.plan, self.files.machine
+        self.restarts = bool((options.get("reload") or {}).get("restart"))
         self.reloaded = self._to_reload(options.get("reload") or {})
         self.unread = False  # its files are as planned, and it could not be reloaded
         self.changed = self.files.changed or bool(self.reloaded)
@@ -106,13 +109,18 @@ class ManagedFiles(ModuleRun):
             self._reload()
 
     def _reload(self) -> None:
-        answer = commands.run(["systemctl", "reload", self.reloaded], limit=_RELOAD_LIMIT)
-        if answer.status != 0:
+        if self.restarts:  # its files may be drop-ins of its unit
+            commands.run(["systemctl", "daemon-reload"], limit=_RELOAD_LIMIT)
+        answer = commands.run(
+            ["systemctl", "restart" if self.restarts else "reload", self.reloaded], limit=_RELOAD_LIMIT
+        )
+        gone = self.restarts and not self.plan.items and systemd.states([self.reloaded], ("LoadState",))[0]
+        if answer.status != 0 and not (gone and gone.get("LoadState") == "not-found"):
             reason = quote(answer.error, LINE) or f"status {answer.status}"
             self.unread = True
             raise Problem(
                 f"The files of the bundle {self.bundle} are as planned, but {self.reloaded} does not read them again ({reason}); "
-                f"expected a service that can be reloaded: look at systemctl status {self.reloaded}."
+                f"expected a service that can be {'started again' if self.restarts else 'reloaded'}: look at systemctl status {self.reloaded}."
             )
 
     def failure(self, problem: Problem) -> Fields:
@@ -148,5 +156,6 @@ class ManagedFiles(ModuleRun):
             f"{len(self.plan.writes)} files of the bundle {self.bundle} {be} written, {len(self.plan.removals)} removed "
             f"and {right} {are} right."
         )
-        reloaded = [f"{self.reloaded} {'would be' if check_mode else 'was'} reloaded."] if self.reloaded else []
+        word = "started again" if self.restarts else "reloaded"
+        reloaded = [f"{self.reloaded} {'would be' if check_mode else 'was'} {word}."] if self.reloaded else []
         return " ".join([text, *reloaded, *self.plan.notes])

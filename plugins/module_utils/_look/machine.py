@@ -7,7 +7,7 @@ import re
 import typing
 
 from .._changes import record
-from .._machine import filters, fkie, network, ports, ros, shells, system
+from .._machine import clock, filters, fkie, network, ports, ros, shells, system
 from .._module.plain_text import LINE, quote
 from .._process import deadlines
 from .._routes.kernel import MAIN, read_routes
@@ -58,6 +58,14 @@ NO_SYSTEM = {
     "os": {},
     "systemd": {"running": False, "version": 0, "net_admin": True},
 }
+NO_CLOCK: typing.Dict[str, typing.Any] = {
+    "chronyd": "",
+    "enabled": False,
+    "settable": True,
+    "others": [],
+    "restart_due": False,
+    "sources": [],
+}
 NO_ROS: typing.Dict[str, typing.Any] = {"found": [], "chosen": None, "problem": "ROS could not be looked for."}
 NO_SSHD = {
     "installed": False,
@@ -82,6 +90,7 @@ PARTS = (
     Part("multicast_routing", system.multicast_routing, 10, {"smcrouted": "", "others": []}),
     Part("ros", ros.find, 180, NO_ROS, options=("ros_setup", "nodes")),
     Part("packages", fkie.packages, 30, [], options=("packages",)),
+    Part("clock", clock.clock, 10, NO_CLOCK),
     Part("folders", system.folders, 5, [], options=("folders",)),
     Part("ports", ports.holders, 15, [], options=("ports",)),
     Part("masters", masters, 60, [], options=("ports",)),

@@ -32,7 +32,7 @@ def system(root: str = "/") -> typing.Dict[str, typing.Any]:
             # sd_booted(3)
             "running": os.path.isdir(os.path.join(root, "run/systemd/system")),
             "version": int(version.group(1)) if version else 0,
-            "net_admin": net_admin(text(os.path.join(root, "proc/1/status"))),
+            "net_admin": may_give(text(os.path.join(root, "proc/1/status")), _CAP_NET_ADMIN),
         },
     }
 
@@ -40,10 +40,10 @@ def system(root: str = "/") -> typing.Dict[str, typing.Any]:
 _CAP_NET_ADMIN = 12  # capabilities(7)
 
 
-def net_admin(status: str) -> bool:
-    """True if a process with this /proc/PID/status may give CAP_NET_ADMIN to others, or if the line is missing."""
+def may_give(status: str, capability: int) -> bool:
+    """True if a process with this /proc/PID/status may give a capability to others, or if the line is missing."""
     bounds = re.search(r"^CapBnd:\s*([0-9a-fA-F]+)$", status, re.MULTILINE)
-    return bounds is None or bool(int(bounds.group(1), 16) >> _CAP_NET_ADMIN & 1)
+    return bounds is None or bool(int(bounds.group(1), 16) >> capability & 1)
 
 
 def _words(content: str) -> typing.List[str]:

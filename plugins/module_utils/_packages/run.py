@@ -3,9 +3,11 @@
 
 """One run of the module multimaster_packages: Debian packages, of which the collection removes only what it has installed.
 
-The record is written before the first package: so what an interrupted run has installed is taken back, too.
+The record is written before the first package: so what an interrupted run has installed is taken back, too. A package that
+another one replaces (chrony replaces systemd-timesyncd) is in the record as well, and comes back with the removal.
 """
 
+import re
 import typing
 
 from .._changes.file_bundle import OPTIONS as FILES
@@ -25,8 +27,11 @@ BUNDLE = "packages"
 _HEAD = "# The Debian packages that the collection rosfleet.multimaster installed."
 _APT = ["apt-get", "--quiet", "--yes", "--option=DPkg::Lock::Timeout=60", "--option=Dpkg::Options::=--force-confold"]
 _LIMIT = 1200.0  # seconds; a robot may be far from its package sources
+_LIMIT_SIMULATION = 60.0  # seconds
 _ENVIRONMENT = dict(commands.CLEAN, DEBIAN_FRONTEND="noninteractive")
 _LONGEST = 400  # characters of what apt said
+_REPLACED = re.compile(r"# ([a-z0-9][a-z0-9+.-]+) replaced ([a-z0-9 +.-]+)")
+_REMOVAL = re.compile(r"^Remv ([a-z0-9][a-z0-9+.-]+)", re.MULTILINE)
 
 
 class Changes(typing.NamedTuple):
@@ -51,6 +56,17 @@ def changes(
     return Changes(new, leftover, intent, [name for name in intent if name not in leftover])
 
 
+def read_replaced(record: str) -> typing.Dict[str, typing.List[str]]:
+    """Read the record: the packages that each of ours has replaced."""
+    lines = [_REPLACED.fullmatch(line) for line in record.splitlines()]
+    return {line.group(1): line.group(2).split() for line in lines if line}
+
+
+def find_removals(simulation: str) -> typing.List[str]:
+    """List the packages that apt-get would remove, in the output of its simulation."""
+    return sorted(set(_REMOVAL.findall(simulation)))
+
+
 class Packages(ModuleRun):
     """The run, planned from the options of the module."""
 
@@ -67,14 +83,24 @@ class Packages(ModuleRun):
         self.changes = changes(options["names"], installed, ours, options["keep"])
         self.removed = [name for name in self.changes.leftover if name in installed]
         self.records = options["records"]
+        self.replaced = read_replaced(commands.text(fkie.INSTALLED))
+        for name in self.changes.new:
+            gone = find_removals(_simulate(name))
+            self.replaced.update({name: gone} if gone else {})
         self.record = self._record_of(self.changes.after)
         self.changed = bool(self.changes.new or self.removed or self.record.changed)
 
     def _record_of(self, names: typing.Sequence[str]) -> ManagedFiles:
-        content = "".join(f"{line}\n" for line in (_HEAD, *names))
+        replaced = [f"# {name} replaced {' '.join(self.replaced[name])}" for name in names if name in self.replaced]
+        content = "".join(f"{line}\n" for line in (_HEAD, *replaced, *names))
         file = {"path": fkie.INSTALLED, "content": content, "mode": "0644", "validate": []}
         files = [file] if names else []
         return ManagedFiles({"bundle": BUNDLE, "files": files, "brief": [], "records": self.records})
+
+    @property
+    def packages_back(self) -> typing.List[str]:
+        """The packages that come back, since those that had replaced them are removed."""
+        return [entry for name in self.removed for entry in self.replaced.get(name, ())]
 
     @property
     def refusals(self) -> typing.List[str]:
@@ -94,7 +120,9 @@ class Packages(ModuleRun):
             (self._record_of(self.changes.intent) if self.changes.leftover else self.record).apply()
             last = self._record_of(self.changes.after) if self.changes.leftover else None
             _apt("install", "--no-install-recommends", *self.changes.new)
-        if self.removed:
+        if self.packages_back:  # in one transaction: Debian wants one of the two
+            _apt("install", "--no-install-recommends", *self.packages_back, *(f"{name}-" for name in self.removed))
+        elif self.removed:
             _apt("remove", *self.removed)
         if last:
             last.apply()
@@ -111,10 +139,17 @@ class Packages(ModuleRun):
         """Return one sentence on all that was done."""
         be = "would be" if check_mode else "were"
         return (
-            f"{len(self.changes.new)} packages {be} installed, {len(self.removed)} removed."
+            f"{len(self.changes.new)} packages {be} installed, {len(self.removed)} removed"
+            f"{''.join(f', {name} is back' for name in self.packages_back)}."
             if self.changed
             else "The packages were right."
         )
+
+
+def _simulate(name: str) -> str:
+    """Let apt-get say what an installation does; empty where it cannot (the installation says why)."""
+    words = [*_APT[:2], "--simulate", "install", "--no-install-recommends", name]
+    return commands.run(words, environment=_ENVIRONMENT, limit=_LIMIT_SIMULATION, unprivileged=True).text
 
 
 def _apt(*words: str) -> None:

@@ -9,6 +9,7 @@ from itertools import chain
 
 from .._client import ros as ros_commands
 from .._client.ros import Ros
+from .._machine import time_sources
 from .._module.module import validate_options
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem
@@ -189,7 +190,11 @@ PARTS = (
         parameters.NOTHING,
         final=True,
     ),
-    Part("clock", lambda params, ros, deadline: resources.clock(), {"synchronised": None}),
+    Part(
+        "clock",
+        lambda params, ros, deadline: dict(resources.clock(), **time_sources.time_sources()),
+        {"synchronised": None, "answers": None, "service": "", "sources": []},
+    ),
     Part("changes", lambda params, ros, deadline: changes.changes(), [], on_router=True),
     Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], on_router=True),
     Part("file_limits", lambda params, ros, deadline: resources.file_limits(), []),

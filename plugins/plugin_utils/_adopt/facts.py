@@ -87,6 +87,7 @@ class Machine:
     roscores: tuple[Roscore, ...] = ()
     masters: tuple[Uri, ...] = ()  # the masters that its files and shells name, the ones that count most first
     ours: bool = False  # the collection runs services there
+    time_sources: tuple[IPv4Address, ...] = ()  # that its clock follows
 
 
 def read_machine(name: str, info: Info) -> Machine:
@@ -105,6 +106,7 @@ def read_machine(name: str, info: Info) -> Machine:
             forwards=info["forwarding"]["ip_forward"] == 1,
             roscores=tuple(_roscore(entry) for entry in info["masters"][:MOST] if not entry["error"]),
             masters=tuple(_read_masters(info)),
+            time_sources=tuple(_time_sources(info)),
             ours=any(str(record).startswith("services-") for record in info.get("owned") or ()),
         )
     except (LookupError, TypeError, ValueError, AttributeError) as problem:
@@ -141,6 +143,13 @@ def _hops(routes: Sequence[Info]) -> Iterable[Hop]:
         gateway = str(entry["gateway"] or "")
         if gateway and ":" not in gateway:
             yield Hop(IPv4Network(str(entry["destination"])), IPv4Address(gateway))
+
+
+def _time_sources(info: Info) -> Iterable[IPv4Address]:
+    for entry in ((info.get("clock") or {}).get("sources") or ())[:MOST]:
+        address = str(entry["address"])
+        if entry["selected"] and ":" not in address:
+            yield IPv4Address(address)
 
 
 def _roscore(entry: Info) -> Roscore:

@@ -280,7 +280,20 @@ def _fleet(scene: _Scene, router: Choice | None) -> Choices:
     uris = [roscore.uri for _name, roscore in roscores if roscore.uri]
     if uris and all(uri.is_address for uri in uris):
         choices["advertise"] = Choice("address")
+    choices.update(_clock(scene))
     return choices
+
+
+def _clock(scene: _Scene) -> Choices:
+    """Return the machine of a robot that most others follow in time, if there is one."""
+    members = [name for group in scene.found.groups for name in sorted(group.members)]
+    followed = {name: [scene.machines.machine_at(one) for one in scene.machine(name).time_sources] for name in members}
+    counted = Counter(at for name, places in followed.items() for at in {*places} if at in members and at != name)
+    if not counted:
+        return {}
+    best = max(counted, key=lambda at: (counted[at], at or ""))
+    why = f"{counted[best]} of {len(members)} computers follow its time"
+    return {"clock": Choice(scene.name(best or ""), why)}
 
 
 def _choose_group(nodes: Sequence[tuple[str, facts.Discovery]]) -> Choices:

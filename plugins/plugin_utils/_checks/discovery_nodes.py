@@ -17,6 +17,7 @@ from .._case.ways import COMMON
 from .._observed.observations import Datagrams, ListedMaster, Route
 from .._observed.outcomes import Outcome
 from .._observed.uris import host_of, is_one_of
+from . import time_sources
 from .engine import FAILED, MASTER, MASTER_TOO, MEMBER, OK, WARNING, Check, Judgement
 
 # The share of datagrams that may be lost.
@@ -451,7 +452,8 @@ def _clock_suspects(case: Case) -> Parts:
     entry = case.observer.masters.get(case.target)
     if entry is not None and entry.clock_offset_s is not None:
         free = [name for name in (case.observer.name, case.target) if not _has_time_source(case, name)]
-        return join_parts(make_parts("clock", name, "off") for name in free or (case.observer.name, case.target))
+        suspects = free or [case.observer.name, case.target]
+        return join_parts(make_parts("clock", name, "off") | time_sources.list_parts(case, name) for name in suspects)
     if entry is not None and entry.open:
         return make_parts("discovery", case.target, "hung") | needs.large(case, case.observer.name, case.target)
     return _port_evidence(case) or find_parts(case, _connect_outcome(case), "rpc") or _port_suspects(case)

@@ -8,10 +8,32 @@ In each file a row stands below its functions, and above its judge.
 
 from __future__ import annotations
 
-from . import computer, discovery_nodes, exchange, manual_setup, network, next_boot, programs, ros, strangers
+from . import (
+    computer,
+    discovery_nodes,
+    exchange,
+    manual_setup,
+    network,
+    next_boot,
+    programs,
+    ros,
+    strangers,
+    time_sources,
+)
 from .engine import Check
 
-FILES = (computer, manual_setup, next_boot, programs, network, discovery_nodes, ros, exchange, strangers)
+FILES = (
+    computer,
+    manual_setup,
+    next_boot,
+    programs,
+    network,
+    time_sources,
+    discovery_nodes,
+    ros,
+    exchange,
+    strangers,
+)
 CHECKS = tuple(row for file in FILES for row in vars(file).values() if isinstance(row, Check))
 TITLES = {check.id: check.title for check in CHECKS}
 

@@ -406,7 +406,7 @@ def _findings(broken: Iterable[Finding]) -> list[Finding]:
 def _add_clock_offset(entry: Finding) -> Finding:
     """Say of clocks by how much they are off."""
     parts = [
-        part._replace(what=offset(part, entry.rows) or part.what) if part.kind == "clock" else part
+        part._replace(what=offset(part, (*entry.proof, *entry.rows)) or part.what) if part.kind == "clock" else part
         for part in entry.candidates
     ]
     return replace(entry, part=parts[0], rivals=tuple(parts[1:]))

@@ -20,7 +20,7 @@ def offset(part: Part, rows: Iterable[Row]) -> str:
         seconds = _seconds(row)
         if seconds is not None and part.place in (row.observer, row.target):
             ahead, other = (seconds, row.observer) if row.target == part.place else (-seconds, row.target)
-            found.setdefault(other, ahead)
+            found.setdefault("its source" if other == part.place else other, ahead)
     if not found:
         return ""
     middle, others = median(found.values()), sorted(found)
@@ -37,9 +37,9 @@ def _amount(seconds: float) -> str:
 
 
 def _seconds(row: Row) -> float | None:
-    """Read what the check `clock` has found, such as "+2.0003 s"; None for a text that is none."""
+    """Read what the checks `clock` and `time_source` have found, such as "+2.0003 s"; None for a text that is none."""
     number, _space, unit = row.found.partition(" ")
     try:
-        return float(number) if row.check == "clock" and unit == "s" else None
+        return float(number) if row.check in ("clock", "time_source") and unit == "s" else None
     except ValueError:
         return None

@@ -18,6 +18,7 @@ from .exports import FILTERS, FROM_CLIENT, FROM_SERVER, KINDS, Export, is_within
 from .filters import BUILT_IN, WHITE_LISTS, Filters, matches, usable
 from .flows import list_givers, make_flows
 from .kinds import SealedComputer
+from .model import Fleet
 from .sentences import shorten_list
 from .values import nearest
 
@@ -60,6 +61,21 @@ def find_excluded_strangers(firewall: str | None, strangers: str | None) -> list
         "multimaster_firewall is 'fleet' and multimaster_strangers is 'allow', but the packet filter lets no stranger in; expected "
         "one of the two: name who else belongs to the fleet in multimaster_allow and set multimaster_strangers to 'ignore', or set "
         "multimaster_firewall to 'none', in group_vars/robots.yml."
+    ]
+
+
+def find_wrong_clock(fleet: Fleet) -> list[str]:
+    """Return a sentence if the source of the fleet's time is nobody, or a computer where nobody logs in."""
+    wanted, source = fleet.variables.clock, fleet.clock
+    if source is not None and source.sealed:
+        found = f"{source.name} is sealed, so nobody logs in there to see to its clock"
+    elif wanted and source is None:
+        known = [*(robot.name for robot in fleet.robots), *(computer.name for computer in fleet.computers)]
+        found = f"there is no such computer and no such robot{nearest(wanted, known)}"
+    else:
+        return []
+    return [
+        f"multimaster_clock is '{wanted}', but {found}; expected a computer of a robot, or a robot: correct it in group_vars/robots.yml."
     ]
 
 

@@ -93,6 +93,13 @@ class Fleet:
         return tuple(computer for robot in self.robots for computer in robot.computers)
 
     @cached_property
+    def clock(self) -> Computer | None:
+        """The computer whose time the others follow. None where nobody is named, or a name that nobody has."""
+        names = {computer.name: computer for computer in self.computers}
+        masters = {robot.name: robot.master for robot in self.robots}
+        return {**masters, **names}.get(self.variables.clock or "")
+
+    @cached_property
     def flows(self) -> tuple[Flow, ...]:
         """The declared data flows. A robot without a declaration gives everything to every robot."""
         return make_flows({robot.name: robot.variables.exports for robot in self.robots})

@@ -169,6 +169,12 @@ class FleetVariables:
         " crosses like any topic. `none`: the nodes publish nothing there, and it crosses. See docs/operate/metrics.md.",
         "exchanged",
     )
+    clock: str | None = row(
+        kinds.text,  # compared with the computers and robots: that sentence names them
+        "The computer whose time all others follow, by chrony, or a robot, whose master's computer it is then. It keeps the time sources "
+        "that it has, and gives its own time where it reaches none. Default: nobody's clock is touched. See docs/operate/clock.md.",
+        "tibi-nav",
+    )
     heartbeat_hz: float = row(
         kinds.number(float, 0.02, 25.5),
         "Heartbeats of a discovery node per second. A change is announced at once, whatever the rate.",

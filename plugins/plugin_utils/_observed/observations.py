@@ -317,10 +317,23 @@ class NodeParameters:
 
 
 @dataclass(frozen=True)
+class TimeSource:
+    """A computer or server that the time service of a computer asks."""
+
+    address: str
+    selected: bool = False
+    reachable: bool = False
+    offset_s: float | None = None  # this computer's clock is so much ahead of it
+
+
+@dataclass(frozen=True)
 class Clock:
     """The clock of the computer; None where its state is unknown."""
 
     synchronised: bool | None = None  # by the kernel: something disciplines it
+    answers: bool | None = None  # a time service does
+    service: str = ""
+    sources: tuple[TimeSource, ...] = ()
 
 
 @dataclass(frozen=True)

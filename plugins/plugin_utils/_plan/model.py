@@ -186,6 +186,18 @@ class MulticastRouting:
 
 
 @dataclass(frozen=True)
+class Clock:
+    """Whose time a computer follows, or who may ask it for the time."""
+
+    source: str  # the computer that gives the time
+    server: IPv4Address | None = None  # its address; None: this computer is the source
+    networks: tuple[IPv4Network, ...] = ()  # the networks that may ask the source
+    # Preflight fills these in: whose time service is there already, and is left alone; whether the clock can be set there.
+    kept: str | None = field(default=None, metadata=notation(left_out=True))
+    settable: bool | None = field(default=None, metadata=notation(left_out=True))
+
+
+@dataclass(frozen=True)
 class Firewall:
     """The packet filter of a computer. FleetPlan.let_in has the sources that pass it."""
 
@@ -233,6 +245,7 @@ class ComputerPlan:
     look_at: LookAt = LookAt()
     multicast_routing: MulticastRouting | None = None
     firewall: Firewall | None = None  # None: no packet filter is wanted
+    clock: Clock | None = field(default=None, metadata=notation(left_out=True))
     environment: Mapping[str, str] = field(default_factory=dict)
     ports: tuple[Port, ...] = ()
     services: tuple[str, ...] = ()  # in the order in which they start
@@ -253,6 +266,7 @@ class ComputerPlan:
     # Multicast routing is planned, or an earlier plan left some behind.
     multicast_routing_due: bool | None = field(default=None, metadata=notation(left_out=True))
     firewall_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the packet filter
+    clock_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the clock
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ from . import membership, model, parameters, providers
 # The parts of multimaster_info that preflight needs: of every computer, and of those with ROS.
 LOOKED_AT = ("system", "owned", "interfaces", "ways", "routing", "forwarding", "filters", "multicast_routing")
 LOOKED_AT_WITH_ROS = ("ros", "packages", "ports", "exports", "sshd", "environment")
+CLOCK = "clock"  # where the fleet has a source of time
 
 
 def fleet_plan(fleet: Fleet) -> model.FleetPlan:
@@ -144,9 +145,10 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         sysctl=_sysctl(fleet) + (FORWARDING if is_gateway else ()),
         routes=() if existing else _routes(fleet, robot, computer),
         routes_expected=expected,
-        look_at=_look_at(robot, is_master, expected, metrics),
+        look_at=_look_at(fleet, robot, is_master, expected, metrics),
         multicast_routing=_multicast_routing(fleet, computer) if is_gateway else None,
         firewall=_firewall(fleet, (robot.network,) if is_gateway else (), computer),
+        clock=_clock(fleet, robot, computer),
         environment=_environment(fleet, robot, computer),
         ports=_ports(fleet, robot) if is_master else (),
         services=_services(robot, is_master),
@@ -193,9 +195,12 @@ def _plan_sealed(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comput
     )
 
 
-def _look_at(robot: Robot, is_master: bool, expected: Iterable[model.ExpectedRoute], metrics: bool) -> model.LookAt:
+def _look_at(
+    fleet: Fleet, robot: Robot, is_master: bool, expected: Iterable[model.ExpectedRoute], metrics: bool
+) -> model.LookAt:
+    also = [part for part, wanted in (("folders", metrics), (CLOCK, fleet.clock)) if wanted]
     return model.LookAt(
-        parts=LOOKED_AT + LOOKED_AT_WITH_ROS + (("folders",) if metrics else ()),
+        parts=(*LOOKED_AT, *LOOKED_AT_WITH_ROS, *also),
         folders=(robot.variables.metrics_folder,) if metrics else None,
         destinations=tuple(route.destination[1] for route in expected),
         packages=providers.packages_to_look_for(robot.variables.provider, is_master),
@@ -263,6 +268,17 @@ def _multicast_routing(fleet: Fleet, gateway: Computer) -> model.MulticastRoutin
     if fleet.variables.multicast_routing == "none" or gateway.common_address is None:
         return None
     return model.MulticastRouting(fleet.variables.multicast_group, (gateway.address, gateway.common_address))
+
+
+def _clock(fleet: Fleet, robot: Robot, computer: Computer) -> model.Clock | None:
+    """Return whose time a computer follows: in the own network by the address there, from elsewhere by the one for others."""
+    source = fleet.clock
+    if source is None:
+        return None
+    if source != computer:
+        return model.Clock(source.name, source.address if source.robot == robot.name else source.discovery_address)
+    networks = [fleet.variables.common_network, *(other.network for other in fleet.robots), *fleet.variables.allow]
+    return model.Clock(source.name, networks=tuple(dict.fromkeys(networks)))
 
 
 # The packet filter

@@ -15,7 +15,7 @@ from typing import Any
 
 from .._fleet import advice
 from .._fleet.plain_text import LINE, quote
-from . import environment, providers, set_up, units
+from . import clock, environment, providers, set_up, units
 from .model import ComputerPlan, Interface, Port
 
 # The units of the collection. They may hold the ports of the plan.
@@ -68,7 +68,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
     problems += _find_machine_problems(plan, info)
     problems += _check_multicast_routing(plan, info, interfaces)
     services, warnings = _choose_services(plan, info)
-    warnings = [*_check_hostname(plan, info), *warnings]
+    warnings = [*_check_hostname(plan, info), *warnings, *clock.list_clock_warnings(plan, info)]
     filled = replace(
         _add_interfaces(plan, interfaces),
         services=services,
@@ -76,6 +76,8 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
         packages=(),
         multicast_routing_due=_is_due(plan.multicast_routing, "multicast_routing", info),
         firewall_due=_is_due(plan.firewall, "firewall", info),
+        clock=clock.add_machine(plan.clock, info),
+        clock_due=_is_due(plan.clock, "files-clock", info),
     )
     limits = list(plan.limits)
     holders: list[Holder] = []
@@ -94,6 +96,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
             warnings += [*_find_missing_roscore(plan, info), *limits]
         else:
             warnings += ros
+        filled = replace(filled, packages=(*(filled.packages or ()), *clock.list_packages(filled.clock)))
     state = MachineState(
         set_up=bool(info.get("owned")),
         runs=_describe_holders(plan, holders),

@@ -13,6 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.probl
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._packages import run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 
+REPLACES = {"chrony": "systemd-timesyncd"}  # Debian has one time service at a time
 NAMES = ["ros-a", "ros-b", "ros-c", "ros-d"]
 
 
@@ -32,11 +33,16 @@ class Apt:
 
     def apt_get(self, argv, **_options):
         words = [word for word in argv[1:] if not word.startswith("--")]
+        if "--simulate" in argv:
+            gone = sorted({REPLACES[name] for name in words[1:] if name in REPLACES} & self.installed)
+            return Answer(0, "".join(f"Remv {name} [1]\nInst {words[1]} (1)\n" for name in gone).encode(), "")
         self.ran.append((words, self.record.read_text() if self.record.exists() else ""))
         for name in words[1:]:
             if name in self.broken:
                 return Answer(100, b"", f"W: slow\nE: Unable to locate package {name}")
-            (self.installed.add if words[0] == "install" else self.installed.discard)(name)
+            added = words[0] == "install" and not name.endswith("-")
+            (self.installed.add if added else self.installed.discard)(name.rstrip("-"))
+            self.installed.discard(REPLACES.get(name, ""))
         return Answer(0, b"", "")
 
     def bring(self, *names, keep=False):
@@ -60,6 +66,17 @@ def test_what_is_missing_is_recorded_and_installed(apt):
     again = apt.bring("ros-a", "ros-b")
     assert not again.changed and len(apt.ran) == 1
     assert again.summary(False) == "The packages were right."
+
+
+def test_what_a_package_replaces_comes_back_with_its_removal(apt):
+    apt.installed.add("systemd-timesyncd")
+    assert apt.bring("ros-a", "chrony").summary(False) == "2 packages were installed, 0 removed."
+    assert apt.installed == {"ros-a", "chrony"}
+    assert "# chrony replaced systemd-timesyncd\n" in apt.record.read_text()
+    assert not apt.bring("ros-a", "chrony").changed  # the record is read again
+    found = apt.bring("ros-a")
+    assert found.summary(False) == "0 packages were installed, 1 removed, systemd-timesyncd is back."
+    assert apt.installed == {"ros-a", "systemd-timesyncd"} and "replaced" not in apt.record.read_text()
 
 
 def test_what_is_wanted_no_more_goes_when_nothing_needs_it(apt):

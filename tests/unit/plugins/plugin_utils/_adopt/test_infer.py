@@ -139,6 +139,16 @@ def test_a_roscore_in_a_container_stays():
     assert valid(proposal) == {**ROBOTS, "robot_cid": ["cid"]}
 
 
+def test_whom_the_others_follow_in_time_is_the_source():
+    infos = fleet()
+    for name in ("ana-gate", "ana-arm", "bob-gate"):  # bob-arm follows somebody outside
+        infos[name]["clock"] = {"sources": [{"address": "192.168.11.2", "selected": True}]}
+    infos["bob-arm"]["clock"] = {"sources": [{"address": "192.0.2.1", "selected": True}]}
+    proposal = adopted(infos)
+    assert proposal.choices["clock"].value == "bob-arm" and "3 of 4" in proposal.choices["clock"].why
+    assert "clock" not in adopted(fleet()).choices and valid(proposal) == ROBOTS
+
+
 def test_a_sensor_network_in_each_robot_is_inside_it():
     infos = fleet(cid=machine("cid", "192.168.1.50/24", masters=[roscore("cid", "192.168.1.50")]))
     for info in infos.values():

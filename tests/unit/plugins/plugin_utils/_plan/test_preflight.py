@@ -110,6 +110,7 @@ def test_a_machine_like_its_plan():
         packages=(),
         multicast_routing_due=False,
         firewall_due=False,
+        clock_due=False,
     )
     assert compare() == preflight.Comparison((), (), plan, preflight.MachineState())
 

@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The time services of this machine: whose configuration they have, and what chrony reads. Nothing is changed."""
+
+import glob
+import os
+import re
+import time
+import typing
+
+from .._module.plain_text import LINE, plain
+from .._process.commands import text
+from . import systemd
+from .system import may_give
+from .time_sources import time_sources
+
+UNIT = "chrony.service"
+CHRONYD = "/usr/sbin/chronyd"
+# What the collection writes for chrony.
+OURS = ("/etc/chrony/rosfleet-multimaster.conf", f"/etc/systemd/system/{UNIT}.d/rosfleet-multimaster.conf")
+_CAP_SYS_TIME = 25  # capabilities(7)
+_STOCK = "/etc/chrony/chrony.conf", "/usr/share/chrony/chrony.conf"  # in use, and as the package has it
+_MOST = 20  # configurations that are told
+
+
+class Dialect(typing.NamedTuple):
+    """A time service: the files with its configuration, and the lines there that name a source of time."""
+
+    service: str
+    files: typing.Tuple[str, ...]
+    line: "typing.Pattern[str]"
+
+
+_SERVERS = re.compile(r"\s*(?:server|servers|pool|peer|refclock|local|initstepslew)\b.*", re.IGNORECASE)
+# The package's own files of timesyncd (systemd's in /usr/lib, and what is commented out) are nobody's configuration. Who has
+# installed ntpd or openntpd has chosen it, with whatever servers.
+DIALECTS = (
+    Dialect(UNIT, ("/etc/chrony/conf.d/*.conf", "/etc/chrony/sources.d/*.sources"), _SERVERS),
+    Dialect(
+        "systemd-timesyncd.service",
+        (
+            "/etc/systemd/timesyncd.conf",
+            "/etc/systemd/timesyncd.conf.d/*.conf",
+            "/run/systemd/timesyncd.conf.d/*.conf",
+            "/usr/local/lib/systemd/timesyncd.conf.d/*.conf",
+        ),
+        re.compile(r"\s*NTP\s*=\s*\S.*"),
+    ),
+    Dialect("ntpsec.service", ("/etc/ntpsec/ntp.conf",), _SERVERS),
+    Dialect("ntp.service", ("/etc/ntp.conf",), _SERVERS),
+    Dialect("openntpd.service", ("/etc/openntpd/ntpd.conf",), _SERVERS),
+)
+_CONSTANTLY = {
+    "ntpsec.service",
+    "ntp.service",
+    "openntpd.service",
+}  # they count with the configuration of their package
+
+
+def clock(root: str = "/") -> typing.Dict[str, typing.Any]:
+    """Read who may set the clock, whether chrony is there, the time services that somebody has configured, and whom they follow."""
+    states = systemd.states([dialect.service for dialect in DIALECTS], ("Id", "LoadState", "UnitFileState"))
+    loaded = {dialect.service: state for dialect, state in zip(DIALECTS, states) if state.get("LoadState") == "loaded"}
+    return {
+        "chronyd": CHRONYD if os.access(os.path.join(root, CHRONYD[1:]), os.X_OK) else "",
+        "enabled": loaded.get(UNIT, {}).get("UnitFileState") == "enabled",
+        "settable": may_give(text(os.path.join(root, "proc/1/status")), _CAP_SYS_TIME),
+        "others": list(_others(root, set(loaded)))[:_MOST],
+        "restart_due": UNIT in loaded and _is_older(root),
+        "sources": time_sources()["sources"],
+    }
+
+
+def _others(root: str, loaded: typing.Collection[str]) -> typing.Iterator[typing.Dict[str, str]]:
+    """Yield the configurations of somebody else, of the services that are there."""
+    ours = os.path.exists(os.path.join(root, OURS[0][1:]))
+    for dialect in DIALECTS:
+        # While chrony reads our file, its own is nobody's but at the source, which includes it.
+        if dialect.service not in loaded or (dialect.service == UNIT and ours):
+            continue
+        lines = list(_lines(root, dialect))
+        if not lines and dialect.service in _CONSTANTLY:
+            lines = [{"file": dialect.files[0], "line": "as its package has it"}]
+        for entry in lines:
+            yield dict(entry, service=dialect.service)
+
+
+def _lines(root: str, dialect: Dialect) -> typing.Iterator[typing.Dict[str, str]]:
+    """Yield the lines of a service that name a source of time; those of chrony's own file, if somebody has edited it."""
+    paths = [path for pattern in dialect.files for path in sorted(glob.glob(os.path.join(root, pattern[1:])))]
+    if dialect.service == UNIT:
+        used, packaged = (text(os.path.join(root, path[1:])) for path in _STOCK)
+        paths += [os.path.join(root, _STOCK[0][1:])] if used != packaged else []
+    for path in paths:
+        named = [line.strip() for line in text(path).splitlines() if dialect.line.fullmatch(line)]
+        edited = path.endswith(_STOCK[0][1:])
+        if named or edited:
+            place = plain("/" + os.path.relpath(path, root), LINE)
+            yield {"file": place, "line": plain(named[0], LINE) if named else "not as its package has it"}
+
+
+def _is_older(root: str) -> bool:
+    """Say if chrony runs since before our present files, which an interrupted run has written."""
+    state = systemd.states([UNIT], ("ActiveState", "StateChangeTimestampMonotonic"))[0]
+    if state.get("ActiveState") != "active":
+        return all(os.path.exists(os.path.join(root, path[1:])) for path in OURS)
+    began = time.time() - time.monotonic() + int(state.get("StateChangeTimestampMonotonic") or 0) / 1e6
+    changed = [
+        os.stat(path).st_mtime for path in (os.path.join(root, path[1:]) for path in OURS) if os.path.exists(path)
+    ]
+    return any(began < moment <= time.time() for moment in changed)

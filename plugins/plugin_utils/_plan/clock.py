@@ -1,0 +1,123 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The clock of a computer: what chrony reads where the fleet has a source of time, and whose time service is left alone.
+
+Pure: the plan and a description of the machine in, files and sentences out. chrony runs as its Debian package has it, in the
+package's unit and sandbox. A drop-in gives it another configuration, which lies where AppArmor's profile lets it read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from .._fleet.plain_text import LINE, plain, quote
+from .model import Clock, ComputerPlan
+
+PACKAGE = "chrony"
+UNIT = "chrony.service"
+# The first one that comes to the configuration of the package. A unit test compares it with multimaster_info.
+CONFIGURATION = "/etc/chrony/rosfleet-multimaster.conf"
+DROP_IN = f"/etc/systemd/system/{UNIT}.d/rosfleet-multimaster.conf"
+STOCK = "/etc/chrony/chrony.conf"
+# Seconds that the services of ROS wait at a start for a clock that is right. Some 3 where the source answers.
+WAIT = 10
+
+_HEADER = "# Managed by rosfleet.multimaster: the clock of this computer; the fleet follows {source}\n"
+# A source keeps its own sources. Where it reaches none, it gives its own time (chrony.conf(5), local).
+_SOURCE = """\
+include {stock}
+local stratum 10
+{allowed}"""
+# One source and no other, so all are right together or wrong together. It is asked each 4 to 16 s. The first three answers may
+# set the clock by a step, which nodes do not see where the source answers at the start. Later it is made slower or faster.
+_FOLLOWER = """\
+server {server} iburst minpoll 2 maxpoll 4
+driftfile /var/lib/chrony/chrony.drift
+makestep 0.1 3
+rtcsync
+maxupdateskew 100.0
+logdir /var/log/chrony
+"""
+_DROP_IN = """\
+[Unit]
+{condition}# Nodes start with stamps that are right.
+Before=multimaster-roscore.service multimaster-discovery.service
+
+[Service]
+EnvironmentFile=
+Environment="DAEMON_OPTS=-F 1{options} -f {configuration}"
+# It waits for the source, and for nobody longer than this.
+ExecStartPost=-/usr/bin/chronyc -n waitsync {wait} 0 0 1
+"""
+# In some containers systemd may not set the clock. chronyd follows and answers there, and sets nothing (chronyd(8), -x).
+_UNSETTABLE = "ConditionCapability=\n"
+
+
+def render(clock: Clock | None) -> list[dict[str, str]]:
+    """Return the files of chrony as managed_files takes them; none without a source, or where somebody's service is kept."""
+    if clock is None or clock.kept:
+        return []
+    if clock.server is None:
+        allowed = "".join(f"allow {network}\n" for network in clock.networks)
+        text = _SOURCE.format(stock=STOCK, allowed=allowed)
+    else:
+        text = _FOLLOWER.format(server=clock.server)
+    condition, options = ("", "") if clock.settable is not False else (_UNSETTABLE, " -x")
+    header = _HEADER.format(source=plain(clock.source, LINE))
+    drop_in = _DROP_IN.format(condition=condition, options=options, configuration=CONFIGURATION, wait=WAIT)
+    return [{"path": CONFIGURATION, "content": header + text}, {"path": DROP_IN, "content": header + drop_in}]
+
+
+def add_machine(clock: Clock | None, info: Mapping[str, Any]) -> Clock | None:
+    """Return the clock with what multimaster_info found on the machine."""
+    machine = info.get("clock")
+    if clock is None or machine is None:
+        return clock
+    kept = next((quote(other["service"]) for other in _list_others(clock, machine)), None)
+    return replace(clock, kept=kept, settable=machine["settable"])
+
+
+def list_packages(clock: Clock | None) -> tuple[str, ...]:
+    """Return the packages that the clock needs."""
+    return () if clock is None or clock.kept else (PACKAGE,)
+
+
+def _list_others(clock: Clock, machine: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """List the time services that somebody has configured. That of chrony goes on at the source, and is its own time there."""
+    return [other for other in machine["others"] if not (clock.server is None and other["service"] == UNIT)]
+
+
+def list_clock_warnings(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence for a time service that is left alone, for a clock that cannot be set, and for a unit that does not start at boot."""
+    clock, machine = plan.clock, info.get("clock")
+    if clock is None or machine is None:
+        return
+    others = _list_others(clock, machine)
+    if others:
+        role = f"the one that follows {clock.source}" if clock.server else "the source of the fleet's time"
+        found = others[0]
+        yield (
+            f"{plan.computer}: {quote(found['service'])} has a configuration of its own ({quote(found['file'], LINE)}: {quote(found['line'], LINE)}), "
+            f"and is left alone; expected no other time service than {role}: {_advise(clock)}."
+        )
+        return
+    if not machine["settable"]:
+        yield (
+            f"{plan.computer}: systemd may not set the clock, as in some containers; expected CAP_SYS_TIME for {UNIT}, which only measures: "
+            "let the clock of the computer that runs the container follow the source."
+        )
+    if machine["chronyd"] and not machine["enabled"]:
+        yield (
+            f"{plan.computer}: {UNIT} does not start at boot; expected it to, so that the clock is right before nodes start: enable it, and run "
+            "site.yml again."
+        )
+
+
+def _advise(clock: Clock) -> str:
+    """Say what to do with a time service of somebody else."""
+    if clock.server is None:
+        return "let it answer the fleet as well, name another computer in multimaster_clock, or remove it and run site.yml again"
+    return f"let it follow {clock.server}, or remove it and run site.yml again"
