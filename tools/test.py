@@ -203,7 +203,7 @@ TIMED = {"links", "data_flow", "alone"}
 #: Files of tests/systems and Molecule scenarios that are part of 'make test-long', since they take minutes. The demonstration
 #: of the multi-computer layout shows the same fleet in every run, but for its restart, its teardown, and a master on an inner
 #: computer.
-COSTLY = {"links", "multi_computer", "placement", "time_source"}
+COSTLY = {"links", "multi_computer", "placement", "time_source", "tunnel"}
 
 #: Faults that are drawn by a seed, of ten kinds, each of which breaks something: their numbers.
 DRAWN = ("1", "2", "4", "6", "14", "15", "18", "27", "37", "39")

@@ -43,7 +43,7 @@ ros-std-msgs ros-std-srvs ros-geometry-msgs ros-diagnostic-msgs ros-actionlib-ms
 
 FULL = """
 network-manager netplan.io ufw firewalld frr cloud-init wireguard-tools
-net-tools tcpdump libfaketime acl attr python3-apt chrony
+net-tools tcpdump libfaketime acl attr python3-apt chrony wireguard-go
 """.split()
 
 # Documentation is a third of the files and no robot needs it.
@@ -62,7 +62,11 @@ ROBOT_HOOKS = [
     # Every network manager is ready; each computer masks those that it does not have (managers.py).
     'systemctl --root="$1" --quiet enable systemd-networkd.service systemd-networkd-wait-online.service',
 ]
-FULL_HOOKS = [': > "$1"/etc/cloud/cloud-init.disabled']
+FULL_HOOKS = [
+    ': > "$1"/etc/cloud/cloud-init.disabled',
+    # What a kernel has for tunnels, on a computer that is no container.
+    'echo "c! /dev/net/tun 0600 root root - 10:200" > "$1"/etc/tmpfiles.d/lab-tunnel.conf',
+]
 HOOKS = [
     "rm -rf " + " ".join(f'"$1"{path}' for path in EXCLUDED),
     # Empty, not missing: each container gets an id of its own, and no boot is a "first boot" that would preset units.

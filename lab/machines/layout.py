@@ -140,11 +140,31 @@ def _interfaces(ports: Sequence[Port], gateways: Mapping[Network, str]) -> Itera
         )
 
 
+def _carry(variables: Mapping[str, Any], robots: Sequence[str]) -> Mapping[str, Any]:
+    """The variables as the network below has it, where the common network is a tunnel: who has no endpoint gets a free address there."""
+    inside = [name for name in robots if variables[name].get("multimaster_gateway", name) == name]
+    ends = {
+        name: variables[name]["multimaster_endpoint"] for name in inside if "multimaster_endpoint" in variables[name]
+    }
+    if not ends or variables[inside[0]].get("multimaster_tunnel") != "wireguard":
+        return variables
+    network = ipaddress.ip_network(f"{next(iter(ends.values()))}/24", strict=False)
+    free = (str(address) for address in reversed(list(network.hosts())) if str(address) not in ends.values())
+    carried = {}
+    for name in robots:
+        own = {**variables[name], "multimaster_common_network": str(network)}
+        if name in inside:
+            place = "multimaster_common_address" if own.get("multimaster_network") else "multimaster_address"
+            own[place] = ends.get(name) or next(free)
+        carried[name] = own
+    return {**variables, **carried}
+
+
 def hosts_of(listing: Mapping[str, Any], extras: Mapping[str, Extra] | None = None) -> list[Host]:
     """The computers of the groups `robots` and `routers`, and what is extra: a host of its own, or more for one of these."""
     extras = extras or {}
-    variables = listing["_meta"]["hostvars"]
     robots = list(dict.fromkeys(_hosts_below(listing, "robots")))
+    variables = _carry(listing["_meta"]["hostvars"], robots)
     if not robots:
         raise LabError("The inventory has no host below the group 'robots'.")
     routers = list(dict.fromkeys(_hosts_below(listing, "routers")))

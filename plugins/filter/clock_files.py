@@ -51,7 +51,7 @@ from ..plugin_utils._plan.model import Clock
 def clock_files(plan: Mapping[str, Any]) -> list[dict[str, str]]:
     """Return the files; see DOCUMENTATION."""
     try:
-        return clock.render(from_plain(Clock, plan) if plan else None)
+        return clock.render_clock(from_plain(Clock, plan) if plan else None)
     except (TypeError, ValueError) as problem:
         raise AnsibleFilterError(f"The plan of the clock is wrong: {problem}.") from problem
 

@@ -62,6 +62,10 @@ options:
     description: The folder that node_exporter reads, for C(metrics), for example V(/var/lib/prometheus/node-exporter).
     type: str
     default: ""
+  tunnel_digest:
+    description: The digest of the files of the tunnel; a change of it restarts C(tunnel).
+    type: str
+    default: ""
 """
 
 EXAMPLES = r"""
@@ -110,6 +114,7 @@ def service_units(
     nodes_digest: str,
     code_digest: str = "",
     metrics_folder: str = "",
+    tunnel_digest: str = "",
 ) -> list[dict[str, str]]:
     """Return the units by name and content; see DOCUMENTATION."""
     known = (*units.OTHERS, *programs)
@@ -131,6 +136,7 @@ def service_units(
             nodes_digest=nodes_digest,
             code_digest=code_digest,
             metrics_folder=metrics_folder,
+            tunnel_digest=tunnel_digest,
         )
     except quotes.Unquotable as problem:
         raise AnsibleFilterError(str(problem)) from problem

@@ -54,11 +54,11 @@ options:
     type: list
     elements: str
     choices:
-      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, clock, folders, ports, masters, exports,
-       sshd, environment]
+      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, clock, tunnel, folders, ports, masters,
+       exports, sshd, environment]
     default:
-      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, clock, folders, ports, exports, sshd,
-       environment]
+      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, clock, tunnel, folders, ports, exports,
+       sshd, environment]
   destinations:
     description:
       - IPv4 addresses to which the ways are looked up, for example V(192.168.10.1); see RV(ways).
@@ -589,6 +589,21 @@ clock:
       returned: always
       type: bool
       sample: false
+tunnel:
+  description: What a tunnel of WireGuard needs.
+  returned: with the part V(tunnel)
+  type: dict
+  contains:
+    kernel:
+      description: Whether the kernel has WireGuard.
+      returned: always
+      type: bool
+      sample: true
+    device:
+      description: Whether there is C(/dev/net/tun), which wireguard-go needs.
+      returned: always
+      type: bool
+      sample: true
 ros:
   description: ROS 1 on this machine.
   returned: with the part V(ros)

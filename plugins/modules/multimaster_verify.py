@@ -1517,6 +1517,60 @@ clock:
       returned: always
       type: bool
       sample: true
+tunnel:
+  description: The tunnel of the collection on this computer, as WireGuard tells it. No private key is asked for.
+  returned: when O(action=collect)
+  type: dict
+  sample: {up: false, public_key: "", port: 0, peers: []}
+  contains:
+    up:
+      description: Whether there is one, or null where it was not looked at.
+      returned: always
+      type: bool
+      sample: true
+    public_key:
+      description: The public half of its own key, or empty.
+      returned: always
+      type: str
+      sample: gkP4R9BW/LAS3o72Pgyd9RV5/Y+44cDLYXHuIXhbnQY=
+    port:
+      description: Its UDP port, or 0.
+      returned: always
+      type: int
+      sample: 51820
+    peers:
+      description: The other computers that it lets in.
+      returned: always
+      type: list
+      elements: dict
+      sample: []
+      contains:
+        public_key:
+          description: The public key of the other computer.
+          returned: always
+          type: str
+          sample: aMFEklSnshJSw/GPt1vxqBhXbTHvA70Xv/1DVHwZrAA=
+        endpoint:
+          description: The address and port at which it was heard last, or where it is looked for; empty for neither.
+          returned: always
+          type: str
+          sample: 192.168.1.239:51820
+        networks:
+          description: The addresses and networks that are its own.
+          returned: always
+          type: list
+          elements: str
+          sample: [10.77.0.2/32]
+        heard:
+          description: Whether anything came from it within 4 s. Each computer sends something each 3 s.
+          returned: always
+          type: bool
+          sample: true
+        handshake_age_s:
+          description: The seconds since the last handshake, or null where there was none.
+          returned: always
+          type: float
+          sample: 12.0
 disks:
   description: The room that is left for others than root where services write, each file system once.
   returned: when O(action=collect)

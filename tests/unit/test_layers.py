@@ -27,6 +27,7 @@ ROOMS = {
         "_routes": {"_changes", "_machine", "_module", "_process"},
         "_firewall": {"_changes", "_machine", "_module", "_process"},
         "_packages": {"_changes", "_machine", "_module", "_process"},
+        "_tunnel": {"_changes", "_module", "_process"},
         "_computer": {
             "_changes",
             "_firewall",
@@ -43,7 +44,7 @@ ROOMS = {
         "_multicast": {"_machine", "_module", "_process"},
         "_verify": {"_client", "_machine", "_module", "_multicast", "_process"},
         "_look": {"_changes", "_client", "_machine", "_module", "_process", "_routes", "_verify"},
-        "_probe": {"_boot", "_client", "_look", "_machine", "_module", "_multicast", "_process", "_verify"},
+        "_probe": {"_boot", "_client", "_look", "_machine", "_module", "_multicast", "_process", "_tunnel", "_verify"},
         "_watch": {"_machine", "_multicast", "_process"},
         "_follow": {"_machine", "_module", "_multicast", "_process"},
     },

@@ -91,6 +91,7 @@ PARTS = (
     Part("ros", ros.find, 180, NO_ROS, options=("ros_setup", "nodes")),
     Part("packages", fkie.packages, 30, [], options=("packages",)),
     Part("clock", clock.clock, 10, NO_CLOCK),
+    Part("tunnel", system.tunnel, 5, {"kernel": True, "device": True}),
     Part("folders", system.folders, 5, [], options=("folders",)),
     Part("ports", ports.holders, 15, [], options=("ports",)),
     Part("masters", masters, 60, [], options=("ports",)),

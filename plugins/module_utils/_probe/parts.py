@@ -14,6 +14,7 @@ from .._module.module import validate_options
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem
 from .._process.deadlines import call_all
+from .._tunnel import probe as tunnel
 from .._verify import (
     changes,
     claims,
@@ -195,6 +196,7 @@ PARTS = (
         lambda params, ros, deadline: dict(resources.clock(), **time_sources.time_sources()),
         {"synchronised": None, "answers": None, "service": "", "sources": []},
     ),
+    Part("tunnel", lambda params, ros, deadline: tunnel.look(), {"up": None, "public_key": "", "port": 0, "peers": []}),
     Part("changes", lambda params, ros, deadline: changes.changes(), [], on_router=True),
     Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], on_router=True),
     Part("file_limits", lambda params, ros, deadline: resources.file_limits(), []),

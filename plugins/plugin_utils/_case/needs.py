@@ -19,6 +19,7 @@ from .ways import COMMON
 Parts = frozenset[Part]
 
 NAMES = ("unknown", "loopback", "old", "several")  # a name with a wrong meaning
+TUNNEL = "multimaster-tunnel.service"
 DISCOVERY = ("dead", "hung", "group")
 # what a computer that forwards packets needs: kind and mode of parts
 FORWARDER = (("computer", "off"), ("forwarding", "off"), ("filter", "forward"), ("reverse_path", "strict"))
@@ -49,8 +50,33 @@ def _way(case: Case, one: str, other: str) -> Parts:
     parts |= duplicates(case, one, other) | neighbours(case, one, other) | neighbours(case, other, one)
     for asks, answers in _hops(case, one, other):
         parts |= {Part("neighbour", asks, "fixed", answers), Part("neighbour", answers, "fixed", asks)}
+    parts |= _tunnel_parts(case, [place for place, network in links(case, one, other) if network == COMMON])
     parts |= {Part(kind, gateway, mode) for gateway in gateways(case, one, other) for kind, mode in FORWARDER}
     return frozenset(parts | _link_parts(case, one, other, "down", "dead") | _routes(case, one, other))
+
+
+def _tunnel_parts(case: Case, places: Iterable[str]) -> Parts:
+    """List the parts of the tunnel between two computers of the common network, where that is one."""
+    ends = [place for place in places if place in case.fleet.computers and case.fleet.computers[place].tunnel]
+    if len(ends) != 2:
+        return frozenset()
+    own = join_parts(
+        make_parts("tunnel", end, "peer", "key", "silent") | make_parts("service", end, "down", what=TUNNEL)
+        for end in ends
+    )
+    return own | {Part.from_pair("tunnel", "pair", *ends)}
+
+
+def find_ended_tunnel(case: Case, computer: str) -> Parts:
+    """Return the unit of a tunnel that was looked at and is not up: its interface, its address and its routes are gone with it."""
+    plan, probe = case.fleet.computers.get(computer), case.run[computer].seen.probe if computer in case.run else None
+    ended = plan is not None and plan.tunnel is not None and probe is not None and probe.tunnel.up is False
+    return make_parts("service", computer, "down", what=TUNNEL) if ended else frozenset()
+
+
+def list_tunnel_parts(case: Case, one: str, other: str) -> Parts:
+    """List the parts that a handshake between two computers of the tunnel needs."""
+    return _tunnel_parts(case, (one, other))
 
 
 def _link_parts(case: Case, one: str, other: str, mode: str, *network_modes: str) -> Parts:

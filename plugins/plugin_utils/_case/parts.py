@@ -471,6 +471,33 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: chronyc tracking; date --utc +%T.%N",
         what="wrong",
     ),
+    ("tunnel", "peer"): Fault(
+        "{place} has other peers in its tunnel than planned: {what}",
+        f"{SITE}, which writes the peers of all computers",
+        "on {place}: wg show multimaster0 allowed-ips",
+        cost=2.0,
+        what="a computer of the fleet",
+        read=READ,
+    ),
+    ("tunnel", "key"): Fault(
+        "the key of {place} is not the one that others have of it",
+        f"find out who has set {{place}} up anew; if it was you, {SITE} with -e tunnel_rotate=true",
+        "on {place}: wg show multimaster0 public-key",
+        cost=2.0,
+        read=READ,
+    ),
+    ("tunnel", "silent"): Fault(
+        "nothing comes through the tunnel of {place}",
+        "let its UDP port pass in the network that carries it, and look at the clock: handshakes of a computer whose clock went back are "
+        "refused; see on {place}: wg show multimaster0; date --utc; nft list ruleset",
+        "on {place}: wg show multimaster0; date --utc; nft list ruleset",
+    ),
+    ("tunnel", "pair"): Fault(
+        "nothing comes through the tunnel between {place}, and both reach others",
+        "look at what is between them in the network that carries it; see on {place}: wg show multimaster0 endpoints",
+        "on {place}: wg show multimaster0 endpoints",
+        cost=4.0,
+    ),
     ("time_source", "none"): Fault(
         "no time service of {place} answers, so its clock is nobody's",
         f"{SITE}, which starts chrony; see on {{place}}: systemctl status chrony; chronyc sources",

@@ -246,7 +246,7 @@ def _judge_source(case: Case) -> Judgement | None:
 )
 def _judge_icmp_rounds(case: Case) -> Judgement | None:
     icmp = case.observer.seen.multicast.icmp if case.observer.seen.multicast else None
-    if icmp is None or case.peer is None or not case.peer.answers_broadcasts:
+    if icmp is None or case.peer is None or not case.peer.answers_broadcasts or case.observer.plan.tunnel:
         return None  # by plan it does not answer: the kernel's default, and no harm
     if not (case.observer.plan.common_address and case.peer.plan.common_address):
         return None  # such a ping stays on the common network
@@ -371,7 +371,10 @@ def _to_master(case: Case) -> Route | None:
         "route", case.observer.name, "missing", "other", what=_beyond(case, case.master.address)
     ),
     suspects=lambda case: make_parts("interface", case.observer.name, "prefix", "address"),
-    evidence=lambda case: _route_evidence(case, _to_master(case), case.master.address),
+    evidence=lambda case: (
+        needs.find_ended_tunnel(case, case.observer.name)
+        or _route_evidence(case, _to_master(case), case.master.address)
+    ),
 )
 def _judge_master_route(case: Case) -> Judgement | None:
     return _judge_route(case, _to_master(case), case.master.address)
@@ -396,7 +399,9 @@ def _to_outer(case: Case) -> Route | None:
     report="4.2",
     needs=lambda case: make_parts("route", case.observer.name, "missing", "other", what=_beyond(case, _outer(case))),
     suspects=lambda case: make_parts("interface", case.observer.name, "prefix", "address"),
-    evidence=lambda case: _route_evidence(case, _to_outer(case), _outer(case)),
+    evidence=lambda case: (
+        needs.find_ended_tunnel(case, case.observer.name) or _route_evidence(case, _to_outer(case), _outer(case))
+    ),
 )
 def _judge_outer_route(case: Case) -> Judgement | None:
     return _judge_route(case, _to_outer(case), _outer(case))

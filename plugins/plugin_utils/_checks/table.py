@@ -19,6 +19,7 @@ from . import (
     ros,
     strangers,
     time_sources,
+    tunnel,
 )
 from .engine import Check
 
@@ -27,6 +28,7 @@ FILES = (
     manual_setup,
     next_boot,
     programs,
+    tunnel,
     network,
     time_sources,
     discovery_nodes,

@@ -79,6 +79,64 @@ def find_wrong_clock(fleet: Fleet) -> list[str]:
     ]
 
 
+def find_wrong_tunnel(fleet: Fleet) -> list[str]:
+    """Return a sentence for each thing that a tunnel cannot be together with."""
+    given = fleet.variables
+    if given.tunnel == "none":
+        return []
+    where = "in group_vars/robots.yml"
+    wrong = [
+        (
+            given.transport != "unicast",
+            f"multimaster_transport is '{given.transport}'; expected 'unicast', since a tunnel carries no multicast: set it {where}",
+        ),
+        (
+            given.multicast_routing != "none",
+            f"multimaster_multicast_routing is 'smcroute'; expected 'none', since a tunnel carries no multicast: remove it {where}",
+        ),
+        (
+            given.firewall != "fleet",
+            f"multimaster_firewall is 'none'; expected 'fleet', since the ports of ROS would be open beside the tunnel: set it {where}",
+        ),
+        (
+            fleet.router is not None,
+            "the common network has a router; expected none, since each computer reaches the others by the tunnel itself: remove "
+            "multimaster_router or the group 'routers'",
+        ),
+        *_find_wrong_places(fleet),
+    ]
+    return [f"multimaster_tunnel is '{given.tunnel}', but {sentence}." for is_so, sentence in wrong if is_so]
+
+
+def _find_wrong_places(fleet: Fleet) -> Iterator[tuple[bool, str]]:
+    """Yield what is wrong with the computers in a tunnel: whether it is so, and the sentence."""
+    network = fleet.variables.common_network
+    inside = [computer for computer in fleet.computers if computer.common_address]
+    ends = {computer.name: computer.variables.endpoint for computer in inside}
+    silent = [name for name, end in ends.items() if end is None]
+    yield (
+        len(silent) > 1,
+        f"{shorten_list(silent)} have no multimaster_endpoint; expected it of all computers in the common network but one, since of two one must "
+        "know where the other is",
+    )
+    within = [name for name, end in ends.items() if end and end in network]
+    yield (
+        bool(within),
+        f"multimaster_endpoint of {shorten_list(within)} is in the tunnel itself ({network}); expected the address in the network that carries "
+        "the tunnel",
+    )
+    sealed = [computer.name for computer in inside if computer.sealed]
+    yield (
+        bool(sealed),
+        f"{shorten_list(sealed)} in the common network is sealed; expected computers where one may log in, since each makes its own key",
+    )
+    devices = [robot.name for robot in fleet.robots if robot.gateway and not robot.gateway.name]
+    yield (
+        bool(devices),
+        f"the gateway of {shorten_list(devices)} is no computer of the inventory; expected one that has a key",
+    )
+
+
 DIAGNOSTICS = "/diagnostics"
 
 

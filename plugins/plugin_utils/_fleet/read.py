@@ -92,6 +92,7 @@ def read_fleet(inventory: Inventory) -> Fleet:
     if not problems:
         fleet = _make_fleet(reading, router)
         problems = [*heartbeats.find_unreachable_masters(fleet), *contradictions.find_wrong_clock(fleet)]
+        problems += contradictions.find_wrong_tunnel(fleet)
     if problems:
         raise InventoryProblems(_collapse(problems, [*reading.hosts, *inventory.routers]))
     return fleet

@@ -92,6 +92,13 @@ class ComputerVariables:
         "names",
     )
 
+    endpoint: IPv4Address | None = row(
+        kinds.address,
+        "The address by which the other computers reach it outside of the tunnel (`multimaster_tunnel`). Without it, the computer speaks "
+        "first and may change its address at any time, as by DHCP, in another wifi or behind a provider.",
+        "172.16.4.29",
+    )
+
 
 @dataclass(frozen=True)
 class FleetVariables:
@@ -174,6 +181,18 @@ class FleetVariables:
         "The computer whose time all others follow, by chrony, or a robot, whose master's computer it is then. It keeps the time sources "
         "that it has, and gives its own time where it reaches none. Default: nobody's clock is touched. See docs/operate/clock.md.",
         "tibi-nav",
+    )
+    tunnel: str = word(
+        ("none", "wireguard"),
+        "`wireguard`: the common network is a tunnel of WireGuard between the computers in it, which the collection makes. Its addresses are "
+        "those of the inventory. See docs/operate/hostile_networks.md.",
+        "wireguard",
+    )
+    tunnel_port: int = row(
+        kinds.number(int, 1024, 65535),
+        "The UDP port of the tunnel.",
+        "51820",
+        default=51820,
     )
     heartbeat_hz: float = row(
         kinds.number(float, 0.02, 25.5),

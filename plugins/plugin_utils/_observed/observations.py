@@ -317,6 +317,27 @@ class NodeParameters:
 
 
 @dataclass(frozen=True)
+class TunnelPeer:
+    """Another computer in the tunnel, as WireGuard of the observer knows it."""
+
+    public_key: str
+    endpoint: str = ""
+    networks: tuple[str, ...] = ()
+    heard: bool = False
+    handshake_age_s: float | None = None
+
+
+@dataclass(frozen=True)
+class SeenTunnel:
+    """The tunnel of a computer; `up` is None where it was not looked at."""
+
+    up: bool | None = None
+    public_key: str = ""
+    port: int = 0
+    peers: tuple[TunnelPeer, ...] = ()
+
+
+@dataclass(frozen=True)
 class TimeSource:
     """A computer or server that the time service of a computer asks."""
 
@@ -458,6 +479,7 @@ class Probe:
     traffic: Traffic = Traffic()
     parameters: NodeParameters = NodeParameters()
     clock: Clock = Clock()
+    tunnel: SeenTunnel = SeenTunnel()
     disks: tuple[Disk, ...] = ()
     file_limits: tuple[FileLimit, ...] = ()
     container_names: tuple[ContainerNames, ...] = ()

@@ -56,7 +56,7 @@ ExecStartPost=-/usr/bin/chronyc -n waitsync {wait} 0 0 1
 _UNSETTABLE = "ConditionCapability=\n"
 
 
-def render(clock: Clock | None) -> list[dict[str, str]]:
+def render_clock(clock: Clock | None) -> list[dict[str, str]]:
     """Return the files of chrony as managed_files takes them; none without a source, or where somebody's service is kept."""
     if clock is None or clock.kept:
         return []
@@ -80,7 +80,7 @@ def add_machine(clock: Clock | None, info: Mapping[str, Any]) -> Clock | None:
     return replace(clock, kept=kept, settable=machine["settable"])
 
 
-def list_packages(clock: Clock | None) -> tuple[str, ...]:
+def list_clock_packages(clock: Clock | None) -> tuple[str, ...]:
     """Return the packages that the clock needs."""
     return () if clock is None or clock.kept else (PACKAGE,)
 

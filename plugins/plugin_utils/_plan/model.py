@@ -198,6 +198,27 @@ class Clock:
 
 
 @dataclass(frozen=True)
+class Peer:
+    """Another computer in the tunnel."""
+
+    computer: str
+    networks: tuple[IPv4Network, ...]  # the addresses that are its own in the tunnel, and the network behind it
+    endpoint: IPv4Address | None = None  # None: it speaks first
+
+
+@dataclass(frozen=True)
+class Tunnel:
+    """The place of a computer in the tunnel that is the common network."""
+
+    address: IPv4Address
+    network: IPv4Network
+    port: int
+    peers: tuple[Peer, ...] = ()
+    routes: tuple[Route, ...] = ()  # to the networks behind other computers
+    endpoint: IPv4Address | None = None
+
+
+@dataclass(frozen=True)
 class Firewall:
     """The packet filter of a computer. FleetPlan.let_in has the sources that pass it."""
 
@@ -246,6 +267,7 @@ class ComputerPlan:
     multicast_routing: MulticastRouting | None = None
     firewall: Firewall | None = None  # None: no packet filter is wanted
     clock: Clock | None = field(default=None, metadata=notation(left_out=True))
+    tunnel: Tunnel | None = field(default=None, metadata=notation(left_out=True))
     environment: Mapping[str, str] = field(default_factory=dict)
     ports: tuple[Port, ...] = ()
     services: tuple[str, ...] = ()  # in the order in which they start
@@ -267,6 +289,7 @@ class ComputerPlan:
     multicast_routing_due: bool | None = field(default=None, metadata=notation(left_out=True))
     firewall_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the packet filter
     clock_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the clock
+    tunnel_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the tunnel
 
 
 @dataclass(frozen=True, kw_only=True)

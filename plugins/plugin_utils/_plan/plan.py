@@ -14,7 +14,8 @@ from . import membership, model, parameters, providers
 # The parts of multimaster_info that preflight needs: of every computer, and of those with ROS.
 LOOKED_AT = ("system", "owned", "interfaces", "ways", "routing", "forwarding", "filters", "multicast_routing")
 LOOKED_AT_WITH_ROS = ("ros", "packages", "ports", "exports", "sshd", "environment")
-CLOCK = "clock"  # where the fleet has a source of time
+# Where the fleet has a source of time, and where its common network is a tunnel.
+CLOCK, TUNNEL = "clock", "tunnel"
 
 
 def fleet_plan(fleet: Fleet) -> model.FleetPlan:
@@ -99,6 +100,7 @@ def _make_member(fleet: Fleet, robot: Robot, computer: Computer) -> model.Member
     is_master = computer == robot.companion
     routed = fleet.variables.multicast_routing != "none" and robot.gateway is not None and bool(robot.gateway.name)
     in_common_network = computer.common_address is not None
+    in_tunnel = fleet.variables.tunnel != "none"  # which carries no multicast
     return model.Member(
         name=computer.name,
         robot=robot.name,
@@ -106,7 +108,7 @@ def _make_member(fleet: Fleet, robot: Robot, computer: Computer) -> model.Member
         network=robot.network,
         discovery_address=computer.discovery_address,
         discovery=not computer.sealed and (is_master or in_common_network),
-        multicast=not computer.sealed and (in_common_network or (is_master and routed)),
+        multicast=not computer.sealed and not in_tunnel and (in_common_network or (is_master and routed)),
     )
 
 
@@ -126,7 +128,9 @@ def _listeners(members: Iterable[model.Member]) -> tuple[model.Listener, ...]:
 def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.ComputerPlan:
     is_master = computer == robot.companion
     is_gateway = robot.gateway is not None and robot.gateway.name == computer.name
-    existing = robot.variables.routes == "existing"
+    tunnel = _tunnel(fleet, robot, computer)
+    # The unit of the tunnel makes its routes, each time that it starts.
+    existing = robot.variables.routes == "existing" or tunnel is not None
     expected = _list_expected_routes(fleet, robot, computer) if existing else ()
     metrics = parameters.writes_metrics(robot) and is_master
     return model.ComputerPlan(
@@ -149,9 +153,10 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         multicast_routing=_multicast_routing(fleet, computer) if is_gateway else None,
         firewall=_firewall(fleet, (robot.network,) if is_gateway else (), computer),
         clock=_clock(fleet, robot, computer),
+        tunnel=tunnel,
         environment=_environment(fleet, robot, computer),
         ports=_ports(fleet, robot) if is_master else (),
-        services=_services(robot, is_master),
+        services=_services(robot, is_master, tunnel),
         metrics_folder=robot.variables.metrics_folder if metrics else None,
         provider=robot.variables.provider,
         discovery=parameters.discovery(fleet, robot) if is_master else {},
@@ -198,7 +203,8 @@ def _plan_sealed(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comput
 def _look_at(
     fleet: Fleet, robot: Robot, is_master: bool, expected: Iterable[model.ExpectedRoute], metrics: bool
 ) -> model.LookAt:
-    also = [part for part, wanted in (("folders", metrics), (CLOCK, fleet.clock)) if wanted]
+    wanted = {"folders": metrics, CLOCK: fleet.clock, TUNNEL: fleet.variables.tunnel != "none"}
+    also = [part for part, is_wanted in wanted.items() if is_wanted]
     return model.LookAt(
         parts=(*LOOKED_AT, *LOOKED_AT_WITH_ROS, *also),
         folders=(robot.variables.metrics_folder,) if metrics else None,
@@ -281,6 +287,31 @@ def _clock(fleet: Fleet, robot: Robot, computer: Computer) -> model.Clock | None
     return model.Clock(source.name, networks=tuple(dict.fromkeys(networks)))
 
 
+def _tunnel(fleet: Fleet, robot: Robot, computer: Computer) -> model.Tunnel | None:
+    """Return the place of a computer in the tunnel, None without one. Computers behind a gateway use that of the gateway."""
+    if fleet.variables.tunnel == "none" or computer.common_address is None:
+        return None
+    others = [
+        (other, own) for other in fleet.robots for own in other.computers if own.common_address and own != computer
+    ]
+    return model.Tunnel(
+        address=computer.common_address,
+        network=fleet.variables.common_network,
+        port=fleet.variables.tunnel_port,
+        peers=tuple(
+            model.Peer(own.name, _list_own_networks(other, own), own.variables.endpoint) for other, own in others
+        ),
+        routes=_network_routes(fleet, robot, computer),
+        endpoint=computer.variables.endpoint,
+    )
+
+
+def _list_own_networks(robot: Robot, computer: Computer) -> tuple[IPv4Network, ...]:
+    """Return what is a computer's own in the tunnel: its address, and on a gateway the network of its robot."""
+    own = [IPv4Network(computer.discovery_address)]
+    return tuple(own + ([robot.network] if robot.gateway and robot.gateway.name == computer.name else []))
+
+
 # The packet filter
 
 
@@ -292,7 +323,11 @@ def _firewall(
         return None
     if computer is None:
         return model.Firewall(networks)
-    return model.Firewall(networks, computer.variables.firewall_also, computer.variables.firewall_ports)
+    # Who comes by the tunnel has a key; to others its port does not answer.
+    tunnel = (
+        (f"{fleet.variables.tunnel_port}/udp",) if fleet.variables.tunnel != "none" and computer.common_address else ()
+    )
+    return model.Firewall(networks, computer.variables.firewall_also, (*computer.variables.firewall_ports, *tunnel))
 
 
 def _let_in(fleet: Fleet, belonging: model.Membership) -> tuple[IPv4Network, ...]:
@@ -351,11 +386,12 @@ def _ports(fleet: Fleet, robot: Robot) -> tuple[model.Port, ...]:
     )
 
 
-def _services(robot: Robot, is_master: bool) -> tuple[str, ...]:
+def _services(robot: Robot, is_master: bool, tunnel: model.Tunnel | None) -> tuple[str, ...]:
     """Return the services of a computer of a robot, in the order in which they start."""
+    first = ("tunnel", "address") if tunnel else ("address",)
     if not is_master:
-        return ("address",)
+        return first
     roscore = ("roscore",) if _roscore(robot) == "managed" else ()
     connections = ("connections",) if robot.variables.provider == "bundled" else ()
     metrics = ("metrics",) if parameters.writes_metrics(robot) else ()
-    return ("address", *roscore, "discovery", *connections, "sync", *metrics)
+    return (*first, *roscore, "discovery", *connections, "sync", *metrics)

@@ -15,7 +15,7 @@ from typing import Any
 
 from .._fleet import advice
 from .._fleet.plain_text import LINE, quote
-from . import clock, environment, providers, set_up, units
+from . import clock, environment, providers, set_up, tunnel, units
 from .model import ComputerPlan, Interface, Port
 
 # The units of the collection. They may hold the ports of the plan.
@@ -60,8 +60,9 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
 
     The new plan has the names of the interfaces, the nodes' programs and the packages to install.
     """
+    problems = list(tunnel.find_tunnel_problems(plan, info))
+    info = tunnel.add_interface(plan, info)
     interfaces: dict[IPv4Address, str] = {}  # address -> name
-    problems = []
     for wanted in plan.networks:
         interfaces[wanted.address], interface_problems = _find_interface(plan, info, wanted)
         problems += interface_problems
@@ -69,16 +70,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
     problems += _check_multicast_routing(plan, info, interfaces)
     services, warnings = _choose_services(plan, info)
     warnings = [*_check_hostname(plan, info), *warnings, *clock.list_clock_warnings(plan, info)]
-    filled = replace(
-        _add_interfaces(plan, interfaces),
-        services=services,
-        programs=units.NO_PROGRAMS,
-        packages=(),
-        multicast_routing_due=_is_due(plan.multicast_routing, "multicast_routing", info),
-        firewall_due=_is_due(plan.firewall, "firewall", info),
-        clock=clock.add_machine(plan.clock, info),
-        clock_due=_is_due(plan.clock, "files-clock", info),
-    )
+    filled = replace(_fill(plan, info, interfaces), services=services)
     limits = list(plan.limits)
     holders: list[Holder] = []
     if not plan.is_router:
@@ -96,7 +88,6 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
             warnings += [*_find_missing_roscore(plan, info), *limits]
         else:
             warnings += ros
-        filled = replace(filled, packages=(*(filled.packages or ()), *clock.list_packages(filled.clock)))
     state = MachineState(
         set_up=bool(info.get("owned")),
         runs=_describe_holders(plan, holders),
@@ -106,6 +97,21 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
     )
     problems += [_refuse_port(plan, holder) for holder in holders]
     return Comparison(tuple(problems), tuple(warnings), filled, state)
+
+
+def _fill(plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4Address, str]) -> ComputerPlan:
+    """Return the plan with what only the machine knows: interfaces, whose clock is kept, packages, and what an earlier plan left."""
+    follows = clock.add_machine(plan.clock, info)
+    return replace(
+        _add_interfaces(plan, interfaces),
+        programs=units.NO_PROGRAMS,
+        packages=(*clock.list_clock_packages(follows), *tunnel.list_tunnel_packages(plan.tunnel, info)),
+        multicast_routing_due=_is_due(plan.multicast_routing, "multicast_routing", info),
+        firewall_due=_is_due(plan.firewall, "firewall", info),
+        clock=follows,
+        clock_due=_is_due(plan.clock, "files-clock", info),
+        tunnel_due=_is_due(plan.tunnel, "files-tunnel", info),
+    )
 
 
 def explain_failure(computer: str, failed: Mapping[str, Any], version: str) -> str:
@@ -151,7 +157,7 @@ def _add_programs(plan: ComputerPlan, info: Mapping[str, Any], nodes: providers.
         if plan.is_master
         else plan.programs
     )
-    return replace(plan, programs=programs, packages=tuple(nodes.packages))
+    return replace(plan, programs=programs, packages=(*nodes.packages, *(plan.packages or ())))
 
 
 def _is_due(planned: object, record: str, info: Mapping[str, Any]) -> bool:
@@ -254,7 +260,7 @@ def _find_machine_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Itera
             "multimaster_metrics_folder, or set multimaster_metrics to 'none'."
         )
     ways = {entry["destination"]: entry for entry in info.get("ways", ())}
-    for route in plan.routes_expected:
+    for route in () if plan.tunnel else plan.routes_expected:  # the unit of a tunnel makes them
         way = ways.get(str(route.destination[1]), {"error": "not looked at", "gateway": None})
         gateway, gateways = way["gateway"], [str(planned) for planned in route.gateways]
         if gateway not in gateways:

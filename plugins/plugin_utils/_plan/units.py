@@ -97,6 +97,37 @@ RestrictAddressFamilies=AF_NETLINK
 MemoryDenyWriteExecute=yes
 {sandbox}"""
 
+# The tunnel
+
+_TUNNEL = """\
+# Managed by rosfleet.multimaster: the tunnel to the other robots, of the robot {robot}
+[Unit]
+Description=Tunnel of this computer of {robot} to the other robots (WireGuard)
+Documentation=https://github.com/rosfleet/multimaster
+# Its address is there without a network, and so is its port: who comes back is heard from whatever address.
+After=network-pre.target nftables.service
+Before=multimaster-address.service multimaster-roscore.service multimaster-discovery.service multimaster-sync.service
+
+[Service]
+Type=oneshot
+RemainAfterExit=yes
+Environment=ROSFLEET_INPUTS={inputs}
+ExecStart=/usr/bin/wg-quick up {configuration}/multimaster0.conf
+ExecStop=/usr/bin/wg-quick down {configuration}/multimaster0.conf
+# What an earlier start has left, as wireguard-go that was killed.
+ExecStartPre=-/sbin/ip link delete dev multimaster0
+# Root, since the key is root's, with the rights of a network manager alone.
+CapabilityBoundingSet=CAP_NET_ADMIN
+# The one device that wireguard-go needs, where the kernel has no WireGuard.
+DeviceAllow=/dev/net/tun rw
+BindPaths=-/dev/net/tun
+ReadWritePaths=/run
+ProtectHome=yes
+RestrictAddressFamilies=AF_INET AF_INET6 AF_NETLINK AF_UNIX
+MemoryMax=256M
+TasksMax=256
+{sandbox}"""
+
 # The units of ROS
 
 # A service of ROS: a folder of its own, restarts, an unprivileged user.
@@ -165,7 +196,7 @@ NODES = {
 }
 
 #: the services that are not nodes
-OTHERS = ("address", "roscore", "connections", "metrics")
+OTHERS = ("tunnel", "address", "roscore", "connections", "metrics")
 
 
 def render_services(
@@ -180,6 +211,7 @@ def render_services(
     nodes_digest: str,
     code_digest: str = "",
     metrics_folder: str = "",
+    tunnel_digest: str = "",
 ) -> list[Unit]:
     """The units of a computer's services (OTHERS and the keys of NODES), in the order of `names`.
 
@@ -190,7 +222,10 @@ def render_services(
     shared = {"robot": quotes.escape_text(robot), "inputs": _digest(environment_digest, nodes_digest)}
     units = []
     for name in names:
-        if name == "address":
+        if name == "tunnel":
+            values = {**shared, "inputs": quotes.escape_text(tunnel_digest)}
+            text = _complete(_TUNNEL, **values)
+        elif name == "address":
             text = _complete(_ADDRESS, **shared, address=ipaddress.IPv4Address(address), protocol=ROUTE_PROTOCOL)
         elif name == "connections":
             text = _complete(_CONNECTIONS, **shared, end=_isolate("end_connections"))

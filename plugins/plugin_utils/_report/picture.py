@@ -142,7 +142,8 @@ class _Picture:
         ways = {"both": "multicast and unicast"}.get(fleet.transport, fleet.transport)
         if row:
             return f"{fleet.common_network}, the same network"
-        return f"common network {fleet.common_network}; discovery by {ways}, {fleet.multicast_group}:{fleet.multicast_port}"
+        kind = "tunnel" if any(plan.tunnel for plan in fleet.computers.values()) else "common network"
+        return f"{kind} {fleet.common_network}; discovery by {ways}, {fleet.multicast_group}:{fleet.multicast_port}"
 
     def _router(self, y: int) -> int:
         router = self.fleet.router

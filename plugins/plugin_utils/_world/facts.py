@@ -14,6 +14,7 @@ from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import Any
 
 from .._fleet.plain_text import quote
+from .._plan import tunnel
 from .._plan.model import ComputerPlan, FleetPlan
 from . import plan_world
 from .model import ACCEPT, FORWARD, IN, LOOSE, NAT, OUT, Interface, Link, Machine, Route, Rule, World
@@ -177,7 +178,20 @@ def _merge_links(fleet: FleetPlan, world: World) -> World:
 # What site.yml does
 
 
+def _add_tunnel(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machine:
+    """Add the interface of the tunnel, where it is not there yet."""
+    own = plan.tunnel
+    if own is None or any(one.name == tunnel.INTERFACE for one in machine.interfaces):
+        return machine
+    address = IPv4Interface(f"{own.address}/{own.network.prefixlen}")
+    link = plan_world.name_link(fleet, own.network)
+    interface = Interface(name=tunnel.INTERFACE, addresses=(address,), link=link, mtu=tunnel.MTU, up=True)
+    route = Route(destination=own.network, gateway=None, device=tunnel.INTERFACE, source=own.address)
+    return replace(machine, interfaces=(*machine.interfaces, interface), routes=(*machine.routes, route))
+
+
 def _apply(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machine:
+    machine = _add_tunnel(fleet, plan, machine)
     interfaces = machine.interfaces
     if any(setting.name == "net.ipv4.ip_forward" for setting in plan.sysctl):
         interfaces = tuple(replace(one, forwarding=True) for one in interfaces)
@@ -195,7 +209,10 @@ def _apply(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machine:
 
 def _routes(plan: ComputerPlan, machine: Machine) -> tuple[Route, ...]:
     """Return the routes with those of the plan. A planned route replaces one with its destination and metric 0."""
-    routes = plan_world.list_routes(replace(plan, routes_expected=()), [one for one in machine.interfaces if one.up])
+    planned = (*plan.routes, *(plan.tunnel.routes if plan.tunnel else ()))
+    routes = plan_world.list_routes(
+        replace(plan, routes=planned, routes_expected=()), [one for one in machine.interfaces if one.up]
+    )
     places = {route.destination for route in routes}
     others = [route for route in machine.routes if route.destination not in places or route.metric]
     return (*routes, *others)

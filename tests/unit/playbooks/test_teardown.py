@@ -35,7 +35,15 @@ def test_every_bundle_is_taken_back():
         for kind in ("managed_files", "managed_services")
         for bundle in run.get(kind, ())
     ]
-    assert sorted(bundles) == ["clock", "environment", "multicast_routing", "multicast_routing", "multimaster", "nodes"]
+    assert sorted(bundles) == [
+        "clock",
+        "environment",
+        "multicast_routing",
+        "multicast_routing",
+        "multimaster",
+        "nodes",
+        "tunnel",
+    ]
 
 
 def test_services_end_before_their_files_go():

@@ -47,7 +47,7 @@ def test_every_role_has_the_same_parts(role):
 
 
 # What a role takes of another one: as the default of an option, so it can be seen.
-HANDED_ON = {"environment_digest", "nodes_digest", "nodes_code_digest"}
+HANDED_ON = {"environment_digest", "nodes_digest", "nodes_code_digest", "tunnel_digest"}
 TOGETHER = "computer"  # this role hands over what the others have
 
 

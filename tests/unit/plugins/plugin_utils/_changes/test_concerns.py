@@ -20,7 +20,7 @@ OPTIONS = {
     "firewall": {"rules": []},
     "hosts_entries": {"entries": []},
     "multimaster_packages": {"names": []},
-    "managed_files": [{"bundle": name} for name in ("environment", "nodes", "multicast_routing", "clock")],
+    "managed_files": [{"bundle": name} for name in ("environment", "nodes", "multicast_routing", "clock", "tunnel")],
     "managed_services": [{"bundle": name} for name in ("multicast_routing", "multimaster")],
     "shells": {"variables": {}},
 }

@@ -26,12 +26,12 @@ def look(computer, clock_name="tibi-nav", **found):
 
 
 def text(planned):
-    return {file["path"]: file["content"] for file in clock.render(planned)}
+    return {file["path"]: file["content"] for file in clock.render_clock(planned)}
 
 
 def test_without_a_source_nothing_is_planned():
     assert {of.clock for of in fig12().computers.values()} == {None}
-    assert clock.render(None) == [] == clock_files({}) and clock.list_packages(None) == ()
+    assert clock.render_clock(None) == [] == clock_files({}) and clock.list_clock_packages(None) == ()
     assert "clock" not in to_plain(fig12().computers["tibi-nav"])
     assert all("clock" not in of.look_at.parts for of in fig12().computers.values())
 
@@ -79,7 +79,9 @@ def test_a_follower_has_one_source():
         "server 192.168.11.100 iburst minpoll 2 maxpoll 4"
     ]
     assert f"-F 1 -f {clock.CONFIGURATION}" in files[clock.DROP_IN] and "Condition" not in files[clock.DROP_IN]
-    assert clock_files(to_plain(planned)) == clock.render(planned) and clock.list_packages(planned) == ("chrony",)
+    assert clock_files(to_plain(planned)) == clock.render_clock(planned) and clock.list_clock_packages(planned) == (
+        "chrony",
+    )
 
 
 def test_a_source_keeps_its_own_and_answers_the_fleet():
@@ -112,5 +114,5 @@ def test_a_service_that_does_not_start_at_boot_is_told():
 def test_what_somebody_has_configured_stays(computer, service, kept):
     planned, warnings = look(computer, others=OTHERS[service])
     assert bool(planned.kept) is kept
-    assert bool(clock.render(planned)) is not kept and bool(clock.list_packages(planned)) is not kept
+    assert bool(clock.render_clock(planned)) is not kept and bool(clock.list_clock_packages(planned)) is not kept
     assert [service in line and "/etc/x.conf" in line for line in warnings] == [True] * kept

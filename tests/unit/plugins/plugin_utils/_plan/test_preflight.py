@@ -111,6 +111,7 @@ def test_a_machine_like_its_plan():
         multicast_routing_due=False,
         firewall_due=False,
         clock_due=False,
+        tunnel_due=False,
     )
     assert compare() == preflight.Comparison((), (), plan, preflight.MachineState())
 

@@ -1,0 +1,12 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The action tunnel_key: runs the module tunnel_key, and returns its documented answer."""
+
+from __future__ import annotations
+
+from ..plugin_utils._changes.robot_action import RobotAction
+
+
+class ActionModule(RobotAction):
+    """Runs the module."""

@@ -1,0 +1,70 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The tunnel of this computer as WireGuard tells it. The words that are asked for have no private key (wg(8))."""
+
+import re
+import time
+import typing
+
+from .._process.commands import run
+
+INTERFACE = "multimaster0"
+MOST = 1000  # peers that are told
+LISTENS = 4.0  # seconds, more than from one keepalive to the next
+_KEY = re.compile(r"[A-Za-z0-9+/]{43}=")
+_NETWORK = re.compile(r"\d{1,3}(?:\.\d{1,3}){3}/\d{1,2}")
+_ENDPOINT = re.compile(r"\d{1,3}(?:\.\d{1,3}){3}:\d{1,5}")
+_NUMBER = re.compile(r"\d{1,18}")
+
+
+def look(interface: str = INTERFACE) -> typing.Dict[str, typing.Any]:
+    """Read the tunnel: whether it is up, its key and port, and its peers, with whether each was heard meanwhile."""
+    before = _read(interface, "transfer")
+    if before:
+        time.sleep(LISTENS)
+    after = _read(interface, "transfer")
+    key, port = _ask(interface, "public-key"), _ask(interface, "listen-port")
+    ends, networks, times = (_read(interface, word) for word in ("endpoints", "allowed-ips", "latest-handshakes"))
+    now = time.time()
+    peers = [
+        {
+            "public_key": peer,
+            "endpoint": next(iter(_ENDPOINT.findall(ends.get(peer, ""))), ""),
+            "networks": sorted(_NETWORK.findall(allowed))[:MOST],
+            "handshake_age_s": _measure_age(times.get(peer, ""), now),
+            "heard": _count_received(before.get(peer, "")) < _count_received(after.get(peer, "")),
+        }
+        for peer, allowed in sorted(networks.items())
+    ]
+    return {
+        "up": _KEY.fullmatch(key) is not None,
+        "public_key": key if _KEY.fullmatch(key) else "",
+        "port": int(port) if _NUMBER.fullmatch(port) else 0,
+        "peers": peers[:MOST],
+    }
+
+
+def _ask(interface: str, word: str) -> str:
+    """Ask wg for one thing; empty where it does not answer."""
+    answer = run(["wg", "show", interface, word])
+    return answer.text.strip() if answer.status == 0 else ""
+
+
+def _read(interface: str, word: str) -> typing.Dict[str, str]:
+    """Read lines of a key and a value."""
+    lines = (line.partition("\t") for line in _ask(interface, word).splitlines())
+    return {key: value for key, _tab, value in lines if _KEY.fullmatch(key)}
+
+
+def _count_received(transfer: str) -> int:
+    """Read the bytes that came from a peer, the first of two numbers."""
+    number = transfer.partition("\t")[0]
+    return int(number) if _NUMBER.fullmatch(number) else 0
+
+
+def _measure_age(moment: str, now: float) -> typing.Optional[float]:
+    """Return the seconds since a handshake; None where there was none. A clock that went back makes no age below 0."""
+    if not _NUMBER.fullmatch(moment) or int(moment) == 0:
+        return None
+    return round(max(0.0, now - int(moment)), 1)

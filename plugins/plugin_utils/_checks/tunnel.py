@@ -1,0 +1,111 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The check of the tunnel between two computers, where the common network is one."""
+
+from __future__ import annotations
+
+from .._case import needs
+from .._case.case import Case
+from .._case.needs import Parts, make_parts
+from .._case.parts import Part
+from .._observed.observations import SeenTunnel, TunnelPeer
+from .._plan.model import Peer
+from .engine import FAILED, MEMBER, OK, Check, Judgement
+
+
+def _find_planned(case: Case, observer: str = "", target: str = "") -> Peer | None:
+    """Return the planned peer of an observer, by default that of the case."""
+    plan = case.fleet.computers.get(observer or case.observer.name)
+    peers = plan.tunnel.peers if plan and plan.tunnel else ()
+    return next((peer for peer in peers if peer.computer == (target or case.target)), None)
+
+
+def _look_at(case: Case, computer: str) -> SeenTunnel | None:
+    """Return the tunnel of a computer, if it was looked at and is up."""
+    probe = case.run[computer].seen.probe if computer in case.run else None
+    return probe.tunnel if probe and probe.tunnel.up else None
+
+
+def _find_peer(case: Case, observer: str, planned: Peer) -> TunnelPeer | None:
+    """Find a planned peer at a computer by its own address."""
+    seen = _look_at(case, observer)
+    own = str(planned.networks[0])
+    return next((peer for peer in seen.peers if own in peer.networks), None) if seen else None
+
+
+def _is_as_planned(peer: TunnelPeer | None, planned: Peer) -> bool:
+    return peer is not None and sorted(peer.networks) == sorted(map(str, planned.networks))
+
+
+def _has_its_key(case: Case, observer: str, planned: Peer) -> bool:
+    """Say if a computer has the key of the target; where the target was not looked at, nothing else is known."""
+    there, peer = _look_at(case, planned.computer), _find_peer(case, observer, planned)
+    return there is None or peer is None or peer.public_key == there.public_key
+
+
+def _hears(case: Case, observer: str) -> bool:
+    """Say if a computer hears another one by its tunnel, or was not looked at."""
+    seen = _look_at(case, observer)
+    return seen is None or any(peer.heard for peer in seen.peers)
+
+
+def _is_heard(case: Case, planned: Peer, observer: str) -> bool:
+    """Say if any other computer hears this one."""
+    peers = [_find_peer(case, other, planned) for other in case.run if other not in (observer, planned.computer)]
+    return any(peer.heard for peer in peers if peer)
+
+
+def _find_silence(case: Case, planned: Peer) -> Parts:
+    """Return whose tunnel nothing comes through: that of one of the two, where it is so with others too, or what is between them."""
+    name = case.observer.name
+    deaf, mute = not _hears(case, name), not _is_heard(case, planned, name)
+    if deaf != mute:
+        return make_parts("tunnel", name if deaf else planned.computer, "silent")
+    return frozenset({Part.from_pair("tunnel", "pair", name, planned.computer)})
+
+
+def _find_mistake(case: Case, one: str, other: str) -> Parts:
+    """Return what is wrong with the place that one computer has for another one: its addresses, or a key that is not its own."""
+    planned = _find_planned(case, one, other)
+    if planned is None or _look_at(case, one) is None:
+        return frozenset()
+    if not _is_as_planned(_find_peer(case, one, planned), planned):
+        return make_parts("tunnel", one, "peer", what=other)
+    if _has_its_key(case, one, planned):
+        return frozenset()
+    others = [name for name in case.run if name not in (one, other) and _find_peer(case, name, planned)]
+    if any(_has_its_key(case, name, planned) for name in others):
+        return make_parts("tunnel", one, "peer", what=other)
+    return make_parts("tunnel", other, "key")
+
+
+def _evidence(case: Case) -> Parts:
+    planned, name, target = _find_planned(case), case.observer.name, case.target
+    if planned is None:
+        return frozenset()
+    mistake = _find_mistake(case, name, target) or _find_mistake(case, target, name)
+    return mistake or needs.find_ended_tunnel(case, target) or _find_silence(case, planned)
+
+
+@Check(
+    title="the tunnel between two computers is open",
+    scope=MEMBER,
+    about="with `multimaster_tunnel`",
+    expected="each is a peer of the other with its own key and its planned addresses, and is heard within 4 s",
+    needs=lambda case: needs.list_tunnel_parts(case, case.observer.name, case.target),
+    evidence=_evidence,
+)
+def _judge_tunnel(case: Case) -> Judgement | None:
+    planned = _find_planned(case)
+    if planned is None or _look_at(case, case.observer.name) is None:
+        return None  # a tunnel that is not up is a service that does not run
+    peer = _find_peer(case, case.observer.name, planned)
+    if peer is None or not _is_as_planned(peer, planned):
+        networks = ", ".join(map(str, planned.networks))
+        return Judgement(FAILED, f"a peer with {networks}", f"one with {', '.join(peer.networks)}" if peer else "none")
+    if not _has_its_key(case, case.observer.name, planned):
+        return Judgement(FAILED, "its own key", f"the key {peer.public_key}")
+    age = "there was none" if peer.handshake_age_s is None else f"the last was {peer.handshake_age_s:.0f} s ago"
+    found = f"{'it is heard' if peer.heard else 'nothing in 4 s'}; of handshakes {age}"
+    return Judgement(OK if peer.heard else FAILED, "something from it within 4 s", found)

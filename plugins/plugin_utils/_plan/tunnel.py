@@ -1,0 +1,202 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The tunnel that is the common network: what wg-quick reads on a computer, and the public keys of the others.
+
+Pure: the plan, public keys and a description of the machine in, texts and sentences out. A private key is in none of them.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+from collections.abc import Iterator, Mapping
+from ipaddress import IPv4Network
+from typing import Any
+
+from .._fleet.plain_text import LINE, plain, quote
+from .model import ComputerPlan, Tunnel
+
+INTERFACE = "multimaster0"
+FOLDER = "/etc/rosfleet-multimaster"
+CONFIGURATION = f"{FOLDER}/{INTERFACE}.conf"
+FILTER = f"{FOLDER}/{INTERFACE}.nft"
+KEY = f"/etc/wireguard/{INTERFACE}.key"
+TABLE = "rosfleet_tunnel"
+MTU = 1420  # bytes; what wg-quick takes over a network of 1500
+# Seconds after which a computer that has changed its address is heard from its new one.
+KEEPALIVE = 3
+
+_HEADER = "# Managed by rosfleet.multimaster: the tunnel of this computer\n"
+# wg-quick(8). The private key stays in its own file, and the routes have the gateways of the plan.
+_INTERFACE = """\
+[Interface]
+Address = {address}/{prefix}
+ListenPort = {port}
+Table = off
+PreUp = nft -f {filter}
+PostUp = wg set %i private-key {key}
+{routes}PostDown = nft delete table inet {table}
+"""
+_ROUTE = "PostUp = ip route replace {network} via {gateway} dev %i\n"
+_PEER = """
+# {computer}
+[Peer]
+PublicKey = {key}
+AllowedIPs = {networks}
+{endpoint}PersistentKeepalive = {keepalive}
+"""
+# What is the tunnel's comes by the tunnel: nobody on the network below can send in the name of a robot.
+_FILTER = """\
+table inet {table} {{
+}}
+delete table inet {table}
+table inet {table} {{
+  chain prerouting {{
+    type filter hook prerouting priority raw; policy accept;
+    iifname != {{ "{interface}", "lo" }} ip saddr {{ {networks} }} drop
+  }}
+}}
+"""
+
+
+def is_key(text: object) -> bool:
+    """Say if a text is a public key: 32 bytes in base64 (wg(8))."""
+    try:
+        return isinstance(text, str) and len(text) == 44 and len(base64.b64decode(text, validate=True)) == 32
+    except (binascii.Error, ValueError):
+        return False
+
+
+def render_tunnel(tunnel: Tunnel | None, keys: Mapping[str, str]) -> list[dict[str, str]]:
+    """Return the files as managed_files takes them. `keys` are public ones by computer; who has none yet is no peer."""
+    if tunnel is None:
+        return []
+    routes = "".join(_ROUTE.format(network=route.destination, gateway=route.gateway) for route in tunnel.routes)
+    text = _INTERFACE.format(
+        address=tunnel.address,
+        prefix=tunnel.network.prefixlen,
+        port=tunnel.port,
+        filter=FILTER,
+        key=KEY,
+        routes=routes,
+        table=TABLE,
+    )
+    peers = "".join(
+        _PEER.format(
+            computer=plain(peer.computer, LINE),
+            key=keys[peer.computer],
+            networks=", ".join(map(str, peer.networks)),
+            endpoint=f"Endpoint = {peer.endpoint}:{tunnel.port}\n" if peer.endpoint else "",
+            keepalive=KEEPALIVE,
+        )
+        for peer in tunnel.peers
+        if is_key(keys.get(peer.computer))
+    )
+    own = [IPv4Network(tunnel.address), *(network for peer in tunnel.peers for network in peer.networks)]
+    guard = _FILTER.format(table=TABLE, interface=INTERFACE, networks=", ".join(map(str, own)))
+    return [
+        {"path": FILTER, "content": _HEADER + guard, "mode": "0644"},
+        {"path": CONFIGURATION, "content": _HEADER + text + peers, "mode": "0600"},
+    ]
+
+
+def add_interface(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return what multimaster_info found, with the interface of the tunnel as it will be."""
+    tunnel = plan.tunnel
+    if tunnel is None or any(entry["name"] == INTERFACE for entry in info["interfaces"]):
+        return info
+    planned = {
+        "name": INTERFACE,
+        "up": True,
+        "loopback": False,
+        "multicast": False,
+        "point_to_point": True,
+        "addresses": [{"address": str(tunnel.address), "prefix": tunnel.network.prefixlen, "family": "inet"}],
+    }
+    return {**info, "interfaces": [*info["interfaces"], planned]}
+
+
+def list_tunnel_packages(tunnel: Tunnel | None, info: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the packages that the tunnel needs."""
+    if tunnel is None:
+        return ()
+    return ("nftables", "wireguard-tools", *(() if info["tunnel"]["kernel"] else ("wireguard-go",)))
+
+
+def find_tunnel_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence for a tunnel of somebody else with the same address, and for an endpoint that is not on the machine."""
+    tunnel = plan.tunnel
+    if tunnel is None:
+        return
+    places = {entry["address"]: of["name"] for of in info["interfaces"] for entry in of["addresses"]}
+    found = places.get(str(tunnel.address))
+    if found not in (None, INTERFACE):
+        yield (
+            f"{plan.computer}: {tunnel.address} is already on {quote(found)}, and multimaster_tunnel is 'wireguard'; expected nobody else's tunnel "
+            "with this address: end that one, or set multimaster_tunnel to 'none' and use it as it is (docs/operate/hostile_networks.md)."
+        )
+    if not info["tunnel"]["device"] and not info["tunnel"]["kernel"]:
+        yield (
+            f"{plan.computer}: the kernel has no WireGuard, and there is no /dev/net/tun, as in some containers; expected one of the two for the "
+            "tunnel: load the module (modprobe wireguard), or give the container this device."
+        )
+
+
+# The keys of all computers, as they are kept beside the inventory
+
+
+class WrongKeys(ValueError):
+    """Keys that are not to be believed; the text is the sentence about them."""
+
+
+def read_keys(text: str) -> dict[str, str]:
+    """Read the kept keys: a computer and its key on each line. Raises WrongKeys."""
+    keys: dict[str, str] = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.partition("#")[0].split()
+        if not words:
+            continue
+        if len(words) != 2 or not is_key(words[1]) or words[0] in keys:
+            raise WrongKeys(
+                f"line {number} is {quote(line, LINE)}; expected the name of a computer and its public key, each computer once"
+            )
+        keys[words[0]] = words[1]
+    return keys
+
+
+def write_keys(keys: Mapping[str, str]) -> str:
+    """Write the keys, in the order of the computers."""
+    head = "# The public keys of the tunnel, by computer: written by rosfleet.multimaster, and nothing secret.\n"
+    return head + "".join(f"{computer} {keys[computer]}\n" for computer in sorted(keys))
+
+
+def join_keys(
+    kept: Mapping[str, str], told: Mapping[str, object], computers: Mapping[str, ComputerPlan], rotate: bool
+) -> dict[str, str]:
+    """Join the kept keys with those that computers have told of themselves. Raises WrongKeys.
+
+    A computer that is no longer in the plan loses its place. A key that has changed is believed only where that was asked for.
+    """
+    inside = {name for name, plan in computers.items() if plan.tunnel}
+    keys = {computer: key for computer, key in kept.items() if computer in inside}
+    for computer, key in told.items():
+        if computer not in inside or key == "":  # in check mode there may be none yet
+            continue
+        if not is_key(key):
+            raise WrongKeys(f"{computer}: its public key is {quote(key, LINE)}; expected 32 bytes in base64")
+        if keys.get(computer, key) != key and not rotate:
+            raise WrongKeys(
+                f"{computer}: its public key is {key}, and was {keys[computer]} before; expected the same: if you have set it up anew, run "
+                "site.yml with -e tunnel_rotate=true, and else find out who answers there"
+            )
+        keys[computer] = str(key)
+    owners: dict[str, str] = {}
+    for computer, key in sorted(keys.items()):
+        first = owners.setdefault(key, computer)
+        if first != computer:
+            raise WrongKeys(
+                f"{computer}: its public key is that of {first}, too; expected a key of its own: one of them is a copy of the other, so run "
+                "site.yml with -e tunnel_rotate=true"
+            )
+    return keys

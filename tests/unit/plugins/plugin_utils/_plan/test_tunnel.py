@@ -1,0 +1,199 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The tunnel: who is a peer of whom, the files of WireGuard, and which keys are believed."""
+
+import base64
+import random
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.filter.tunnel_files import tunnel_files
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain, to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import (
+    Inventory,
+    InventoryProblems,
+    read_fleet,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import tunnel
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
+from fleets import plan
+from hypothesis import given
+from hypothesis import strategies as st
+
+ANA, BOB, GATE, ARM = "ana-pc", "bob-pc", "dan-gate", "dan-arm"
+SHARED = {
+    "multimaster_common_network": "10.77.0.0/24",
+    "multimaster_tunnel": "wireguard",
+    "multimaster_transport": "unicast",
+    "multimaster_firewall": "fleet",
+}
+DAN = {
+    "multimaster_network": "192.168.29.0/24",
+    "multimaster_gateway": GATE,
+    "multimaster_common_address": "10.77.0.24",
+    "multimaster_master": GATE,
+}
+HOSTS = {
+    ANA: {"multimaster_address": "10.77.0.21", "multimaster_endpoint": "192.168.28.21"},
+    BOB: {"multimaster_address": "10.77.0.22"},
+    GATE: {"multimaster_address": "192.168.29.1", "multimaster_endpoint": "192.168.28.24", **DAN},
+    ARM: {"multimaster_address": "192.168.29.2", **DAN},
+}
+ROBOTS = {"ana": [ANA], "bob": [BOB], "dan": [GATE, ARM]}
+
+
+def fleet(changes=None, **shared):
+    values = {host: {**SHARED, **shared, **own, **(changes or {}).get(host, {})} for host, own in HOSTS.items()}
+    values = {host: {name: value for name, value in own.items() if value is not None} for host, own in values.items()}
+    return fleet_plan(read_fleet(Inventory(robots=ROBOTS, variables=values)))
+
+
+def key(number):
+    return base64.b64encode(random.Random(number).randbytes(32)).decode()
+
+
+KEYS = {name: key(number) for number, name in enumerate((ANA, BOB, GATE))}
+
+
+def texts(computer, keys=None):
+    return {
+        file["path"]: file["content"] for file in tunnel.render_tunnel(fleet().computers[computer].tunnel, keys or KEYS)
+    }
+
+
+def test_without_the_variable_there_is_none():
+    computers = plan().computers
+    assert {of.tunnel for of in computers.values()} == {None} and tunnel.render_tunnel(None, {}) == [] == tunnel_files(
+        {}
+    )
+    assert all("tunnel" not in of.look_at.parts and "tunnel" not in to_plain(of) for of in computers.values())
+
+
+def test_each_computer_of_the_common_network_is_a_peer():
+    computers = fleet().computers
+    assert computers[ARM].tunnel is None and "tunnel" not in computers[ARM].services
+    peers = {peer.computer: peer for peer in computers[ANA].tunnel.peers}
+    assert list(map(str, peers[GATE].networks)) == ["10.77.0.24/32", "192.168.29.0/24"]
+    assert str(peers[GATE].endpoint) == "192.168.28.24" and peers[BOB].endpoint is None
+    assert [(str(route.destination), str(route.gateway)) for route in computers[ANA].tunnel.routes] == [
+        ("192.168.29.0/24", "10.77.0.24")
+    ]
+    assert computers[ANA].routes == () and computers[ARM].routes  # by its gateway, as ever
+    assert computers[ANA].services[0] == "tunnel" and "51820/udp" in computers[ANA].firewall.open_ports
+    assert not any(member.multicast for member in fleet().members)
+    plain = to_plain(fleet())
+    assert from_plain(FleetPlan, plain).computers[ANA].tunnel == computers[ANA].tunnel
+
+
+def test_the_files_have_the_peers_of_the_plan_and_no_private_key():
+    files = texts(ANA)
+    text, guard = files[tunnel.CONFIGURATION], files[tunnel.FILTER]
+    assert text.count("[Peer]") == 2 and "PrivateKey" not in text and "private-key /etc/wireguard/" in text
+    assert "AllowedIPs = 10.77.0.24/32, 192.168.29.0/24\nEndpoint = 192.168.28.24:51820\n" in text
+    assert f"PublicKey = {KEYS[BOB]}\nAllowedIPs = 10.77.0.22/32\nPersistentKeepalive = 3\n" in text
+    assert "ip route replace 192.168.29.0/24 via 10.77.0.24 dev %i" in text
+    assert "ip saddr { 10.77.0.21/32, 10.77.0.22/32, 10.77.0.24/32, 192.168.29.0/24 } drop" in guard
+    assert "192.168.29.0/24" not in texts(GATE)[tunnel.FILTER]  # its own, which comes from behind it
+    assert tunnel_files(to_plain(fleet().computers[ANA].tunnel), KEYS) == tunnel.render_tunnel(
+        fleet().computers[ANA].tunnel, KEYS
+    )
+
+
+def test_who_has_no_key_yet_is_no_peer():
+    assert texts(ANA, {ANA: KEYS[ANA], BOB: "no key"})[tunnel.CONFIGURATION].count("[Peer]") == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "shared", "words"),
+    [
+        ({}, {"multimaster_transport": "both"}, "expected 'unicast'"),
+        ({}, {"multimaster_firewall": "none"}, "multimaster_firewall is 'none'"),
+        ({}, {"multimaster_router": "10.77.0.1"}, "has a router"),
+        ({ANA: {"multimaster_endpoint": None}}, {}, "ana-pc, bob-pc have no multimaster_endpoint"),
+        ({ANA: {"multimaster_endpoint": "10.77.0.99"}}, {}, "ana-pc is in the tunnel itself"),
+        (
+            {name: {"multimaster_gateway": "192.168.29.9"} for name in (GATE, ARM)},
+            {},
+            "the gateway of dan is no computer",
+        ),
+    ],
+)
+def test_what_a_tunnel_cannot_be_together_with(changes, shared, words):
+    with pytest.raises(InventoryProblems) as found:
+        fleet(changes, **shared)
+    assert words in str(found.value)
+
+
+FOUND = {"interfaces": [{"name": "eth0", "addresses": [{"address": "192.168.28.21", "prefix": 24}]}], "tunnel": {}}
+
+
+@pytest.mark.parametrize(
+    ("interface", "kernel", "device", "words"),
+    [
+        (None, True, True, []),
+        (None, False, True, []),
+        (None, False, False, ["no /dev/net/tun"]),
+        (tunnel.INTERFACE, True, True, []),
+        ("wg0", True, True, ["already on wg0"]),
+    ],
+)
+def test_the_machine_is_asked_before_anything_changes(interface, kernel, device, words):
+    own = fleet().computers[ANA]
+    there = [{"name": interface, "addresses": [{"address": "10.77.0.21", "prefix": 24}]}] if interface else []
+    info = {"interfaces": FOUND["interfaces"] + there, "tunnel": {"kernel": kernel, "device": device}}
+    problems = list(tunnel.find_tunnel_problems(own, info))
+    assert [word in problem for word, problem in zip(words, problems, strict=True)] == [True] * len(words)
+    packages = tunnel.list_tunnel_packages(own.tunnel, info)
+    assert ("wireguard-go" in packages) is not kernel and "wireguard-tools" in packages
+    names = [entry["name"] for entry in tunnel.add_interface(own, info)["interfaces"]]
+    assert names.count(tunnel.INTERFACE) == 1 and tunnel.add_interface(fleet().computers[ARM], info) is info
+
+
+def join(kept, told, rotate=False):
+    return tunnel.join_keys(kept, told, fleet().computers, rotate)
+
+
+def test_kept_keys_and_told_ones_are_joined():
+    assert join({}, {}) == {} and join(KEYS, {}) == KEYS
+    assert join({ANA: KEYS[ANA]}, {BOB: KEYS[BOB], GATE: ""}) == {ANA: KEYS[ANA], BOB: KEYS[BOB]}
+    assert join({**KEYS, "gone": key(9), ARM: key(8)}, {ARM: key(7)}) == KEYS  # they are not in the tunnel
+    assert tunnel.read_keys(tunnel.write_keys(KEYS)) == KEYS
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ({ANA: key(9)}, "was "),
+        ({ANA: "short"}, "32 bytes"),
+        ({ANA: 7}, "32 bytes"),
+        ({ANA: KEYS[BOB]}, "was "),
+    ],
+)
+def test_a_key_that_is_not_the_kept_one_is_refused(told, words):
+    with pytest.raises(tunnel.WrongKeys) as found:
+        join(KEYS, told)
+    assert str(found.value).startswith(f"{ANA}: ") and words in str(found.value)
+
+
+def test_new_keys_are_believed_where_they_were_asked_for():
+    assert join(KEYS, {ANA: key(9)}, rotate=True) == {**KEYS, ANA: key(9)}
+    with pytest.raises(tunnel.WrongKeys, match="is that of ana-pc, too"):
+        join(KEYS, {BOB: KEYS[ANA]}, rotate=True)
+
+
+@pytest.mark.parametrize("text", ["ana-pc", "ana-pc x", f"a {key(1)}\na {key(2)}", f"a {key(1)} more"])
+def test_a_file_that_is_none_of_ours_is_refused(text):
+    with pytest.raises(tunnel.WrongKeys, match="expected the name of a computer"):
+        tunnel.read_keys(text)
+
+
+@given(st.text() | st.binary(min_size=32, max_size=32).map(lambda raw: base64.b64encode(raw).decode()))
+def test_only_the_form_of_a_key_is_one(text):
+    try:
+        good = base64.b64encode(base64.b64decode(text, validate=True)).decode() == text and len(text) == 44
+    except ValueError:
+        good = False
+    if tunnel.is_key(text):
+        assert len(base64.b64decode(text)) == 32 and "\n" not in text
+    assert tunnel.is_key(text) or not good
