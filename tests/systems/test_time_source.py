@@ -91,6 +91,7 @@ def test_a_configuration_of_somebody_stays_and_is_judged(found):
     lab, output, before = found
     assert "cid-pc: chrony.service has a configuration of its own" in output, output
     assert lab.run(CID, STATE, check=False) == before[CID]
+    wait_until(lambda: follows(lab, CID) == [SOURCE], 60, "cid-pc follows")  # it was there before the source was
     status, output = verify(lab)
     assert status == 0 and "PASSED" in output, output
 

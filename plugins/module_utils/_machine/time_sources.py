@@ -5,10 +5,12 @@
 
 import ipaddress
 import re
+import time
 import typing
 
 from .._process.commands import run
 
+_PAUSE = 1.0  # seconds
 LAST = 0b1111  # the bits of the last four requests
 MOST = 32  # sources that are told
 _SECONDS = re.compile(r"[+-]?\d{1,12}(?:\.\d{1,12})?(?:e[+-]?\d{1,2})?")
@@ -46,13 +48,19 @@ def has_answered(register: str) -> bool:
 
 
 def read_chrony(output: str) -> typing.List[Source]:
-    """Read `chronyc -n -c sources` (chronyc(1)): mode, state, address, stratum, poll, reach, last answer, offset, ..."""
-    lines = [line.split(",") for line in output.splitlines()]
-    found = [
-        make_source(row[2], row[1] in "*+", has_answered(row[5]), read_number(row[7]))
-        for row in lines
-        if len(row) >= 10
-    ]
+    """Read the sources and the tracking of chronyc(1).
+
+    A source: mode, state, address, stratum, poll, reach, last answer, offset of the corrected clock, ... The tracking: id, address,
+    stratum, time, what the system's clock is still to be corrected by, ... That is added: chronyd corrects it slowly, or never (-x).
+    """
+    rows = [line.split(",") for line in output.splitlines()]
+    rest = next((read_number(row[4]) for row in rows if len(row) == 14), None) or 0.0
+    found = []
+    for row in rows:
+        if len(row) == 10:
+            offset = read_number(row[7])
+            total = None if offset is None else round(offset - rest, 9)
+            found.append(make_source(row[2], row[1] in "*+", has_answered(row[5]), total))
     return [entry for entry in found if entry]
 
 
@@ -82,14 +90,29 @@ def read_ntpd(output: str) -> typing.List[Source]:
 
 
 SERVICES = (
-    Service("chrony", ("chronyc", "-n", "-c", "sources"), read_chrony),
+    Service("chrony", ("chronyc", "-n", "-c", "-m", "sources", "tracking"), read_chrony),
     Service("systemd-timesyncd", ("timedatectl", "show-timesync"), read_timesyncd),
     Service("ntpd", ("ntpq", "-pn"), read_ntpd),
 )
 
 
-def time_sources() -> typing.Dict[str, typing.Any]:
-    """Ask the first time service that answers; or say that none does."""
+def time_sources(patience: float = 0.0) -> typing.Dict[str, typing.Any]:
+    """Ask the first time service that answers, or say that none does.
+
+    One that has just been started has selected no source yet: it is asked again for `patience` seconds.
+    """
+    until = time.monotonic() + patience
+    while True:
+        found = _ask()
+        answered = [entry for entry in found["sources"] if entry["reachable"]]
+        waits = answered and not any(entry["selected"] for entry in answered)
+        if not waits or time.monotonic() >= until:
+            return found
+        time.sleep(_PAUSE)
+
+
+def _ask() -> typing.Dict[str, typing.Any]:
+    """Ask each service in turn, until one answers."""
     for service in SERVICES:
         answer = run(service.command)
         found = service.read(answer.text) if answer.status == 0 else None

@@ -32,6 +32,7 @@ from .options import Params
 
 # Seconds; more than any part takes by its own limits. A part that is later is named and left behind.
 LONGEST = 900.0
+PATIENCE = 8.0  # seconds for a time service that was just started
 
 Result = typing.Dict[str, typing.Any]
 
@@ -193,7 +194,7 @@ PARTS = (
     ),
     Part(
         "clock",
-        lambda params, ros, deadline: dict(resources.clock(), **time_sources.time_sources()),
+        lambda params, ros, deadline: dict(resources.clock(), **time_sources.time_sources(PATIENCE)),
         {"synchronised": None, "answers": None, "service": "", "sources": []},
     ),
     Part("tunnel", lambda params, ros, deadline: tunnel.look(), {"up": None, "public_key": "", "port": 0, "peers": []}),

@@ -66,7 +66,8 @@ def test_who_may_set_the_clock(found):
 
 OUTPUTS = {
     "chronyc": "^,*,192.168.1.201,10,2,377,3,-0.000003840,-0.000005724,0.000034043\n"
-    "^,?,192.168.1.9,0,6,0,4294967295,0.000000000,0.000000000,4.0\n#,-,GPS,0,4,377,11,0.1,0.1,0.2\n",
+    "^,?,192.168.1.9,0,6,0,4294967295,0.000000000,0.000000000,4.0\n#,-,GPS,0,4,377,11,0.1,0.1,0.2\n"
+    "C0A80101,192.168.1.201,11,1795749404.1,2.000000000,-1.9,2.0,-0.58,0.021,4.255,0.00002,0.00002,4.0,Normal\n",
     "timedatectl": "ServerName=a\nServerAddress=192.168.1.201\nNTPMessage={ Leap=0, Stratum=2 }\n",
     "ntpq": "     remote  refid st t when poll reach delay offset jitter\n====\n"
     "*192.168.1.201  .GPS.  1 u   33   64  377    0.243    2.500   0.021\n"
@@ -77,7 +78,7 @@ OUTPUTS = {
 @pytest.mark.parametrize(
     ("program", "service", "offset", "others"),
     [
-        ("chronyc", "chrony", -3.84e-06, ["192.168.1.9"]),
+        ("chronyc", "chrony", -2.00000384, ["192.168.1.9"]),
         ("timedatectl", "systemd-timesyncd", None, []),
         ("ntpq", "ntpd", 0.0025, ["192.168.1.9"]),
     ],
@@ -87,7 +88,7 @@ def test_whom_a_service_follows(monkeypatch, program, service, offset, others):
         return Answer(0 if command[0] == program else 1, OUTPUTS[program].encode(), "")
 
     monkeypatch.setattr(time_sources, "run", run)
-    found = time_sources.time_sources()
+    found = time_sources.time_sources(patience=5)
     first, *rest = found["sources"]
     assert (found["answers"], found["service"]) == (True, service)
     assert first == {"address": "192.168.1.201", "selected": True, "reachable": True, "offset_s": offset}
