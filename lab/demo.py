@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from machines import containers
-from machines.layout import choose_suites, hosts_of, read_inventory, robots_of
+from machines.layout import choose_suites, hosts_of, read_inventory, robots_of, wants_packages
 from machines.memory import Peak
 from machines.podman import LabError
 from progress import say
@@ -113,7 +113,7 @@ def demonstrate(layout: str, lab: str, suites: Iterable[str]) -> bool:
     listing = read_inventory(inventory)
     hosts = choose_suites(hosts_of(listing), suites)
     print("\n".join(f"  {host.name:<24}Debian {host.suite}" for host in hosts), flush=True)
-    containers.bring_up(lab, hosts, full=False)
+    containers.bring_up(lab, hosts, full=wants_packages(listing["_meta"]["hostvars"].values()))
     connection = containers.write_inventory(lab, hosts)
     report = connection.with_name("report.html")
     report.unlink(missing_ok=True)

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from machines import containers, image
-from machines.layout import Extra, Host, choose_suites, hosts_of, read_inventory
+from machines.layout import Extra, Host, choose_suites, hosts_of, read_inventory, wants_packages
 from machines.managers import MANAGERS
 from machines.podman import ROOT, LabError, podman
 from machines.signals import exit_on_signals
@@ -52,15 +52,12 @@ class Preparation:
     rehearsed: rehearsal.Rehearsable
     hosts: list[Host]
     faults: list[Fault]
+    wants_packages: bool = False
 
     @property
     def full(self) -> bool:
         """Say whether the computers need more packages than those of a demonstration."""
-        return (
-            bool(self.faults)
-            or self.rehearsed.wants_packages
-            or any(MANAGERS[host.manager].full for host in self.hosts)
-        )
+        return bool(self.faults) or self.wants_packages or any(MANAGERS[host.manager].full for host in self.hosts)
 
 
 def machine() -> rehearsal.Machine:
@@ -101,7 +98,8 @@ def prepare(options: argparse.Namespace, work: Path) -> Preparation:
     listing = read_inventory(work / "inventory.yml")
     extras = {name: Extra(device.addresses) for name, device in found.devices.items()}
     extras |= {name: Extra((of.address,)) for name, of in found.sealed.items()}
-    return Preparation(found, choose_suites(hosts_of(listing, extras), options.suites), faults)
+    hosts = choose_suites(hosts_of(listing, extras), options.suites)
+    return Preparation(found, hosts, faults, wants_packages(variables.values()))
 
 
 @dataclass

@@ -140,6 +140,11 @@ def _interfaces(ports: Sequence[Port], gateways: Mapping[Network, str]) -> Itera
         )
 
 
+def wants_packages(variables: Iterable[Mapping[str, Any]]) -> bool:
+    """Say if site.yml needs packages that the computers of a demonstration do not have: chrony, or WireGuard."""
+    return any(own.get("multimaster_clock") or own.get("multimaster_tunnel", "none") != "none" for own in variables)
+
+
 def _carry(variables: Mapping[str, Any], robots: Sequence[str]) -> Mapping[str, Any]:
     """The variables as the network below has it, where the common network is a tunnel: who has no endpoint gets a free address there."""
     inside = [name for name in robots if variables[name].get("multimaster_gateway", name) == name]

@@ -102,12 +102,6 @@ class Rehearsable:
     roscores: dict[str, int]  # masters whose roscore something else starts -> its port
     sealed: Mapping[str, SealedComputer] = field(default_factory=dict)  # by name
 
-    @property
-    def wants_packages(self) -> bool:
-        """Say whether site.yml needs packages that the computers of a demonstration do not have: chrony."""
-        robots = self.inventory["robots"]["children"].values()
-        return any("multimaster_clock" in own for robot in robots for own in robot["hosts"].values())
-
 
 def make_rehearsable(values: Mapping[str, Any]) -> Rehearsable:
     """Make the inventory of a rehearsal out of what the robots need."""

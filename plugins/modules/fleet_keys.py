@@ -37,15 +37,20 @@ seealso:
 """
 
 EXAMPLES = r"""
+- name: Make the plan
+  rosfleet.multimaster.fleet_plan:
+  register: planned
+  run_once: true
+
 - name: Make the key of each computer
   rosfleet.multimaster.tunnel_key:
   register: own_key
 
 - name: Gather the keys
   rosfleet.multimaster.fleet_keys:
-    fleet: "{{ multimaster_fleet }}"
+    fleet: "{{ planned }}"
     told: own_key
-    path: "{{ inventory_dir }}/multimaster_tunnel_keys.txt"
+    path: inventory/multimaster_tunnel_keys.txt
   run_once: true
 """
 

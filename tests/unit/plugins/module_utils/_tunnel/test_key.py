@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The key of a computer in the tunnel: made once, closed to others, and told in its public half alone."""
+
+import os
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._tunnel import key
+
+
+class Wg:
+    """wg(8): private keys are numbers, and public ones say whose they are."""
+
+    def __init__(self, folder, monkeypatch):
+        self.made, self.broken, self.path = 0, "", folder / "wireguard" / "x.key"
+        monkeypatch.setattr(key.commands, "run", self.run)
+
+    def run(self, argv, given=b""):
+        if self.broken == argv[1]:
+            return Answer(1, b"", "no such thing")
+        if argv[1] == "genkey":
+            self.made += 1
+            return Answer(0, f"private{self.made}\n".encode(), "")
+        return Answer(0, b"public of " + given, "")
+
+    def bring(self, **options):
+        made = key.TunnelKey({"wanted": True, "rotate": False, "path": str(self.path), **options})
+        made.apply()
+        return made
+
+
+@pytest.fixture(name="wg")
+def fixture_wg(tmp_path, monkeypatch):
+    return Wg(tmp_path, monkeypatch)
+
+
+def test_a_key_is_made_once_and_closed_to_others(wg):
+    first = wg.bring()
+    assert first.changed and first.result() == {"public_key": "public of private1"}
+    assert wg.path.stat().st_mode & 0o777 == 0o600 and wg.path.parent.stat().st_mode & 0o777 == 0o700
+    again = wg.bring()
+    assert not again.changed and again.result() == first.result() and wg.made == 1
+    assert "private" not in first.summary(False) + again.summary(True)
+
+
+def test_a_plan_alone_makes_no_key(wg):
+    planned = key.TunnelKey({"wanted": True, "rotate": False, "path": str(wg.path)})
+    assert planned.changed and planned.result() == {"public_key": ""} and not wg.path.exists() and not wg.made
+
+
+def test_a_rotation_makes_another_one_and_a_removal_none(wg):
+    wg.bring()
+    assert wg.bring(rotate=True).result() == {"public_key": "public of private2"}
+    gone = wg.bring(wanted=False)
+    assert gone.changed and not wg.path.exists() and gone.result() == {"public_key": ""}
+    assert not wg.bring(wanted=False).changed
+
+
+@pytest.mark.parametrize("make", ["open", "link", "folder"])
+def test_a_key_that_others_may_know_is_refused(wg, make):
+    wg.path.parent.mkdir()
+    if make == "link":
+        (wg.path.parent / "other").write_text("private9\n")
+        wg.path.symlink_to(wg.path.parent / "other")
+    elif make == "folder":
+        wg.path.mkdir()
+    else:
+        wg.path.write_text("private9\n")
+        os.chmod(wg.path, 0o640)
+    with pytest.raises(Problem, match="somebody else may know it"):
+        wg.bring()
+    assert not wg.made
+
+
+@pytest.mark.parametrize("word", ["genkey", "pubkey"])
+def test_a_wg_that_fails_is_a_sentence(wg, word):
+    wg.broken = word
+    with pytest.raises(Problem, match=f"wg {word} failed.*install it"):
+        wg.bring()

@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The tunnel as WireGuard tells it, whatever is told."""
+
+import itertools
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._tunnel import probe
+
+OWN, ONE, TWO = (letter * 43 + "=" for letter in "ABC")
+GOOD = {
+    "public-key": OWN,
+    "listen-port": "51820",
+    "endpoints": f"{ONE}\t192.168.28.24:51820\n{TWO}\t(none)",
+    "allowed-ips": f"{ONE}\t10.77.0.24/32 192.168.29.0/24\n{TWO}\t(none)",
+    "latest-handshakes": f"{ONE}\t990\n{TWO}\t0",
+}
+
+
+@pytest.fixture(name="told")
+def fixture_told(monkeypatch):
+    """What wg says, by the word; what ONE has sent grows between two questions."""
+    texts, count = dict(GOOD), itertools.count(1)
+    asked = []
+
+    def run(argv):
+        asked.append(argv[-1])
+        text = f"{ONE}\t{next(count)}\t5\n{TWO}\t7\t9" if argv[-1] == "transfer" else texts.get(argv[-1])
+        return Answer(1, b"", "no such device") if text is None else Answer(0, f"{text}\n".encode(), "")
+
+    monkeypatch.setattr(probe, "run", run)
+    monkeypatch.setattr(probe.time, "sleep", lambda seconds: None)
+    monkeypatch.setattr(probe.time, "time", lambda: 1000.0)
+    return texts, asked
+
+
+def test_the_peers_are_told_with_what_was_heard(told):
+    found = probe.look()
+    one, two = found.pop("peers")
+    assert found == {"up": True, "public_key": OWN, "port": 51820}
+    assert one == {
+        "public_key": ONE,
+        "endpoint": "192.168.28.24:51820",
+        "networks": ["10.77.0.24/32", "192.168.29.0/24"],
+        "handshake_age_s": 10.0,
+        "heard": True,
+    }
+    assert two == {"public_key": TWO, "endpoint": "", "networks": [], "handshake_age_s": None, "heard": False}
+
+
+def test_the_private_key_is_not_asked_for(told):
+    probe.look()
+    assert not {"dump", "private-key", "preshared-keys"} & set(told[1])
+
+
+def test_without_a_tunnel_there_is_nothing(told):
+    told[0].clear()
+    assert probe.look() == {"up": False, "public_key": "", "port": 0, "peers": []}
+
+
+@pytest.mark.parametrize(
+    "text", ["", "\t", f"{ONE}", f"{ONE}\t\x1b[2J", "a" * 10**5, f"{ONE}\t" + "9" * 400, "\n" * 99]
+)
+@pytest.mark.parametrize("word", GOOD)
+def test_any_words_give_plain_values(told, word, text):
+    told[0][word] = text
+    for peer in probe.look()["peers"]:
+        assert len(peer["public_key"]) == 44 and len(peer["endpoint"]) <= 21
+        assert all(len(network) <= 18 for network in peer["networks"])
+
+
+def test_a_clock_that_went_back_makes_no_age_below_zero(told):
+    told[0]["latest-handshakes"] = f"{ONE}\t5000"
+    assert probe.look()["peers"][0]["handshake_age_s"] == 0.0
