@@ -137,6 +137,7 @@ def test_a_source_that_gives_nothing_is_named(lab):
     finally:
         lab.run(ANA, "nft delete table inet fault")
     for host in (BOB, CID):
+        wait_until(lambda host=host: not misses(lab, host), 120, f"{host} gets answers again")
         wait_until(lambda host=host: follows(lab, host) == [SOURCE], 60, f"{host} follows again")
 
 
