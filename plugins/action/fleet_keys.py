@@ -1,10 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The action fleet_keys: what each computer told of its own key in, the keys of all computers of the tunnel out, and kept in a file."""
+"""The action fleet_keys: the answers of computers about their own keys in, the keys of all computers of the tunnel out and into a file."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +19,6 @@ from ..plugin_utils._observed.task_results import find_result
 from ..plugin_utils._plan import tunnel
 from ..plugin_utils._plan.model import FleetPlan
 
-_MOST = 1 << 20  # bytes of the file
-
 
 class ActionModule(ActionBase):
     """Joins the kept keys with those that were told, and writes the file where they differ."""
@@ -29,37 +29,43 @@ class ActionModule(ActionBase):
     def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
         """Return the keys; see ActionBase."""
         result: dict[str, Any] = super().run(tmp, task_vars)
-        given, variables = self._task.args, task_vars or {}
-        path = Path(str(given["path"]))
+        given, path = self._task.args, Path(str(self._task.args["path"]))
         try:
             fleet = from_plain(FleetPlan, given["fleet"])
-            before = path.read_bytes()[:_MOST].decode() if path.is_file() else ""
-            hosts = variables.get("ansible_play_hosts_all", ())
-            results = {host: find_result(variables["hostvars"][host], str(given["told"])) for host in hosts}
-            told = {host: found["public_key"] for host, found in results.items() if found and "public_key" in found}
+            before = path.read_text(encoding="utf-8") if path.is_file() else ""
+            told = _read_told(task_vars or {}, str(given["told"]))
             rotate = boolean(given.get("rotate", False))
             keys = tunnel.join_keys(tunnel.read_keys(before), told, fleet.computers, rotate)
+            after = tunnel.write_keys(keys)
+            if after != before and not self._task.check_mode:
+                _replace(path, after)
         except (Mismatch, OSError, UnicodeDecodeError, tunnel.WrongKeys) as problem:
-            where = quote(str(path), LINE)
-            return {
-                **result,
-                "failed": True,
-                "msg": plain(f"The keys of the tunnel ({where}): {problem}. Nothing was changed.", LINE),
-            }
+            message = f"The keys of the tunnel ({quote(str(path), LINE)}): {problem}. Nothing was changed."
+            return {**result, "failed": True, "msg": plain(message, LINE)}
         missing = sorted(name for name, plan in fleet.computers.items() if plan.tunnel and name not in keys)
-        after = tunnel.write_keys(keys)
-        if after != before and not self._task.check_mode:
-            path.write_text(after, encoding="utf-8")
         warnings = [
             f"{plain(name)}: it has no key in {path} yet, so it is left out of the tunnel until site.yml has run there."
             for name in missing
         ]
-        difference = {"before_header": str(path), "after_header": str(path), "before": before, "after": after}
         return {
             **result,
             "changed": after != before,
             "keys_by_computer": keys,
-            "diff": difference,
+            "diff": {"before_header": str(path), "after_header": str(path), "before": before, "after": after},
             "warnings": [] if self._task.check_mode else warnings,
             "msg": f"{len(keys)} computers have a key.",
         }
+
+
+def _read_told(variables: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return the key that each computer of the run has told of itself."""
+    hosts = variables.get("ansible_play_hosts_all", ())
+    results = {host: find_result(variables["hostvars"][host], name) for host in hosts}
+    return {host: found["public_key"] for host, found in results.items() if found and "public_key" in found}
+
+
+def _replace(path: Path, content: str) -> None:
+    """Replace a file in one step. Raises OSError."""
+    neighbour = path.with_name(f".{path.name}.new")
+    neighbour.write_text(content, encoding="utf-8")
+    os.replace(neighbour, path)

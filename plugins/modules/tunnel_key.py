@@ -8,7 +8,7 @@ module: tunnel_key
 short_description: Make the key of a computer in the tunnel, and tell its public half
 version_added: "1.0.0"
 description:
-  - Makes a private key of WireGuard on the computer, where there is none. It never leaves the computer, and is in no answer and no difference.
+  - Makes a private key of WireGuard on a computer that has none. The key stays there, and no answer and no difference shows it.
   - A file that others than root may read is refused, since somebody may know the key.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes

@@ -7,13 +7,18 @@ import pytest
 
 HOST = "kobuki2computer"
 OURS, THEIRS = "ros-test-fkie-node", "ros-test-fkie-messages"
+# Two of a kind, of which Debian wants one at a time, as chrony and systemd-timesyncd.
+NEW, OLD = "ros-test-clock-new", "ros-test-clock-old"
+ONE_OF_A_KIND = "Provides: ros-test-clock\\nConflicts: ros-test-clock\\nReplaces: ros-test-clock\\n"
 #: Builds packages without content, and makes their folder a package source.
 SOURCE = """
 set -e
 mkdir -p /srv/source; cd /srv/source
 for name in {names}; do
     mkdir -p build/DEBIAN
-    printf 'Package: %s\\nVersion: 1.3.2\\nArchitecture: all\\nMaintainer: nobody\\nDescription: a test\\n' $name >build/DEBIAN/control
+    printf 'Package: %s\\nVersion: 1.3.2\\nArchitecture: all\\nMaintainer: nobody\\n' $name >build/DEBIAN/control
+    case $name in *-clock-*) printf '{kind}' >>build/DEBIAN/control;; esac
+    echo 'Description: a test' >>build/DEBIAN/control
     dpkg-deb --build build $name.deb >/dev/null
     {{ dpkg-deb --field $name.deb; printf 'Filename: ./%s.deb\\nSize: %s\\nSHA256: %s\\n\\n' \\
         $name $(stat -c %s $name.deb) $(sha256sum $name.deb | cut -d' ' -f1); }} >>Packages
@@ -26,13 +31,17 @@ apt-get update -o Dir::Etc::sourceparts=- -o Dir::Etc::sourcelist=/etc/apt/sourc
 
 @pytest.fixture(autouse=True)
 def _source(lab):
-    lab.run(HOST, SOURCE.format(names=f"{OURS} {THEIRS}"))
+    lab.run(HOST, SOURCE.format(names=f"{OURS} {THEIRS} {NEW} {OLD}", kind=ONE_OF_A_KIND))
     yield
-    lab.run(HOST, f"dpkg --purge {OURS} {THEIRS}; rm -r /srv/source /etc/apt/sources.list.d/test.list", check=False)
+    lab.run(
+        HOST,
+        f"dpkg --purge {OURS} {THEIRS} {NEW} {OLD}; rm -r /srv/source /etc/apt/sources.list.d/test.list",
+        check=False,
+    )
 
 
 def installed(lab):
-    state = f"dpkg-query --show --showformat '${{db:Status-Abbrev}} ${{Package}}\\n' {OURS} {THEIRS} 2>/dev/null"
+    state = f"dpkg-query --show --showformat '${{db:Status-Abbrev}} ${{Package}}\\n' {OURS} {THEIRS} {NEW} {OLD} 2>/dev/null"
     return {line.split()[1] for line in lab.run(HOST, state, check=False).splitlines() if line.startswith("ii")}
 
 
@@ -60,3 +69,14 @@ def test_a_package_without_a_source_is_a_sentence_and_no_rest(lab):
     assert "run it on this computer by hand" in output
     status, output = brought(lab)
     assert status == 0 and not installed(lab), output
+
+
+def test_what_a_package_replaces_is_back_after_it(lab):
+    lab.run(HOST, f"apt-get install -y {OLD} >/dev/null")
+    status, output = brought(lab, NEW, OURS)
+    assert status == 0 and installed(lab) == {NEW, OURS}, output
+    assert f"# {NEW} replaced {OLD}\n" in lab.run(HOST, "cat /etc/rosfleet-multimaster/packages")
+    status, output = brought(lab, OURS)
+    assert status == 0 and f"1 removed, {OLD} is back." in output and installed(lab) == {OLD, OURS}, output
+    status, output = brought(lab)
+    assert status == 0 and installed(lab) == {OLD}, output

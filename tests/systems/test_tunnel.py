@@ -35,7 +35,7 @@ def lab(new_lab, tmp_path_factory):
 
 
 def changed(output):
-    """What the recap says was changed, by computer."""
+    """Read the recap: the number of changes by computer."""
     return {
         host: int(number) for host, number in re.findall(r"(\S+-(?:pc|gate|arm))\s+: ok=\d+\s+changed=(\d+)", output)
     }
@@ -142,7 +142,7 @@ def test_a_fault_of_the_tunnel_is_the_one_finding(lab, host, command, sentence):
 
 
 def test_a_robot_that_changes_its_address_is_back_in_seconds(lab):
-    """Its address in the tunnel stays. wireguard-go keeps its old source until the next handshake, after 15 s; the kernel does not."""
+    """Its address in the tunnel stays. wireguard-go keeps its old source until the next handshake, after 15 s."""
     lab.start(ANA, "pings", "ping -D -n -i 0.2 10.77.0.22")
     wait_until(lambda: "icmp_seq=5" in lab.run(ANA, "cat /run/pings.out"), 20, "answers before")
     lab.run(
@@ -170,6 +170,15 @@ def test_a_changed_key_is_refused_until_it_is_asked_for(lab):
     assert not {*before.values()} & {*after.values()} and len({*after.values()}) == 3
     assert_passes(lab)
     assert mend(lab) == dict.fromkeys(HOSTS, 0)
+
+
+def test_one_new_key_is_known_after_a_whole_run(lab):
+    """The robot alone makes it, and uses it at once; the others have its place from the kept file."""
+    before = key_of(lab, BOB)
+    assert mend(lab, "--limit", "bob", "-e", "tunnel_rotate=true") == {BOB: 3}
+    assert key_of(lab, BOB) != before
+    mend(lab)
+    assert_passes(lab)
 
 
 def test_a_run_without_a_robot_knows_its_key(lab):

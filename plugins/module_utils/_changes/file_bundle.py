@@ -109,19 +109,28 @@ class ManagedFiles(ModuleRun):
             self._reload()
 
     def _reload(self) -> None:
-        if self.restarts:  # its files may be drop-ins of its unit
-            commands.run(["systemctl", "daemon-reload"], limit=_RELOAD_LIMIT)
-        answer = commands.run(
-            ["systemctl", "restart" if self.restarts else "reload", self.reloaded], limit=_RELOAD_LIMIT
-        )
-        gone = self.restarts and not self.plan.items and systemd.states([self.reloaded], ("LoadState",))[0]
-        if answer.status != 0 and not (gone and gone.get("LoadState") == "not-found"):
+        # The files may be drop-ins of the unit, so systemd reads units before a restart.
+        calls = [["daemon-reload"], ["restart", self.reloaded]] if self.restarts else [["reload", self.reloaded]]
+        for call in calls:
+            answer = commands.run(["systemctl", *call], limit=_RELOAD_LIMIT)
+            if answer.status == 0 or self._is_gone():
+                continue
             reason = quote(answer.error, LINE) or f"status {answer.status}"
             self.unread = True
             raise Problem(
                 f"The files of the bundle {self.bundle} are as planned, but {self.reloaded} does not read them again ({reason}); "
-                f"expected a service that can be {'started again' if self.restarts else 'reloaded'}: look at systemctl status {self.reloaded}."
+                f"expected a service that can be {self._deed}: look at systemctl status {self.reloaded}."
             )
+
+    @property
+    def _deed(self) -> str:
+        return "started again" if self.restarts else "reloaded"
+
+    def _is_gone(self) -> bool:
+        """Say if the last files go, and so has the service that read them."""
+        if not self.restarts or self.plan.items:
+            return False
+        return systemd.states([self.reloaded], ("LoadState",))[0].get("LoadState") == "not-found"
 
     def failure(self, problem: Problem) -> Fields:
         """The fields of a failed change: `changed` says that something is left of it."""
@@ -156,6 +165,5 @@ class ManagedFiles(ModuleRun):
             f"{len(self.plan.writes)} files of the bundle {self.bundle} {be} written, {len(self.plan.removals)} removed "
             f"and {right} {are} right."
         )
-        word = "started again" if self.restarts else "reloaded"
-        reloaded = [f"{self.reloaded} {'would be' if check_mode else 'was'} {word}."] if self.reloaded else []
+        reloaded = [f"{self.reloaded} {'would be' if check_mode else 'was'} {self._deed}."] if self.reloaded else []
         return " ".join([text, *reloaded, *self.plan.notes])

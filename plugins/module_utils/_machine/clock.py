@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The time services of this machine: whose configuration they have, and what chrony reads. Nothing is changed."""
+"""The time services of this machine: those that somebody has configured, and the state of chrony. Nothing is changed."""
 
 import glob
 import os
@@ -51,23 +51,21 @@ DIALECTS = (
     Dialect("ntp.service", ("/etc/ntp.conf",), _SERVERS),
     Dialect("openntpd.service", ("/etc/openntpd/ntpd.conf",), _SERVERS),
 )
-_CONSTANTLY = {
-    "ntpsec.service",
-    "ntp.service",
-    "openntpd.service",
-}  # they count with the configuration of their package
+# Those that count with the configuration of their package, too.
+_CHOSEN = {"ntpsec.service", "ntp.service", "openntpd.service"}
+_PROPERTIES = ("Id", "LoadState", "UnitFileState", "ActiveState", "StateChangeTimestampMonotonic")
 
 
 def clock(root: str = "/") -> typing.Dict[str, typing.Any]:
     """Read who may set the clock, whether chrony is there, the time services that somebody has configured, and whom they follow."""
-    states = systemd.states([dialect.service for dialect in DIALECTS], ("Id", "LoadState", "UnitFileState"))
+    states = systemd.states([dialect.service for dialect in DIALECTS], _PROPERTIES)
     loaded = {dialect.service: state for dialect, state in zip(DIALECTS, states) if state.get("LoadState") == "loaded"}
     return {
         "chronyd": CHRONYD if os.access(os.path.join(root, CHRONYD[1:]), os.X_OK) else "",
         "enabled": loaded.get(UNIT, {}).get("UnitFileState") == "enabled",
         "settable": may_give(text(os.path.join(root, "proc/1/status")), _CAP_SYS_TIME),
         "others": list(_others(root, set(loaded)))[:_MOST],
-        "restart_due": UNIT in loaded and _is_older(root),
+        "restart_due": UNIT in loaded and _is_older(root, loaded[UNIT]),
         "sources": time_sources()["sources"],
     }
 
@@ -80,7 +78,7 @@ def _others(root: str, loaded: typing.Collection[str]) -> typing.Iterator[typing
         if dialect.service not in loaded or (dialect.service == UNIT and ours):
             continue
         lines = list(_lines(root, dialect))
-        if not lines and dialect.service in _CONSTANTLY:
+        if not lines and dialect.service in _CHOSEN:
             lines = [{"file": dialect.files[0], "line": "as its package has it"}]
         for entry in lines:
             yield dict(entry, service=dialect.service)
@@ -100,13 +98,10 @@ def _lines(root: str, dialect: Dialect) -> typing.Iterator[typing.Dict[str, str]
             yield {"file": place, "line": plain(named[0], LINE) if named else "not as its package has it"}
 
 
-def _is_older(root: str) -> bool:
-    """Say if chrony runs since before our present files, which an interrupted run has written."""
-    state = systemd.states([UNIT], ("ActiveState", "StateChangeTimestampMonotonic"))[0]
-    if state.get("ActiveState") != "active":
-        return all(os.path.exists(os.path.join(root, path[1:])) for path in OURS)
-    began = time.time() - time.monotonic() + int(state.get("StateChangeTimestampMonotonic") or 0) / 1e6
-    changed = [
-        os.stat(path).st_mtime for path in (os.path.join(root, path[1:]) for path in OURS) if os.path.exists(path)
-    ]
-    return any(began < moment <= time.time() for moment in changed)
+def _is_older(root: str, unit: systemd.Properties) -> bool:
+    """Say if chrony runs since before our present files, which an interrupted run has written, or does not run with them."""
+    paths = [os.path.join(root, path[1:]) for path in OURS]
+    there = [path for path in paths if os.path.exists(path)]
+    if unit.get("ActiveState") != "active":
+        return there == paths
+    return any(systemd.find_change(unit) < os.stat(path).st_mtime <= time.time() for path in there)

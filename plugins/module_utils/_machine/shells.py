@@ -195,8 +195,7 @@ def _listener() -> typing.Tuple[str, float]:
     for unit in systemd.show(("ssh.service", "sshd.service"), properties).units:
         if unit.get("ActiveState") == "active":
             # A reload is a change of state too (active, reloading, active).
-            age = time.monotonic() - int(unit.get("StateChangeTimestampMonotonic") or 0) / 1e6
-            return unit.get("Id", ""), time.time() - age
+            return unit.get("Id", ""), systemd.find_change(unit)
     return "", 0.0
 
 

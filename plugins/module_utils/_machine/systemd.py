@@ -3,6 +3,7 @@
 
 """The reader of `systemctl show`: properties of systemd's units, and of systemd itself."""
 
+import time
 import typing
 
 from .._process import commands
@@ -40,3 +41,9 @@ def parse(output: str) -> typing.List[Properties]:
     """Split the output of `systemctl show`: one block of NAME=VALUE for each unit, and an empty line between blocks."""
     blocks = [block for block in output.strip("\n").split("\n\n") if block]
     return [dict(line.partition("=")[::2] for line in block.splitlines() if "=" in line) for block in blocks]
+
+
+def find_change(unit: Properties) -> float:
+    """Return the time (s since 1970) of a unit's last change of state, by its StateChangeTimestampMonotonic."""
+    age = time.monotonic() - int(unit.get("StateChangeTimestampMonotonic") or 0) / 1e6
+    return time.time() - age

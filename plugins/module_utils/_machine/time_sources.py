@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Whose time this computer follows, as its time service says it."""
+"""The sources of time of this computer, as its time service tells them."""
 
 import ipaddress
 import re
@@ -29,7 +29,7 @@ class Service(typing.NamedTuple):
 def make_source(
     address: str, selected: bool, reachable: bool, offset: typing.Optional[float]
 ) -> typing.Optional[Source]:
-    """Return a source as plain data; None for an address that is none, such as the name of a radio clock."""
+    """Return a source as plain data; None where it has no address, as a radio clock."""
     try:
         plain = str(ipaddress.ip_address(address))
     except ValueError:

@@ -84,9 +84,7 @@ class Packages(ModuleRun):
         self.removed = [name for name in self.changes.leftover if name in installed]
         self.records = options["records"]
         self.replaced = read_replaced(commands.text(fkie.INSTALLED))
-        for name in self.changes.new:
-            gone = find_removals(_simulate(name))
-            self.replaced.update({name: gone} if gone else {})
+        self.replaced.update(_find_replaced(self.changes.new))
         self.record = self._record_of(self.changes.after)
         self.changed = bool(self.changes.new or self.removed or self.record.changed)
 
@@ -146,9 +144,17 @@ class Packages(ModuleRun):
         )
 
 
-def _simulate(name: str) -> str:
+def _find_replaced(names: typing.Sequence[str]) -> typing.Dict[str, typing.List[str]]:
+    """Find the packages that each of these replaces. Mostly there are none, and one question is enough."""
+    if not names or not find_removals(_simulate(names)):
+        return {}
+    found = {name: find_removals(_simulate([name])) for name in names}
+    return {name: gone for name, gone in found.items() if gone}
+
+
+def _simulate(names: typing.Sequence[str]) -> str:
     """Let apt-get say what an installation does; empty where it cannot (the installation says why)."""
-    words = [*_APT[:2], "--simulate", "install", "--no-install-recommends", name]
+    words = [*_APT[:2], "--simulate", "install", "--no-install-recommends", *names]
     return commands.run(words, environment=_ENVIRONMENT, limit=_LIMIT_SIMULATION, unprivileged=True).text
 
 

@@ -19,7 +19,6 @@ from .ways import COMMON
 Parts = frozenset[Part]
 
 NAMES = ("unknown", "loopback", "old", "several")  # a name with a wrong meaning
-TUNNEL = "multimaster-tunnel.service"
 DISCOVERY = ("dead", "hung", "group")
 # what a computer that forwards packets needs: kind and mode of parts
 FORWARDER = (("computer", "off"), ("forwarding", "off"), ("filter", "forward"), ("reverse_path", "strict"))
@@ -60,18 +59,8 @@ def _tunnel_parts(case: Case, places: Iterable[str]) -> Parts:
     ends = [place for place in places if place in case.fleet.computers and case.fleet.computers[place].tunnel]
     if len(ends) != 2:
         return frozenset()
-    own = join_parts(
-        make_parts("tunnel", end, "peer", "key", "silent") | make_parts("service", end, "down", what=TUNNEL)
-        for end in ends
-    )
+    own = join_parts(make_parts("tunnel", end, "ended", "peer", "key", "silent") for end in ends)
     return own | {Part.from_pair("tunnel", "pair", *ends)}
-
-
-def find_ended_tunnel(case: Case, computer: str) -> Parts:
-    """Return the unit of a tunnel that was looked at and is not up: its interface, its address and its routes are gone with it."""
-    plan, probe = case.fleet.computers.get(computer), case.run[computer].seen.probe if computer in case.run else None
-    ended = plan is not None and plan.tunnel is not None and probe is not None and probe.tunnel.up is False
-    return make_parts("service", computer, "down", what=TUNNEL) if ended else frozenset()
 
 
 def list_tunnel_parts(case: Case, one: str, other: str) -> Parts:

@@ -471,6 +471,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: chronyc tracking; date --utc +%T.%N",
         what="wrong",
     ),
+    ("tunnel", "ended"): Fault(
+        "multimaster-tunnel.service does not run on {place}, or its tunnel has ended",
+        "on {place}: systemctl restart multimaster-tunnel; see on {place}: journalctl -b -u multimaster-tunnel; wg show multimaster0",
+        "on {place}: systemctl status multimaster-tunnel; wg show multimaster0",
+        cost=2.0,
+        read=READ,
+    ),
     ("tunnel", "peer"): Fault(
         "{place} has other peers in its tunnel than planned: {what}",
         f"{SITE}, which writes the peers of all computers",
@@ -845,6 +852,8 @@ CALLS = (
 )
 STOPPED, FULL, LOOPING = ("service", "stopped"), ("service", "full"), ("service", "looping")
 SEALED = ("roscore", "sealed")
+# With a tunnel its interface is gone, with its address and its routes; what is measured by the group needs that address.
+TUNNEL = (("tunnel", "ended"),)
 _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     **{(node, "hung"): (STOPPED, FULL, LOOPING) for node in ("roscore", "discovery", "sync")},
     **{
@@ -866,7 +875,7 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
         for way in ("in", "out")
     },
     ("sync", "untold"): (STOPPED, FULL, LOOPING, ("sync", "dead")),
-    ("computer", "unmeasured"): (("link", "down"), ("interface", "address"), PORTS),
+    ("computer", "unmeasured"): (("link", "down"), ("interface", "address"), PORTS, *TUNNEL),
     ("set_up", "by_hand"): (("set_up", "others"),),
     ("set_up", "refused"): (("ros", "broken"),),
     ("roscore", "dead"): (("interface", "duplicate"),),  # the other computer refuses
@@ -886,13 +895,17 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
         ("link", "down"),
         ("interface", "address"),
         ("interface", "prefix"),
+        *TUNNEL,
     ),
     ("route", "other"): (
         ("route", "rule"),
         ("route", "defaults"),
         ("interface", "address"),
         ("interface", "prefix"),
+        *TUNNEL,
     ),
+    ("interface", "address"): TUNNEL,
+    ("interface", "prefix"): TUNNEL,
 }
 
 #: A fault that follows from another fault of the same place: fault -> its possible causes.

@@ -141,6 +141,8 @@ def _inactive_parts(case: Case, service: str, entry: Service | None) -> Parts:
 def _service_down_parts(computer: str, service: str, unit: str) -> Parts:
     if service in ("roscore", "discovery", "sync"):
         return make_parts(service, computer, "dead")
+    if service == "tunnel":
+        return make_parts("tunnel", computer, "ended")
     return make_parts("service", computer, "down", what=unit)
 
 
@@ -223,11 +225,7 @@ def _find_problem(case: Case) -> str:
     title="computer could be looked at",
     expected="the measurements gave a result",
     needs=lambda case: make_parts("computer", case.observer.name, "unmeasured"),
-    # The measurement by the group needs the address of the tunnel.
-    evidence=lambda case: (
-        needs.find_ended_tunnel(case, case.observer.name)
-        or make_parts("computer", case.observer.name, "unmeasured", what=_find_problem(case))
-    ),
+    evidence=lambda case: make_parts("computer", case.observer.name, "unmeasured", what=_find_problem(case)),
 )
 def _judge_measured(case: Case) -> Judgement | None:
     seen = case.observer.seen
@@ -258,8 +256,6 @@ def _find_down_links(case: Case) -> list[str]:
 
 def _addresses_evidence(case: Case) -> Parts:
     name = case.observer.name
-    if ended := needs.find_ended_tunnel(case, name):
-        return ended
     parts = make_parts("interface", name, "address") if _find_missing_addresses(case) else frozenset()
     parts |= make_parts("interface", name, "prefix") if case.observer.find_wrong_prefixes() else frozenset()
     return parts | join_parts(_link_evidence(case, network) for network in _find_down_links(case))

@@ -371,10 +371,7 @@ def _to_master(case: Case) -> Route | None:
         "route", case.observer.name, "missing", "other", what=_beyond(case, case.master.address)
     ),
     suspects=lambda case: make_parts("interface", case.observer.name, "prefix", "address"),
-    evidence=lambda case: (
-        needs.find_ended_tunnel(case, case.observer.name)
-        or _route_evidence(case, _to_master(case), case.master.address)
-    ),
+    evidence=lambda case: _route_evidence(case, _to_master(case), case.master.address),
 )
 def _judge_master_route(case: Case) -> Judgement | None:
     return _judge_route(case, _to_master(case), case.master.address)
@@ -399,9 +396,7 @@ def _to_outer(case: Case) -> Route | None:
     report="4.2",
     needs=lambda case: make_parts("route", case.observer.name, "missing", "other", what=_beyond(case, _outer(case))),
     suspects=lambda case: make_parts("interface", case.observer.name, "prefix", "address"),
-    evidence=lambda case: (
-        needs.find_ended_tunnel(case, case.observer.name) or _route_evidence(case, _to_outer(case), _outer(case))
-    ),
+    evidence=lambda case: _route_evidence(case, _to_outer(case), _outer(case)),
 )
 def _judge_outer_route(case: Case) -> Judgement | None:
     return _judge_route(case, _to_outer(case), _outer(case))

@@ -152,8 +152,6 @@ def _route_evidence(case: Case) -> Parts:
     route, name = case.member.route if case.member else None, case.observer.name
     if route is None or case.planned is None:
         return frozenset()
-    if ended := needs.find_ended_tunnel(case, name):
-        return ended
     mode, what = taker(case.probe.policy, case.address)
     if mode and (route.error or (route.gateway or "") not in case.way.hops):
         return make_parts("route", name, mode, what=what)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The check of the tunnel between two computers, where the common network is one."""
+"""The checks of the tunnel, where the common network is one: of each computer, and between two."""
 
 from __future__ import annotations
 
@@ -14,11 +14,29 @@ from .._plan.model import Peer
 from .engine import FAILED, MEMBER, OK, Check, Judgement
 
 
-def _find_planned(case: Case, observer: str = "", target: str = "") -> Peer | None:
-    """Return the planned peer of an observer, by default that of the case."""
-    plan = case.fleet.computers.get(observer or case.observer.name)
+@Check(
+    title="its tunnel is up",
+    about="with `multimaster_tunnel`",
+    expected="WireGuard knows the tunnel of the collection",
+    needs=lambda case: make_parts("tunnel", case.observer.name, "ended"),
+    evidence=lambda case: make_parts("tunnel", case.observer.name, "ended"),
+)
+def _judge_own_tunnel(case: Case) -> Judgement | None:
+    if case.observer.plan.tunnel is None or case.probe.tunnel.up is None:
+        return None
+    return Judgement(
+        OK if case.probe.tunnel.up else FAILED, "a tunnel", "there is one" if case.probe.tunnel.up else "none"
+    )
+
+
+# Between two computers
+
+
+def _find_planned(case: Case, observer: str, target: str) -> Peer | None:
+    """Return the planned peer of a computer."""
+    plan = case.fleet.computers.get(observer)
     peers = plan.tunnel.peers if plan and plan.tunnel else ()
-    return next((peer for peer in peers if peer.computer == (target or case.target)), None)
+    return next((peer for peer in peers if peer.computer == target), None)
 
 
 def _look_at(case: Case, computer: str) -> SeenTunnel | None:
@@ -57,7 +75,7 @@ def _is_heard(case: Case, planned: Peer, observer: str) -> bool:
 
 
 def _find_silence(case: Case, planned: Peer) -> Parts:
-    """Return whose tunnel nothing comes through: that of one of the two, where it is so with others too, or what is between them."""
+    """Return the tunnel through which nothing comes: that of one of the two, where others do not get through either; else what is between."""
     name = case.observer.name
     deaf, mute = not _hears(case, name), not _is_heard(case, planned, name)
     if deaf != mute:
@@ -66,7 +84,7 @@ def _find_silence(case: Case, planned: Peer) -> Parts:
 
 
 def _find_mistake(case: Case, one: str, other: str) -> Parts:
-    """Return what is wrong with the place that one computer has for another one: its addresses, or a key that is not its own."""
+    """Return the mistake of one computer about another one: other addresses, or a key that is not its own."""
     planned = _find_planned(case, one, other)
     if planned is None or _look_at(case, one) is None:
         return frozenset()
@@ -80,12 +98,20 @@ def _find_mistake(case: Case, one: str, other: str) -> Parts:
     return make_parts("tunnel", other, "key")
 
 
+def _has_ended(case: Case, computer: str) -> bool:
+    """Say if the tunnel of a computer was looked at, and is not up."""
+    probe = case.run[computer].seen.probe if computer in case.run else None
+    return probe is not None and probe.tunnel.up is False
+
+
 def _evidence(case: Case) -> Parts:
-    planned, name, target = _find_planned(case), case.observer.name, case.target
+    name, target = case.observer.name, case.target
+    planned = _find_planned(case, name, target)
     if planned is None:
         return frozenset()
-    mistake = _find_mistake(case, name, target) or _find_mistake(case, target, name)
-    return mistake or needs.find_ended_tunnel(case, target) or _find_silence(case, planned)
+    if mistake := _find_mistake(case, name, target) or _find_mistake(case, target, name):
+        return mistake
+    return make_parts("tunnel", target, "ended") if _has_ended(case, target) else _find_silence(case, planned)
 
 
 @Check(
@@ -97,9 +123,9 @@ def _evidence(case: Case) -> Parts:
     evidence=_evidence,
 )
 def _judge_tunnel(case: Case) -> Judgement | None:
-    planned = _find_planned(case)
+    planned = _find_planned(case, case.observer.name, case.target)
     if planned is None or _look_at(case, case.observer.name) is None:
-        return None  # a tunnel that is not up is a service that does not run
+        return None  # the check above has a row for it
     peer = _find_peer(case, case.observer.name, planned)
     if peer is None or not _is_as_planned(peer, planned):
         networks = ", ".join(map(str, planned.networks))

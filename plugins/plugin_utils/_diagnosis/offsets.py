@@ -37,7 +37,7 @@ def _amount(seconds: float) -> str:
 
 
 def _seconds(row: Row) -> float | None:
-    """Read what the checks `clock` and `time_source` have found, such as "+2.0003 s"; None for a text that is none."""
+    """Read the seconds that the checks `clock` and `time_source` have found, such as "+2.0003 s"; None in another text."""
     number, _space, unit = row.found.partition(" ")
     try:
         return float(number) if row.check in ("clock", "time_source") and unit == "s" else None

@@ -94,7 +94,7 @@ class Fleet:
 
     @cached_property
     def clock(self) -> Computer | None:
-        """The computer whose time the others follow. None where nobody is named, or a name that nobody has."""
+        """The source of the fleet's time. None without one, and for a name that no computer or robot has."""
         names = {computer.name: computer for computer in self.computers}
         masters = {robot.name: robot.master for robot in self.robots}
         return {**masters, **names}.get(self.variables.clock or "")

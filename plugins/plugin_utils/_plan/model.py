@@ -187,7 +187,7 @@ class MulticastRouting:
 
 @dataclass(frozen=True)
 class Clock:
-    """Whose time a computer follows, or who may ask it for the time."""
+    """The time of a computer: of the source, or its own, which others may ask for."""
 
     source: str  # the computer that gives the time
     server: IPv4Address | None = None  # its address; None: this computer is the source
@@ -210,12 +210,12 @@ class Peer:
 class Tunnel:
     """The place of a computer in the tunnel that is the common network."""
 
+    computer: str
     address: IPv4Address
     network: IPv4Network
     port: int
     peers: tuple[Peer, ...] = ()
     routes: tuple[Route, ...] = ()  # to the networks behind other computers
-    endpoint: IPv4Address | None = None
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,6 @@ from . import membership, model, parameters, providers
 # The parts of multimaster_info that preflight needs: of every computer, and of those with ROS.
 LOOKED_AT = ("system", "owned", "interfaces", "ways", "routing", "forwarding", "filters", "multicast_routing")
 LOOKED_AT_WITH_ROS = ("ros", "packages", "ports", "exports", "sshd", "environment")
-# Where the fleet has a source of time, and where its common network is a tunnel.
-CLOCK, TUNNEL = "clock", "tunnel"
 
 
 def fleet_plan(fleet: Fleet) -> model.FleetPlan:
@@ -203,7 +201,7 @@ def _plan_sealed(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comput
 def _look_at(
     fleet: Fleet, robot: Robot, is_master: bool, expected: Iterable[model.ExpectedRoute], metrics: bool
 ) -> model.LookAt:
-    wanted = {"folders": metrics, CLOCK: fleet.clock, TUNNEL: fleet.variables.tunnel != "none"}
+    wanted = {"folders": metrics, "clock": fleet.clock, "tunnel": fleet.variables.tunnel != "none"}
     also = [part for part, is_wanted in wanted.items() if is_wanted]
     return model.LookAt(
         parts=(*LOOKED_AT, *LOOKED_AT_WITH_ROS, *also),
@@ -277,7 +275,7 @@ def _multicast_routing(fleet: Fleet, gateway: Computer) -> model.MulticastRoutin
 
 
 def _clock(fleet: Fleet, robot: Robot, computer: Computer) -> model.Clock | None:
-    """Return whose time a computer follows: in the own network by the address there, from elsewhere by the one for others."""
+    """Return the clock of a computer. It reaches a source of its own robot by the address there, any other one by that for others."""
     source = fleet.clock
     if source is None:
         return None
@@ -295,6 +293,7 @@ def _tunnel(fleet: Fleet, robot: Robot, computer: Computer) -> model.Tunnel | No
         (other, own) for other in fleet.robots for own in other.computers if own.common_address and own != computer
     ]
     return model.Tunnel(
+        computer=computer.name,
         address=computer.common_address,
         network=fleet.variables.common_network,
         port=fleet.variables.tunnel_port,
@@ -302,7 +301,6 @@ def _tunnel(fleet: Fleet, robot: Robot, computer: Computer) -> model.Tunnel | No
             model.Peer(own.name, _list_own_networks(other, own), own.variables.endpoint) for other, own in others
         ),
         routes=_network_routes(fleet, robot, computer),
-        endpoint=computer.variables.endpoint,
     )
 
 

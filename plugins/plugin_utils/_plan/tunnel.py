@@ -15,12 +15,13 @@ from ipaddress import IPv4Network
 from typing import Any
 
 from .._fleet.plain_text import LINE, plain, quote
+from . import units
 from .model import ComputerPlan, Tunnel
 
 INTERFACE = "multimaster0"
-FOLDER = "/etc/rosfleet-multimaster"
-CONFIGURATION = f"{FOLDER}/{INTERFACE}.conf"
-FILTER = f"{FOLDER}/{INTERFACE}.nft"
+CONFIGURATION = f"{units.CONFIGURATION}/{INTERFACE}.conf"
+FILTER = f"{units.CONFIGURATION}/{INTERFACE}.nft"
+# Made by the module tunnel_key; a unit test compares the two.
 KEY = f"/etc/wireguard/{INTERFACE}.key"
 TABLE = "rosfleet_tunnel"
 MTU = 1420  # bytes; what wg-quick takes over a network of 1500
@@ -28,9 +29,11 @@ MTU = 1420  # bytes; what wg-quick takes over a network of 1500
 KEEPALIVE = 3
 
 _HEADER = "# Managed by rosfleet.multimaster: the tunnel of this computer\n"
-# wg-quick(8). The private key stays in its own file, and the routes have the gateways of the plan.
+# wg-quick(8). The private key stays in its own file, and the routes have the gateways of the plan. The public half is told here,
+# since a new key is a change that starts the tunnel again.
 _INTERFACE = """\
 [Interface]
+# PublicKey = {public}
 Address = {address}/{prefix}
 ListenPort = {port}
 Table = off
@@ -74,6 +77,7 @@ def render_tunnel(tunnel: Tunnel | None, keys: Mapping[str, str]) -> list[dict[s
         return []
     routes = "".join(_ROUTE.format(network=route.destination, gateway=route.gateway) for route in tunnel.routes)
     text = _INTERFACE.format(
+        public=keys.get(tunnel.computer, "(made in this run)"),
         address=tunnel.address,
         prefix=tunnel.network.prefixlen,
         port=tunnel.port,
@@ -125,7 +129,7 @@ def list_tunnel_packages(tunnel: Tunnel | None, info: Mapping[str, Any]) -> tupl
 
 
 def find_tunnel_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a sentence for a tunnel of somebody else with the same address, and for an endpoint that is not on the machine."""
+    """Yield a sentence for somebody else's tunnel with the same address, and for a machine that can have no tunnel."""
     tunnel = plan.tunnel
     if tunnel is None:
         return
@@ -140,6 +144,11 @@ def find_tunnel_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterato
         yield (
             f"{plan.computer}: the kernel has no WireGuard, and there is no /dev/net/tun, as in some containers; expected one of the two for the "
             "tunnel: load the module (modprobe wireguard), or give the container this device."
+        )
+    if not info["systemd"]["net_admin"]:
+        yield (
+            f"{plan.computer}: systemd has no CAP_NET_ADMIN, as in some containers; expected it for multimaster-tunnel.service: give the "
+            "container this capability."
         )
 
 

@@ -112,10 +112,10 @@ Before=multimaster-address.service multimaster-roscore.service multimaster-disco
 Type=oneshot
 RemainAfterExit=yes
 Environment=ROSFLEET_INPUTS={inputs}
+# An earlier start may have left it, as a wireguard-go that was killed.
+ExecStartPre=-/sbin/ip link delete dev multimaster0
 ExecStart=/usr/bin/wg-quick up {configuration}/multimaster0.conf
 ExecStop=/usr/bin/wg-quick down {configuration}/multimaster0.conf
-# What an earlier start has left, as wireguard-go that was killed.
-ExecStartPre=-/sbin/ip link delete dev multimaster0
 # Root, since the key is root's, with the rights of a network manager alone.
 CapabilityBoundingSet=CAP_NET_ADMIN
 # The one device that wireguard-go needs, where the kernel has no WireGuard.

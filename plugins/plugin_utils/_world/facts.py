@@ -17,7 +17,7 @@ from .._fleet.plain_text import quote
 from .._plan import tunnel
 from .._plan.model import ComputerPlan, FleetPlan
 from . import plan_world
-from .model import ACCEPT, FORWARD, IN, LOOSE, NAT, OUT, Interface, Link, Machine, Route, Rule, World
+from .model import ACCEPT, FORWARD, IN, LOOSE, NAT, OUT, Interface, Link, Machine, Route, Rule, World, kernel_routes
 from .policy import lookups
 
 Info = Mapping[str, Any]  # the return of multimaster_info
@@ -186,8 +186,8 @@ def _add_tunnel(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machi
     address = IPv4Interface(f"{own.address}/{own.network.prefixlen}")
     link = plan_world.name_link(fleet, own.network)
     interface = Interface(name=tunnel.INTERFACE, addresses=(address,), link=link, mtu=tunnel.MTU, up=True)
-    route = Route(destination=own.network, gateway=None, device=tunnel.INTERFACE, source=own.address)
-    return replace(machine, interfaces=(*machine.interfaces, interface), routes=(*machine.routes, route))
+    routes = (*machine.routes, *kernel_routes(interface))
+    return replace(machine, interfaces=(*machine.interfaces, interface), routes=routes)
 
 
 def _apply(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machine:

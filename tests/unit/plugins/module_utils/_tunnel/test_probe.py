@@ -21,7 +21,7 @@ GOOD = {
 
 @pytest.fixture(name="told")
 def fixture_told(monkeypatch):
-    """What wg says, by the word; what ONE has sent grows between two questions."""
+    """A wg that answers with these texts, by the word; ONE sends something between two questions."""
     texts, count = dict(GOOD), itertools.count(1)
     asked = []
 

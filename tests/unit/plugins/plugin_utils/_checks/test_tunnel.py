@@ -16,7 +16,7 @@ ONE, TWO, THREE = NAMES
 
 
 def tunnels(fleet):
-    """What WireGuard tells on each computer, where all is well; the key of a computer is its name."""
+    """Make the answers of WireGuard on each computer, where all is well; the key of a computer is its name."""
     return {
         name: SeenTunnel(
             up=True,
@@ -92,6 +92,14 @@ def ended(seen):
         update(peer(seen, name, TWO), heard=False)
 
 
+def killed(seen):
+    """Its unit is active, and wireguard-go is gone: so are its interface, the address and the routes."""
+    update(seen[TWO].probe.tunnel, up=False, public_key="", port=0, peers=())
+    update(seen[TWO].probe.forwarding.interfaces[0], addresses=())
+    for name in (ONE, THREE):
+        update(peer(seen, name, TWO), heard=False)
+
+
 @pytest.mark.parametrize(
     ("change", "part"),
     [
@@ -100,7 +108,8 @@ def ended(seen):
         (another_key(ONE, THREE), ("tunnel", TWO, "key")),
         (another_key(ONE), ("tunnel", ONE, "peer")),
         (without_peer, ("tunnel", ONE, "peer")),
-        (ended, ("service", TWO, "down")),
+        (ended, ("tunnel", TWO, "ended")),
+        (killed, ("tunnel", TWO, "ended")),
     ],
 )
 def test_each_fault_of_a_tunnel_is_named_once(change, part):

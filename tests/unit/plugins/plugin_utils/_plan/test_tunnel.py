@@ -8,13 +8,15 @@ import random
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.filter.tunnel_files import tunnel_files
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._tunnel import key as made
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._tunnel import probe
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import (
     Inventory,
     InventoryProblems,
     read_fleet,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import tunnel
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import tunnel, units
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 from fleets import plan
@@ -125,23 +127,48 @@ def test_what_a_tunnel_cannot_be_together_with(changes, shared, words):
     assert words in str(found.value)
 
 
+def test_a_new_own_key_is_a_change_of_the_file():
+    """Its peers stay, and the tunnel has to be started again."""
+    before, after = texts(ANA), texts(ANA, {**KEYS, ANA: key(9)})
+    assert before[tunnel.CONFIGURATION] != after[tunnel.CONFIGURATION] and before[tunnel.FILTER] == after[tunnel.FILTER]
+    assert "(made in this run)" in texts(ANA, {BOB: KEYS[BOB]})[tunnel.CONFIGURATION]
+
+
+def test_the_controller_and_the_computer_mean_the_same():
+    assert (tunnel.KEY, tunnel.INTERFACE) == (made.KEY, probe.INTERFACE) and tunnel.KEEPALIVE < probe.LISTENS
+    (unit,) = units.render_services(
+        ["tunnel"],
+        robot="ana",
+        address="10.77.0.21",
+        roscore_command="",
+        roscore_port=11311,
+        programs={},
+        environment_digest="",
+        nodes_digest="",
+    )
+    assert f"wg-quick up {tunnel.CONFIGURATION}\n" in unit["content"]
+    assert f"delete dev {tunnel.INTERFACE}\n" in unit["content"]
+
+
 FOUND = {"interfaces": [{"name": "eth0", "addresses": [{"address": "192.168.28.21", "prefix": 24}]}], "tunnel": {}}
 
 
 @pytest.mark.parametrize(
-    ("interface", "kernel", "device", "words"),
+    ("interface", "kernel", "device", "right", "words"),
     [
-        (None, True, True, []),
-        (None, False, True, []),
-        (None, False, False, ["no /dev/net/tun"]),
-        (tunnel.INTERFACE, True, True, []),
-        ("wg0", True, True, ["already on wg0"]),
+        (None, True, True, True, []),
+        (None, False, True, True, []),
+        (None, False, False, True, ["no /dev/net/tun"]),
+        (None, True, True, False, ["no CAP_NET_ADMIN"]),
+        (tunnel.INTERFACE, True, True, True, []),
+        ("wg0", True, True, True, ["already on wg0"]),
     ],
 )
-def test_the_machine_is_asked_before_anything_changes(interface, kernel, device, words):
+def test_the_machine_is_asked_before_anything_changes(interface, kernel, device, right, words):
     own = fleet().computers[ANA]
     there = [{"name": interface, "addresses": [{"address": "10.77.0.21", "prefix": 24}]}] if interface else []
     info = {"interfaces": FOUND["interfaces"] + there, "tunnel": {"kernel": kernel, "device": device}}
+    info["systemd"] = {"net_admin": right}
     problems = list(tunnel.find_tunnel_problems(own, info))
     assert [word in problem for word, problem in zip(words, problems, strict=True)] == [True] * len(words)
     packages = tunnel.list_tunnel_packages(own.tunnel, info)

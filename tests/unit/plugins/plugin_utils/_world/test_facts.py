@@ -5,6 +5,7 @@
 
 import itertools
 import random
+from dataclasses import replace
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.facts import (
@@ -57,6 +58,26 @@ def test_new_machines_reach_neighbours_before_site_yml():
     now = read_world(PLAN, infos(bare()))
     assert ("tibi-nav", "tibi-visio") in reached(now) and ("tibi-nav", "dabo-nav") not in reached(now)
     assert reached(apply_plan(PLAN, now, infos(bare()))) == {(one, other) for one in COMPUTERS for other in COMPUTERS}
+
+
+def test_a_tunnel_that_is_not_there_yet_is_used_after_site_yml():
+    """Before it, no computer has an address in the common network; then every robot reaches every other one."""
+    plan = fig12(
+        routers=(),
+        multimaster_tunnel="wireguard",
+        multimaster_transport="unicast",
+        multimaster_firewall="fleet",
+        multimaster_endpoint="172.16.0.1",
+    )
+    seen = {}
+    for name, machine in make_world(plan).machines.items():
+        inner = tuple(one for one in machine.interfaces if one.link != COMMON)
+        routes = tuple(route for one in inner for route in kernel_routes(one))
+        seen[name] = info_of(replace(machine, interfaces=inner, routes=routes), owned=[])
+    now = read_world(plan, seen)
+    assert all(one[:3] == other[:3] for one, other in reached(now))
+    # dabo-nav and tibi-nav have their default routes by site.yml as well.
+    assert reached(apply_plan(plan, now, seen)) == {(one, other) for one in COMPUTERS for other in COMPUTERS}
 
 
 def test_what_site_does_not_change_stays():

@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The action fleet_keys: each computer speaks for itself, and the file is the old one or the new one."""
+
+import base64
+import types
+
+import pytest
+from ansible.playbook.task import Task
+from ansible_collections.rosfleet.multimaster.plugins.action import fleet_keys
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
+from fleets import plan
+
+ONE, TWO = "kobuki1computer", "kobuki2computer"
+FLEET = to_plain(
+    plan(
+        multimaster_tunnel="wireguard",
+        multimaster_transport="unicast",
+        multimaster_firewall="fleet",
+        multimaster_endpoint="172.16.0.1",
+    )
+)
+
+
+def key(number):
+    return base64.b64encode(bytes([number]) * 32).decode()
+
+
+@pytest.fixture(name="gather")
+def fixture_gather(tmp_path):
+    path = tmp_path / "keys.txt"
+
+    def run(told, check=False, rotate=False):
+        task = Task()
+        task.action, task.async_val, task.check_mode = "rosfleet.multimaster.fleet_keys", 0, check
+        task.args = {"fleet": FLEET, "told": "own", "path": str(path), "rotate": rotate}
+        connection = types.SimpleNamespace(_shell=types.SimpleNamespace(tmpdir=None))
+        module = fleet_keys.ActionModule(task, connection, None, None, None, None)
+        hostvars = {host: {"own": result} for host, result in told.items()}
+        return module.run(task_vars={"hostvars": hostvars, "ansible_play_hosts_all": list(told)})
+
+    run.path = path
+    return run
+
+
+def test_keys_are_kept_for_runs_without_their_computers(gather):
+    first = gather({ONE: {"public_key": key(1)}})
+    assert first["changed"] and first["keys_by_computer"] == {ONE: key(1)} and TWO in first["warnings"][0]
+    second = gather({TWO: {"public_key": key(2)}})
+    assert second["keys_by_computer"] == {ONE: key(1), TWO: key(2)} and not second["warnings"]
+    assert not gather({ONE: {"failed": True, "msg": "no answer"}})["changed"]
+    assert [entry.name for entry in gather.path.parent.iterdir()] == ["keys.txt"]
+
+
+def test_check_mode_writes_nothing(gather):
+    found = gather({ONE: {"public_key": key(1)}}, check=True)
+    assert found["changed"] and found["diff"]["after"].endswith(f"{ONE} {key(1)}\n") and not gather.path.exists()
+
+
+def test_a_changed_key_leaves_the_file_as_it_was(gather):
+    gather({ONE: {"public_key": key(1)}, TWO: {"public_key": key(2)}})
+    before = gather.path.read_text()
+    found = gather({ONE: {"public_key": key(3)}})
+    assert (
+        found["failed"] and f"{ONE}: its public key is {key(3)}" in found["msg"] and gather.path.read_text() == before
+    )
+    assert gather({ONE: {"public_key": key(3)}}, rotate=True)["keys_by_computer"][ONE] == key(3)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe", b"a b c\n", b"name \x1b[2J\n"])
+def test_a_strange_file_is_a_sentence(gather, content):
+    gather.path.write_bytes(content)
+    found = gather({ONE: {"public_key": key(1)}})
+    assert found["failed"] and "Nothing was changed" in found["msg"] and "\x1b" not in found["msg"]
+    assert gather.path.read_bytes() == content
