@@ -1521,7 +1521,7 @@ tunnel:
   description: The tunnel of the collection on this computer, as WireGuard tells it. No private key is asked for.
   returned: when O(action=collect)
   type: dict
-  sample: {up: false, public_key: "", port: 0, peers: []}
+  sample: {up: false, public_key: "", port: 0, time_s: 1764147600.0, mtu: 0, peers: []}
   contains:
     up:
       description: Whether there is one, or null where it was not looked at.
@@ -1538,6 +1538,16 @@ tunnel:
       returned: always
       type: int
       sample: 51820
+    time_s:
+      description: The time of its clock, in seconds since 1970, or null where the tunnel was not looked at.
+      returned: always
+      type: float
+      sample: 1764147600.0
+    mtu:
+      description: The largest packet that it takes, in bytes, or 0.
+      returned: always
+      type: int
+      sample: 1420
     peers:
       description: The other computers that it lets in.
       returned: always
@@ -1571,6 +1581,17 @@ tunnel:
           returned: always
           type: float
           sample: 12.0
+        beside:
+          description: Its addresses to which another route leads than by the tunnel.
+          returned: always
+          type: list
+          elements: str
+          sample: []
+        carrier_mtu:
+          description: The MTU of the interface by which packets to it leave the computer, in bytes, or 0 where it is not known.
+          returned: always
+          type: int
+          sample: 1500
 disks:
   description: The room that is left for others than root where services write, each file system once.
   returned: when O(action=collect)

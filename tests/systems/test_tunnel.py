@@ -20,6 +20,8 @@ INSIDE = (ANA, BOB, GATE)
 KEYS = "multimaster_tunnel_keys.txt"
 CLOSED = """nft 'table inet fault { chain one { type filter hook input priority filter; udp dport 51820 drop; };
 chain two { type filter hook output priority filter; udp dport 51820 drop; }; }'"""
+UNDO = """nft delete table inet fault 2> /dev/null; ip link set eth0 mtu 1500
+ip route del 10.77.0.24 dev eth0 2> /dev/null; systemctl restart multimaster-tunnel"""
 LEFT = "ls -d /etc/rosfleet-multimaster /etc/wireguard/* 2> /dev/null; ip -o link show multimaster0 2> /dev/null; nft list tables | grep rosfleet"
 
 
@@ -130,15 +132,21 @@ def test_nobody_below_can_send_in_the_name_of_a_robot(lab):
             "wg set multimaster0 peer $(wg show multimaster0 allowed-ips | grep 10.77.0.22 | cut -f1) remove",
             "ana-pc has other peers in its tunnel than planned: bob-pc",
         ),
+        (BOB, "ip link set eth0 mtu 1300", "the network that carries the tunnel of bob-pc takes packets of 1300 bytes"),
+        (
+            BOB,
+            "ip route add 10.77.0.24 via 192.168.28.24 dev eth0",
+            "packets of bob-pc for 10.77.0.24 take another route than the tunnel",
+        ),
     ],
-    ids=["stopped", "closed", "key", "peer"],
+    ids=["stopped", "closed", "key", "peer", "mtu", "beside"],
 )
 def test_a_fault_of_the_tunnel_is_the_one_finding(lab, host, command, sentence):
     lab.run(host, command)
     try:
         assert_one_finding(lab, sentence)
     finally:
-        lab.run(host, "nft delete table inet fault 2> /dev/null; systemctl restart multimaster-tunnel")
+        lab.run(host, UNDO)
 
 
 def test_a_robot_that_changes_its_address_is_back_in_seconds(lab):
@@ -183,6 +191,25 @@ def test_one_new_key_is_known_after_a_whole_run(lab):
 
 def test_a_run_without_a_robot_knows_its_key(lab):
     assert mend(lab, "--limit", "ana:bob") == dict.fromkeys((ANA, BOB), 0)
+
+
+def test_a_robot_without_an_endpoint_is_reached_by_the_hub(lab):
+    hosts, shared = lab.inventory / "hosts.yml", lab.inventory / "group_vars" / "robots.yml"
+    before = {path: path.read_text() for path in (hosts, shared)}
+    hosts.write_text(before[hosts].replace("multimaster_endpoint: 192.168.28.24", ""))
+    shared.write_text(before[shared] + "multimaster_tunnel_hub: ana-pc\n")
+    mend(lab)
+    assert mend(lab) == dict.fromkeys(HOSTS, 0)
+    assert_passes(lab)
+    assert "ttl=62 " in lab.run(BOB, "ping -c1 -W2 192.168.29.2")  # by ana-pc and dan-gate
+    lab.run(ANA, "sysctl -q -w net.ipv4.ip_forward=0")
+    try:
+        assert_one_finding(lab, "ana-pc drops what is meant for another network")
+    finally:
+        lab.run(ANA, "sysctl -q -w net.ipv4.ip_forward=1")
+    for path, text in before.items():
+        path.write_text(text)
+    mend(lab)
 
 
 def test_a_reboot_brings_the_tunnel_back(lab):

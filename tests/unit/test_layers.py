@@ -27,7 +27,7 @@ ROOMS = {
         "_routes": {"_changes", "_machine", "_module", "_process"},
         "_firewall": {"_changes", "_machine", "_module", "_process"},
         "_packages": {"_changes", "_machine", "_module", "_process"},
-        "_tunnel": {"_changes", "_module", "_process"},
+        "_tunnel": {"_changes", "_machine", "_module", "_process"},
         "_computer": {
             "_changes",
             "_firewall",

@@ -197,7 +197,11 @@ PARTS = (
         lambda params, ros, deadline: dict(resources.clock(), **time_sources.time_sources(PATIENCE)),
         {"synchronised": None, "answers": None, "service": "", "sources": []},
     ),
-    Part("tunnel", lambda params, ros, deadline: tunnel.look(), {"up": None, "public_key": "", "port": 0, "peers": []}),
+    Part(
+        "tunnel",
+        lambda params, ros, deadline: tunnel.look(),
+        {"up": None, "public_key": "", "port": 0, "time_s": None, "mtu": 0, "peers": []},
+    ),
     Part("changes", lambda params, ros, deadline: changes.changes(), [], on_router=True),
     Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], on_router=True),
     Part("file_limits", lambda params, ros, deadline: resources.file_limits(), []),

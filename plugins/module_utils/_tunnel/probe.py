@@ -7,7 +7,8 @@ import re
 import time
 import typing
 
-from .._process.commands import run
+from .._machine import network
+from .._process.commands import run, text
 
 INTERFACE = "multimaster0"
 MOST = 1000  # peers that are told
@@ -34,6 +35,8 @@ def look(interface: str = INTERFACE) -> typing.Dict[str, typing.Any]:
             "networks": sorted(_NETWORK.findall(allowed))[:MOST],
             "handshake_age_s": _measure_age(times.get(peer, ""), now),
             "heard": _count_received(before.get(peer, "")) < _count_received(after.get(peer, "")),
+            "beside": _list_beside(interface, allowed),
+            "carrier_mtu": _measure_carrier(ends.get(peer, "")),
         }
         for peer, allowed in sorted(networks.items())
     ]
@@ -41,6 +44,8 @@ def look(interface: str = INTERFACE) -> typing.Dict[str, typing.Any]:
         "up": _KEY.fullmatch(key) is not None,
         "public_key": key if _KEY.fullmatch(key) else "",
         "port": int(port) if _NUMBER.fullmatch(port) else 0,
+        "time_s": round(now, 1),
+        "mtu": _read_mtu(interface),
         "peers": peers[:MOST],
     }
 
@@ -55,6 +60,22 @@ def _read(interface: str, word: str) -> typing.Dict[str, str]:
     """Read lines of a key and a value."""
     lines = (line.partition("\t") for line in _ask(interface, word).splitlines())
     return {key: value for key, _tab, value in lines if _KEY.fullmatch(key)}
+
+
+def _list_beside(interface: str, allowed: str) -> typing.List[str]:
+    """List the addresses of a peer to which another route leads than by the tunnel."""
+    addresses = re.findall(r"([\d.]{7,15})/32", allowed)[:MOST]
+    return [address for address in addresses if network.route_to(address).device not in (None, interface)]
+
+
+def _measure_carrier(endpoint: str) -> int:
+    """Return the MTU of the interface by which packets to a peer leave this computer; 0 where there is none."""
+    return _read_mtu(network.route_to(endpoint.rpartition(":")[0]).device or "")
+
+
+def _read_mtu(interface: str) -> int:
+    number = text(f"/sys/class/net/{interface}/mtu").strip()
+    return int(number) if _NUMBER.fullmatch(number) else 0
 
 
 def _count_received(transfer: str) -> int:

@@ -21,6 +21,7 @@ Parts = frozenset[Part]
 NAMES = ("unknown", "loopback", "old", "several")  # a name with a wrong meaning
 DISCOVERY = ("dead", "hung", "group")
 # what a computer that forwards packets needs: kind and mode of parts
+TUNNEL = ("ended", "peer", "key", "silent", "clock", "mtu", "beside")
 FORWARDER = (("computer", "off"), ("forwarding", "off"), ("filter", "forward"), ("reverse_path", "strict"))
 
 
@@ -55,12 +56,22 @@ def _way(case: Case, one: str, other: str) -> Parts:
 
 
 def _tunnel_parts(case: Case, places: Iterable[str]) -> Parts:
-    """List the parts of the tunnel between two computers of the common network, where that is one."""
+    """List the parts of the tunnel between two computers of the common network, where that is one, and of its hub."""
     ends = [place for place in places if place in case.fleet.computers and case.fleet.computers[place].tunnel]
     if len(ends) != 2:
         return frozenset()
-    own = join_parts(make_parts("tunnel", end, "ended", "peer", "key", "silent") for end in ends)
-    return own | {Part.from_pair("tunnel", "pair", *ends)}
+    hub = find_hub(case, *ends)
+    stops = [ends[0], hub, ends[1]] if hub else ends
+    own = join_parts(make_parts("tunnel", stop, *TUNNEL) for stop in stops)
+    own |= {Part(kind, hub, mode) for kind, mode in FORWARDER if hub}
+    return own | {Part.from_pair("tunnel", "pair", *leg) for leg in pairwise(stops)}
+
+
+def find_hub(case: Case, one: str, other: str) -> str:
+    """Return the computer through which two reach each other in the tunnel; empty where they do so directly."""
+    tunnel, target = (case.fleet.computers[name].tunnel for name in (one, other))
+    carrier = tunnel.find_carrier(target.address) if tunnel and target else ""
+    return "" if carrier == other else carrier
 
 
 def list_tunnel_parts(case: Case, one: str, other: str) -> Parts:
@@ -177,6 +188,8 @@ def large(case: Case, one: str, other: str) -> Parts:
         return frozenset()
     parts: set[Part] = set()
     for place, network in links(case, one, other):
+        if network == COMMON and place in case.fleet.computers and case.fleet.computers[place].tunnel:
+            parts |= make_parts("tunnel", place, "mtu")
         parts |= make_parts("interface", place, "mtu", what=network) | make_parts("network", network, "large")
     for gateway in gateways(case, one, other):
         parts |= make_parts("forwarding", gateway, "large")

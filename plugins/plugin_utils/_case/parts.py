@@ -499,6 +499,28 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "refused; see on {place}: wg show multimaster0; date --utc; nft list ruleset",
         "on {place}: wg show multimaster0; date --utc; nft list ruleset",
     ),
+    ("tunnel", "beside"): Fault(
+        "packets of {place} for {what} take another route than the tunnel",
+        f"remove it, or the program that makes it; see {ROUTES}",
+        ROUTES,
+        cost=2.0,
+        what="others",
+        read=READ,
+    ),
+    ("tunnel", "mtu"): Fault(
+        "the network that carries the tunnel of {place} takes packets of {what}, so large ones are lost",
+        "on {place}: systemctl restart multimaster-tunnel, which takes the size of that network anew; see on {place}: ip link",
+        "on {place}: ip link",
+        cost=2.0,
+        what="less than the tunnel sends",
+        read=READ,
+    ),
+    ("tunnel", "clock"): Fault(
+        "nothing comes through the tunnel of {place}, and its clock is {what}: handshakes of a clock that went back are refused",
+        "set its clock: on {place}: date --utc --set ...; keep it right with a battery for the clock, or with multimaster_clock",
+        "on {place}: date --utc; wg show multimaster0 latest-handshakes",
+        what="behind the others",
+    ),
     ("tunnel", "pair"): Fault(
         "nothing comes through the tunnel between {place}, and both reach others",
         "look at what is between them in the network that carries it; see on {place}: wg show multimaster0 endpoints",
@@ -900,6 +922,7 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     ("route", "other"): (
         ("route", "rule"),
         ("route", "defaults"),
+        ("tunnel", "beside"),
         ("interface", "address"),
         ("interface", "prefix"),
         *TUNNEL,

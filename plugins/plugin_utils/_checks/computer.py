@@ -20,7 +20,7 @@ from .manual_setup import guard
 
 
 def _passes_packets_on(case: Case) -> bool:
-    return case.observer.plan.is_gateway or case.observer.plan.is_router
+    return case.observer.plan.forwards
 
 
 def _interfaces(case: Case) -> list[ForwardingInterface]:

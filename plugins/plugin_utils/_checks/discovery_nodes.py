@@ -362,6 +362,12 @@ def _to_master(case: Case) -> Route | None:
     return entry.route if entry and case.target != case.observer.name else None
 
 
+def _route_suspects(case: Case) -> Parts:
+    """List what makes another route than the planned ones come first."""
+    name = case.observer.name
+    return make_parts("interface", name, "prefix", "address") | make_parts("tunnel", name, "beside")
+
+
 @Check(
     title="route to the discovery node",
     scope=MASTER,
@@ -370,7 +376,7 @@ def _to_master(case: Case) -> Route | None:
     needs=lambda case: make_parts(
         "route", case.observer.name, "missing", "other", what=_beyond(case, case.master.address)
     ),
-    suspects=lambda case: make_parts("interface", case.observer.name, "prefix", "address"),
+    suspects=_route_suspects,
     evidence=lambda case: _route_evidence(case, _to_master(case), case.master.address),
 )
 def _judge_master_route(case: Case) -> Judgement | None:
@@ -395,7 +401,7 @@ def _to_outer(case: Case) -> Route | None:
     expected="packets to its address in the common network leave by the planned gateway",
     report="4.2",
     needs=lambda case: make_parts("route", case.observer.name, "missing", "other", what=_beyond(case, _outer(case))),
-    suspects=lambda case: make_parts("interface", case.observer.name, "prefix", "address"),
+    suspects=_route_suspects,
     evidence=lambda case: _route_evidence(case, _to_outer(case), _outer(case)),
 )
 def _judge_outer_route(case: Case) -> Judgement | None:

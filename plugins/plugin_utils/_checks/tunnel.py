@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from statistics import median
+
 from .._case import needs
 from .._case.case import Case
 from .._case.needs import Parts, make_parts
@@ -13,23 +15,42 @@ from .._observed.observations import SeenTunnel, TunnelPeer
 from .._plan.model import Peer
 from .engine import FAILED, MEMBER, OK, Check, Judgement
 
+HEADERS = 60  # bytes: of IPv4, UDP and WireGuard around each packet
+
+
+def _find_small_carrier(case: Case) -> int:
+    """Return the MTU of the network that carries the tunnel of the observer, where it is too small for it; else 0."""
+    seen = case.probe.tunnel
+    sizes = [peer.carrier_mtu for peer in seen.peers if 0 < peer.carrier_mtu < seen.mtu + HEADERS]
+    return min(sizes, default=0)
+
+
+def _find_own_fault(case: Case) -> Parts:
+    if not case.probe.tunnel.up:
+        return make_parts("tunnel", case.observer.name, "ended")
+    return make_parts("tunnel", case.observer.name, "mtu", what=f"{_find_small_carrier(case)} bytes at most")
+
 
 @Check(
     title="its tunnel is up",
     about="with `multimaster_tunnel`",
-    expected="WireGuard knows the tunnel of the collection",
-    needs=lambda case: make_parts("tunnel", case.observer.name, "ended"),
-    evidence=lambda case: make_parts("tunnel", case.observer.name, "ended"),
+    expected="WireGuard knows the tunnel of the collection, and what carries it takes its packets",
+    needs=lambda case: make_parts("tunnel", case.observer.name, "ended", "mtu"),
+    evidence=_find_own_fault,
 )
 def _judge_own_tunnel(case: Case) -> Judgement | None:
     if case.observer.plan.tunnel is None or case.probe.tunnel.up is None:
         return None
-    return Judgement(
-        OK if case.probe.tunnel.up else FAILED, "a tunnel", "there is one" if case.probe.tunnel.up else "none"
-    )
+    if not case.probe.tunnel.up:
+        return Judgement(FAILED, "a tunnel", "none")
+    expected = f"a tunnel over a network that takes packets of {case.probe.tunnel.mtu + HEADERS} bytes"
+    small = _find_small_carrier(case)
+    return Judgement(FAILED if small else OK, expected, f"one that takes {small} at most" if small else "as planned")
 
 
 # Between two computers
+
+LATE = 120.0  # seconds; more than from the first answer of a computer to the last
 
 
 def _find_planned(case: Case, observer: str, target: str) -> Peer | None:
@@ -46,10 +67,17 @@ def _look_at(case: Case, computer: str) -> SeenTunnel | None:
 
 
 def _find_peer(case: Case, observer: str, planned: Peer) -> TunnelPeer | None:
-    """Find a planned peer at a computer by its own address."""
+    """Find a planned peer at a computer by its own address; none where it is reached through the hub."""
     seen = _look_at(case, observer)
-    own = str(planned.networks[0])
-    return next((peer for peer in seen.peers if own in peer.networks), None) if seen else None
+    if seen is None or _find_planned(case, observer, planned.computer) is None:
+        return None
+    return next((peer for peer in seen.peers if str(planned.networks[0]) in peer.networks), None)
+
+
+def _list_beside(case: Case, planned: Peer) -> tuple[str, ...]:
+    """List the addresses of a peer to which another route leads than by the tunnel."""
+    peer = _find_peer(case, case.observer.name, planned)
+    return peer.beside if peer else ()
 
 
 def _is_as_planned(peer: TunnelPeer | None, planned: Peer) -> bool:
@@ -79,8 +107,19 @@ def _find_silence(case: Case, planned: Peer) -> Parts:
     name = case.observer.name
     deaf, mute = not _hears(case, name), not _is_heard(case, planned, name)
     if deaf != mute:
-        return make_parts("tunnel", name if deaf else planned.computer, "silent")
+        place = name if deaf else planned.computer
+        late = _measure_lateness(case, place)
+        if late > LATE:
+            return make_parts("tunnel", place, "clock", what=f"{late:.0f} s behind the others")
+        return make_parts("tunnel", place, "silent")
     return frozenset({Part.from_pair("tunnel", "pair", name, planned.computer)})
+
+
+def _measure_lateness(case: Case, place: str) -> float:
+    """Return the seconds by which the clock of a computer is behind those of the others. They are asked within some seconds."""
+    times = {name: seen.time_s for name in case.run if (seen := _look_at(case, name)) and seen.time_s is not None}
+    others = [moment for name, moment in times.items() if name != place]
+    return median(others) - times[place] if others and place in times else 0.0
 
 
 def _find_mistake(case: Case, one: str, other: str) -> Parts:
@@ -109,6 +148,8 @@ def _evidence(case: Case) -> Parts:
     planned = _find_planned(case, name, target)
     if planned is None:
         return frozenset()
+    if beside := _list_beside(case, planned):
+        return make_parts("tunnel", name, "beside", what=", ".join(beside))
     if mistake := _find_mistake(case, name, target) or _find_mistake(case, target, name):
         return mistake
     return make_parts("tunnel", target, "ended") if _has_ended(case, target) else _find_silence(case, planned)
@@ -118,7 +159,7 @@ def _evidence(case: Case) -> Parts:
     title="the tunnel between two computers is open",
     scope=MEMBER,
     about="with `multimaster_tunnel`",
-    expected="each is a peer of the other with its own key and its planned addresses, and is heard within 4 s",
+    expected="each is a peer of the other with its own key and its planned addresses, is heard within 4 s, and no other route leads there",
     needs=lambda case: needs.list_tunnel_parts(case, case.observer.name, case.target),
     evidence=_evidence,
 )
@@ -132,6 +173,8 @@ def _judge_tunnel(case: Case) -> Judgement | None:
         return Judgement(FAILED, f"a peer with {networks}", f"one with {', '.join(peer.networks)}" if peer else "none")
     if not _has_its_key(case, case.observer.name, planned):
         return Judgement(FAILED, "its own key", f"the key {peer.public_key}")
+    if peer.beside:
+        return Judgement(FAILED, "routes by the tunnel", f"others to {', '.join(peer.beside)}")
     age = "there was none" if peer.handshake_age_s is None else f"the last was {peer.handshake_age_s:.0f} s ago"
     found = f"{'it is heard' if peer.heard else 'nothing in 4 s'}; of handshakes {age}"
     return Judgement(OK if peer.heard else FAILED, "something from it within 4 s", found)

@@ -114,10 +114,16 @@ def _find_wrong_places(fleet: Fleet) -> Iterator[tuple[bool, str]]:
     inside = [computer for computer in fleet.computers if computer.common_address]
     ends = {computer.name: computer.variables.endpoint for computer in inside}
     silent = [name for name, end in ends.items() if end is None]
+    hub = fleet.variables.tunnel_hub
     yield (
-        len(silent) > 1,
+        len(silent) > 1 and not hub,
         f"{shorten_list(silent)} have no multimaster_endpoint; expected it of all computers in the common network but one, since of two one must "
-        "know where the other is",
+        "know where the other is: add it, or name a computer that all reach in multimaster_tunnel_hub",
+    )
+    yield (
+        bool(hub) and ends.get(hub or "") is None,
+        f"multimaster_tunnel_hub is '{hub}'; expected a computer in the common network with a multimaster_endpoint, at which all others reach it"
+        f"{nearest(hub or '', [name for name, end in ends.items() if end])}",
     )
     within = [name for name, end in ends.items() if end and end in network]
     yield (

@@ -100,6 +100,11 @@ class Fleet:
         return {**masters, **names}.get(self.variables.clock or "")
 
     @cached_property
+    def hub(self) -> Computer | None:
+        """The computer through which the tunnel reaches those without an endpoint. None without one, and for a name that no computer has."""
+        return next((computer for computer in self.computers if computer.name == self.variables.tunnel_hub), None)
+
+    @cached_property
     def flows(self) -> tuple[Flow, ...]:
         """The declared data flows. A robot without a declaration gives everything to every robot."""
         return make_flows({robot.name: robot.variables.exports for robot in self.robots})

@@ -194,6 +194,12 @@ class FleetVariables:
         "51820",
         default=51820,
     )
+    tunnel_hub: str | None = row(
+        kinds.text,  # compared with the computers: that sentence names them
+        "A computer of the common network that all others reach at its `multimaster_endpoint`, such as one with a public address. Robots "
+        "without an endpoint are reached through it, in whatever network they are. Default: they speak first to each of the others.",
+        "base-pc",
+    )
     heartbeat_hz: float = row(
         kinds.number(float, 0.02, 25.5),
         "Heartbeats of a discovery node per second. A change is announced at once, whatever the rate.",

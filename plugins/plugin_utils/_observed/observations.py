@@ -325,6 +325,8 @@ class TunnelPeer:
     networks: tuple[str, ...] = ()
     heard: bool = False
     handshake_age_s: float | None = None
+    beside: tuple[str, ...] = ()  # its addresses to which another route leads than by the tunnel
+    carrier_mtu: int = 0  # bytes, of the interface by which packets to it leave; 0: not known
 
 
 @dataclass(frozen=True)
@@ -334,6 +336,8 @@ class SeenTunnel:
     up: bool | None = None
     public_key: str = ""
     port: int = 0
+    time_s: float | None = None  # of its clock, since 1970
+    mtu: int = 0  # bytes
     peers: tuple[TunnelPeer, ...] = ()
 
 

@@ -216,6 +216,12 @@ class Tunnel:
     port: int
     peers: tuple[Peer, ...] = ()
     routes: tuple[Route, ...] = ()  # to the networks behind other computers
+    hub: bool | None = field(default=None, metadata=notation(left_out=True))  # it passes packets on between its peers
+
+    def find_carrier(self, address: IPv4Address) -> str:
+        """Return the peer to which packets for an address go: the computer itself, or the hub. Empty for none."""
+        near = (peer.computer for peer in self.peers if any(address in network for network in peer.networks))
+        return next(near, "")
 
 
 @dataclass(frozen=True)
@@ -290,6 +296,11 @@ class ComputerPlan:
     firewall_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the packet filter
     clock_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the clock
     tunnel_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the tunnel
+
+    @property
+    def forwards(self) -> bool:
+        """Whether it passes packets of others on."""
+        return self.is_gateway or self.is_router or bool(self.tunnel and self.tunnel.hub)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from ipaddress import IPv4Network
 
 from .._fleet.model import Computer, Fleet, Robot, Router
@@ -127,6 +127,7 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
     is_master = computer == robot.companion
     is_gateway = robot.gateway is not None and robot.gateway.name == computer.name
     tunnel = _tunnel(fleet, robot, computer)
+    is_hub = tunnel is not None and bool(tunnel.hub)
     # The unit of the tunnel makes its routes, each time that it starts.
     existing = robot.variables.routes == "existing" or tunnel is not None
     expected = _list_expected_routes(fleet, robot, computer) if existing else ()
@@ -144,12 +145,12 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         roscore_port=robot.variables.roscore_port,
         ros_setup=computer.variables.ros_setup,
         shells=computer.variables.shells,
-        sysctl=_sysctl(fleet) + (FORWARDING if is_gateway else ()),
+        sysctl=_sysctl(fleet) + (FORWARDING if is_gateway or is_hub else ()) + (NO_REDIRECTS[:2] if is_hub else ()),
         routes=() if existing else _routes(fleet, robot, computer),
         routes_expected=expected,
         look_at=_look_at(fleet, robot, is_master, expected, metrics),
         multicast_routing=_multicast_routing(fleet, computer) if is_gateway else None,
-        firewall=_firewall(fleet, (robot.network,) if is_gateway else (), computer),
+        firewall=_firewall(fleet, _list_protected(fleet, robot, is_gateway, is_hub), computer),
         clock=_clock(fleet, robot, computer),
         tunnel=tunnel,
         environment=_environment(fleet, robot, computer),
@@ -289,19 +290,34 @@ def _tunnel(fleet: Fleet, robot: Robot, computer: Computer) -> model.Tunnel | No
     """Return the place of a computer in the tunnel, None without one. Computers behind a gateway use that of the gateway."""
     if fleet.variables.tunnel == "none" or computer.common_address is None:
         return None
-    others = [
-        (other, own) for other in fleet.robots for own in other.computers if own.common_address and own != computer
-    ]
     return model.Tunnel(
         computer=computer.name,
         address=computer.common_address,
         network=fleet.variables.common_network,
         port=fleet.variables.tunnel_port,
-        peers=tuple(
-            model.Peer(own.name, _list_own_networks(other, own), own.variables.endpoint) for other, own in others
-        ),
+        peers=tuple(_list_peers(fleet, computer)),
         routes=_network_routes(fleet, robot, computer),
+        hub=computer == fleet.hub or None,
     )
+
+
+def _list_peers(fleet: Fleet, computer: Computer) -> Iterator[model.Peer]:
+    """Yield the peers of a computer. Where there is a hub, all between others of which one has no endpoint goes through it."""
+    others = [
+        (own, _list_own_networks(robot, own))
+        for robot in fleet.robots
+        for own in robot.computers
+        if own.common_address and own != computer
+    ]
+    by_hub = [own for own, _networks in others if _is_reached_by_hub(fleet, computer, own)]
+    behind = [network for own, networks in others if own in by_hub for network in networks]
+    for own, networks in others:
+        if own not in by_hub:
+            yield model.Peer(own.name, (*networks, *(behind if own == fleet.hub else ())), own.variables.endpoint)
+
+
+def _is_reached_by_hub(fleet: Fleet, one: Computer, other: Computer) -> bool:
+    return fleet.hub not in (None, one, other) and None in (one.variables.endpoint, other.variables.endpoint)
 
 
 def _list_own_networks(robot: Robot, computer: Computer) -> tuple[IPv4Network, ...]:
@@ -326,6 +342,13 @@ def _firewall(
         (f"{fleet.variables.tunnel_port}/udp",) if fleet.variables.tunnel != "none" and computer.common_address else ()
     )
     return model.Firewall(networks, computer.variables.firewall_also, (*computer.variables.firewall_ports, *tunnel))
+
+
+def _list_protected(fleet: Fleet, robot: Robot, is_gateway: bool, is_hub: bool) -> tuple[IPv4Network, ...]:
+    """Return the networks for which a computer passes packets on. A hub does so for the whole fleet, as a router."""
+    if is_hub:
+        return _networks_behind_router(fleet)
+    return (robot.network,) if is_gateway else ()
 
 
 def _let_in(fleet: Fleet, belonging: model.Membership) -> tuple[IPv4Network, ...]:

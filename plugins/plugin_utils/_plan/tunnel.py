@@ -36,11 +36,13 @@ _INTERFACE = """\
 # PublicKey = {public}
 Address = {address}/{prefix}
 ListenPort = {port}
-Table = off
+{hub}Table = off
 PreUp = nft -f {filter}
 PostUp = wg set %i private-key {key}
 {routes}PostDown = nft delete table inet {table}
 """
+# A computer that becomes the hub starts its tunnel again: the new interface sends no ICMP redirects (plan.NO_REDIRECTS).
+_HUB = "# The hub: it passes packets on between its peers.\n"
 _ROUTE = "PostUp = ip route replace {network} via {gateway} dev %i\n"
 _PEER = """
 # {computer}
@@ -83,6 +85,7 @@ def render_tunnel(tunnel: Tunnel | None, keys: Mapping[str, str]) -> list[dict[s
         port=tunnel.port,
         filter=FILTER,
         key=KEY,
+        hub=_HUB if tunnel.hub else "",
         routes=routes,
         table=TABLE,
     )

@@ -81,7 +81,14 @@ def draw_fleet(fleet: FleetPlan, marks: Iterable[Mark] = (), unseen: Mapping[str
 
 def _device(plan: ComputerPlan) -> _Device:
     gives_time = plan.clock is not None and plan.clock.server is None
-    duties = {"master": plan.is_master, "gateway": plan.is_gateway, "router": plan.is_router, "clock": gives_time}
+    is_hub = plan.tunnel is not None and bool(plan.tunnel.hub)
+    duties = {
+        "master": plan.is_master,
+        "gateway": plan.is_gateway,
+        "router": plan.is_router,
+        "hub": is_hub,
+        "clock": gives_time,
+    }
     addresses = dict.fromkeys(str(address) for address in (plan.address, plan.common_address) if address)
     duty = " ".join(duty for duty in duties if duties[duty]) or "computer"
     lines = ("sealed" if plan.sealed else duty, *addresses)

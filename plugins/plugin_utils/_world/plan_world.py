@@ -34,7 +34,7 @@ def make_world(fleet: FleetPlan) -> World:
 
 def make_machine(fleet: FleetPlan, plan: ComputerPlan) -> Machine:
     """Make the machine of a computer's plan."""
-    passes = plan.is_gateway or plan.is_router
+    passes = plan.forwards
     places = [(entry.address, entry.network) for entry in plan.networks]
     interfaces = _make_interfaces(fleet, "eth", places, passes, LOOSE if passes else 0)
     return Machine(

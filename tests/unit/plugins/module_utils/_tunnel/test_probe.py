@@ -31,6 +31,14 @@ def fixture_told(monkeypatch):
         return Answer(1, b"", "no such device") if text is None else Answer(0, f"{text}\n".encode(), "")
 
     monkeypatch.setattr(probe, "run", run)
+    sizes = {"/sys/class/net/multimaster0/mtu": "1420\n", "/sys/class/net/eth0/mtu": "1300\n"}
+    monkeypatch.setattr(probe, "text", lambda path: sizes.get(path, ""))
+    by_eth0 = {"10.77.0.24", "192.168.28.24"}
+    monkeypatch.setattr(
+        probe.network,
+        "route_to",
+        lambda to: probe.network.RouteTo(to, device="eth0" if to in by_eth0 else None),
+    )
     monkeypatch.setattr(probe.time, "sleep", lambda seconds: None)
     monkeypatch.setattr(probe.time, "time", lambda: 1000.0)
     return texts, asked
@@ -39,15 +47,25 @@ def fixture_told(monkeypatch):
 def test_the_peers_are_told_with_what_was_heard(told):
     found = probe.look()
     one, two = found.pop("peers")
-    assert found == {"up": True, "public_key": OWN, "port": 51820}
+    assert found == {"up": True, "public_key": OWN, "port": 51820, "time_s": 1000.0, "mtu": 1420}
     assert one == {
         "public_key": ONE,
         "endpoint": "192.168.28.24:51820",
         "networks": ["10.77.0.24/32", "192.168.29.0/24"],
         "handshake_age_s": 10.0,
         "heard": True,
+        "beside": ["10.77.0.24"],
+        "carrier_mtu": 1300,
     }
-    assert two == {"public_key": TWO, "endpoint": "", "networks": [], "handshake_age_s": None, "heard": False}
+    assert two == {
+        "public_key": TWO,
+        "endpoint": "",
+        "networks": [],
+        "handshake_age_s": None,
+        "heard": False,
+        "beside": [],
+        "carrier_mtu": 0,
+    }
 
 
 def test_the_private_key_is_not_asked_for(told):
@@ -57,7 +75,7 @@ def test_the_private_key_is_not_asked_for(told):
 
 def test_without_a_tunnel_there_is_nothing(told):
     told[0].clear()
-    assert probe.look() == {"up": False, "public_key": "", "port": 0, "peers": []}
+    assert probe.look() == {"up": False, "public_key": "", "port": 0, "time_s": 1000.0, "mtu": 1420, "peers": []}
 
 
 @pytest.mark.parametrize(

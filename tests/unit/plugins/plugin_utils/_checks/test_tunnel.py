@@ -22,8 +22,17 @@ def tunnels(fleet):
             up=True,
             public_key=name,
             port=51820,
+            time_s=5000.0,
+            mtu=1420,
             peers=tuple(
-                TunnelPeer(peer.computer, "", tuple(map(str, peer.networks)), heard=True, handshake_age_s=30.0)
+                TunnelPeer(
+                    peer.computer,
+                    "",
+                    tuple(map(str, peer.networks)),
+                    heard=True,
+                    handshake_age_s=30.0,
+                    carrier_mtu=1480,
+                )
                 for peer in fleet.computers[name].tunnel.peers
             ),
         )
@@ -75,6 +84,25 @@ def another_key(*observers):
     return change
 
 
+def late(seconds):
+    """Nothing comes through the tunnel of TWO, and its clock is so much behind."""
+
+    def change(seen):
+        update(seen[TWO].probe.tunnel, time_s=5000.0 - seconds)
+        mute((ONE, TWO), (TWO, THREE))(seen)
+
+    return change
+
+
+def small_carrier(seen):
+    for other in (ONE, THREE):
+        update(peer(seen, TWO, other), carrier_mtu=1300)
+
+
+def beside(seen):
+    update(peer(seen, ONE, TWO), beside=("192.168.1.2",))
+
+
 def without_peer(seen):
     kept = tuple(entry for entry in seen[ONE].probe.tunnel.peers if entry.public_key != TWO)
     update(seen[ONE].probe.tunnel, peers=kept)
@@ -104,6 +132,11 @@ def killed(seen):
     ("change", "part"),
     [
         (mute((ONE, TWO), (TWO, THREE)), ("tunnel", TWO, "silent")),
+        (late(3600), ("tunnel", TWO, "clock")),
+        (late(-3600), ("tunnel", TWO, "silent")),
+        (late(20), ("tunnel", TWO, "silent")),
+        (small_carrier, ("tunnel", TWO, "mtu")),
+        (beside, ("tunnel", ONE, "beside")),
         (mute((ONE, TWO)), ("tunnel", f"{ONE} and {TWO}", "pair")),
         (another_key(ONE, THREE), ("tunnel", TWO, "key")),
         (another_key(ONE), ("tunnel", ONE, "peer")),

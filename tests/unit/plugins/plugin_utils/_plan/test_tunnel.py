@@ -88,6 +88,30 @@ def test_each_computer_of_the_common_network_is_a_peer():
     assert from_plain(FleetPlan, plain).computers[ANA].tunnel == computers[ANA].tunnel
 
 
+def peers_of(plans, computer):
+    return {peer.computer: [str(network) for network in peer.networks] for peer in plans[computer].tunnel.peers}
+
+
+def test_who_has_no_endpoint_is_reached_through_the_hub():
+    plans = fleet({GATE: {"multimaster_endpoint": None}}, multimaster_tunnel_hub=ANA).computers
+    assert peers_of(plans, BOB) == {ANA: ["10.77.0.21/32", "10.77.0.24/32", "192.168.29.0/24"]}
+    assert peers_of(plans, GATE) == {ANA: ["10.77.0.21/32", "10.77.0.22/32"]}
+    assert peers_of(plans, ANA) == {BOB: ["10.77.0.22/32"], GATE: ["10.77.0.24/32", "192.168.29.0/24"]}
+    hub, other = plans[ANA], plans[BOB]
+    assert hub.tunnel.hub and hub.forwards and not other.tunnel.hub and not other.forwards
+    settings = {setting.name: setting.value for setting in hub.sysctl}
+    assert settings["net.ipv4.ip_forward"] == "1" and settings["net.ipv4.conf.all.send_redirects"] == "0"
+    assert {"10.77.0.22/32", "10.77.0.24/32", "192.168.29.0/24"} <= {*map(str, hub.firewall.networks)}
+    assert "# The hub:" in tunnel.render_tunnel(hub.tunnel, KEYS)[1]["content"]
+    assert other.tunnel.find_carrier(plans[GATE].common_address) == ANA
+
+
+def test_with_a_hub_two_with_endpoints_are_still_neighbours():
+    plans = fleet(multimaster_tunnel_hub=ANA).computers
+    assert list(peers_of(plans, BOB)) == [ANA] and list(peers_of(plans, ANA)) == [BOB, GATE]
+    assert peers_of(plans, GATE) == {ANA: ["10.77.0.21/32", "10.77.0.22/32"]}
+
+
 def test_the_files_have_the_peers_of_the_plan_and_no_private_key():
     files = texts(ANA)
     text, guard = files[tunnel.CONFIGURATION], files[tunnel.FILTER]
@@ -113,6 +137,9 @@ def test_who_has_no_key_yet_is_no_peer():
         ({}, {"multimaster_firewall": "none"}, "multimaster_firewall is 'none'"),
         ({}, {"multimaster_router": "10.77.0.1"}, "has a router"),
         ({ANA: {"multimaster_endpoint": None}}, {}, "ana-pc, bob-pc have no multimaster_endpoint"),
+        ({}, {"multimaster_tunnel_hub": "ana"}, "multimaster_tunnel_hub is 'ana'"),
+        ({}, {"multimaster_tunnel_hub": ARM}, "a multimaster_endpoint, at which all others reach it"),
+        ({}, {"multimaster_tunnel_hub": BOB}, "multimaster_tunnel_hub is 'bob-pc'"),
         ({ANA: {"multimaster_endpoint": "10.77.0.99"}}, {}, "ana-pc is in the tunnel itself"),
         (
             {name: {"multimaster_gateway": "192.168.29.9"} for name in (GATE, ARM)},
