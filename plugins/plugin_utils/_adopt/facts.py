@@ -9,7 +9,7 @@ A machine may answer anything. What is no address, network or number is refused,
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import Any
 from urllib.parse import urlsplit
@@ -82,6 +82,9 @@ class Machine:
     hostname: str = ""
     addresses: tuple[IPv4Interface, ...] = ()
     aside: tuple[str, ...] = ()  # addresses that no other computer reaches it by
+    mute: Mapping[IPv4Address, str] = field(
+        default_factory=dict
+    )  # its addresses on interfaces without multicast, and their names
     hops: tuple[Hop, ...] = ()
     forwards: bool = False
     roscores: tuple[Roscore, ...] = ()
@@ -102,6 +105,7 @@ def read_machine(name: str, info: Info) -> Machine:
             hostname=plain(info.get("hostname") or "", 64),
             addresses=tuple(usable),
             aside=tuple(aside),
+            mute=_list_mute(info["interfaces"]),
             hops=tuple(_hops(info["routing"]["routes"])),
             forwards=info["forwarding"]["ip_forward"] == 1,
             roscores=tuple(_roscore(entry) for entry in info["masters"][:MOST] if not entry["error"]),
@@ -126,6 +130,17 @@ def _addresses(interfaces: Sequence[Info]) -> tuple[list[IPv4Interface], list[st
             else:
                 usable.append(found)
     return usable, aside
+
+
+def _list_mute(interfaces: Sequence[Info]) -> dict[IPv4Address, str]:
+    """List the addresses by which no multicast goes, as those of a VPN."""
+    mute = [entry for entry in interfaces[:MOST] if entry.get("multicast") is False]
+    return {
+        IPv4Address(address["address"]): quote(entry["name"], 32)
+        for entry in mute
+        for address in entry["addresses"][:MOST]
+        if address["family"] == "inet"
+    }
 
 
 def _explain_aside(address: IPv4Interface, device: str, up: Any) -> str:

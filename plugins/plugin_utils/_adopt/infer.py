@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from ipaddress import IPv4Address, IPv4Network
 
 from .._fleet import kinds
+from .._fleet.sentences import shorten_list
 from . import facts, groups, names
 from .proposal import Choice, Choices, Computer, Proposal, Robot
 
@@ -281,7 +282,21 @@ def _fleet(scene: _Scene, router: Choice | None) -> Choices:
     if uris and all(uri.is_address for uri in uris):
         choices["advertise"] = Choice("address")
     choices.update(_clock(scene))
+    choices.update(_transport(scene))
     return choices
+
+
+def _transport(scene: _Scene) -> Choices:
+    """Return unicast where the common network is a tunnel that somebody has made, such as WireGuard, Tailscale or OpenVPN."""
+    ends = {name: scene.machine(name).mute.get(address, "") for name, address in scene.common.items()}
+    mute = [f"{device} of {scene.name(name)}" for name, device in sorted(ends.items()) if device]
+    if not mute:
+        return {}
+    return {
+        "transport": Choice(
+            "unicast", f"no multicast passes {shorten_list(mute)}, as with the tunnel of a VPN, which stays as it is"
+        )
+    }
 
 
 def _clock(scene: _Scene) -> Choices:

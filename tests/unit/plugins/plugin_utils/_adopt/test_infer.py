@@ -139,6 +139,23 @@ def test_a_roscore_in_a_container_stays():
     assert valid(proposal) == {**ROBOTS, "robot_cid": ["cid"]}
 
 
+def test_a_tunnel_that_is_there_stays_and_carries_no_multicast():
+    infos = {
+        name: machine(
+            name, f"192.168.1.{number}/24", f"10.8.0.{number}/24", masters=[roscore(name, f"10.8.0.{number}")]
+        )
+        for number, name in enumerate(("one", "two"), 11)
+    }
+    for info in infos.values():  # at home in different networks
+        info["interfaces"][0]["addresses"][0]["address"] = f"192.168.{len(info['hostname'])}.7"
+        info["interfaces"][1].update(name="wg0", multicast=False, point_to_point=True)
+    infos["two"]["interfaces"][0]["addresses"][0]["address"] = "192.168.9.7"
+    plan = plan_of(adopted(infos).inventory())
+    assert (str(plan.common_network), plan.transport) == ("10.8.0.0/24", "unicast")
+    (why,) = [text for text in adopted(infos).guesses() if "multicast" in text]
+    assert "wg0 of one" in why and "stays as it is" in why
+
+
 def test_whom_the_others_follow_in_time_is_the_source():
     infos = fleet()
     for name in ("ana-gate", "ana-arm", "bob-gate"):  # bob-arm follows somebody outside
