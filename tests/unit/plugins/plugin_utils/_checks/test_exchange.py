@@ -20,8 +20,10 @@ from fleets import (
     assert_told,
     diagnosed,
     evaluate,
+    no_answer,
     notable,
     of,
+    parts,
     plan,
     topic,
     update,
@@ -131,6 +133,15 @@ FAULTS = [
 @pytest.mark.parametrize(("change", "check", "verdict", "kind", "place", "mode"), FAULTS)
 def test_each_fault_is_named(change, check, verdict, kind, place, mode):
     assert_told(change, check, verdict, kind, place, mode)
+
+
+def test_where_large_packets_are_lost_no_sync_node_is_at_fault():
+    def change(seen):
+        _not_followed(seen)
+        for one, other in ((ONE, TWO), (TWO, ONE)):
+            update(of(seen[one].probe.members, other), ping_large=no_answer())
+
+    assert parts(diagnosed(change)) == [("network", "the common network", "large")]
 
 
 def test_a_registration_missing_alone_may_be_left_out_by_a_side():
