@@ -18,7 +18,7 @@ OURS, LAB = "multimaster_", "lab_"
 #: Variables beside those of the fleet that count: options of the roles, and of the lab.
 OPTIONS = (
     *("sysctl_on_conflict", "routes_on_conflict", "hosts_on_conflict"),
-    *("sysctl_confirm_within", "routes_confirm_within", "firewall_confirm_within"),
+    *("sysctl_confirm_within", "routes_confirm_within", "firewall_confirm_within", "tunnel_confirm_within"),
     *("sysctl_drop_in", "services_timeout"),
     *("verify_pairs", "verify_patience", "verify_rounds", "verify_interval", "verify_lifetime"),
     *("lab_suite", "lab_network_manager"),

@@ -17,7 +17,7 @@ from ..plugin_utils._changes.confirmation import GuardedAction, Result, seconds_
 from ..plugin_utils._plan.environment import SEEN, find_differences
 
 # The concerns that can cut the controller off. If one of them waits for its confirmation, the others wait, too.
-GUARDED = ("sysctl", "routes", "firewall")
+GUARDED = ("sysctl", "routes", "firewall", "tunnel")
 REST = 600.0  # seconds for the other concerns, which start services
 
 Args = Mapping[str, Any]
@@ -26,7 +26,7 @@ Args = Mapping[str, Any]
 class ActionModule(GuardedAction):
     """Runs the module. If a change waits, a second run over a new connection confirms it and applies the other concerns."""
 
-    what = "kernel settings, routes and packet filter rules"
+    what = "kernel settings, routes, packet filter rules and peers of the tunnel"
 
     def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
         """Run the module and return the result of all concerns; see ActionBase."""

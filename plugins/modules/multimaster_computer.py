@@ -9,9 +9,9 @@ version_added: "1.0.0"
 description:
   - Does what the modules of a computer's concerns do, in the order of the options, with their own code and their own options.
     Most of a module's time goes into its start, so one run in place of many is what makes a play quick.
-  - Kernel settings, routes and the packet filter come first. Where they change at run time, and their options have C(confirm_within), nothing else is done
-    in that run. The controller confirms them over a new connection, and that second run does the rest. Where nothing of them changes, one run
-    does all.
+  - Kernel settings, routes, the packet filter and the tunnel come first. Where they change at run time, and their options have
+    C(confirm_within), nothing else is done in that run. The controller confirms them over a new connection, and that second run does
+    the rest. Where nothing of them changes, one run does all.
   - A concern that fails ends the run. Those before it stay, those after it are not begun, and changes that wait for their
     confirmation are taken back.
   - In check mode, all is shown in one run.
@@ -26,6 +26,9 @@ options:
     type: dict
   firewall:
     description: The options of M(rosfleet.multimaster.firewall).
+    type: dict
+  tunnel:
+    description: The options of M(rosfleet.multimaster.tunnel).
     type: dict
   hosts_entries:
     description: The options of M(rosfleet.multimaster.hosts_entries).
@@ -88,6 +91,7 @@ seealso:
   - module: rosfleet.multimaster.sysctl
   - module: rosfleet.multimaster.routes
   - module: rosfleet.multimaster.firewall
+  - module: rosfleet.multimaster.tunnel
   - module: rosfleet.multimaster.hosts_entries
   - module: rosfleet.multimaster.multimaster_packages
   - module: rosfleet.multimaster.managed_files
@@ -168,6 +172,7 @@ def main() -> None:
             "sysctl": {"type": "dict"},
             "routes": {"type": "dict"},
             "firewall": {"type": "dict"},
+            "tunnel": {"type": "dict"},
             "hosts_entries": {"type": "dict"},
             "multimaster_packages": {"type": "dict"},
             "managed_files": {"type": "list", "elements": "dict", "default": []},

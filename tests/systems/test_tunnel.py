@@ -7,10 +7,13 @@ ana-pc and dan-gate are reached at their endpoints; bob-pc speaks first, and cha
 of the tests is that of a day.
 """
 
+import json
 import re
 import shutil
+import sysconfig
 
 import pytest
+from machines.layout import Extra
 from machines.podman import ROOT
 from setups.links import wait_until
 
@@ -20,6 +23,16 @@ INSIDE = (ANA, BOB, GATE)
 KEYS = "multimaster_tunnel_keys.txt"
 CLOSED = """nft 'table inet fault { chain one { type filter hook input priority filter; udp dport 51820 drop; };
 chain two { type filter hook output priority filter; udp dport 51820 drop; }; }'"""
+# Where bob-pc has ansible-core and this collection, to run a module by hand.
+ANSIBLE, COLLECTIONS = "/opt/ansible", "/opt/collections"
+MOUNTS = (
+    f"{sysconfig.get_path('purelib')}:{ANSIBLE}",
+    f"{ROOT}:{COLLECTIONS}/ansible_collections/rosfleet/multimaster",
+)
+BY_HAND = (
+    f"PYTHONPATH={ANSIBLE}:{COLLECTIONS} python3 -B -m ansible_collections.rosfleet.multimaster.plugins.modules.tunnel"
+    " /run/arguments; rm /run/arguments"
+)
 UNDO = """nft delete table inet fault 2> /dev/null; ip link set eth0 mtu 1500
 ip route del 10.77.0.24 dev eth0 2> /dev/null; systemctl restart multimaster-tunnel"""
 LEFT = "ls -d /etc/rosfleet-multimaster /etc/wireguard/* 2> /dev/null; ip -o link show multimaster0 2> /dev/null; nft list tables | grep rosfleet"
@@ -30,7 +43,7 @@ def lab(new_lab, tmp_path_factory):
     """The robots after site.yml. The keys are kept beside the inventory, so it is a copy."""
     inventory = tmp_path_factory.mktemp("tunnel") / "inventory"
     shutil.copytree(INVENTORY, inventory)
-    with new_lab("systems-tunnel", inventory) as found:
+    with new_lab("systems-tunnel", inventory, {BOB: Extra((), MOUNTS)}) as found:
         status, output = found.play("site.yml")
         assert status == 0, output
         yield found
@@ -115,6 +128,30 @@ def test_nobody_below_can_send_in_the_name_of_a_robot(lab):
         assert "10.77.0.24" in attack()
     finally:
         lab.run(ANA, "systemctl restart multimaster-tunnel")
+
+
+def by_hand(lab, **arguments):
+    """Run the module on bob-pc without a controller that confirms; returns its answer."""
+    lab.run(BOB, "cat > /run/arguments", stdin=json.dumps({"ANSIBLE_MODULE_ARGS": arguments}))
+    return json.loads(lab.run(BOB, BY_HAND, check=False))
+
+
+def test_a_tunnel_that_nobody_confirms_is_taken_back(lab):
+    path, ways = "/etc/rosfleet-multimaster/multimaster0.conf", "wg show multimaster0 allowed-ips"
+    text, before = lab.run(BOB, f"cat {path}"), sorted(lab.run(BOB, ways).splitlines())
+    table = path.replace(".conf", ".nft")
+    rules = {"path": table, "content": lab.run(BOB, f"cat {table}")}
+    alone = {"path": path, "content": text.partition("\n# ana-pc")[0] + "\n", "mode": "0600"}
+    answer = by_hand(lab, files=[rules, alone], confirm_within=5, confirmation="word")
+    assert answer["unconfirmed"] and not lab.run(BOB, ways) and lab.run(BOB, f"cat {path}") == text
+    wait_until(lambda: sorted(lab.run(BOB, ways, check=False).splitlines()) == before, 20, "its peers are back")
+    assert not lab.run(BOB, "ls -d /run/rosfleet-multimaster/tunnel-on-trial 2> /dev/null", check=False)
+    broken = {**alone, "content": text.replace("[Interface]", "[Nothing]")}
+    answer = by_hand(lab, files=[rules, broken], confirm_within=5, confirmation="another")
+    assert answer["failed"] and "does not come up" in answer["msg"]
+    assert sorted(lab.run(BOB, ways).splitlines()) == before
+    assert mend(lab) == dict.fromkeys(HOSTS, 0)
+    assert_passes(lab)
 
 
 @pytest.mark.parametrize(

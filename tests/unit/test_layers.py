@@ -38,6 +38,7 @@ ROOMS = {
             "_process",
             "_routes",
             "_sysctl",
+            "_tunnel",
         },
         "_boot": {"_changes", "_hosts", "_machine", "_process", "_sysctl"},
         "_client": {"_machine", "_module", "_process"},

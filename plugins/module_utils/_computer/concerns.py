@@ -12,6 +12,7 @@ from .._hosts import run as hosts
 from .._packages import run as packages
 from .._routes import run as routes
 from .._sysctl import run as sysctl
+from .._tunnel import run as tunnel
 
 Options = typing.Mapping[str, typing.Any]
 
@@ -34,6 +35,7 @@ CONCERNS = (
     Concern(
         "firewall", firewall.OPTIONS, lambda module, memory: firewall.Run(module.params, memory), "packet filter rules"
     ),
+    Concern("tunnel", tunnel.OPTIONS, lambda module, memory: tunnel.Tunnel(module.params), "peers of the tunnel"),
     Concern("hosts_entries", hosts.OPTIONS, lambda module, memory: hosts.Run(module.params, module.backup_local)),
     _PACKAGES._replace(fixed={"keep": True}),
     Concern("managed_files", file_bundle.OPTIONS, lambda module, memory: file_bundle.ManagedFiles(module.params)),

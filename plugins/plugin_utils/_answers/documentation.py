@@ -37,7 +37,10 @@ ELSEWHERE: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "multimaster_computer": {"shells": ("multimaster_info", "environment")},
 }
 #: the modules whose runs multimaster_computer answers in `concerns`
-RUNS = ("sysctl", "routes", "firewall", "hosts_entries", "multimaster_packages", "managed_files", "managed_services")
+RUNS = (
+    *("sysctl", "routes", "firewall", "tunnel"),
+    *("hosts_entries", "multimaster_packages", "managed_files", "managed_services"),
+)
 
 Answer = Mapping[str, Kind]
 

@@ -17,7 +17,7 @@ CONCERNS: dict[str, dict[str, str]] = {
     "environment": {"managed_files": "environment", "shells": ""},
     "nodes": {"multimaster_packages": "", "managed_files": "nodes"},
     "multicast_routing": {"managed_files": "multicast_routing", "managed_services": "multicast_routing"},
-    "tunnel": {"managed_files": "tunnel"},
+    "tunnel": {"tunnel": ""},
     "clock": {"managed_files": "clock"},
     "services": {"managed_services": "multimaster"},
 }

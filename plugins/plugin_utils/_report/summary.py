@@ -13,6 +13,7 @@ CONCERNS = {
     "sysctl": "kernel settings",
     "routes": "routes",
     "firewall": "packet filter",
+    "tunnel": "tunnel",
     "hosts_entries": "/etc/hosts",
     "multimaster_packages": "packages",
     "managed_files": "files",

@@ -42,7 +42,6 @@ def test_every_bundle_is_taken_back():
         "multicast_routing",
         "multimaster",
         "nodes",
-        "tunnel",
     ]
 
 

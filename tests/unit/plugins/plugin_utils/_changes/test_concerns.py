@@ -18,9 +18,10 @@ OPTIONS = {
     "sysctl": {"path": "x"},
     "routes": {"routes": []},
     "firewall": {"rules": []},
+    "tunnel": {"files": []},
     "hosts_entries": {"entries": []},
     "multimaster_packages": {"names": []},
-    "managed_files": [{"bundle": name} for name in ("environment", "nodes", "multicast_routing", "clock", "tunnel")],
+    "managed_files": [{"bundle": name} for name in ("environment", "nodes", "multicast_routing", "clock")],
     "managed_services": [{"bundle": name} for name in ("multicast_routing", "multimaster")],
     "shells": {"variables": {}},
 }

@@ -1,0 +1,144 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+# GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
+
+DOCUMENTATION = r"""
+module: tunnel
+short_description: Bring the tunnel of a computer to its plan, and take it back where it cuts the controller off
+version_added: "1.0.0"
+description:
+  - Owns the files of C(multimaster-tunnel.service), as M(rosfleet.multimaster.managed_files) owns a bundle. That unit starts by them;
+    M(rosfleet.multimaster.managed_services) starts it again.
+  - With O(confirm_within), the tunnel is up by copies of the new files first. They are written when the controller has reached the computer
+    over a new connection; else the unit starts again by the files of before. Ansible may reach a robot by the tunnel itself.
+extends_documentation_fragment:
+  - rosfleet.multimaster.attributes
+  - rosfleet.multimaster.confirmation
+options:
+  files:
+    description:
+      - All files of the tunnel, as the filter P(rosfleet.multimaster.tunnel_files#filter) renders them; V([]) ends the tunnel.
+    type: list
+    elements: dict
+    default: []
+    suboptions:
+      path:
+        description: The absolute path of the file, for example V(/etc/rosfleet-multimaster/multimaster0.conf).
+        type: str
+        required: true
+      content:
+        description: The whole content as text, written in UTF-8, for example V([Interface]\\n).
+        type: str
+        required: true
+      mode:
+        description:
+          - The permission bits as M(ansible.builtin.copy) takes them, for example V("0755") or V(u=rwx,go=rx).
+          - Octal digits are best in quotes. A symbolic mode changes C(0644), whatever is there.
+        type: raw
+        default: "0644"
+      owner:
+        description:
+          - The name or number of the user to own the file, for example V(root). By default the user that the module
+            runs as.
+        type: str
+      group:
+        description:
+          - The name or number of the group of the file, for example V(dialout). By default the group that the module
+            runs as.
+        type: str
+      validate:
+        description:
+          - A command and its arguments that gets the content on its standard input and fails when it is not fit to be
+            written, for example V([visudo, -c, -f, -]). It runs only where the file is to change, in check mode too,
+            and before anything changes.
+        type: list
+        elements: str
+        default: []
+  records:
+    description: The folder of the records, whose lock keeps two runs apart, for example V(/var/lib/rosfleet-multimaster).
+    type: str
+    default: /var/lib/rosfleet-multimaster
+author:
+  - rosfleet contributors (@rosfleet)
+seealso:
+  - module: rosfleet.multimaster.tunnel_key
+  - module: rosfleet.multimaster.fleet_keys
+"""
+
+EXAMPLES = r"""
+- name: End the tunnel
+  rosfleet.multimaster.tunnel:
+    files: []
+    confirm_within: 60
+"""
+
+RETURN = r"""
+files:
+  description: Every planned file in the order of O(files).
+  returned: success
+  type: list
+  elements: dict
+  sample: [{path: /etc/rosfleet-multimaster/multimaster0.conf, state: written, mode: "0600"}]
+  contains:
+    path:
+      description: The path.
+      returned: always
+      type: str
+      sample: /etc/rosfleet-multimaster/multimaster0.conf
+    state:
+      description:
+        - V(unchanged), V(written) (new, or with another content or mode than before), V(edited) (it had been changed or
+          removed by hand, and was restored) or V(foreign) (not written by this module, but as planned, so it stays). In
+          check mode, the state that it would have.
+      returned: always
+      type: str
+      sample: written
+    mode:
+      description: The planned permission bits.
+      returned: always
+      type: str
+      sample: "0600"
+removed:
+  description: The files of the bundle that were no longer listed and were removed.
+  returned: success
+  type: list
+  elements: str
+  sample: [/etc/rosfleet-multimaster/multimaster0.nft]
+unconfirmed:
+  description: Whether the change waits for its confirmation, with O(confirm_within); the controller's result is never this one.
+  returned: always, unless an option is wrong
+  type: bool
+  sample: false
+confirmed:
+  description: Whether the controller confirmed the change over a new connection, with O(confirm_within).
+  returned: when it did
+  type: bool
+  sample: true
+rolled_back:
+  description: Whether the change was taken back, because it was not confirmed in time or could not be completed.
+  returned: failed
+  type: bool
+  sample: true
+same_connection:
+  description: Whether the confirming run came over the connection from before the change, which proves nothing.
+  returned: with O(confirmation), when it did
+  type: bool
+  sample: true
+msg:
+  description: A sentence on all that was done; after a failure, on what was found, what was expected and what to do.
+  returned: always
+  type: str
+  sample: 2 files of the bundle tunnel were written, 0 removed and 0 were right.
+"""
+
+from ..module_utils._changes.module import run_module
+from ..module_utils._tunnel.run import OPTIONS, Tunnel
+
+
+def main() -> None:
+    """Bring the tunnel to its plan."""
+    run_module(OPTIONS, lambda module, memory: Tunnel(module.params), "tunnel", "peers of the tunnel")
+
+
+if __name__ == "__main__":
+    main()
