@@ -113,18 +113,7 @@ def _find_wrong_places(fleet: Fleet) -> Iterator[tuple[bool, str]]:
     network = fleet.variables.common_network
     inside = [computer for computer in fleet.computers if computer.common_address]
     ends = {computer.name: computer.variables.endpoint for computer in inside}
-    silent = [name for name, end in ends.items() if end is None]
-    hub = fleet.variables.tunnel_hub
-    yield (
-        len(silent) > 1 and not hub,
-        f"{shorten_list(silent)} have no multimaster_endpoint; expected it of all computers in the common network but one, since of two one must "
-        "know where the other is: add it, or name a computer that all reach in multimaster_tunnel_hub",
-    )
-    yield (
-        bool(hub) and ends.get(hub or "") is None,
-        f"multimaster_tunnel_hub is '{hub}'; expected a computer in the common network with a multimaster_endpoint, at which all others reach it"
-        f"{nearest(hub or '', [name for name, end in ends.items() if end])}",
-    )
+    yield from _find_unreachable(ends, fleet.variables.tunnel_hub)
     within = [name for name, end in ends.items() if end and end in network]
     yield (
         bool(within),
@@ -140,6 +129,21 @@ def _find_wrong_places(fleet: Fleet) -> Iterator[tuple[bool, str]]:
     yield (
         bool(devices),
         f"the gateway of {shorten_list(devices)} is no computer of the inventory; expected one that has a key",
+    )
+
+
+def _find_unreachable(ends: Mapping[str, IPv4Address | None], hub: str | None) -> Iterator[tuple[bool, str]]:
+    """Yield what is wrong with the endpoints of the computers in a tunnel, and with its hub."""
+    silent = [name for name, end in ends.items() if end is None]
+    yield (
+        len(silent) > 1 and not hub,
+        f"{shorten_list(silent)} have no multimaster_endpoint; expected it of all computers in the common network but one, since of two one must "
+        "know where the other is: add it, or name a computer that all reach in multimaster_tunnel_hub",
+    )
+    yield (
+        bool(hub) and ends.get(hub or "") is None,
+        f"multimaster_tunnel_hub is '{hub}'; expected a computer in the common network with a multimaster_endpoint, at which all others reach it"
+        f"{nearest(hub or '', [name for name, end in ends.items() if end])}",
     )
 
 

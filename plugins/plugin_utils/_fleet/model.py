@@ -102,7 +102,8 @@ class Fleet:
     @cached_property
     def hub(self) -> Computer | None:
         """The computer through which the tunnel reaches those without an endpoint. None without one, and for a name that no computer has."""
-        return next((computer for computer in self.computers if computer.name == self.variables.tunnel_hub), None)
+        name = self.variables.tunnel_hub if self.variables.tunnel != "none" else None
+        return next((computer for computer in self.computers if computer.name == name), None)
 
     @cached_property
     def flows(self) -> tuple[Flow, ...]:

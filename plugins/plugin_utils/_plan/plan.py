@@ -127,7 +127,6 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
     is_master = computer == robot.companion
     is_gateway = robot.gateway is not None and robot.gateway.name == computer.name
     tunnel = _tunnel(fleet, robot, computer)
-    is_hub = tunnel is not None and bool(tunnel.hub)
     # The unit of the tunnel makes its routes, each time that it starts.
     existing = robot.variables.routes == "existing" or tunnel is not None
     expected = _list_expected_routes(fleet, robot, computer) if existing else ()
@@ -145,12 +144,12 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         roscore_port=robot.variables.roscore_port,
         ros_setup=computer.variables.ros_setup,
         shells=computer.variables.shells,
-        sysctl=_sysctl(fleet) + (FORWARDING if is_gateway or is_hub else ()) + (NO_REDIRECTS[:2] if is_hub else ()),
+        sysctl=_sysctl(fleet, is_gateway, computer == fleet.hub),
         routes=() if existing else _routes(fleet, robot, computer),
         routes_expected=expected,
         look_at=_look_at(fleet, robot, is_master, expected, metrics),
         multicast_routing=_multicast_routing(fleet, computer) if is_gateway else None,
-        firewall=_firewall(fleet, _list_protected(fleet, robot, is_gateway, is_hub), computer),
+        firewall=_firewall(fleet, _list_protected(fleet, robot, computer), computer),
         clock=_clock(fleet, robot, computer),
         tunnel=tunnel,
         environment=_environment(fleet, robot, computer),
@@ -344,11 +343,11 @@ def _firewall(
     return model.Firewall(networks, computer.variables.firewall_also, (*computer.variables.firewall_ports, *tunnel))
 
 
-def _list_protected(fleet: Fleet, robot: Robot, is_gateway: bool, is_hub: bool) -> tuple[IPv4Network, ...]:
+def _list_protected(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[IPv4Network, ...]:
     """Return the networks for which a computer passes packets on. A hub does so for the whole fleet, as a router."""
-    if is_hub:
+    if computer == fleet.hub:
         return _networks_behind_router(fleet)
-    return (robot.network,) if is_gateway else ()
+    return (robot.network,) if robot.gateway and robot.gateway.name == computer.name else ()
 
 
 def _let_in(fleet: Fleet, belonging: model.Membership) -> tuple[IPv4Network, ...]:
@@ -391,10 +390,14 @@ NO_REDIRECTS = (
 NO_FOREIGN_ARP = model.Setting("net.ipv4.conf.all.arp_ignore", "3", enough=("1", "2", "8"))
 
 
-def _sysctl(fleet: Fleet) -> tuple[model.Setting, ...]:
-    """Return the kernel settings of every computer. Answers to `ping 224.0.0.1` are of section 3.2 of the report."""
+def _sysctl(fleet: Fleet, is_gateway: bool, is_hub: bool) -> tuple[model.Setting, ...]:
+    """Return the kernel settings of a computer. Answers to `ping 224.0.0.1` are of section 3.2 of the report.
+
+    The tunnel of a hub is not there yet, and takes the default.
+    """
     answers = fleet.variables.answer_broadcast_pings
-    return (model.Setting("net.ipv4.icmp_echo_ignore_broadcasts", "0" if answers else "1"), NO_FOREIGN_ARP)
+    every = (model.Setting("net.ipv4.icmp_echo_ignore_broadcasts", "0" if answers else "1"), NO_FOREIGN_ARP)
+    return every + (FORWARDING if is_gateway or is_hub else ()) + (NO_REDIRECTS[:2] if is_hub else ())
 
 
 def _ports(fleet: Fleet, robot: Robot) -> tuple[model.Port, ...]:

@@ -106,6 +106,14 @@ def test_who_has_no_endpoint_is_reached_through_the_hub():
     assert other.tunnel.find_carrier(plans[GATE].common_address) == ANA
 
 
+def test_without_a_tunnel_a_hub_is_a_computer_as_others():
+    plans = [
+        fleet(multimaster_tunnel="none", multimaster_transport="both", **more).computers
+        for more in ({}, {"multimaster_tunnel_hub": ANA})
+    ]
+    assert to_plain(plans[0][ANA]) == to_plain(plans[1][ANA])
+
+
 def test_with_a_hub_two_with_endpoints_are_still_neighbours():
     plans = fleet(multimaster_tunnel_hub=ANA).computers
     assert list(peers_of(plans, BOB)) == [ANA] and list(peers_of(plans, ANA)) == [BOB, GATE]
