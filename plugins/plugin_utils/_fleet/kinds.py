@@ -115,10 +115,14 @@ def gateway(value: Any) -> str | IPv4Address:
     raise UnexpectedValue("the name of a computer of the robot, or the address of another device")
 
 
+# No computer has an address of these: this network, the computer itself, groups and what is reserved (RFC 6890).
+NOBODYS = tuple(map(IPv4Network, ("0.0.0.0/8", "127.0.0.0/8", "224.0.0.0/3")))
+
+
 def network(value: Any) -> IPv4Network:
     """Read an IPv4 network of several addresses."""
     parsed = _parse(ip_network, value, "an IPv4 network such as 192.168.1.0/24, without host bits")
-    if not isinstance(parsed, IPv4Network) or parsed.prefixlen > 30:
+    if not isinstance(parsed, IPv4Network) or parsed.prefixlen > 30 or any(map(parsed.overlaps, NOBODYS)):
         raise UnexpectedValue("an IPv4 network of several addresses, such as 192.168.1.0/24")
     return parsed
 

@@ -296,6 +296,13 @@ WRONG = {
         [robot("tibi", multimaster_network="192.168.11.101/32")],
         "multimaster_network is '192.168.11.101/32'; expected an IPv4 network of several addresses",
     ),
+    **{
+        f"the network {network}": (
+            [robot("tibi", multimaster_network=network)],
+            f"multimaster_network is '{network}'; expected an IPv4 network of several addresses",
+        )
+        for network in ("0.0.0.0/0", "127.0.0.0/8", "224.0.0.0/4")
+    },
     "a gateway of another robot": (
         [robot("tibi", multimaster_gateway="dabo-visio")],
         "multimaster_gateway of the robot tibi is 'dabo-visio', which is none of its computers",
