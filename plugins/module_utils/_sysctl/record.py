@@ -48,7 +48,7 @@ def _usual(variables: typing.Iterable[str]) -> typing.List[str]:
 
 
 def read(data: Data) -> SettingsRecord:
-    """The record in the data of its file."""
+    """The record in the data of its file. Raises LookupError where something is missing."""
     stored = data.get("settings", {})
     order = data.get("order") or _usual(stored)
     settings = {
@@ -56,4 +56,6 @@ def read(data: Data) -> SettingsRecord:
         for variable in [*order, *sorted(set(stored) - set(order))]
         for entry in [stored[variable]]
     }
+    if not all(entry.set for entry in settings.values()):
+        raise IndexError("no value was set")
     return SettingsRecord(data.get("drop_ins", []), data.get("folders", []), settings)

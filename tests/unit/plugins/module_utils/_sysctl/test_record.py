@@ -20,5 +20,10 @@ def test_a_record_is_written_as_it_was_read(data):
     assert record.read(data).plain() == data
 
 
+def test_a_setting_without_a_value_is_no_record():
+    with pytest.raises(LookupError):
+        record.read({"settings": {FORWARD: {**ENTRY, "set": []}}})
+
+
 def test_the_entries_have_types():
     assert record.read(RECORD).settings[FORWARD].set == ["1"]

@@ -83,6 +83,14 @@ def test_a_hook_of_somebody_else_is_left(tree):
         end(ifupdown, tree).read()
 
 
+def test_a_hook_of_a_huge_size_is_a_sentence(tree):
+    (tree / "etc/network/if-up.d").mkdir()
+    with open(tree / "etc/network/if-up.d/rosfleet-multimaster", "wb") as stream:
+        stream.truncate((64 << 20) + 1)  # a hole, which takes no room
+    with pytest.raises(Problem, match="cannot be read .*larger than 64 MiB.* Nothing was changed"):
+        end(ifupdown, tree).read()
+
+
 # systemd-networkd
 
 
