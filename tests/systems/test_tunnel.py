@@ -187,7 +187,10 @@ def test_a_fault_of_the_tunnel_is_the_one_finding(lab, host, command, sentence):
 
 
 def test_a_robot_that_changes_its_address_is_back_in_seconds(lab):
-    """Its address in the tunnel stays. wireguard-go keeps its old source until the next handshake, after 15 s."""
+    """Its address in the tunnel stays. wireguard-go keeps its old source until the next handshake, after 15 s.
+
+    It would take another one where sendmsg(2) gives EINVAL for a source that is gone; Linux 6.18 gives ENETUNREACH.
+    """
     lab.start(ANA, "pings", "ping -D -n -i 0.2 10.77.0.22")
     wait_until(lambda: "icmp_seq=5" in lab.run(ANA, "cat /run/pings.out"), 20, "answers before")
     lab.run(
