@@ -209,10 +209,7 @@ def _apply(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machine:
 
 def _routes(plan: ComputerPlan, machine: Machine) -> tuple[Route, ...]:
     """Return the routes with those of the plan. A planned route replaces one with its destination and metric 0."""
-    planned = (*plan.routes, *(plan.tunnel.routes if plan.tunnel else ()))
-    routes = plan_world.list_routes(
-        replace(plan, routes=planned, routes_expected=()), [one for one in machine.interfaces if one.up]
-    )
+    routes = plan_world.list_routes(replace(plan, routes_expected=()), [one for one in machine.interfaces if one.up])
     places = {route.destination for route in routes}
     others = [route for route in machine.routes if route.destination not in places or route.metric]
     return (*routes, *others)

@@ -3,9 +3,11 @@
 
 """In the world of a plan every packet that the fleet needs arrives, and takes the planned way."""
 
+from dataclasses import replace
 from ipaddress import IPv4Address
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Rule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON, make_world
 from worlds import COMPUTERS, fig12, ping, tcp
@@ -40,6 +42,25 @@ def test_packets_take_the_planned_way():
     assert way.there.links == ["the network of tibi", COMMON, "the network of dabo"]
     assert way.there.packet.source == IPv4Address("192.168.11.100")
     assert echo(world, "tibi-visio", ping("192.168.10.100")).there.packet.source == IPv4Address("192.168.1.201")
+
+
+TUNNEL = {
+    "routers": (),
+    "multimaster_tunnel": "wireguard",
+    "multimaster_transport": "unicast",
+    "multimaster_firewall": "fleet",
+    "multimaster_tunnel_hub": "kobuki",
+}
+
+
+def test_packets_of_a_tunnel_take_the_way_by_its_hub():
+    plan = fig12({"kobuki": {"multimaster_endpoint": "172.16.0.1"}}, **TUNNEL)
+    world = make_world(plan)
+    way = echo(world, "tibi-nav", ping("192.168.10.100"))
+    assert [hop.machine for hop in way.there.hops] == ["tibi-nav", "tibi-visio", "kobuki", "dabo-visio", "dabo-nav"]
+    assert all(echo(world, one, ping(member.address)).ok for one in world.machines for member in plan.members)
+    docker = replace(world.machines["kobuki"], rules=(Rule("forward", "drop", "icmp"),))
+    assert echo(world.replace_machine(docker), "tibi-nav", ping("192.168.10.100")).failure.where == "kobuki"
 
 
 def test_the_gateway_may_be_a_device_of_another_make():

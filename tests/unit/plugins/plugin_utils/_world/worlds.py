@@ -34,7 +34,7 @@ def fig12(by_robot=None, routers=("router",), **variables):
         for robot, (network, common, master, hosts) in ROBOTS.items()
         for host, address in hosts.items()
     }
-    values["kobuki"] = {**shared, "multimaster_address": "192.168.1.229"}
+    values["kobuki"] = {**shared, "multimaster_address": "192.168.1.229", **(by_robot or {}).get("kobuki", {})}
     robots = {**{robot: list(entry[3]) for robot, entry in ROBOTS.items()}, "kobuki": ["kobuki"]}
     router = {name: {"multimaster_address": "192.168.1.1"} for name in routers}
     return fleet_plan(read_fleet(Inventory(robots=robots, variables={**values, **router}, routers=list(routers))))
