@@ -147,12 +147,12 @@ def write_table(graded: Sequence[Graded]) -> str:
 
 
 def is_good(graded: Sequence[Graded]) -> bool:
-    """Say if all limits are kept. Of a few faults one may be named by its computer alone: a busy machine misses a part at times."""
+    """Say if all limits are kept."""
     total = Counter(one.grade for one in graded)
     count = max(1, len(graded))
     return (
         (total[PART] + total[COMPUTER]) / count >= LEAST_COMPUTER
-        and count - total[PART] <= max(1, round((1 - LEAST_PART) * count))
+        and total[PART] / count >= LEAST_PART
         and total[OTHER] / count <= MOST_OTHER
         and not total[NOTHING]
     )
