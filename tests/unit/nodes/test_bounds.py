@@ -5,9 +5,12 @@
 import contextlib
 import gc
 import gzip
+import json
 import logging
 import queue
 import socket
+import subprocess
+import sys
 import threading
 import time
 import weakref
@@ -16,18 +19,16 @@ import xmlrpc.client
 import pytest
 from rosfleet_multimaster.discovery import rpc_server
 from rosfleet_multimaster.discovery.core.local_master import LocalMaster
-from rosfleet_multimaster.discovery.rpc_methods import callers
-from rosfleet_multimaster.discovery.rpc_server import RefusedCall, RpcServer
+from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster, callers
+from rosfleet_multimaster.discovery.rpc_server import RpcServer
 from rosfleet_multimaster.edge import loop, rpc_client
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.rpc_client import Rpc
-from rosfleet_multimaster.protocol.filters import InvalidPattern
-from rosfleet_multimaster.protocol.graph import State, build, document
+from rosfleet_multimaster.protocol.graph import Policy, State, build
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.parameters import Settings
 from rosfleet_multimaster.protocol.plain_text import is_plain
-from rosfleet_multimaster.protocol.wire_filters import read_rules
 from rosfleet_multimaster.protocol.xml_rpc import STATE as STATE_BYTES
 from rosfleet_multimaster.protocol.xml_rpc import DocumentTooLarge, loads, unpack
 
@@ -151,20 +152,12 @@ class Server:
 
     def __init__(self, who=rpc_server.EVERYBODY, host="127.0.0.1"):
         self.malformed, self.running = [], Running()
-        methods = {
-            "masterContacts": lambda: ["1.0", "http://own:11311/", "own", "/master_discovery"],
-            "masterInfoFiltered": self.filtered,
-            "big": lambda: ["x" * 1000] * 20000,
-        }
+        own = ServedMaster("http://own:11311/", "own", "/master_discovery", lambda: "own", 11611, STATE, "")
+        served = RpcMethods(own, Policy(), {}, lambda address: False, lambda: None, str, list)
+        methods = {**served.methods(), "big": lambda: ["x" * 1000] * 20000}
         self.server = RpcServer(host, 0, methods, lambda host, why: self.malformed.append(why), who)
         self.port = self.server.server_address[1]
         self.uri = f"http://127.0.0.1:{self.port}"
-
-    def filtered(self, value):
-        try:
-            return document(STATE, (read_rules(value),))
-        except InvalidPattern as problem:
-            raise RefusedCall(str(problem)) from None
 
     def connect(self, source="127.0.0.1", wait=20.0):
         return socket.create_connection(("127.0.0.1", self.port), wait, source_address=(source, 0))
@@ -401,34 +394,38 @@ def test_anybody_may_call_without_a_plan():
     assert who.objection("10.9.9.9", "10.0.0.1") == ""
 
 
-def filters(text):
-    return [False, *[text] * 10]
-
-
 COSTLY = [r"\A.*.*.*x\Z", "|".join([r"\A.*.*x\Z"] * 150), "|".join([r"\A/a.*b\Z"] * 500)]
+
+#: Twelve callers of masterInfoFiltered for three seconds, with patterns from standard input; prints the number of answers.
+ASK = """
+import json, sys, threading, time, xmlrpc.client
+uri, costly = sys.argv[1], json.load(sys.stdin)
+end, answers = time.monotonic() + 3, []
+def ask(number):
+    while time.monotonic() < end:
+        text = costly[number % len(costly)] + f"|\\\\A/{number}.{end}\\\\Z"
+        try:
+            answers.append(xmlrpc.client.ServerProxy(uri).masterInfoFiltered([False, *[text] * 10]))
+        except xmlrpc.client.Fault as fault:
+            answers.append(fault)
+        except OSError:
+            time.sleep(0.05)
+asking = [threading.Thread(target=ask, args=(number,)) for number in range(12)]
+for thread in asking:
+    thread.start()
+for thread in asking:
+    thread.join()
+print(len(answers))
+"""
 
 
 @pytest.mark.slow
 def test_costly_filters_in_parallel_do_not_stop_the_loop(server):
     """The loop, which sends the heartbeats, shares the interpreter's lock with whoever matches patterns."""
     server.running.ticks.clear()
-    end, problems = monotonic() + 3.0, []
-
-    def ask(number):
-        rpc = Rpc(server.uri, 20.0)
-        while monotonic() < end:
-            try:
-                rpc.call("masterInfoFiltered", filters(COSTLY[number % len(COSTLY)] + f"|\\A/{number}.{end}\\Z"))
-            except xmlrpc.client.Fault as fault:
-                problems.append(fault.faultString)
-            except OSError:
-                time.sleep(0.05)
-
-    asking = [threading.Thread(target=ask, args=(number,)) for number in range(12)]
-    for thread in asking:
-        thread.start()
-    for thread in asking:
-        thread.join(30)
+    command = [sys.executable, "-c", ASK, server.uri]
+    asked = subprocess.run(command, input=json.dumps(COSTLY), stdout=subprocess.PIPE, text=True, timeout=60)
+    assert int(asked.stdout) > 0
     assert server.running.longest_pause() < 2.0
     assert server.answers()
 

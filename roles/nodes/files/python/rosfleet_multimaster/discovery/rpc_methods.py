@@ -118,7 +118,7 @@ class RpcMethods:
     def _master_info_filtered(self, caller: str, filters: Any) -> List[Any]:
         """The same, by a filter of the caller."""
         state, rules = self._view(caller)
-        wanted = _parse_filter(filters)
+        wanted = self._read_filter(filters)
         with self._filtering:
             return document(state, [*rules, wanted])
 
@@ -138,7 +138,7 @@ class RpcMethods:
             raise RefusedCall(
                 f"{DIFFERENCES} takes a filter, an epoch (text), a revision (number) and a wait (seconds)"
             )
-        wanted = feed.find_filter(caller, epoch) if filters == [] else _parse_filter(filters)
+        wanted = feed.find_filter(caller, epoch) if filters == [] else self._read_filter(filters)
 
         def make_view() -> CallerView:
             viewer = self._viewer(caller)
@@ -154,6 +154,14 @@ class RpcMethods:
         # A packed answer is a whole state. In a list, a digest says that nothing is new.
         self.changes.add(not isinstance(answer, list) or not answer[5])
         return encode(answer) if isinstance(answer, list) else answer
+
+    def _read_filter(self, filters: Any) -> Rules:
+        """The filter of a caller."""
+        try:
+            with self._filtering:  # to compile a pattern takes time as well
+                return read_rules(filters)
+        except InvalidPattern as problem:
+            raise RefusedCall(f"the filter is not usable: {problem}") from None
 
     def _md5sums(self, caller: str, types: Any) -> List[List[str]]:
         """The md5 sums of message types, of topics of own nodes that the caller may see."""
@@ -176,13 +184,6 @@ class RpcMethods:
         except InvalidPattern as problem:  # the secret topics are not known, so nothing is told
             raise RefusedCall(str(problem)) from None
         return lambda state: self._policy.view(state, caller, [secret])
-
-
-def _parse_filter(filters: Any) -> Rules:
-    try:
-        return read_rules(filters)
-    except InvalidPattern as problem:
-        raise RefusedCall(f"the filter is not usable: {problem}") from None
 
 
 def callers(members: Members, own_uri: str, is_here: Callable[[str], bool]) -> Callers:
