@@ -12,6 +12,7 @@ import os
 import random
 import subprocess
 import time
+from importlib import import_module
 from pathlib import Path
 
 import ansible_collections
@@ -22,7 +23,7 @@ from tests.unit import module_server
 from tests.unit.plugins.module_utils._routes.test_run import why_not
 
 MODULES = Path(next(iter(ansible_collections.__path__))) / "rosfleet/multimaster/plugins/modules"
-PARTS = ("sysctl", "routes", "hosts_entries", "managed_files", "managed_services")
+PARTS = ("sysctl", "routes", "hosts_entries", "managed_files", "managed_services", "tunnel")
 NAMES = (*PARTS, "firewall", "multimaster_computer", "multimaster_packages", "multimaster_logs_info")
 SEEDS = 5
 DRAWS = 12  # of one seed
@@ -48,9 +49,15 @@ pytestmark = pytest.mark.skipif(bool(why_not()), reason=why_not() or "can run")
 
 
 def options_of(name):
-    """The options of a module, as its documentation has them."""
+    """The options of a module, as its documentation has them with its fragments."""
     text = (MODULES / f"{name}.py").read_text(encoding="utf-8")
-    return yaml.safe_load(text.split('DOCUMENTATION = r"""')[1].split('"""')[0])["options"]
+    own = yaml.safe_load(text.split('DOCUMENTATION = r"""')[1].split('"""')[0])
+    options = own.get("options", {})
+    for fragment in own["extends_documentation_fragment"]:
+        file = import_module(f"ansible_collections.rosfleet.multimaster.plugins.doc_fragments.{fragment.split('.')[2]}")
+        shared = yaml.safe_load(file.ModuleDocFragment.DOCUMENTATION).get("options", {})
+        options = {key: {**shared.get(key, {}), **options.get(key, {})} for key in shared | options}
+    return options
 
 
 def value_of(chance, name, option, folder):

@@ -13,6 +13,7 @@ place of a folder would lead it to another folder.
 
 import hashlib
 import os
+import pathlib
 import re
 import stat
 import typing
@@ -28,6 +29,7 @@ from .transaction import Step, intent, outcome
 _FILE = "a file"
 _FOLDER = "a folder"
 _CACHE = "__pycache__"
+_PLAIN = re.compile(r"(/[^/\0]+)+")
 _BUNDLE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 # The form of the records. Those of services have more than those of files, and both have folders.
@@ -120,7 +122,7 @@ def parse_files(files: typing.Iterable[Data]) -> typing.List[PlannedFile]:
 
 def _parse_file(entry: Data) -> PlannedFile:
     path = entry["path"]
-    if not path.startswith("/") or os.path.normpath(path) != path or path == "/" or "\0" in path:
+    if not _is_plain(path):
         raise Problem(
             f"The path {path!r} of the files is not absolute and plain; expected for example /etc/example/file, "
             "without '..', '//' or '/' at the end."
@@ -239,12 +241,12 @@ def _kind(folder: str) -> str:
 
 def _parents(path: str) -> typing.List[str]:
     """The folders above a path without the root, innermost first."""
-    folders = []
-    path = os.path.dirname(path)
-    while path != "/":
-        folders.append(path)
-        path = os.path.dirname(path)
-    return folders
+    return [str(folder) for folder in pathlib.PurePosixPath(path).parents][:-1]
+
+
+def _is_plain(path: str) -> bool:
+    """Say if a path is absolute, without '..'. For normpath alone, two slashes in front are a place of their own (POSIX)."""
+    return _PLAIN.fullmatch(path) is not None and os.path.normpath(path) == path
 
 
 def _fingerprint(file: PlannedFile) -> str:

@@ -119,7 +119,6 @@ def run_locked(module: typing.Any, make: Make, guard: typing.Any, unlocked: typi
     """Run a module where the lock is held already; returns its result. `unlocked`: why it is not held, see lock.hold."""
 
     def make_run() -> ModuleRun:
-        _check_texts(module.params, "")
         return make(module, guard.begin())
 
     run = None
@@ -134,24 +133,6 @@ def run_locked(module: typing.Any, make: Make, guard: typing.Any, unlocked: typi
         result["diff"] = run.difference
     result = guard.success(changed=run.changed, msg=run.summary(module.check_mode), **result)
     return result
-
-
-def _check_texts(value: typing.Any, place: str) -> None:
-    """Raise Problem for a text with half of a character, as JSON may have it: it is no text of any file."""
-    if isinstance(value, dict):
-        for name, part in value.items():
-            _check_texts(name, place)
-            _check_texts(part, f"{place}.{name}".lstrip("."))
-    elif isinstance(value, (list, tuple)):
-        for number, part in enumerate(value, 1):
-            _check_texts(part, f"{place} item {number}")
-    elif isinstance(value, str):
-        try:
-            value.encode("utf-8", "surrogateescape")
-        except UnicodeEncodeError:
-            raise Problem(
-                f"{place or 'An option'} has a text with half of a character (such as \\ud800), expected whole characters: correct it."
-            ) from None
 
 
 def _carry_out(module: typing.Any, run: ModuleRun, guard: typing.Any, unlocked: typing.Iterable[str]) -> None:

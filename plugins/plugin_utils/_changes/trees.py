@@ -37,7 +37,7 @@ def read_tree(source: str, destination: str, content: bool = True) -> list[dict[
         raise AnsibleError(
             f"file_tree: {source!r} is no folder of the controller; give the folder of the files to read."
         )
-    if not destination.startswith("/") or os.path.normpath(destination) != destination:
+    if not destination.startswith("/") or destination.startswith("//") or os.path.normpath(destination) != destination:
         raise AnsibleError(
             f"file_tree: the destination {destination!r} is no absolute, plain folder; expected for example /opt/x."
         )
