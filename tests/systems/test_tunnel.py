@@ -130,7 +130,7 @@ def test_nobody_below_can_send_in_the_name_of_a_robot(lab):
         lab.run(ANA, "systemctl restart multimaster-tunnel")
 
 
-def by_hand(lab, **arguments):
+def run_by_hand(lab, **arguments):
     """Run the module on bob-pc without a controller that confirms; returns its answer."""
     lab.run(BOB, "cat > /run/arguments", stdin=json.dumps({"ANSIBLE_MODULE_ARGS": arguments}))
     return json.loads(lab.run(BOB, BY_HAND, check=False))
@@ -142,12 +142,12 @@ def test_a_tunnel_that_nobody_confirms_is_taken_back(lab):
     table = path.replace(".conf", ".nft")
     rules = {"path": table, "content": lab.run(BOB, f"cat {table}")}
     alone = {"path": path, "content": text.partition("\n# ana-pc")[0] + "\n", "mode": "0600"}
-    answer = by_hand(lab, files=[rules, alone], confirm_within=5, confirmation="word")
+    answer = run_by_hand(lab, files=[rules, alone], confirm_within=5, confirmation="word")
     assert answer["unconfirmed"] and not lab.run(BOB, ways) and lab.run(BOB, f"cat {path}") == text
     wait_until(lambda: sorted(lab.run(BOB, ways, check=False).splitlines()) == before, 20, "its peers are back")
     assert not lab.run(BOB, "ls -d /run/rosfleet-multimaster/tunnel-on-trial 2> /dev/null", check=False)
     broken = {**alone, "content": text.replace("[Interface]", "[Nothing]")}
-    answer = by_hand(lab, files=[rules, broken], confirm_within=5, confirmation="another")
+    answer = run_by_hand(lab, files=[rules, broken], confirm_within=5, confirmation="another")
     assert answer["failed"] and "does not come up" in answer["msg"]
     assert sorted(lab.run(BOB, ways).splitlines()) == before
     assert mend(lab) == dict.fromkeys(HOSTS, 0)

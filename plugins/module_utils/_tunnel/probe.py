@@ -64,12 +64,12 @@ def _read(interface: str, word: str) -> typing.Dict[str, str]:
 
 def _list_beside(interface: str, allowed: str) -> typing.List[str]:
     """List the addresses of a peer to which another route leads than by the tunnel."""
-    addresses = re.findall(r"([\d.]{7,15})/32", allowed)[:MOST]
+    addresses = [place[:-3] for place in _NETWORK.findall(allowed)[:MOST] if place.endswith("/32")]
     return [address for address in addresses if network.route_to(address).device not in (None, interface)]
 
 
 def _measure_carrier(endpoint: str) -> int:
-    """Return the MTU of the interface by which packets to a peer leave this computer; 0 where there is none."""
+    """Return the MTU of the interface that leads to a peer; 0 where no route does."""
     return _read_mtu(network.route_to(endpoint.rpartition(":")[0]).device or "")
 
 

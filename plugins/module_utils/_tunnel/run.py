@@ -17,8 +17,8 @@ from .._machine import systemd
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem, unreadable
 from .._process import commands
+from .probe import INTERFACE
 
-INTERFACE = "multimaster0"
 TABLE = "rosfleet_tunnel"
 UNIT = "multimaster-tunnel.service"
 FOLDER = "/run/rosfleet-multimaster/tunnel-on-trial"

@@ -20,8 +20,8 @@ Parts = frozenset[Part]
 
 NAMES = ("unknown", "loopback", "old", "several")  # a name with a wrong meaning
 DISCOVERY = ("dead", "hung", "group")
+TUNNEL_MODES = ("ended", "peer", "key", "silent", "clock", "mtu", "beside")
 # what a computer that forwards packets needs: kind and mode of parts
-TUNNEL = ("ended", "peer", "key", "silent", "clock", "mtu", "beside")
 FORWARDER = (("computer", "off"), ("forwarding", "off"), ("filter", "forward"), ("reverse_path", "strict"))
 
 
@@ -60,14 +60,14 @@ def _tunnel_parts(case: Case, places: Iterable[str]) -> Parts:
     ends = [place for place in places if place in case.fleet.computers and case.fleet.computers[place].tunnel]
     if len(ends) != 2:
         return frozenset()
-    hub = find_hub(case, *ends)
+    hub = _find_hub(case, *ends)
     stops = [ends[0], hub, ends[1]] if hub else ends
-    own = join_parts(make_parts("tunnel", stop, *TUNNEL) for stop in stops)
+    own = join_parts(make_parts("tunnel", stop, *TUNNEL_MODES) for stop in stops)
     own |= {Part(kind, hub, mode) for kind, mode in FORWARDER if hub}
     return own | {Part.from_pair("tunnel", "pair", *leg) for leg in pairwise(stops)}
 
 
-def find_hub(case: Case, one: str, other: str) -> str:
+def _find_hub(case: Case, one: str, other: str) -> str:
     """Return the computer through which two reach each other in the tunnel; empty where they do so directly."""
     tunnel, target = (case.fleet.computers[name].tunnel for name in (one, other))
     carrier = tunnel.find_carrier(target.address) if tunnel and target else ""

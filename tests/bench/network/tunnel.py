@@ -47,8 +47,8 @@ def stream(lab: Lab, address: str, rate: float) -> float:
     return float(lab.run(TAKER, "cat /run/take.out; rm /run/take.out"))
 
 
-def spent(lab: Lab, host: str) -> float:
-    """Return the seconds of a processor that the processes of the tunnel have taken; 0 where there is none."""
+def measure_usage(lab: Lab, host: str) -> float:
+    """Return the seconds of processor time that the tunnel has used; 0 where there is no tunnel."""
     text = (NODES / "observers/usage.py").read_text()
     return json.loads(lab.run(host, f"python3 - {UNIT}", stdin=text))["seconds"]
 
@@ -75,10 +75,10 @@ def _measure(inventory: Path, address: str) -> dict[str, list[float]]:
             lab.run(host, "cat > /run/stream.py", stdin=(HERE / "programs" / "stream.py").read_text())
         found = {"first message, ms": [1000 * seconds for seconds in measures.first_messages(lab)]}
         found["TCP, MB/s"] = [stream(lab, address, 0) / 1e6 for _number in range(REPETITIONS)]
-        before = [spent(lab, host) for host in (GIVER, TAKER)]
+        before = [measure_usage(lab, host) for host in (GIVER, TAKER)]
         found["camera, MB/s"] = [stream(lab, address, CAMERA) / 1e6]
         for host, was in zip((GIVER, TAKER), before, strict=True):
-            found[f"tunnel on {host}, % of a core"] = [100 * (spent(lab, host) - was) / SECONDS]
+            found[f"tunnel on {host}, % of a core"] = [100 * (measure_usage(lab, host) - was) / SECONDS]
         return found
 
 

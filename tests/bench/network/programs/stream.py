@@ -26,7 +26,7 @@ def give(place, seconds, rate):
         began, sent = time.monotonic(), 0
         while (now := time.monotonic() - began) < seconds:
             if rate and sent > now * rate:
-                time.sleep(SIZE / rate / 2)
+                time.sleep(sent / rate - now)
                 continue
             connection.sendall(bytes(SIZE))
             sent += SIZE
