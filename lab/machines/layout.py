@@ -146,12 +146,13 @@ def wants_packages(variables: Iterable[Mapping[str, Any]]) -> bool:
 
 
 def _carry(variables: Mapping[str, Any], robots: Sequence[str]) -> Mapping[str, Any]:
-    """The variables as the network below has it, where the common network is a tunnel: who has no endpoint gets a free address there."""
+    """The variables as the network below has it, where the common network is the tunnel: who has no endpoint gets a free address there."""
     inside = [name for name in robots if variables[name].get("multimaster_gateway", name) == name]
     ends = {
         name: variables[name]["multimaster_endpoint"] for name in inside if "multimaster_endpoint" in variables[name]
     }
-    if not ends or variables[inside[0]].get("multimaster_tunnel") != "wireguard":
+    first = variables[inside[0]]
+    if not ends or first.get("multimaster_tunnel") != "wireguard" or "multimaster_tunnel_network" in first:
         return variables
     network = ipaddress.ip_network(f"{next(iter(ends.values()))}/24", strict=False)
     free = (str(address) for address in reversed(list(network.hosts())) if str(address) not in ends.values())

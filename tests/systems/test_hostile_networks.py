@@ -38,10 +38,10 @@ def test_the_inventory_of_the_guide(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     plan = json.loads((tmp_path / "plan.json").read_text())
     assert plan["transport"] == "unicast"
-    assert plan["let_in"] == ["10.77.0.1/32", "10.77.0.2/32"]  # no address of the wifi
+    assert plan["let_in"] == ["10.77.0.229/32", "10.77.0.239/32"]  # no address of the wifi
     for name, other, endpoint in (
-        ("kobuki1computer", "10.77.0.2", None),
-        ("kobuki2computer", "10.77.0.1", "192.168.1.229"),
+        ("kobuki1computer", "10.77.0.239", None),
+        ("kobuki2computer", "10.77.0.229", "192.168.1.229"),
     ):
         own = plan["computers"][name]
         assert own["firewall"]["open_ports"] == ["51820/udp"] and own["services"][0] == "tunnel"

@@ -71,6 +71,11 @@ def address(value: Any) -> IPv4Address:
     return parsed
 
 
+def endpoint(value: Any) -> IPv4Address | None:
+    """Read the IPv4 address of one computer; `none` for a computer whose address changes."""
+    return None if value == "none" else address(value)
+
+
 class SealedComputer(NamedTuple):
     """A computer where Ansible does not log in: its address, and its further names."""
 

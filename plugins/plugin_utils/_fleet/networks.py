@@ -3,7 +3,7 @@
 
 """Checks whether the addresses and networks of an inventory can be routed (section 4.1 of the report).
 
-Addresses and networks in, sentences out. A missing value is one sentence.
+Addresses and networks in, sentences out. A missing value is one sentence. And the addresses in a tunnel.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
 from .model import Router
+
+Values = Mapping[str, Any]
 
 # The variables of a robot's own network, and the value that each is expected to have.
 _EXAMPLES = {
@@ -53,17 +55,19 @@ def find_network_problems(
     addresses: Mapping[str, IPv4Address],
     robots: Mapping[str, NetworkVariables],
     router: Router | None,
+    tunnel: IPv4Network | None = None,
 ) -> list[str]:
     """Return the reasons why packets cannot go everywhere and back, one sentence each.
 
-    `common` is the common network, None if it is not known. `addresses` has the address of each host and sealed computer.
+    `common` is the common network, `tunnel` that of a tunnel through it, each None if it is not known. `addresses` has the address of each
+    host and sealed computer.
     """
     problems: list[str] = []
     for robot, own in robots.items():
         problems += _check_completeness(robot, own)
         problems += _check_members(own, common, addresses)
         problems += _check_gateway(robot, own, common, addresses)
-    problems += _check_overlaps(common, robots)
+    problems += _check_overlaps({"multimaster_common_network": common, "multimaster_tunnel_network": tunnel}, robots)
     problems += _check_uniqueness(addresses, robots, router)
     if router and common:
         problems += _check_address(router.name or "The router", _variable_of(router), router.address, common)
@@ -144,11 +148,10 @@ def _check_address(
         )
 
 
-def _check_overlaps(common: IPv4Network | None, robots: Mapping[str, NetworkVariables]) -> Iterator[str]:
+def _check_overlaps(shared: Mapping[str, IPv4Network | None], robots: Mapping[str, NetworkVariables]) -> Iterator[str]:
     """Check that no address is in two networks. Sorted by their begin, each is compared with the widest one before it."""
     names = [(own.network, f"multimaster_network of the robot {robot}") for robot, own in robots.items() if own.network]
-    if common:
-        names.append((common, "multimaster_common_network"))
+    names += [(network, name) for name, network in shared.items() if network]
     names.sort(key=lambda entry: (entry[0].network_address, entry[0].prefixlen))
     if not names:
         return
@@ -186,3 +189,61 @@ def _check_uniqueness(
                 f"{host}: multimaster_common_address is {address}, which is its multimaster_address too; expected its address in the "
                 "common network here, and the one in the robot's network there: correct one of the two."
             )
+
+
+# The addresses of a tunnel, computed from those of the network that carries it. A computer has the same place in both: 192.168.1.229
+# is 10.77.0.229 in the tunnel. So its address stays when others come and go.
+
+NETWORK = "multimaster_tunnel_network"
+_COMMON, _ADDRESS, _PLACE, _ENDPOINT = (
+    f"multimaster_{name}" for name in ("common_network", "address", "common_address", "endpoint")
+)
+
+
+def find_wrong_tunnel_network(shared: Values) -> Iterator[str]:
+    """Yield a sentence for a network of the tunnel that cannot be one."""
+    network, common = shared.get(NETWORK), shared.get(_COMMON)
+    if network is None:
+        return
+    if shared.get("multimaster_tunnel") == "none":
+        yield (
+            f"{NETWORK} is '{network}', but multimaster_tunnel is 'none'; expected 'wireguard': set it in group_vars/robots.yml, or remove "
+            f"{NETWORK}."
+        )
+    if common is not None and common.prefixlen != network.prefixlen:
+        yield (
+            f"{NETWORK} is '{network}', and multimaster_common_network is '{common}'; expected a prefix length of {common.prefixlen} for both, "
+            "since each computer has the same place in both: correct it in group_vars/robots.yml."
+        )
+
+
+def move_into_tunnel(
+    hosts: Mapping[str, Values], shared: Values, robots: Mapping[str, Values]
+) -> tuple[Mapping[str, Values], Values, Mapping[str, Values]]:
+    """Return the values of the hosts, the fleet and the robots with the tunnel as the common network.
+
+    An address in the network that carries the tunnel becomes the endpoint, unless another one is given, or none.
+    """
+    network, common = shared.get(NETWORK), shared[_COMMON]
+    if network is None:
+        return hosts, shared, robots
+    places = {own["multimaster_gateway"]: own[_PLACE] for own in robots.values() if _PLACE in own}
+    places |= {
+        host: values[_ADDRESS] for host, values in hosts.items() if host not in places and values[_ADDRESS] in common
+    }
+    moved = {
+        host: {_ENDPOINT: places[host], **values, **_move(values, _ADDRESS, common, network)}
+        if host in places
+        else values
+        for host, values in hosts.items()
+    }
+    own = {name: {**values, **_move(values, _PLACE, common, network)} for name, values in robots.items()}
+    return moved, {**shared, _COMMON: network}, own
+
+
+def _move(values: Values, name: str, common: IPv4Network, network: IPv4Network) -> dict[str, IPv4Address]:
+    """Return a variable with the same place in the other network, if its address is in the first."""
+    address = values.get(name)
+    if address is None or address not in common:
+        return {}
+    return {name: network[int(address) - int(common.network_address)]}

@@ -85,12 +85,14 @@ def read_fleet(inventory: Inventory) -> Fleet:
         *_find_ambiguous_names(reading),
         *_find_network_problems(reading, router),
         *_find_contradictions(reading),
+        *networks.find_wrong_tunnel_network(reading.shared),
     ]
     problems += heartbeats.find_slow_heartbeats(
         reading.shared.get("multimaster_heartbeat_hz"), reading.shared.get("multimaster_offline_after")
     )
     if not problems:
-        fleet = _make_fleet(reading, router)
+        values = networks.move_into_tunnel(reading.hosts, reading.shared, reading.own)
+        fleet = _make_fleet(_InventoryValues(inventory, *values), router)
         problems = [*heartbeats.find_unreachable_masters(fleet), *contradictions.find_wrong_clock(fleet)]
         problems += contradictions.find_wrong_tunnel(fleet)
     if problems:
@@ -326,6 +328,7 @@ def _find_network_problems(reading: _InventoryValues, router: Router | None) -> 
     raw = reading.inventory.variables
     return networks.find_network_problems(
         common=reading.shared.get("multimaster_common_network"),
+        tunnel=reading.shared.get("multimaster_tunnel_network"),
         addresses={name: entry.address for name, entry in reading.seals().items()}
         | {
             host: values["multimaster_address"]

@@ -93,9 +93,10 @@ class ComputerVariables:
     )
 
     endpoint: IPv4Address | None = row(
-        kinds.address,
-        "The address by which the other computers reach it outside of the tunnel (`multimaster_tunnel`). Without it, the computer speaks "
-        "first and may change its address at any time, as by DHCP, in another wifi or behind a provider.",
+        kinds.endpoint,
+        "The address by which the other computers reach it outside of the tunnel (`multimaster_tunnel`). Without it, or with `none`, the "
+        "computer speaks first and may change its address at any time, as by DHCP, in another wifi or behind a provider. Default: its address "
+        "in the common network where `multimaster_tunnel_network` is set.",
         "172.16.4.29",
     )
 
@@ -184,9 +185,15 @@ class FleetVariables:
     )
     tunnel: str = word(
         ("none", "wireguard"),
-        "`wireguard`: the common network is a tunnel of WireGuard between the computers in it, which the collection makes. Its addresses are "
-        "those of the inventory. See docs/operate/hostile_networks.md.",
+        "`wireguard`: a tunnel of WireGuard between the computers in the common network, which the collection makes. See "
+        "docs/operate/hostile_networks.md.",
         "wireguard",
+    )
+    tunnel_network: IPv4Network | None = row(
+        kinds.network,
+        "The network of the tunnel. The common network carries it, and each computer has the same place in both: 192.168.1.229 is 10.77.0.229. "
+        "Default: the common network is the tunnel itself, with its addresses, and `multimaster_endpoint` says where computers are outside of it.",
+        "10.77.0.0/24",
     )
     tunnel_port: int = row(
         kinds.number(int, 1024, 65535),

@@ -474,3 +474,83 @@ def test_a_packet_filter_and_welcome_strangers_contradict():
     )
     for firewall, strangers in (("fleet", "ignore"), ("none", "allow"), (None, None)):
         assert contradictions.find_excluded_strangers(firewall, strangers) == []
+
+
+# The tunnel: the same places as in the network that carries it
+
+ANA, BOB, GATE, ARM = "ana-pc", "bob-pc", "dan-gate", "dan-arm"
+OVER_WIFI = {
+    "multimaster_common_network": "192.168.28.0/24",
+    "multimaster_tunnel": "wireguard",
+    "multimaster_tunnel_network": "10.77.0.0/24",
+    "multimaster_transport": "unicast",
+    "multimaster_firewall": "fleet",
+}
+OF_DAN = {
+    "multimaster_network": "192.168.29.0/24",
+    "multimaster_gateway": GATE,
+    "multimaster_common_address": "192.168.28.24",
+    "multimaster_master": GATE,
+}
+IN_WIFI = {
+    ANA: {"multimaster_address": "192.168.28.21"},
+    BOB: {"multimaster_address": "192.168.28.22"},
+    GATE: {"multimaster_address": "192.168.29.1", **OF_DAN},
+    ARM: {"multimaster_address": "192.168.29.2", **OF_DAN},
+}
+IN_TUNNEL = {"ana": [ANA], "bob": [BOB], "dan": [GATE, ARM]}
+
+
+def tunnel_fleet(changes=None, **shared):
+    values = {host: {**OVER_WIFI, **shared, **own, **(changes or {}).get(host, {})} for host, own in IN_WIFI.items()}
+    return fleet_module.read_fleet(fleet_module.Inventory(robots=IN_TUNNEL, variables=values))
+
+
+def test_each_computer_has_the_same_place_in_both():
+    computers = {computer.name: computer for computer in tunnel_fleet().computers}
+    assert {name: str(computer.discovery_address) for name, computer in computers.items()} == {
+        ANA: "10.77.0.21",
+        BOB: "10.77.0.22",
+        GATE: "10.77.0.24",
+        ARM: "192.168.29.2",
+    }
+    assert str(tunnel_fleet().variables.common_network) == "10.77.0.0/24"
+    ends = {name: str(computer.variables.endpoint) for name, computer in computers.items()}
+    assert ends == {ANA: "192.168.28.21", BOB: "192.168.28.22", GATE: "192.168.28.24", ARM: "None"}
+    (peer,) = [of for of in plan_module.fleet_plan(tunnel_fleet()).computers[ANA].tunnel.peers if of.computer == GATE]
+    assert list(map(str, peer.networks)) == ["10.77.0.24/32", "192.168.29.0/24"]
+    assert str(peer.endpoint) == "192.168.28.24"
+
+
+def test_a_given_endpoint_counts_and_none_is_none():
+    changes = {ANA: {"multimaster_endpoint": "203.0.113.7"}, BOB: {"multimaster_endpoint": "none"}}
+    ana, bob, *_others = tunnel_fleet(changes).computers
+    assert str(ana.variables.endpoint) == "203.0.113.7" and bob.variables.endpoint is None
+    assert str(bob.address) == "10.77.0.22"
+
+
+def test_without_a_tunnel_network_the_addresses_are_those_given():
+    ana, *_others = tunnel_fleet(
+        {ANA: {"multimaster_endpoint": "10.0.0.1"}}, multimaster_tunnel="none", multimaster_tunnel_network=None
+    ).computers
+    assert str(ana.address) == "192.168.28.21" and str(ana.variables.endpoint) == "10.0.0.1"
+
+
+@pytest.mark.parametrize(
+    ("shared", "sentence"),
+    [
+        (
+            {"multimaster_tunnel": "none"},
+            "multimaster_tunnel_network is '10.77.0.0/24', but multimaster_tunnel is 'none'",
+        ),
+        ({"multimaster_tunnel_network": "10.77.0.0/16"}, "expected a prefix length of 24 for both"),
+        ({"multimaster_tunnel_network": "192.168.28.0/24"}, "they overlap"),
+        ({"multimaster_tunnel_network": "192.168.29.0/24"}, "multimaster_network of the robot dan is"),
+        ({"multimaster_tunnel_network": "10.77.0.1"}, "an IPv4 network of several addresses"),
+        ({"multimaster_router": "192.168.28.1"}, "the common network has a router"),
+    ],
+)
+def test_a_wrong_network_is_one_sentence(shared, sentence):
+    with pytest.raises(fleet_module.InventoryProblems) as found:
+        tunnel_fleet(**shared)
+    assert len(found.value.problems) == 1 and sentence in found.value.problems[0], found.value.problems
