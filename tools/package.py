@@ -34,7 +34,7 @@ changelogs/changelog.yaml changelogs/config.yaml
 docs/README.md docs/start/*.md docs/operate/*.md docs/understand/*.md docs/develop/*.md docs/grafana/*.json
 LICENSES/*.txt
 playbooks/*.yml playbooks/tasks/*.yml
-inventory/single_computer/**/*.yml inventory/multi_computer/**/*.yml inventory/tunnel/**/*.yml
+inventory/single_computer/**/*.yml inventory/multi_computer/**/*.yml inventory/tunnel/**/*.yml inventory/identical_robots/**/*.yml
 plugins/**/*.py plugins/**/*.yml plugins/**/*.j2
 roles/**/*.yml roles/*/README.md
 roles/nodes/files/**/*.py roles/nodes/files/**/*.conf roles/nodes/files/**/*.msg roles/nodes/files/**/*.srv

@@ -33,10 +33,10 @@ sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))
 from rosfleet_multimaster.discovery.core import report as links  # noqa: E402
 from rosfleet_multimaster.discovery.core.health import LinkHealth, LinkList  # noqa: E402
 from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster  # noqa: E402
-from rosfleet_multimaster.discovery.rpc_server import RefusedCall, RpcServer  # noqa: E402
 from rosfleet_multimaster.edge import journal  # noqa: E402
 from rosfleet_multimaster.edge.process import systemd  # noqa: E402
 from rosfleet_multimaster.edge.rpc_client import Rpc  # noqa: E402
+from rosfleet_multimaster.edge.rpc_server import RefusedCall, RpcServer  # noqa: E402
 from rosfleet_multimaster.protocol import metrics  # noqa: E402
 from rosfleet_multimaster.protocol.plain_text import is_plain  # noqa: E402
 

@@ -74,7 +74,8 @@ ROOMS = {
         "discovery": {"edge", "protocol"},
         "sync": {"edge", "protocol"},
         "roscore": {"edge", "protocol"},
-        "": {"discovery", "edge", "protocol", "roscore", "sync"},
+        "border": {"edge", "protocol"},
+        "": {"border", "discovery", "edge", "protocol", "roscore", "sync"},
     },
 }
 MOST_FILES = 15  # beside each other
@@ -225,13 +226,13 @@ def test_ros_has_three_files(path):
 
 #: what touches the outside -> the only files of the nodes that import it; wait_for_master.py runs alone, without these
 OUTSIDE = {
-    "socket": "discovery/rpc_server discovery/udp edge/addresses edge/connections edge/lifeline edge/loop edge/process/systemd "
-    "edge/rpc_client roscore/door roscore/master roscore/tcpros sync/connection_ender",
-    "socketserver": "discovery/rpc_server",
+    "socket": "border/calls border/dial border/wire discovery/udp edge/addresses edge/connections edge/lifeline edge/loop edge/process/systemd "
+    "edge/rpc_client edge/rpc_server roscore/door roscore/master roscore/tcpros sync/connection_ender",
+    "socketserver": "edge/rpc_server",
     "select": "",
     "selectors": "edge/loop",
-    "http": "discovery/rpc_server edge/rpc_client roscore/door",
-    "threading": "discovery/rpc_server discovery/rpc_methods discovery/state_feed edge/counter edge/loop edge/patience edge/process/children "
+    "http": "edge/rpc_client edge/rpc_server roscore/door",
+    "threading": "border/board discovery/rpc_methods discovery/state_feed edge/rpc_server edge/loop edge/patience edge/process/children "
     "edge/journal edge/rpc_client roscore/changes roscore/door roscore/master roscore/notifier roscore/refusals roscore/store",
     "queue": "edge/loop",
     "time": "edge/clock wait_for_master",

@@ -24,8 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))
 
 from rosfleet_multimaster import end_connections  # noqa: E402
-from rosfleet_multimaster.discovery import rpc_server  # noqa: E402
-from rosfleet_multimaster.edge import rpc_client  # noqa: E402
+from rosfleet_multimaster.edge import rpc_client, rpc_server  # noqa: E402
 from rosfleet_multimaster.sync.core import limits  # noqa: E402
 
 PAGE = (ROOT / "docs/operate/security.md").read_text(encoding="utf-8")

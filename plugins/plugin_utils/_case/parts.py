@@ -761,6 +761,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="see multimaster_exports",
         read=ALWAYS,
     ),
+    ("border", "lacking"): Fault(
+        "the border does not take across between {place}: {what}",
+        "see what the two borders say; what is published by nodes of both robots crosses by neither",
+        "on both masters: journalctl -b -u multimaster-border; rosnode info /master_border",
+        what="see multimaster_exports",
+        read=ALWAYS,
+    ),
     ("declaration", "narrow"): Fault(
         "{place} leaves out what the others need: {what}",
         "correct multimaster_exports or multimaster_filters of the robot, and run site.yml",

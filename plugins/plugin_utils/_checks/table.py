@@ -9,6 +9,7 @@ In each file a row stands below its functions, and above its judge.
 from __future__ import annotations
 
 from . import (
+    border,
     computer,
     discovery_nodes,
     exchange,
@@ -34,6 +35,7 @@ FILES = (
     discovery_nodes,
     ros,
     exchange,
+    border,
     strangers,
 )
 CHECKS = tuple(row for file in FILES for row in vars(file).values() if isinstance(row, Check))

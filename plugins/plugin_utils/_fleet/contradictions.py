@@ -35,8 +35,8 @@ class Party:
 
     @property
     def exports(self) -> Sequence[Export]:
-        """The entries of its declaration."""
-        return self.declaration or ()
+        """The entries of its declaration that do not cross by the border."""
+        return [entry for entry in self.declaration or () if not entry.crosses_border]
 
     def receivers(self, entry: Export, robots: Iterable[str]) -> list[str]:
         """Return the robots that get what an entry of its declaration names."""
@@ -49,7 +49,7 @@ def find_contradictions(parties: Sequence[Party], robots: Mapping[str, Sequence[
     for party in parties:
         problems += [*_find_wrong_receivers(party, robots), *_find_built_in_names(party)]
     problems += _find_parameter_names(parties) + _find_collisions(parties, list(robots))
-    problems += _find_crossing_parameters(parties, list(robots))
+    problems += _find_crossing_parameters(parties, list(robots)) + _find_meeting_names(parties, list(robots))
     return [*problems, *_find_second_white_lists(parties), *_find_filtered_exports(parties)]
 
 
@@ -147,6 +147,18 @@ def _find_unreachable(ends: Mapping[str, IPv4Address | None], hub: str | None) -
     )
 
 
+def find_wrong_border(fleet: Fleet) -> list[str]:
+    """Return a sentence for robots whose topics cross by a border that their provider does not have."""
+    names = {name for channel in fleet.channels for name in (channel.robot, channel.other)}
+    others = [robot.name for robot in fleet.robots if robot.name in names and robot.variables.provider != "bundled"]
+    if not others:
+        return []
+    return [
+        f"multimaster_exports has 'as', 'rate' or 'newest' for {shorten_list(others)}, where multimaster_provider is not 'bundled'; expected "
+        "'bundled', which has the border: set it there, or choose with 'to' who gets which."
+    ]
+
+
 DIAGNOSTICS = "/diagnostics"
 
 
@@ -168,7 +180,7 @@ def find_local_diagnostics(parties: Sequence[Party], diagnostics: str | None) ->
 
 def _find_wrong_receivers(party: Party, robots: Mapping[str, Sequence[str]]) -> Iterator[str]:
     computers = {host: robot for robot, hosts in robots.items() for host in hosts}
-    for name in dict.fromkeys(robot for entry in party.exports for robot in entry.to):
+    for name in dict.fromkeys(robot for entry in party.declaration or () for robot in entry.to):
         if name == party.name:
             what, do = "the robot itself", "remove it"
         elif name in robots:
@@ -187,7 +199,7 @@ def _find_built_in_names(party: Party) -> list[str]:
     return [
         f"{party.host}: multimaster_exports has the {KINDS[key]} {name}, which is never exchanged, since it belongs to the "
         f"roscore or to the exchange itself; expected names of the robot's own nodes: remove it in group_vars/{party.name}.yml."
-        for key, name in dict.fromkeys(item for entry in party.exports for item in entry.names())
+        for key, name in dict.fromkeys(item for entry in party.declaration or () for item in entry.names())
         if matches(BUILT_IN.get(f"ignore_{key}", ()), name)
     ]
 
@@ -225,6 +237,41 @@ def _find_collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[st
         for name, givers in _match_givers(parties, key)
         for (first, second), receivers in _pair_givers(givers, by_name, robots)
     )
+
+
+def _find_meeting_names(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
+    """Return a sentence for topics that come to a robot by one name from two robots, or twice from one, where a border renames or slows them."""
+    entries = [
+        (party, entry, receiver)
+        for party in parties
+        for entry in party.declaration or ()
+        for receiver in party.receivers(entry, robots)
+    ]
+    problems = {}
+    for number, (party, entry, receiver) in enumerate(entries):
+        for other, second, its in entries[:number]:
+            same = (
+                []
+                if its != receiver or not (entry.crosses_border or second.crosses_border)
+                else _list_meeting(entry, second)
+            )
+            if same and (other == party or entry.namespace or second.namespace):
+                whose = "another entry" if other == party else f"that of {other.name}"
+                problems[party.name, other.name, same[0]] = (
+                    f"{party.host}: multimaster_exports gives {same[0]} to {receiver}, and so does {whose}; expected one of the two, since "
+                    f"their messages would be mixed: choose another namespace with 'as', or with 'to' who gets which, in "
+                    f"group_vars/{party.name}.yml."
+                )
+    return list(problems.values())
+
+
+def _list_meeting(one: Export, other: Export) -> list[str]:
+    """Return the names on the receiver that two entries have in common."""
+    names, others = (
+        [entry.namespace + name for name in (*entry.topics, *topics_of(entry.actions, FROM_SERVER), *entry.services)]
+        for entry in (one, other)
+    )
+    return [name for name in names if any(matches([name], second) or matches([second], name) for second in others)]
 
 
 def _find_crossing_parameters(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:

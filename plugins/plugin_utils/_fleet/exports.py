@@ -49,23 +49,45 @@ NEVER_CROSSING = (
     "/rosfleet_multimaster",
     "/master_discovery",
     "/master_sync",
+    "/master_border",
 )
 
 _NAME = re.compile(r"[/*][A-Za-z0-9_/*]*")
 
+# What makes an entry one of the border, which renames topics and keeps their rate.
+OF_BORDER = ("as", "rate", "newest")
+_NAMESPACE = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
+FASTEST = 1000.0  # messages a second
+
 
 @dataclass(frozen=True)
 class Export:
-    """One entry: names and patterns, and the robots that get them. No robot in it means every other robot."""
+    """One entry: names and patterns, and the robots that get them. No robot in it means every other robot.
+
+    With a namespace, a rate or `newest`, its topics cross by the borders of the two robots.
+    """
 
     topics: tuple[str, ...] = ()
     services: tuple[str, ...] = ()
     actions: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     to: tuple[str, ...] = ()
+    namespace: str = ""  # below which the receivers have the names: 'as'
+    rate: float = 0.0  # messages a second of each topic at most; 0: all
+    newest: bool = False  # where the link is too slow, only the newest message waits
+
+    @property
+    def crosses_border(self) -> bool:
+        """Whether its topics cross by the borders."""
+        return bool(self.namespace or self.rate or self.newest)
 
     def __repr__(self) -> str:
-        parts = (f"{key}: [{', '.join(items)}]" for key, items in vars(self).items() if items)
+        words = {"namespace": "as"}
+        parts = (
+            f"{words.get(key, key)}: {'[' + ', '.join(value) + ']' if isinstance(value, tuple) else value}"
+            for key, value in vars(self).items()
+            if value
+        )
         return "{" + ", ".join(parts) + "}"
 
     def names(self) -> Iterator[tuple[str, str]]:
@@ -98,7 +120,7 @@ def read_exports(value: Any) -> tuple[Export, ...]:
     entries = tuple(map(_read_entry, value))
     contents: set[frozenset[tuple[str, str]]] = set()
     for entry in entries:
-        content = frozenset([*entry.names(), *(("to", robot) for robot in entry.to)])
+        content = frozenset([*entry.names(), *(("to", robot) for robot in entry.to), ("as", entry.namespace)])
         if content in contents:
             raise UnexpectedValue(f"each entry once, but {entry} is there twice")
         contents.add(content)
@@ -147,12 +169,19 @@ def _check_parameters(names: Collection[str]) -> None:
 
 
 def _read_entry(entry: Mapping[Any, Any]) -> Export:
+    known = (*KINDS, "to", *OF_BORDER)
     for key in entry:
-        if key not in (*KINDS, "to"):
+        if key not in known:
             raise UnexpectedValue(
-                f"entries of {', '.join(KINDS)} and to, but there is '{key}'{nearest(str(key), (*KINDS, 'to'))}"
+                f"entries of {', '.join(KINDS)}, to, and {', '.join(OF_BORDER)}, but there is '{key}'{nearest(str(key), known)}"
             )
-    export = Export(**{str(key): _read_texts(str(key), items) for key, items in entry.items()})
+    names = {str(key): _read_texts(str(key), items) for key, items in entry.items() if key not in OF_BORDER}
+    export = Export(**names, **_read_border(entry))
+    if export.crosses_border and (export.parameters or (export.services and not export.namespace)):
+        raise UnexpectedValue(
+            "topics and actions in an entry with 'rate' or 'newest', and services besides with 'as', since the border takes nothing else across: "
+            "put the others into an entry of their own"
+        )
     if not any(export.names()):
         raise UnexpectedValue(f"at least one of {', '.join(KINDS)} in each entry; the list [] exports nothing")
     if "to" in entry and not export.to:
@@ -160,6 +189,19 @@ def _read_entry(entry: Mapping[Any, Any]) -> Export:
     for key, name in export.names():
         _check_name(key, name)
     return export
+
+
+def _read_border(entry: Mapping[Any, Any]) -> dict[str, Any]:
+    """Read what makes an entry one of the border."""
+    namespace, rate, newest = entry.get("as", ""), entry.get("rate", 0), entry.get("newest", False)
+    if "as" in entry and (not isinstance(namespace, str) or not _NAMESPACE.fullmatch(namespace)):
+        raise UnexpectedValue(f"a namespace such as /kobuki1 at 'as', but there is '{namespace}'")
+    number = isinstance(rate, (int, float)) and not isinstance(rate, bool)
+    if "rate" in entry and not (number and 0 < rate <= FASTEST):
+        raise UnexpectedValue(f"messages a second above 0, up to {FASTEST:g}, at 'rate', but there is '{rate}'")
+    if not isinstance(newest, bool):
+        raise UnexpectedValue(f"true or false at 'newest', but there is '{newest}'")
+    return {"namespace": str(namespace), "rate": float(rate), "newest": newest}
 
 
 def _read_texts(key: str, items: Any) -> tuple[str, ...]:

@@ -216,6 +216,7 @@ BUILT_IN: Mapping[str, Sequence[str]] = {
         "/rosout",
         "/master_discovery",
         "/master_sync",
+        "/master_border",
         "/node_manager",
         "/node_manager_daemon",
         "/zeroconf",

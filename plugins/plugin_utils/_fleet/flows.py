@@ -42,13 +42,53 @@ def make_flows(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Flow, ..
     """
     flows = []
     for robot, entries in exports.items():
-        for entry in entries or ():
+        for entry in (entry for entry in entries or () if not entry.crosses_border):
             topics = entry.topics + topics_of(entry.actions, FROM_SERVER)
             flows.append(Flow((robot,), entry.to, topics, entry.services, entry.parameters))
             clients = tuple(other for other in entry.to or exports if other != robot and exports.get(other) is not None)
             if entry.actions and clients:
                 flows.append(Flow(clients, (robot,), topics_of(entry.actions, FROM_CLIENT), ()))
     return tuple(flows)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Topics and services that cross between a robot and one other, both ways, by the borders of the two.
+
+    What the robot calls /scan, the other one calls /kobuki1/scan, with the namespace /kobuki1.
+    """
+
+    robot: str
+    other: str
+    topics: tuple[str, ...]
+    services: tuple[str, ...] = ()
+    namespace: str = ""
+    rate: float = 0.0
+    newest: bool = False
+
+    def list_outer_names(self, names: Sequence[str]) -> list[str]:
+        """Return names and patterns as they are on the other robot."""
+        return [self.namespace + name for name in names]
+
+
+def make_channels(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Channel, ...]:
+    """Make the channels of a fleet of the declaration of each robot."""
+    return tuple(
+        Channel(
+            robot,
+            other,
+            entry.topics + topics_of(entry.actions, FROM_CLIENT + FROM_SERVER),
+            entry.services,
+            entry.namespace,
+            entry.rate,
+            entry.newest,
+        )
+        for robot, entries in exports.items()
+        for entry in entries or ()
+        if entry.crosses_border
+        for other in entry.to or exports
+        if other != robot
+    )
 
 
 def list_givers(flows: Sequence[Flow], robot: str) -> list[str]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
 
-from .flows import Flow, make_flows
+from .flows import Channel, Flow, make_channels, make_flows
 from .variables import ComputerVariables, FleetVariables, RobotVariables
 
 
@@ -109,6 +109,11 @@ class Fleet:
     def flows(self) -> tuple[Flow, ...]:
         """The declared data flows. A robot without a declaration gives everything to every robot."""
         return make_flows({robot.name: robot.variables.exports for robot in self.robots})
+
+    @cached_property
+    def channels(self) -> tuple[Channel, ...]:
+        """What crosses by the borders of the robots."""
+        return make_channels({robot.name: robot.variables.exports for robot in self.robots})
 
     @cached_property
     def has_exports(self) -> bool:

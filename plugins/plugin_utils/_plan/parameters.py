@@ -47,6 +47,42 @@ def sync(fleet: Fleet, robot: Robot) -> Parameters:
     return {**bundled, "strangers": shared.strangers, "allow": [str(network) for network in shared.allow], **output}
 
 
+BORDER_PORT = 600  # above that of the roscore
+
+
+def border(fleet: Fleet, robot: Robot) -> Parameters | None:
+    """Return the parameters of a robot's master_border, None where no channel leads from or to it."""
+    robots = {other.name: other for other in fleet.robots}
+    channels = [
+        {
+            "peer": other,
+            "hosts": _addresses(robots[other]),
+            "port": robots[other].variables.roscore_port + BORDER_PORT,
+            "topics": list(channel.topics),
+            "services": list(channel.services),
+            "as": channel.namespace,
+            "inner": channel.robot == robot.name,
+            "rate": channel.rate,
+            "newest": channel.newest,
+        }
+        for channel in fleet.channels
+        if robot.name in (channel.robot, channel.other)
+        for other in (channel.other if channel.robot == robot.name else channel.robot,)
+    ]
+    shared = fleet.variables
+    return (
+        {
+            "robot": robot.name,
+            "port": robot.variables.roscore_port + BORDER_PORT,
+            "channels": channels,
+            "strangers": shared.strangers,
+            "allow": [str(network) for network in shared.allow],
+        }
+        if channels
+        else None
+    )
+
+
 def add_members(parameters: Parameters, members: Sequence[Any]) -> Parameters:
     """Return the parameters of a node with the robots of the fleet. Upstream's nodes take no robots."""
     return {**parameters, "members": list(members)} if "strangers" in parameters else parameters
@@ -136,16 +172,29 @@ def _make_sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
     crossing = list_crossing(fleet, robot)
     if crossing:
         parameters["sync_parameters"] = crossing
+    _leave_to_border(parameters, fleet, robot)
     for other in fleet.robots:
         if other.variables.exports is None or other == robot:
             continue
+        section = parameters.get(other.master_name, {})
         if other.name in received:
-            parameters[other.master_name] = received[other.name]
+            parameters[other.master_name] = {**section, **received[other.name]}
             continue
         parameters.setdefault("ignore_hosts", []).append(other.master_name.replace(".", r"\."))
         if robot.variables.filters.get("sync_hosts"):  # it would take the host back
-            parameters[other.master_name] = {"ignore_nodes": ["*"]}
+            parameters[other.master_name] = {**section, "ignore_nodes": ["*"]}
     return parameters
+
+
+def _leave_to_border(parameters: dict[str, Any], fleet: Fleet, robot: Robot) -> None:
+    """Have ignored what the border takes across, of each robot that gives everything."""
+    for channel in fleet.channels:
+        if channel.robot == robot.name:
+            (other,) = (other for other in fleet.robots if other.name == channel.other)
+            section = parameters.setdefault(other.master_name, {})
+            for rule, names in (("ignore_topics", channel.topics), ("ignore_services", channel.services)):
+                if names:
+                    section.setdefault(rule, []).extend(channel.list_outer_names(names))
 
 
 def list_crossing(fleet: Fleet, robot: Robot) -> list[dict[str, Any]]:

@@ -154,11 +154,12 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         tunnel=tunnel,
         environment=_environment(fleet, robot, computer),
         ports=_ports(fleet, robot) if is_master else (),
-        services=_services(robot, is_master, tunnel),
+        services=_services(fleet, robot, is_master, tunnel),
         metrics_folder=robot.variables.metrics_folder if metrics else None,
         provider=robot.variables.provider,
         discovery=parameters.discovery(fleet, robot) if is_master else {},
         sync=parameters.sync(fleet, robot) if is_master else {},
+        border=parameters.border(fleet, robot) if is_master else None,
         crossing=_list_parameters(fleet, robot, is_master),
         limits=tuple(parameters.list_limits(fleet, robot)) if is_master else (),
         listens=is_master or computer.common_address is not None,
@@ -407,10 +408,11 @@ def _ports(fleet: Fleet, robot: Robot) -> tuple[model.Port, ...]:
         *roscore,
         model.Port("udp", fleet.variables.multicast_port),
         model.Port("tcp", robot.variables.rpc_port),
+        *((model.Port("tcp", border["port"]),) if (border := parameters.border(fleet, robot)) else ()),
     )
 
 
-def _services(robot: Robot, is_master: bool, tunnel: model.Tunnel | None) -> tuple[str, ...]:
+def _services(fleet: Fleet, robot: Robot, is_master: bool, tunnel: model.Tunnel | None) -> tuple[str, ...]:
     """Return the services of a computer of a robot, in the order in which they start."""
     first = ("tunnel", "address") if tunnel else ("address",)
     if not is_master:
@@ -418,4 +420,5 @@ def _services(robot: Robot, is_master: bool, tunnel: model.Tunnel | None) -> tup
     roscore = ("roscore",) if _roscore(robot) == "managed" else ()
     connections = ("connections",) if robot.variables.provider == "bundled" else ()
     metrics = ("metrics",) if parameters.writes_metrics(robot) else ()
-    return (*first, *roscore, "discovery", *connections, "sync", *metrics)
+    border = ("border",) if parameters.border(fleet, robot) else ()
+    return (*first, *roscore, "discovery", *connections, "sync", *border, *metrics)

@@ -17,6 +17,7 @@ from .._fleet import advice
 from .._fleet.plain_text import LINE, quote
 from . import clock, environment, providers, set_up, tunnel, units
 from .model import ComputerPlan, Interface, Port
+from .parameters import BORDER_PORT
 
 # The units of the collection. They may hold the ports of the plan.
 OWN_UNITS = tuple(f"multimaster-{name}.service" for name in (*units.OTHERS, *units.NODES))
@@ -379,6 +380,7 @@ Holder = tuple[str, str, str]
 _REMEDIES = {
     "roscore": "stop it, or set multimaster_roscore to 'existing' to use it",
     "discovery": "stop it: only one discovery node can answer for a master",
+    "border": "stop it: only one border can answer for a robot",
 }
 
 
@@ -403,7 +405,8 @@ def _find_holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[Holder]:
     """List the other processes on the ports of the plan, each once. A process may hold a port on several addresses."""
     holders = []
     for port in plan.ports:
-        use = "roscore" if port == Port("tcp", plan.roscore_port) else "discovery"
+        uses = {Port("tcp", plan.roscore_port): "roscore", Port("tcp", plan.roscore_port + BORDER_PORT): "border"}
+        use = uses.get(port, "discovery")
         if use == "roscore" and plan.roscore == "existing":
             continue
         for holder in info["ports"]:

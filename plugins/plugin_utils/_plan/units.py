@@ -193,6 +193,7 @@ TasksMax=1024
 NODES = {
     "discovery": ("discovery of other ROS masters", "list_masters"),
     "sync": ("exchange of topics and services with other ROS masters", "get_sync_info"),
+    "border": ("topics by other names, and at a rate, to other robots", ""),
 }
 
 #: the services that are not nodes
@@ -378,12 +379,13 @@ PROGRAMS: dict[str, dict[str, UnitLines]] = {
         "roscore": UnitLines("", _REMEMBERING),
         "discovery": UnitLines("", _NOTIFYING),
         "sync": UnitLines(_ENDER, _GROUP + _NOTIFYING),
+        "border": UnitLines("", _NOTIFYING),
     },
     "fkie_apt": _UPSTREAM,
     "fkie_existing": _UPSTREAM,
 }
 # For a computer without nodes.
-NO_PROGRAMS = {name: UnitLines() for name in NODES}
+NO_PROGRAMS = {name: UnitLines() for name in _UPSTREAM}
 
 
 def render_programs(

@@ -11,8 +11,8 @@ import types
 from functools import partial
 
 import rosfleet_multimaster
-from rosfleet_multimaster.discovery.rpc_server import RefusedCall, RpcServer
 from rosfleet_multimaster.edge.process import program
+from rosfleet_multimaster.edge.rpc_server import RefusedCall, RpcServer
 from rosfleet_multimaster.protocol.messages import Master
 
 DISCOVERY, SYNC = "/master_discovery", "/master_sync"

@@ -17,9 +17,9 @@ from rosfleet_multimaster.discovery.core.actions import Ask, Event, Say, Send
 from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.pace import SAMPLES, SLOWEST, PollPace
 from rosfleet_multimaster.discovery.core.peer import Contact
-from rosfleet_multimaster.discovery.rpc_server import PerCaller, RefusedCall, RpcServer
 from rosfleet_multimaster.edge import local_roscore
 from rosfleet_multimaster.edge.rpc_client import Rpc
+from rosfleet_multimaster.edge.rpc_server import PerCaller, RefusedCall, RpcServer
 from rosfleet_multimaster.protocol.filters import NAMES, Filters, InvalidPattern
 from rosfleet_multimaster.protocol.graph import (
     Policy,

@@ -16,9 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosfleet_multimaster.discovery import state_feed
 from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster
-from rosfleet_multimaster.discovery.rpc_server import RpcServer
 from rosfleet_multimaster.discovery.state_feed import StateFeed
 from rosfleet_multimaster.edge.rpc_client import Rpc
+from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED, apply_difference
 from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import InvalidDocument, Node, Policy, State, document

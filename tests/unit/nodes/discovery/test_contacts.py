@@ -9,9 +9,9 @@ import pytest
 from rosfleet_multimaster.discovery.contacts import Contacts, ask_time
 from rosfleet_multimaster.discovery.core.health import Health
 from rosfleet_multimaster.discovery.core.peer import Contact
-from rosfleet_multimaster.discovery.rpc_server import RpcServer
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.process import program
+from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.messages import Master
 

@@ -7,9 +7,9 @@ import time
 
 import pytest
 from rosfleet_multimaster.discovery import state_feed as module
-from rosfleet_multimaster.discovery.rpc_server import LongPoll, PackedAnswer, RpcServer
 from rosfleet_multimaster.discovery.state_feed import CallerView, StateFeed
 from rosfleet_multimaster.edge.rpc_client import Rpc
+from rosfleet_multimaster.edge.rpc_server import LongPoll, PackedAnswer, RpcServer
 from rosfleet_multimaster.protocol.filters import Pattern, Rules
 from rosfleet_multimaster.protocol.graph import State, document
 from rosfleet_multimaster.protocol.xml_rpc import STATE

@@ -7,7 +7,7 @@ import threading
 import time
 
 import pytest
-from rosfleet_multimaster.discovery.rpc_server import RpcServer
+from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.roscore import notifier as module
 from rosfleet_multimaster.roscore.core.notifications import WORKERS
 

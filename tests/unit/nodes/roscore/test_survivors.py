@@ -7,8 +7,8 @@ import threading
 import time
 
 import pytest
-from rosfleet_multimaster.discovery.rpc_server import RpcServer
 from rosfleet_multimaster.edge.loop import Loop, Workers
+from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.roscore import survivors as module
 from rosfleet_multimaster.roscore.core.registry import Registry
 

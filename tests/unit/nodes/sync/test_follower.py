@@ -9,11 +9,11 @@ from dataclasses import replace
 from xmlrpc.client import Fault
 
 import pytest
-from rosfleet_multimaster.discovery import rpc_server
 from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster
-from rosfleet_multimaster.discovery.rpc_server import RpcServer
 from rosfleet_multimaster.discovery.state_feed import StateFeed
+from rosfleet_multimaster.edge import rpc_server
 from rosfleet_multimaster.edge.rpc_client import Rpc
+from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.protocol import json_text
 from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED
 from rosfleet_multimaster.protocol.filters import Filters, Pattern, Rules

@@ -149,6 +149,19 @@ def test_a_declaration_is_read():
             [{"topics": [f"/{n:03x}" for n in range(4096)] * 2}],
             "fewer or shorter names, since sync_topics: all patterns",
         ),
+        ([{"topics": ["/scan"], "as": "kobuki1"}], "a namespace such as /kobuki1 at 'as', but there is 'kobuki1'"),
+        ([{"topics": ["/scan"], "as": "/"}], "a namespace such as /kobuki1 at 'as'"),
+        ([{"topics": ["/scan"], "as": None}], "a namespace such as /kobuki1 at 'as'"),
+        ([{"topics": ["/scan"], "rate": 0}], "messages a second above 0, up to 1000, at 'rate', but there is '0'"),
+        ([{"topics": ["/scan"], "rate": True}], "at 'rate', but there is 'True'"),
+        ([{"topics": ["/scan"], "rate": 1e9}], "at 'rate'"),
+        ([{"topics": ["/scan"], "newest": 1}], "true or false at 'newest', but there is '1'"),
+        (
+            [{"services": ["/reset"], "rate": 5}],
+            "topics and actions in an entry with 'rate' or 'newest', and services besides with 'as'",
+        ),
+        ([{"parameters": ["/a"], "as": "/b"}], "put the others into an entry of their own"),
+        ([{"topics": ["/scan"], "newst": True}], "there is 'newst' (did you mean newest?)"),
         (
             [{"topics": ["/a", "/b"]}, {"topics": ["/b", "/a"]}],
             "each entry once, but {topics: [/b, /a]} is there twice",
@@ -746,3 +759,85 @@ def test_the_plan_of_a_hundred_exporting_robots_stays_small():
     )
     assert len(json.dumps(plan["flows"])) < 200_000
     assert len(json.dumps(plan["computers"]["r7-c"])) < 40_000
+
+
+# What crosses by the border
+
+
+def identical(**changed):
+    """Three robots, of which two are alike, and what each declares."""
+    entry = {"topics": ["/scan", "/cmd_vel"], "services": ["/reset"], "to": ["station"]}
+    declared = {
+        "kobuki1": [{**entry, "as": "/kobuki1"}],
+        "kobuki2": [{**entry, "as": "/kobuki2"}],
+        "station": [],
+        **changed,
+    }
+    variables = {
+        f"{robot}-pc": {
+            "multimaster_common_network": "192.168.1.0/24",
+            "multimaster_address": f"192.168.1.{number}",
+            **({} if entries is None else {"multimaster_exports": entries}),
+        }
+        for number, (robot, entries) in enumerate(declared.items(), 1)
+    }
+    robots = {robot: [f"{robot}-pc"] for robot in declared}
+    return fleet_module.read_fleet(fleet_module.Inventory(robots=robots, variables=variables))
+
+
+def test_both_sides_of_a_channel_have_the_same_names():
+    plan = plan_module.fleet_plan(identical(station=None))
+    robot, station = (plan.computers[f"{name}-pc"].border for name in ("kobuki1", "station"))
+    shared = {
+        "topics": ["/scan", "/cmd_vel"],
+        "services": ["/reset"],
+        "as": "/kobuki1",
+        "rate": 0.0,
+        "newest": False,
+        "port": 11911,
+    }
+    assert robot["channels"] == [{**shared, "peer": "station", "hosts": ["192.168.1.3"], "inner": True}]
+    assert station["channels"][0] == {**shared, "peer": "kobuki1", "hosts": ["192.168.1.1"], "inner": False}
+    assert [entry["peer"] for entry in station["channels"]] == ["kobuki1", "kobuki2"]
+    assert parameters.overlay(parameters.BORDER, {**station, "members": []})[1] == []
+    own = plan.computers["kobuki1-pc"]
+    assert "border" in own.services and ("tcp", 11911) in {(port.protocol, port.port) for port in own.ports}
+    # The station gives everything, but what comes by the border does not come twice.
+    assert own.sync["station-pc"]["ignore_topics"] == ["/kobuki1/scan", "/kobuki1/cmd_vel"]
+    assert own.sync["station-pc"]["ignore_services"] == ["/kobuki1/reset"]
+    assert own.discovery["exports"] == []
+
+
+def test_without_such_an_entry_there_is_no_border():
+    plan = plan_module.fleet_plan(identical(kobuki1=[{"topics": ["/scan"]}], kobuki2=[]))
+    for computer in plan.computers.values():
+        assert computer.border is None and "border" not in computer.services and "border" not in to_plain(computer)
+
+
+def test_an_action_crosses_with_all_its_topics():
+    (channel,) = identical(kobuki1=[{"actions": ["/dock"], "rate": 5, "to": ["station"]}], kobuki2=[]).channels
+    assert set(channel.topics) == {f"/dock/{part}" for part in ("goal", "cancel", "status", "feedback", "result")}
+    assert channel.rate == 5.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [
+        (
+            {"kobuki2": [{"topics": ["/scan"], "as": "/kobuki1"}]},
+            "gives /kobuki1/scan to station, and so does that of kobuki1",
+        ),
+        ({"kobuki2": [{"topics": ["/kobuki1/*"]}]}, "and so does that of kobuki1"),
+        (
+            {"kobuki1": [{"topics": ["/scan"]}, {"topics": ["/sc*"], "rate": 5, "to": ["station"]}]},
+            "gives /sc* to station, and so does another entry",
+        ),
+        ({"kobuki2": [{"services": ["/reset"], "as": "/kobuki1"}]}, "gives /kobuki1/reset to station"),
+        ({"kobuki2": [{"topics": ["/scan"], "as": "/k", "to": ["kobuki3"]}]}, "is for 'kobuki3', which is no robot"),
+        ({"kobuki2": [{"topics": ["/rosout"], "as": "/k"}]}, "has the topic /rosout, which is never exchanged"),
+    ],
+)
+def test_names_that_would_meet_are_one_sentence(changed, expected):
+    with pytest.raises(fleet_module.InventoryProblems) as found:
+        identical(**changed)
+    assert len(found.value.problems) == 1 and expected in found.value.problems[0], found.value.problems

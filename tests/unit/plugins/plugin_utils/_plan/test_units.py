@@ -132,6 +132,7 @@ RATED = {
     "address": 1.5,
     "roscore": 1.5,
     "discovery": 1.5,
+    "border": 1.5,
     "connections": 2.0,
     "metrics": 2.0,
     "sync": 2.0,

@@ -10,9 +10,10 @@ from functools import partial
 from typing import Any, Callable, Dict, Iterable, List, Optional, Tuple
 
 from ..edge.clock import sleep, wall_clock
-from ..edge.counter import Count
+from ..edge.loop import Count
 from ..edge.process import program
 from ..edge.process.systemd import notify
+from ..edge.rpc_server import Callers, LongPoll, Method, PerCaller, RefusedCall, RpcServer
 from ..protocol import json_text
 from ..protocol.differences import DIFFERENCES, PACKED
 from ..protocol.filters import InvalidPattern, Pattern, Rules
@@ -22,7 +23,6 @@ from ..protocol.messages import Master
 from ..protocol.plain_text import LINE, plain
 from ..protocol.wire_filters import read_rules
 from .core.outsiders import Outsider
-from .rpc_server import Callers, LongPoll, Method, PerCaller, RefusedCall, RpcServer
 from .state_feed import LONGEST_WAIT, CallerView, StateFeed
 
 NO_STATE = State("", "")

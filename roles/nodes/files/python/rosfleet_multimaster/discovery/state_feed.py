@@ -12,10 +12,10 @@ from collections import OrderedDict
 from typing import Any, Callable, Dict, Hashable, List, NamedTuple, Optional, Tuple
 
 from ..edge.clock import monotonic
+from ..edge.rpc_server import PackedAnswer, RefusedCall
 from ..protocol.differences import History, changes, difference_in_view, digest, empty_difference
 from ..protocol.filters import Rules
 from ..protocol.graph import State, parse, stamp_text
-from .rpc_server import PackedAnswer, RefusedCall
 
 LONGEST_WAIT = 60.0  # seconds
 MOST_FILTERS, MOST_TEXT = 512, 1 << 22  # filters that are kept, and their characters

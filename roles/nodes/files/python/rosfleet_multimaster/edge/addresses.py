@@ -155,6 +155,11 @@ def source_address(group: str, port: int, own: Set[str]) -> str:
         )
 
 
+def find_own_host() -> str:
+    """The name of this computer in URIs, as ROS has it: ROS_HOSTNAME, ROS_IP or its own name."""
+    return os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP") or socket.gethostname()
+
+
 def local_hosts() -> Set[str]:
     """Names, in small letters, and addresses of this computer."""
     names = {socket.gethostname(), "localhost", os.environ.get("ROS_IP", ""), os.environ.get("ROS_HOSTNAME", "")}

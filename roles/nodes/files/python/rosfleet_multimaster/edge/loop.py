@@ -60,6 +60,11 @@ class Loop:
         """Have a function called when a socket can be read."""
         self._selector.register(readable, selectors.EVENT_READ, function)
 
+    def watch_output(self, watched: socket.socket, wanted: bool) -> None:
+        """Have the function of a watched socket called, too, when the socket takes bytes; or no more."""
+        events = selectors.EVENT_READ | (selectors.EVENT_WRITE if wanted else 0)
+        self._selector.modify(watched, events, self._selector.get_key(watched).data)
+
     def forget(self, readable: socket.socket) -> None:
         """Take `watch` back."""
         self._selector.unregister(readable)
@@ -188,3 +193,16 @@ class EndFlag(threading.Event):
     """A flag that is set once, from any thread. It is true when it is set."""
 
     __bool__ = threading.Event.is_set
+
+
+class Count:
+    """A number that threads add to."""
+
+    def __init__(self) -> None:
+        self.value = 0
+        self._lock = threading.Lock()
+
+    def add(self, more: int = 1) -> None:
+        """Add to it; from any thread."""
+        with self._lock:
+            self.value += more

@@ -18,7 +18,7 @@ from typing import Any, Callable, List, Optional, Sequence, Tuple, Type
 from ..protocol.plain_text import plain, quote
 from ..protocol.xml_rpc import ANSWER, DocumentTooLarge, loads
 from .clock import monotonic
-from .counter import Count
+from .loop import Count
 
 SMALL = 1 << 19  # bytes of an answer, as it is sent: a larger one waits for those before it
 _HEAD = 1 << 15  # bytes of all lines of the head of an answer, and of those between its chunks

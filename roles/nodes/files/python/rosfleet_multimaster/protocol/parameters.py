@@ -73,6 +73,7 @@ KINDS: Mapping[str, Tuple[str, Callable[[Any], bool]]] = {
     "crossing": ("a list of entries such as {from: robot2, names: [/robot_description]}", _entries),
     "strangers": (f"{IGNORE} or {ALLOW}", lambda value: value in (IGNORE, ALLOW)),
     "networks": ("a list of IPv4 addresses and networks", lambda value: _texts(value) and all(map(_is_network, value))),
+    "channels": ("a list of entries such as {peer: station, topics: [/scan]}", _entries),
     "members": ("a list of robots", lambda value: isinstance(value, list)),
     "level": ("DEBUG, INFO, WARN, ERROR or FATAL", lambda value: value in ("DEBUG", "INFO", "WARN", "ERROR", "FATAL")),
 }
@@ -131,6 +132,15 @@ SYNC: Mapping[str, Parameter] = {
     "log_level": Parameter("INFO", "level"),
 }
 
+BORDER: Mapping[str, Parameter] = {
+    "robot": Parameter("", "text"),
+    "port": Parameter(None, "port"),
+    "channels": Parameter([], "channels"),
+    **_BELONGING,
+    **_SHOWN,
+    "log_level": Parameter("INFO", "level"),
+}
+
 # Parameters of upstream that these nodes do not need, and why.
 WITHOUT_EFFECT: Mapping[str, str] = {
     "change_notification_count": "a change is always announced three times",
@@ -174,6 +184,9 @@ def _check(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
     for number, entry in enumerate(values["members"], 1):
         if problem_of(entry):
             raise ParameterError(f"entry {number} of ~members: {problem_of(entry)}")
+    if table is BORDER:
+        for number, entry in enumerate(values["channels"] or [], 1):
+            _check_channel(f"entry {number} of ~channels", entry)
     if table is SYNC:
         _check_crossing(values["sync_parameters"] or [])
     if table is DISCOVERY:
@@ -216,6 +229,37 @@ def _check_export(what: str, entry: Mapping[str, Any]) -> None:
             raise ParameterError(str(problem)) from None
 
 
+_CHANNEL: Mapping[str, str] = {
+    "peer": "text",
+    "hosts": "texts",
+    "port": "port",
+    "topics": "texts",
+    "services": "texts",
+    "as": "text",
+    "inner": "flag",
+    "rate": "seconds",
+    "newest": "flag",
+}
+
+
+def _check_channel(what: str, entry: Mapping[str, Any]) -> None:
+    if set(entry) != set(_CHANNEL):
+        raise ParameterError(f"{what} has {', '.join(sorted(map(str, entry)))}, but {', '.join(_CHANNEL)} are expected")
+    for key, kind in _CHANNEL.items():
+        expected, accepts = KINDS[kind]
+        if not accepts(entry[key]):
+            raise ParameterError(f"{what} has {entry[key]!r} as its {key}, but {expected} is expected")
+    if not entry["hosts"] or not all(map(is_address, entry["hosts"])):
+        raise ParameterError(f"{what} has {entry['hosts']!r} as its hosts, but IPv4 addresses are expected")
+    if entry["rate"] < 0:
+        raise ParameterError(f"{what} has a rate of {entry['rate']}, but a number of at least 0 is expected")
+    try:
+        for key in ("topics", "services"):
+            Pattern.from_items(entry[key], f"{what}, {key}")
+    except InvalidPattern as problem:
+        raise ParameterError(str(problem)) from None
+
+
 # The parameters of other robots that are copied here
 
 CROSSING = 100  # names from one robot
@@ -231,6 +275,7 @@ NEVER_CROSSING = (
     "/rosfleet_multimaster",
     "/master_discovery",
     "/master_sync",
+    "/master_border",
 )
 
 

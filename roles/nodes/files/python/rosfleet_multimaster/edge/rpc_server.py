@@ -12,10 +12,10 @@ import xmlrpc.client
 from http.server import BaseHTTPRequestHandler
 from typing import Any, Callable, Dict, Mapping, NamedTuple, Tuple, Union
 
-from ..edge.clock import monotonic
-from ..edge.counter import Count
 from ..protocol.plain_text import LINE, plain
 from ..protocol.xml_rpc import MAX_REQUEST, loads
+from .clock import monotonic
+from .loop import Count
 
 _log = logging.getLogger("rosfleet.rpc_server")
 

@@ -7,9 +7,9 @@ import socket
 import xmlrpc.client
 
 import pytest
-from rosfleet_multimaster.discovery.rpc_server import PerCaller, RefusedCall, RpcServer
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.edge.rpc_client import Rpc
+from rosfleet_multimaster.edge.rpc_server import PerCaller, RefusedCall, RpcServer
 
 
 class Server:

@@ -1,0 +1,106 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Check of the border: topics and services that cross by other names, or at a rate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from .._case import needs
+from .._case.case import Case
+from .._case.needs import Parts, make_parts
+from .._case.parts import Part
+from .._case.registrations import TEST_NODES
+from .._fleet.filters import matches
+from .._fleet.sentences import shorten_list
+from .engine import FAILED, MASTER, OK, Check, Judgement
+
+BORDER = "/master_border"
+NAMED = 4  # topics and services that a finding names
+KINDS = {"publisher": "topics", "service": "services"}  # of registrations -> in a channel
+
+
+def _list_channels(case: Case) -> list[Mapping[str, Any]]:
+    """List the channels of the observer to the target's robot."""
+    plan = case.observer.plan
+    return [entry for entry in (plan.border or {}).get("channels", ()) if entry["peer"] == case.robots[1]]
+
+
+def _find_names(case: Case, kind: str, name: str) -> Iterator[str]:
+    """Yield the observer's name of a topic or service of the target's robot; none where it does not cross."""
+    for channel in _list_channels(case):
+        namespace = channel["as"]
+        inner = name if not channel["inner"] else name.removeprefix(namespace)
+        crosses = not channel["inner"] or name.startswith(f"{namespace}/")
+        if crosses and matches(channel[KINDS[kind]], inner):
+            yield inner if channel["inner"] else namespace + inner
+
+
+def _find_wrong(case: Case) -> tuple[list[str], list[str]] | None:
+    """Find what the observer's border lacks, and what it has and nobody gives; None where one roscore is not known."""
+    robots = case.state.exchanges.robots
+    own, its = case.robots
+    if own not in robots or its not in robots:
+        return None
+    mine = {(item.kind, item.name) for item in robots[own].own if item.kind in KINDS and item.node != BORDER}
+    due = {
+        (item.kind, name)
+        for item in robots[its].own
+        if item.kind in KINDS and item.node != BORDER and not item.node.startswith(TEST_NODES)
+        for name in _find_names(case, item.kind, item.name)
+    }
+    there = {(item.kind, item.name) for item in robots[own].own if item.kind in KINDS and item.node == BORDER}
+    missing = {
+        entry for entry in due - there if entry[0] == "publisher" or entry not in mine
+    }  # an own service is never replaced
+    alone = len({entry["peer"] for entry in (case.observer.plan.border or {}).get("channels", ())}) == 1
+    more = there - due if alone else {entry for entry in there - due if _is_of(case, *entry)}
+    return sorted(name for _kind, name in missing), sorted(name for _kind, name in more)
+
+
+def _is_of(case: Case, kind: str, name: str) -> bool:
+    """Say if what the observer's border has can be of the target's robot alone: its namespace is that one's."""
+    return any(
+        not channel["inner"]
+        and channel["as"]
+        and matches([f"{channel['as']}{topic}" for topic in channel[KINDS[kind]]], name)
+        for channel in _list_channels(case)
+    )
+
+
+def _evidence(case: Case) -> Parts:
+    missing, more = _find_wrong(case) or ([], [])
+    if not missing and not more:
+        return frozenset()
+    return frozenset({Part.from_pair("border", "lacking", *case.robots, what=shorten_list(missing or more, NAMED))})
+
+
+def _suspects(case: Case) -> Parts:
+    own, its = case.masters
+    return (
+        make_parts("service", own, "down")
+        | make_parts("service", its, "down")
+        | needs.master_query_parts(case, own, its)
+    )
+
+
+@Check(
+    title="what crosses by the border is there",
+    scope=MASTER,
+    about="with `as`, `rate` or `newest` in `multimaster_exports`",
+    expected="each topic and service of own nodes of the one robot that the border takes across is there from the border of the other, and no more",
+    suspects=_suspects,
+    evidence=_evidence,
+)
+def _judge_border(case: Case) -> Judgement | None:
+    if not _list_channels(case):
+        return None
+    wrong = _find_wrong(case)
+    if wrong is None:
+        return None
+    missing, more = wrong
+    parts = [("not there", missing), ("there, and nobody has it", more)]
+    found = "; ".join(f"{words}: {shorten_list(topics, NAMED)}" for words, topics in parts if topics)
+    return Judgement(FAILED if found else OK, "what the channels take across", found or "just that")

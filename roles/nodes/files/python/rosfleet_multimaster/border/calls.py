@@ -1,0 +1,44 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Calls of services on their way: bytes are copied between two connections, in threads, until one of the two ends."""
+
+import contextlib
+import socket
+from typing import Callable
+
+from ..edge.loop import start_thread
+
+_PIECE = 1 << 16  # bytes at once, and all that is held
+IDLE = 3600.0  # seconds of silence after which a call is given up
+
+
+def splice(client: socket.socket, provider: socket.socket, first: bytes, done: Callable[[], None]) -> None:
+    """Copy between a client and a provider, both ways. `first`: what goes to the provider before all else. `done` is called in a thread."""
+    for connection in (client, provider):
+        connection.settimeout(IDLE)
+
+    def copy_there() -> None:
+        with contextlib.suppress(OSError):
+            provider.sendall(first)
+        _copy(client, provider)
+
+    def copy_back() -> None:
+        _copy(provider, client)
+        client.close()
+        provider.close()
+        done()
+
+    start_thread("call", copy_there)
+    start_thread("answer", copy_back)
+
+
+def _copy(source: socket.socket, sink: socket.socket) -> None:
+    with contextlib.suppress(OSError):
+        while True:
+            data = source.recv(_PIECE)
+            if not data:
+                break
+            sink.sendall(data)
+    for connection in (source, sink):
+        with contextlib.suppress(OSError):
+            connection.shutdown(socket.SHUT_RDWR)

@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The channels of a border: which topics and services cross, to whom, by which names.
+
+On the robot that a channel is of, names are inner ones (/scan). Its peers have them below a namespace (/kobuki1/scan), and so
+have the two borders between them. Data cross both ways: what is published on the one name arrives on the other.
+"""
+
+from typing import Any, Container, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from ...protocol.filters import MAX_NAME, Pattern
+from ...protocol.messages import NodeKey
+
+MOST_OFFERS = 1000  # of one peer
+MOST_NODES = 50  # of one topic
+TOPIC, SERVICE = "topic", "service"
+
+
+class Offer(NamedTuple):
+    """What a border offers to another one."""
+
+    kind: str  # TOPIC or SERVICE
+    name: str  # as the borders have it
+    type: str  # of the messages; empty for a service
+    nodes: Tuple[str, ...]  # that publish it, or the one that provides it
+
+
+class Channel(NamedTuple):
+    """What crosses between this robot and a peer, by one entry of the inventory."""
+
+    peer: str  # a robot
+    hosts: Tuple[str, ...]  # addresses of its border
+    port: int  # of its border
+    topics: Pattern  # inner names
+    services: Pattern
+    namespace: str  # such as /kobuki1; empty: the names are the same on both
+    inner: bool  # the inner names are those of this robot
+    rate: float = 0.0  # messages a second of each topic; 0: all
+    newest: bool = False  # only the newest message waits for a slow link
+
+    @classmethod
+    def from_entry(cls, entry: Mapping[str, Any]) -> "Channel":
+        """Read an entry of ~channels, which has been checked."""
+        return cls(
+            peer=entry["peer"],
+            hosts=tuple(entry["hosts"]),
+            port=entry["port"],
+            topics=Pattern.from_items(entry["topics"], "topics"),
+            services=Pattern.from_items(entry["services"], "services"),
+            namespace=entry["as"],
+            inner=entry["inner"],
+            rate=entry["rate"],
+            newest=entry["newest"],
+        )
+
+    def find_name(self, kind: str, local: str) -> Optional[str]:
+        """Return the borders' name of a topic or service of this robot; None where it does not cross."""
+        inner = local if self.inner else self._strip(local)
+        return None if inner is None or not self._takes(kind, inner) else self.namespace + inner
+
+    def find_local(self, kind: str, name: str) -> Optional[str]:
+        """Return this robot's name of a topic or service that the borders name so; None where it does not cross."""
+        inner = self._strip(name)
+        if inner is None or not self._takes(kind, inner):
+            return None
+        return inner if self.inner else name
+
+    def _takes(self, kind: str, inner: str) -> bool:
+        return (self.topics if kind == TOPIC else self.services).matches(inner)
+
+    def _strip(self, name: str) -> Optional[str]:
+        return name[len(self.namespace) :] if name.startswith(f"{self.namespace}/") else None
+
+
+class Registrations(NamedTuple):
+    """The registrations of the own roscore."""
+
+    publishers: Mapping[str, Sequence[str]] = {}
+    services: Mapping[str, Sequence[str]] = {}
+    types: Mapping[str, str] = {}
+    node_uris: Mapping[str, str] = {}
+    service_uris: Mapping[str, str] = {}
+
+
+Own = Dict[str, Tuple[str, ...]]  # topic or service -> nodes of this robot
+
+
+def list_own(seen: Registrations, table: Mapping[str, Sequence[str]], own: str, others: Container[NodeKey]) -> Own:
+    """Return the nodes of this robot of each topic or service. `own`: the border itself; `others`: nodes of other robots."""
+    found = {}
+    for name, nodes in table.items():
+        mine = tuple(node for node in nodes if node != own and (node, seen.node_uris.get(node, "")) not in others)
+        if mine:
+            found[name] = mine[:MOST_NODES]
+    return found
+
+
+def list_offers(channels: Iterable[Channel], topics: Own, services: Own, types: Mapping[str, str]) -> List[Offer]:
+    """Return what the channels of one peer offer it."""
+    found: Dict[Tuple[str, str], Offer] = {}
+    for channel in channels:
+        for kind, table in ((TOPIC, topics), (SERVICE, services)):
+            for local, nodes in table.items():
+                name = channel.find_name(kind, local)
+                if name is not None and (kind == SERVICE or local in types):
+                    found[kind, name] = Offer(kind, name, types.get(local, "") if kind == TOPIC else "", nodes)
+    return sorted(found.values())[:MOST_OFFERS]
+
+
+def read_offers(value: Any) -> List[Offer]:
+    """Read the offers of another border. Raises ValueError."""
+    if not isinstance(value, list) or len(value) > MOST_OFFERS:
+        raise ValueError(f"its offers are no list of at most {MOST_OFFERS}")
+    return [_read_offer(entry) for entry in value]
+
+
+def _read_offer(entry: Any) -> Offer:
+    if (
+        not isinstance(entry, list)
+        or len(entry) != 4
+        or entry[0] not in (TOPIC, SERVICE)
+        or not isinstance(entry[3], list)
+    ):
+        raise ValueError("an offer is no topic or service with its type and its nodes")
+    kind, name, type_name, nodes = entry
+    texts = (name, *nodes, *([type_name] if kind == TOPIC else []))
+    if len(nodes) > MOST_NODES or not all(isinstance(text, str) and 0 < len(text) <= MAX_NAME for text in texts):
+        raise ValueError("an offer has a name that is none, or too many nodes")
+    return Offer(kind, name, type_name if kind == TOPIC else "", tuple(nodes))
+
+
+def find_taken(channels: Sequence[Channel], offers: Iterable[Offer]) -> Dict[Tuple[str, str], Offer]:
+    """Return (kind, this robot's name) -> the offer, of what a peer offers and a channel takes."""
+    taken: Dict[Tuple[str, str], Offer] = {}
+    for offer in offers:
+        for channel in channels:
+            local = channel.find_local(offer.kind, offer.name)
+            if local is not None:
+                taken.setdefault((offer.kind, local), offer)
+    return taken

@@ -1,0 +1,228 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A topic on its way: connections to those who publish it, while somebody listens, and to those who listen.
+
+What comes on any of the first goes to all of the second. A latched publisher's last message is for each who comes later.
+"""
+
+from functools import partial
+from typing import Any, Callable, Dict, Hashable, List, Mapping, Optional
+
+from ..edge.clock import monotonic
+from ..edge.loop import Loop, Workers
+from ..edge.process import program
+from ..protocol.plain_text import plain
+from .core.header import encode_header
+from .core.outbox import Budget, Throttle
+from .wire import PATIENCE, Wire
+
+AGAIN = (0.2, 5.0)  # seconds until a publisher that does not answer is asked again: at first, and at most
+
+Fields = Dict[str, str]
+Dial = Callable[[], Any]  # makes a connection to a publisher. It may block, and raises OSError or ValueError.
+
+
+class _Source:
+    """A publisher."""
+
+    def __init__(self, dial: Dial, question: Fields) -> None:
+        self.dial, self.question = dial, question
+        self.wire: Optional[Wire] = None
+        self.header: Optional[Fields] = None
+        self.latched: Optional[bytes] = None
+        self.dialing = False
+        self.failures = 0
+        self.retry_at = 0.0
+
+
+class _Sink:
+    """Somebody who listens."""
+
+    def __init__(self, wire: Wire, answer: Fields, rate: float) -> None:
+        self.wire, self.answer, self.throttle = wire, answer, Throttle(rate)
+        self.open = False  # it has its header
+
+    def send(self, message: bytes, now: float) -> None:
+        if self.throttle.pass_on(message, now):
+            self.wire.send(message)
+
+
+class Feed:
+    """One topic."""
+
+    def __init__(
+        self,
+        loop: Loop,
+        workers: Workers,
+        limited: program.LimitedLog,
+        budget: Budget,
+        title: str,
+        request_tick: Callable[[float], None],
+    ) -> None:
+        """`title`: the topic and whose it is, for the log; `request_tick(time)`: `tick` is to be called then."""
+        self._loop, self._workers, self._limited, self._title = loop, workers, limited, title
+        self._budget, self._request_tick = budget, request_tick
+        self._sources: Dict[Hashable, _Source] = {}
+        self._sinks: Dict[Wire, _Sink] = {}
+        self.messages = self.size = self.dropped = 0
+
+    @property
+    def has_sinks(self) -> bool:
+        """True while somebody listens."""
+        return bool(self._sinks)
+
+    def aim(self, sources: Mapping[Hashable, Dial], question: Callable[[Hashable], Fields]) -> None:
+        """Say which publishers there are. The connections of those that are known already stay. `question`: the header for one."""
+        for key in [key for key in self._sources if key not in sources]:
+            self._close(self._sources.pop(key))
+        for key, dial in sources.items():
+            known = self._sources.setdefault(key, _Source(dial, question(key)))
+            known.dial = dial
+        self._request_tick(0.0)
+
+    def add(self, wire: Wire, answer: Fields, rate: float = 0.0) -> None:
+        """Have messages go to a connection. `answer`: the fields of our header that are not the publisher's."""
+        self._sinks[wire] = sink = _Sink(wire, answer, rate)
+        self._open(sink)
+        self._request_tick(0.0)
+
+    def remove(self, wire: Wire) -> None:
+        """A connection of `add` has ended."""
+        sink = self._sinks.pop(wire, None)
+        if sink is not None:
+            self.dropped += wire.outbox.dropped + sink.throttle.dropped
+            self._request_tick(0.0)
+
+    def end(self) -> None:
+        """Close all connections."""
+        self.aim({}, lambda _key: {})
+        for wire in list(self._sinks):
+            wire.end()
+
+    def count_dropped(self) -> int:
+        """How many messages did not get to somebody who listened."""
+        now = sum(sink.wire.outbox.dropped + sink.throttle.dropped for sink in self._sinks.values())
+        return self.dropped + now
+
+    def tick(self, now: float) -> Optional[float]:
+        """Connect and send what is due; the time of the next call."""
+        due: List[Optional[float]] = []
+        for source in self._sources.values():
+            if not self._sinks:
+                self._close(source)
+            elif source.wire is not None and source.header is None and now - source.wire.since > PATIENCE:
+                source.wire.end("no header came")
+            elif source.wire is None and not source.dialing:
+                if now >= source.retry_at:
+                    self._dial(source)
+                else:
+                    due.append(source.retry_at)
+        for sink in list(self._sinks.values()):
+            message = sink.throttle.release(now)
+            if message is not None:
+                sink.wire.send(message)
+            due.append(sink.throttle.due)
+        return min((time for time in due if time is not None), default=None)
+
+    # Publishers
+
+    def _dial(self, source: _Source) -> None:
+        source.dialing = True
+        self._workers.submit(source.dial, partial(self._on_dial, source))
+
+    def _on_dial(self, source: _Source, connection: Any, problem: Optional[Exception]) -> None:
+        source.dialing = False
+        if connection is None:
+            self._fail(source, str(problem))
+        elif source not in self._sources.values() or not self._sinks:
+            connection.close()
+        else:
+            try:
+                source.wire = Wire(
+                    self._loop,
+                    connection,
+                    self._budget,
+                    partial(self._on_header, source),
+                    partial(self._on_message, source),
+                    partial(self._on_end, source),
+                )
+            except OSError as gone:
+                connection.close()
+                self._fail(source, str(gone))
+                return
+            source.wire.say(encode_header(source.question))
+
+    def _on_header(self, source: _Source, wire: Wire) -> None:
+        header = wire.header or {}
+        if "error" in header or not header.get("md5sum"):
+            wire.end(f"it says {plain(header.get('error') or 'no md5sum')}")
+            return
+        first = self._find_header()
+        if first is not None and first["md5sum"] != header["md5sum"]:
+            wire.end(
+                f"its messages are of another definition ({plain(header.get('type', ''))}) than those of another publisher"
+            )
+            return
+        source.header, source.failures = header, 0
+        for sink in list(self._sinks.values()):
+            self._open(sink)
+
+    def _on_message(self, source: _Source, wire: Wire, message: bytes) -> None:
+        if source.header is None:
+            return
+        self.messages += 1
+        self.size += len(message)
+        if source.header.get("latching") == "1":
+            source.latched = message
+        now = monotonic()
+        for sink in list(self._sinks.values()):
+            if sink.open:
+                self._send(sink, message, now)
+
+    def _on_end(self, source: _Source, wire: Wire, why: str) -> None:
+        source.wire = source.header = source.latched = None
+        if why:
+            self._fail(source, why)
+
+    def _fail(self, source: _Source, why: str) -> None:
+        shortest, longest = AGAIN
+        source.retry_at = monotonic() + min(longest, shortest * 2**source.failures)
+        source.failures = min(source.failures + 1, 10)
+        self._request_tick(source.retry_at)
+        if source.failures > 2:
+            self._limited.say("warning", self._title, f"{self._title} cannot be had from its publisher: {plain(why)}")
+
+    def _close(self, source: _Source) -> None:
+        if source.wire is not None:
+            source.wire.end()
+        source.failures, source.retry_at = 0, 0.0
+
+    # Those who listen
+
+    def _send(self, sink: _Sink, message: bytes, now: float) -> None:
+        sink.send(message, now)
+        if sink.throttle.due is not None:
+            self._request_tick(sink.throttle.due)
+
+    def _find_header(self) -> Optional[Fields]:
+        return next((source.header for source in self._sources.values() if source.header is not None), None)
+
+    def _open(self, sink: _Sink) -> None:
+        """Give somebody who listens its header, as soon as there is one, and what was latched."""
+        header = self._find_header()
+        if sink.open or header is None:
+            return
+        asked = (sink.wire.header or {}).get("md5sum", "*")
+        if asked not in ("*", header["md5sum"]):
+            text = f"md5sum {plain(asked)} is asked for, and the publisher has {header['md5sum']}"
+            sink.wire.say(encode_header({"error": text}))
+            sink.wire.end("it asks for another definition of the messages")
+            return
+        latching = any((of.header or {}).get("latching") == "1" for of in self._sources.values())
+        names = ("type", "md5sum", "message_definition")
+        fields = {name: header[name] for name in names if name in header}
+        sink.wire.say(encode_header({**fields, **sink.answer, "latching": "1" if latching else "0"}))
+        sink.open = True
+        for source in self._sources.values():
+            if source.latched is not None:
+                self._send(sink, source.latched, monotonic())

@@ -1,0 +1,67 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the border of another robot offers: it is asked, and answers as soon as there is something new."""
+
+import random
+from typing import Any, Callable, NamedTuple, Optional, Sequence
+
+from ..edge.clock import monotonic
+from ..edge.loop import EndFlag, start_thread
+from ..edge.process import program
+from ..edge.rpc_client import SMALL, Rpc
+from .core.channels import Offer, read_offers
+
+OFFERS = "rosfleetOffers"
+WAIT, TIMEOUT = (20.0, 30.0), 10.0  # seconds that the other border may wait for news, and more for the answer
+RETRY = 0.5  # seconds until one that does not answer is asked again
+LOST = 15.0  # seconds after which its topics are withdrawn; one that is started again is back before
+
+
+class Offers(NamedTuple):
+    """What a border offers."""
+
+    host: str
+    port: int  # of its data
+    entries: Sequence[Offer]
+
+
+def read_answer(value: Any) -> Any:
+    """Read (revision, port, offers). Raises ValueError."""
+    if not isinstance(value, list) or len(value) != 3 or not isinstance(value[0], str) or not isinstance(value[1], int):
+        raise ValueError("it answers no revision with a port and offers")
+    return value[0], value[1], read_offers(value[2])
+
+
+class Peer:
+    """Asks one border, in a thread of its own."""
+
+    def __init__(self, robot: str, hosts: Sequence[str], port: int, own_robot: str) -> None:
+        self.robot, self._hosts, self._port, self._own_robot = robot, hosts, port, own_robot
+        self._ended = EndFlag()
+
+    def start(self, on_offers: Callable[[str, Optional[Offers]], None]) -> None:
+        """Begin to ask. `on_offers(robot, offers)` is called in the thread; None: it has not answered for a while."""
+        start_thread(f"peer-{self.robot}", lambda: self._follow(on_offers))
+
+    def _follow(self, on_offers: Callable[[str, Optional[Offers]], None]) -> None:
+        number, revision, answered = 0, "", monotonic()
+        rpc: Optional[Rpc] = None
+        while not self._ended:
+            host = self._hosts[number % len(self._hosts)]
+            try:
+                wait = random.uniform(*WAIT)
+                rpc = rpc or Rpc(f"http://{host}:{self._port}", wait + TIMEOUT, SMALL)
+                rpc.limit(wait + TIMEOUT)
+                before = revision
+                revision, port, entries = rpc.call(OFFERS, self._own_robot, revision, wait, read=read_answer)
+                answered = monotonic()
+                if revision != before:
+                    on_offers(self.robot, Offers(host, port, entries))
+            except Exception as problem:  # any: the answers are another computer's
+                program.LOG.debug("the border of %s does not answer: %s", self.robot, problem)
+                if rpc is not None:
+                    rpc.close()
+                rpc, revision, number = None, "", number + 1
+                if monotonic() - answered > LOST:
+                    on_offers(self.robot, None)
+                self._ended.wait(RETRY)

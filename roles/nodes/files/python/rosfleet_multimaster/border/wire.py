@@ -1,0 +1,137 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A connection of TCPROS: a header each way, then messages. It never blocks."""
+
+import socket
+from typing import Callable, Dict, Optional, Tuple
+
+from ..edge.clock import monotonic
+from ..edge.loop import Loop
+from .core.header import MAX_HEADER, HeaderError, decode_header
+from .core.messages import MessageReader
+from .core.outbox import Budget, Outbox
+
+MAX_MESSAGE = 1 << 24  # bytes of one message; a larger one is left out
+PATIENCE = 10.0  # seconds until the header has to be there
+_READ = 1 << 18  # bytes at once, so that no connection holds the others up
+#: bytes that the kernel keeps of a connection of which only the newest message counts
+_SMALL_BUFFER = 1 << 16
+
+
+class Wire:
+    """One connection. What comes, and its end, are told by callbacks in the loop."""
+
+    def __init__(
+        self,
+        loop: Loop,
+        connection: socket.socket,
+        budget: Budget,
+        on_header: Callable[["Wire"], None],
+        on_message: Callable[["Wire", bytes], None],
+        on_end: Callable[["Wire", str], None],
+    ) -> None:
+        self.address = str(connection.getpeername()[0])  # of the other end. Raises OSError where it has gone.
+        self.header: Optional[Dict[str, str]] = None  # of the other end
+        self.outbox, self.since, self.ended = Outbox(budget), monotonic(), False
+        self._budget = budget
+        self.received = self.sent = 0  # bytes
+        self._loop, self._connection = loop, connection
+        self._on_header, self._on_message, self._on_end = on_header, on_message, on_end
+        self._reader = MessageReader(MAX_HEADER)
+        self._first = b""  # a header, before all that waits
+        self._sending = memoryview(b"")
+        self._watched = False  # for being writable
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        loop.watch(connection, self._on_ready)
+
+    def keep_newest(self) -> None:
+        """Let one message wait, and have the kernel keep little of what is sent: a slow link gets what is new."""
+        self.outbox.close()
+        self.outbox = Outbox(self._budget, newest=True)
+        self._connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SMALL_BUFFER)
+
+    def say(self, header: bytes) -> None:
+        """Send a header."""
+        self._first += header
+        self._flush()
+
+    def send(self, message: bytes) -> None:
+        """Send a message, its length in front, as soon as the other end takes it."""
+        self.outbox.add(message)
+        if not self._watched:
+            self._flush()
+
+    def end(self, why: str = "") -> None:
+        """Close the connection."""
+        if self.ended:
+            return
+        self.ended = True
+        self.outbox.close()
+        self._loop.forget(self._connection)
+        self._connection.close()
+        self._on_end(self, why)
+
+    def detach(self) -> Tuple[socket.socket, bytes]:
+        """Give the connection to somebody else, with the bytes that came after its header."""
+        self.ended = True
+        self.outbox.close()
+        self._loop.forget(self._connection)
+        return self._connection, self._reader.rest()
+
+    def _on_ready(self) -> None:
+        self._read()
+        if not self.ended and self._watched:
+            self._flush()
+
+    def _read(self) -> None:
+        try:
+            data = self._connection.recv(_READ)
+        except BlockingIOError:
+            return
+        except OSError as problem:
+            self.end(str(problem))
+            return
+        if not data:
+            self.end("it was closed")
+            return
+        self.received += len(data)
+        for message in self._reader.feed(data):
+            if self.ended:
+                return
+            if self.header is None:
+                self._take_header(message)
+            else:
+                self._on_message(self, message)
+        if self.header is None and self._reader.skipped:
+            self.end("its header is too long")
+
+    def _take_header(self, message: bytes) -> None:
+        try:
+            self.header = decode_header(message)
+        except HeaderError as problem:
+            self.end(f"no header: {problem}")
+            return
+        self._reader.most = MAX_MESSAGE
+        self._on_header(self)
+
+    def _flush(self) -> None:
+        try:
+            while self._sending or self._first or len(self.outbox):
+                if not self._sending:
+                    self._sending, self._first = memoryview(self._first or self.outbox.take()), b""
+                count = self._connection.send(self._sending)
+                self.sent += count
+                self._sending = self._sending[count:]
+        except BlockingIOError:
+            self._watch(True)
+            return
+        except OSError as problem:
+            self.end(str(problem))
+            return
+        self._watch(False)
+
+    def _watch(self, wanted: bool) -> None:
+        if wanted != self._watched:
+            self._watched = wanted
+            self._loop.watch_output(self._connection, wanted)

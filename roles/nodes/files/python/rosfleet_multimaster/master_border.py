@@ -1,0 +1,354 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The node master_border: takes topics and services across to other robots, by other names, at a rate, once for each link.
+
+`python3 -m rosfleet_multimaster.master_border --parameters FILE.json`
+"""
+
+import os
+from functools import partial
+from typing import Any, Dict, List, Mapping, Optional, Tuple
+
+from .border.board import OfferBoard
+from .border.calls import splice
+from .border.core.channels import SERVICE, TOPIC, Channel, Own, Registrations, find_taken, list_offers, list_own
+from .border.core.header import encode_header
+from .border.core.outbox import Budget
+from .border.dial import dial_border, dial_node, dial_service, listen
+from .border.feed import Dial, Feed, Fields
+from .border.node import PROVIDER, PUBLISHER, SUBSCRIBER, Registrar, SlaveApi
+from .border.peers import OFFERS, Offers, Peer
+from .border.wire import PATIENCE, Wire
+from .discovery.rpc_methods import callers, serve
+from .edge import local_roscore
+from .edge.addresses import find_own_host, local_hosts
+from .edge.clock import monotonic
+from .edge.loop import Count, DirectRunner, Loop, RecurringJob, Workers
+from .edge.process import program
+from .edge.process.systemd import notify
+from .edge.roscore import Roscore
+from .edge.rpc_server import LongPoll, RefusedCall
+from .protocol import imports, parameters
+from .protocol.members import Members
+from .protocol.plain_text import plain
+from .sync.core.sync import View
+from .sync.roscore_graph import RoscoreGraph
+
+NAME = "/master_border"
+STATUS = 5.0  # seconds between two lines of status
+READ, READ_WHOLE = 0.2, 1.0  # seconds between two looks at the own roscore: one that tells its changes, and any other
+MOST_WIRES, MOST_NEW = 1000, 100  # connections of others, and those without a header
+MOST_CALLS = 200  # connections of clients of services
+LONGEST_WAIT = 60.0  # seconds that another border may wait for news
+# Fields of a header between two borders: whose it is, and the node whose messages it wants.
+ROBOT, NODE = "rosfleet_border", "rosfleet_publisher"
+
+
+class MasterBorder:
+    """The program: what the own roscore and the other borders have becomes feeds, and listeners are given to these."""
+
+    def __init__(self, values: Mapping[str, Any], roscore: Roscore, uri: str) -> None:
+        """`uri`: that the roscore calls itself."""
+        self.loop, self.limited, self.budget = Loop(), program.LimitedLog(), Budget()
+        self.robot, self.roscore, self.master = values["robot"], roscore, uri
+        self.channels = [Channel.from_entry(entry) for entry in values["channels"]]
+        self.peers = {channel.peer: channel for channel in self.channels}
+        self.board = OfferBoard(list(self.peers))
+        self.seen = Registrations()
+        self.topics: Own = {}
+        self.services: Own = {}
+        self.calls: Dict[str, Tuple[Dial, str]] = {}  # service of others -> how their border is reached, its name there
+        self.calling = Count()
+        self.offers: Dict[str, Offers] = {}
+        self.given: Dict[Tuple[str, str], Feed] = {}  # topic and node -> for other borders
+        self.taken: Dict[str, Feed] = {}  # topic -> for listeners of this robot
+        self.wires: Dict[Wire, Optional[Feed]] = {}  # of others
+        self.feeds_due = 0.0
+        self.listener = listen()
+        self.rules = callers(Members.from_parameters(values), uri, lambda address: address in local_hosts())
+        self.api = SlaveApi(
+            NAME, uri, lambda: int(self.listener.getsockname()[1]), partial(self.loop.post, self._on_shutdown)
+        )
+        methods = {**self.api.methods(), OFFERS: LongPoll(self._tell_offers)}
+        self.server = serve("", values["port"], methods, self._on_malformed, self.rules)
+        self.uri = f"http://{find_own_host()}:{values['port']}/"
+        self.dialers = Workers(self.loop, 8)
+        calls = Workers(self.loop, 1)  # everything that is asked of the own roscore
+        self.registrar = Registrar(roscore, self.uri, calls)
+        identity = local_roscore.Identity()
+        self.health = local_roscore.Health(
+            self.loop, roscore, identity, calls, program.give_up, self.registrar.begin_again
+        )
+        self.graph = RoscoreGraph(roscore)
+        self.last = Registrations()  # of the thread that reads
+        self.claims: imports.Claims = {}
+        self.states = RecurringJob(DirectRunner(), lambda: STATUS, self._say_status)
+        self.reads = RecurringJob(
+            calls, lambda: READ if self.graph.guards_names else READ_WHOLE, self._read, self._on_read
+        )
+
+    def run(self) -> int:
+        """Run until the end; the exit status."""
+        program.on_signals(self.loop, self._end)
+        self.loop.watch(self.listener, self._accept)
+        for robot, channel in self.peers.items():
+            peer = Peer(robot, channel.hosts, channel.port, self.robot)
+            peer.start(partial(self.loop.post, self._on_offers))
+        notify("READY=1")
+        self.loop.run(self._tick)
+        self.registrar.withdraw()
+        return 0
+
+    def _tick(self, now: float) -> float:
+        due = [self.health.tick(now), self.reads.tick(now), self.registrar.tick(now), self.states.tick(now)]
+        if now >= self.feeds_due:
+            self.feeds_due = now + PATIENCE
+            for feed in (*self.given.values(), *self.taken.values()):
+                self._request_feeds(feed.tick(now))
+            self._end_silent(now)
+        return min([self.feeds_due, *(time for time in due if time is not None)])
+
+    def _request_feeds(self, due: Optional[float]) -> None:
+        """Have the feeds looked at then."""
+        if due is not None:
+            self.feeds_due = min(self.feeds_due, due)
+
+    def _say_status(self) -> None:
+        feeds = [*self.given.values(), *self.taken.values()]
+        messages, dropped = sum(feed.messages for feed in feeds), sum(feed.count_dropped() for feed in feeds)
+        notify(
+            f"STATUS={len(self.offers)} of {len(self.peers)} robots answer, {len(self.taken)} topics of theirs are here; "
+            f"{messages} messages came, {dropped} were dropped"
+        )
+
+    def _end(self) -> None:
+        program.leave_after(5.0)
+        self.loop.stop()
+
+    def _on_shutdown(self, reason: str) -> None:
+        program.give_up(f"somebody ended this node: {plain(reason)}")
+
+    def _on_malformed(self, host: str, why: str) -> None:
+        self.limited.say("warning", f"malformed {host}", f"a request of {host} is refused: {plain(why)}")
+
+    # The own roscore
+
+    def _read(self) -> Tuple[Registrations, imports.Claims]:
+        view = self.graph.read(_list_unknown)
+        if view.publishers is not self.last.publishers or view.services is not self.last.services:
+            (record,) = self.roscore.ask(("getParam", imports.IMPORTS))  # an import is a registration as well
+            self.claims = imports.read(record).claims
+        self.last = Registrations(view.publishers, view.services, view.types, view.node_uris, view.service_uris)
+        return self.last, self.claims
+
+    def _on_read(self, found: Optional[Tuple[Registrations, imports.Claims]], problem: Optional[Exception]) -> None:
+        if found is None:
+            return  # its health is looked at elsewhere
+        seen, claims = found
+        topics, services = (list_own(seen, table, NAME, claims) for table in (seen.publishers, seen.services))
+        if (topics, services, seen) == (self.topics, self.services, self.seen):
+            return
+        self.seen, self.topics, self.services = seen, topics, services
+        for robot in self.peers:
+            channels = [channel for channel in self.channels if channel.peer == robot]
+            self.board.update(robot, list_offers(channels, topics, services, seen.types))
+        for (topic, node), feed in list(self.given.items()):
+            if node not in topics.get(topic, ()):
+                feed.end()
+                del self.given[topic, node]
+        self._register()
+
+    def _register(self) -> None:
+        """Have registered what is published and provided here for others, and what is listened to for them."""
+        listening = [topic for (topic, _node), feed in self.given.items() if feed.has_sinks]
+        self.api.subscribed = {topic: self.seen.types.get(topic, "*") for topic in listening}
+        wanted = {(PUBLISHER, topic): kind for topic, kind in self.api.published.items()}
+        wanted.update({(SUBSCRIBER, topic): kind for topic, kind in self.api.subscribed.items()})
+        uri = f"rosrpc://{find_own_host()}:{self.api.port()}"
+        # A roscore keeps one provider: one of this robot is never replaced.
+        wanted.update({(PROVIDER, service): uri for service in self.calls if service not in self.services})
+        self.registrar.want(wanted)
+
+    # Other borders
+
+    def _tell_offers(self, address: str, may_wait: bool, robot: Any, revision: Any, wait: Any) -> List[Any]:
+        """What this border offers to a robot: (revision, port of the data, topics and services with their types and nodes)."""
+        if not isinstance(revision, str) or not isinstance(wait, (int, float)):
+            raise RefusedCall(f"{OFFERS} takes a robot, a revision (text) and a wait (seconds)")
+        if not self._is_peer(robot, address):
+            raise RefusedCall("no channel leads there")
+        seconds = min(max(float(wait), 0.0), LONGEST_WAIT) if may_wait else 0.0
+        now, offers = self.board.wait(robot, revision, seconds)
+        return [now, self.api.port(), [[*offer[:3], list(offer.nodes)] for offer in offers]]
+
+    def _is_peer(self, robot: Any, address: str) -> bool:
+        return isinstance(robot, str) and robot in self.peers and address in self.peers[robot].hosts
+
+    def _on_offers(self, robot: str, offers: Optional[Offers]) -> None:
+        if offers is None:
+            self.offers.pop(robot, None)
+        else:
+            self.offers[robot] = offers
+        sources: Dict[str, Dict[Any, Any]] = {}
+        published: Dict[str, str] = {}
+        self.calls = {}
+        for peer, known in self.offers.items():
+            channels = [channel for channel in self.channels if channel.peer == peer]
+            dial = partial(dial_border, (known.host, known.port))
+            for (kind, local), offer in find_taken(channels, known.entries).items():
+                if kind == SERVICE:
+                    self.calls.setdefault(local, (dial, offer.name))
+                elif published.setdefault(local, offer.type) == offer.type:  # else two robots publish different types
+                    sources.setdefault(local, {}).update({(peer, offer.name, node): dial for node in offer.nodes})
+        self.api.published = published
+        for topic in [topic for topic in self.taken if topic not in published]:
+            self.taken.pop(topic).end()
+        for topic in published:
+            if topic not in self.taken:
+                self.taken[topic] = self._make_feed(topic)
+            self.taken[topic].aim(sources[topic], self._ask_border)
+        self._register()
+
+    def _ask_border(self, key: Any) -> Fields:
+        _peer, name, node = key
+        return {**self._ask(name), ROBOT: self.robot, NODE: node}
+
+    def _ask_node(self, topic: str, _key: Any) -> Fields:
+        return self._ask(topic)
+
+    def _ask(self, topic: str) -> Fields:
+        return {"callerid": NAME, "topic": topic, "type": "*", "md5sum": "*", "tcp_nodelay": "1"}
+
+    def _make_feed(self, title: str) -> Feed:
+        return Feed(self.loop, self.dialers, self.limited, self.budget, title, self._request_feeds)
+
+    # Those who listen
+
+    def _accept(self) -> None:
+        try:
+            connection, (address, _port) = self.listener.accept()
+        except OSError:
+            return
+        new = sum(wire.header is None for wire in self.wires)
+        objection = self.rules.objection(address, connection.getsockname()[0])
+        if objection or len(self.wires) >= MOST_WIRES or new >= MOST_NEW:
+            connection.close()
+            self._on_malformed(address, objection or "too many connections at once")
+            return
+        try:
+            wire = Wire(self.loop, connection, self.budget, self._greet, lambda _wire, _message: None, self._on_gone)
+        except OSError:
+            connection.close()
+            return
+        self.wires[wire] = None
+        self._request_feeds(monotonic() + PATIENCE)
+
+    def _end_silent(self, now: float) -> None:
+        for wire in [wire for wire in self.wires if wire.header is None and now - wire.since > PATIENCE]:
+            wire.end()
+
+    def _greet(self, wire: Wire) -> None:
+        """Give a listener to its feed, and a client to its service."""
+        header = wire.header or {}
+        if "service" in header:
+            self._pass_call(wire, header)
+            return
+        topic, robot = header.get("topic", ""), header.get(ROBOT)
+        feed: Optional[Feed]
+        rate = 0.0
+        if robot is None:
+            feed = self.taken.get(topic)
+        else:
+            feed, rate = self._find_given(wire, robot, topic, header.get(NODE, ""))
+        if feed is None:
+            _refuse(wire, f"{plain(topic)} is not published here")
+            return
+        self.wires[wire] = feed
+        feed.add(wire, {"callerid": NAME, "topic": topic}, rate)
+        self._register()
+
+    def _find_given(self, wire: Wire, robot: str, name: str, node: str) -> Tuple[Optional[Feed], float]:
+        """Return what another border wants, and its rate; None where it may not have it."""
+        for channel in self._list_channels(robot, wire.address):
+            topic = channel.find_local(TOPIC, name)
+            if topic is not None and node in self.topics.get(topic, ()):
+                feed = self.given.get((topic, node))
+                if feed is None:
+                    feed = self.given[topic, node] = self._make_feed(topic)
+                dial = partial(dial_node, self.seen.node_uris.get(node, ""), NAME, topic)
+                feed.aim({node: dial}, partial(self._ask_node, topic))
+                if channel.newest:
+                    wire.keep_newest()
+                return feed, channel.rate
+        return None, 0.0
+
+    def _list_channels(self, robot: str, address: str) -> List[Channel]:
+        """List the channels to a robot, if it is its border that asks."""
+        return [channel for channel in self.channels if channel.peer == robot] if self._is_peer(robot, address) else []
+
+    def _pass_call(self, wire: Wire, header: Fields) -> None:
+        """Connect a client with the provider of its service, or with the border that has it."""
+        service, robot = header["service"], header.get(ROBOT)
+        found = self.calls.get(service) if robot is None else self._find_provider(wire, robot, service)
+        if found is None or self.calling.value >= MOST_CALLS:
+            _refuse(wire, f"{plain(service)} is not provided here" if found is None else "too many calls at once")
+            return
+        dial, name = found
+        fields = {**header, "callerid": NAME, "service": name}
+        fields.pop(ROBOT, None)
+        self.wires.pop(wire)
+        connection, rest = wire.detach()
+        first = encode_header({**fields, ROBOT: self.robot} if robot is None else fields) + rest
+        self.calling.add()
+        self.dialers.submit(dial, partial(self._on_provider, connection, first))
+
+    def _find_provider(self, wire: Wire, robot: str, name: str) -> Optional[Tuple[Dial, str]]:
+        """Return how the provider of a service is reached that another border wants, and its name here."""
+        for channel in self._list_channels(robot, wire.address):
+            service = channel.find_local(SERVICE, name)
+            if service is not None and service in self.services:
+                return partial(dial_service, self.seen.service_uris.get(service, "")), service
+        return None
+
+    def _on_provider(self, client: Any, first: bytes, provider: Any, problem: Optional[Exception]) -> None:
+        done = partial(self.calling.add, -1)
+        if provider is None:
+            client.close()
+            done()
+        else:
+            splice(client, provider, first, done)
+
+    def _on_gone(self, wire: Wire, why: str) -> None:
+        feed = self.wires.pop(wire, None)
+        if feed is not None:
+            feed.remove(wire)
+            self._register()
+
+
+def _refuse(wire: Wire, why: str) -> None:
+    wire.say(encode_header({"error": why}))
+    wire.end()
+
+
+def _list_unknown(found: View) -> Tuple[List[str], List[str]]:
+    """The nodes and services whose URIs are needed, of a roscore that does not tell them."""
+    nodes = {node for table in (found.publishers, found.services) for users in table.values() for node in users}
+    return sorted(nodes), sorted(found.services)
+
+
+def main() -> int:
+    """Start the node."""
+    given = program.arguments(__doc__.partition("\n")[0])
+    read = program.read_parameters(given.parameters, parameters.BORDER)
+    if read is None or read[0]["port"] is None:
+        raise program.Fatal("--parameters is needed, with a port and channels")
+    env_uri = os.environ["ROS_MASTER_URI"]
+    uri = local_roscore.wait_for_roscore(env_uri)
+    roscore = Roscore(env_uri, NAME)
+    local_roscore.refuse_second(roscore, NAME)
+    values = program.settle_parameters(roscore, NAME, read, parameters.BORDER)
+    return MasterBorder(values, roscore, uri).run()
+
+
+if __name__ == "__main__":
+    program.run(main)

@@ -1,0 +1,170 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Two robots of one kind and a station: the same nodes and topics, told apart by the border, on real systems.
+
+rostopic, roscpp's relay and an actionlib client at the station know nothing of it.
+"""
+
+import re
+import time
+
+import pytest
+from machines.podman import ROOT
+from setups.links import wait_until
+from subject import NODES
+
+INVENTORY = ROOT / "tests" / "systems" / "border"
+ONE, TWO, STATION = HOSTS = ("kobuki1-pc", "kobuki2-pc", "station-pc")
+TWINS = {"kobuki1": ONE, "kobuki2": TWO}
+
+
+@pytest.fixture(scope="module")
+def lab(new_lab):
+    """The robots after site.yml, with the same programs on both."""
+    with new_lab("systems-border", INVENTORY, {}) as found:
+        status, output = found.play("site.yml")
+        assert status == 0, output
+        for host in TWINS.values():
+            found.start(host, "robot", "python3 {script}", "programs/twin_robot.py")
+            found.start(host, "server", "python3 {script} server", "programs/service_server.py")
+            found.start(host, "action", "python3 {script} robot", "programs/action_server.py")
+        wait_until(lambda: published(found) >= {f"/{robot}/scan" for robot in TWINS}, 30, "both scans at the station")
+        yield found
+
+
+def published(lab, host=STATION):
+    """The topics that somebody publishes there."""
+    return set(re.findall(r"^ \* (\S+) \[.*\] \d+ publisher", lab.run(host, "rostopic list -v", check=False), re.M))
+
+
+def hear(lab, topic, number=1, host=STATION, seconds=20):
+    """The texts of messages."""
+    said = lab.run(host, f"timeout {seconds} rostopic echo -n {number} -p {topic}", check=False)
+    return [line.partition(",")[2] for line in said.splitlines()[1:]]
+
+
+def verify(lab):
+    return lab.play("playbooks/verify.yml")
+
+
+def test_the_same_topics_of_two_robots_are_told_apart(lab):
+    for robot, host in TWINS.items():
+        assert set(hear(lab, f"/{robot}/scan", 3)) == {f"scan of {host}"}
+        assert hear(lab, f"/{robot}/map") == [f"map of {host}"] == hear(lab, f"/{robot}/map"), (
+            "latched, for each who comes"
+        )
+    assert not published(lab) & {"/scan", "/camera", "/map"}
+    info = lab.run(STATION, "rostopic info /kobuki1/scan")
+    assert "Type: std_msgs/String" in info and "* /master_border (http://station-pc:" in info
+
+
+def test_what_is_meant_for_one_robot_comes_to_it_alone(lab):
+    for robot, host in TWINS.items():
+        other = next(name for name in HOSTS if name not in (host, STATION))
+        before = len(lab.output(other, "robot"))
+        lab.run(STATION, f"timeout 6 rostopic pub -r 5 /{robot}/cmd_vel std_msgs/String 'to {robot}'", check=False)
+        heard = [text for _at, text in lab.output(host, "robot")]
+        assert heard.count(f"to {robot}") > 10, heard[-5:]
+        assert len(lab.output(other, "robot")) == before
+    wait_until(lambda: "/cmd_vel" not in published(lab, ONE), 20, "nobody publishes it any more")
+
+
+def test_an_action_of_each_robot_works(lab):
+    client = (NODES / "programs/action_client.py").read_text()
+    for robot in TWINS:
+        seen = lab.run(STATION, f"timeout 100 python3 - {robot}/robot __name:=client_of_{robot}", stdin=client)
+        assert seen.split() in (["1", "42"], ["2", "42"], ["3", "42"]), seen
+
+
+def test_a_service_of_each_robot_answers(lab):
+    for robot, host in TWINS.items():
+        wait_until(lambda robot=robot: f"/{robot}/server/where" in lab.run(STATION, "rosservice list"), 20, "its service")
+        assert host in lab.run(STATION, f"rosservice call /{robot}/server/where")
+    assert "/server/where" not in lab.run(STATION, "rosservice list").split()
+
+
+def test_a_node_of_roscpp_notices_nothing(lab):
+    lab.start(STATION, "relay", "rosrun topic_tools relay /kobuki2/scan /relayed __name:=station_relay")
+    wait_until(lambda: hear(lab, "/relayed", seconds=5) == [f"scan of {TWO}"], 40, "the relay hears it")
+
+
+def test_a_rate_is_kept_before_the_link(lab):
+    said = lab.run(STATION, "timeout 12 rostopic hz /kobuki1/camera", check=False)
+    rates = [float(text) for text in re.findall(r"average rate: ([0-9.]+)", said)]
+    assert rates and 4.0 <= rates[-1] <= 5.3, said
+
+
+def received(lab, address):
+    """The bytes that the border of the station has received from another one, as the kernel counts them, and when, in seconds."""
+    said, uptime = lab.run(STATION, "ss -Htnpi state established; echo; cat /proc/uptime").rsplit("\n\n", 1)
+    lines = said.replace("\n\t", " ").splitlines()
+    counts = [re.search(r"bytes_received:(\d+)", line) for line in lines if f"{address}:" in line.split()[3]]
+    return sum(int(found[1]) for found in counts if found), float(uptime.split()[0])
+
+
+def test_five_listeners_cost_as_much_as_one(lab):
+    def measure(count):
+        """Bytes a second."""
+        names = [f"listener{number}" for number in range(count)]
+        for name in names:
+            lab.start(STATION, name, "rostopic echo /kobuki1/camera")
+        for name in names:
+            wait_until(lambda name=name: ONE in lab.run(STATION, f"cat /run/{name}.out"), 30, "all listen")
+        before, began = received(lab, "192.168.34.11")
+        time.sleep(8)
+        after, ended = received(lab, "192.168.34.11")
+        for name in names:
+            lab.stop(STATION, name)
+        time.sleep(2)
+        return (after - before) / (ended - began)
+
+    one, five = measure(1), measure(5)
+    idle = measure(0)
+    print(f"bytes a second: {one:.0f} for one listener, {five:.0f} for five, {idle:.0f} for none")
+    assert one > 20000 and five < 1.1 * one and idle < one / 10
+
+
+def test_verify_passes_and_a_second_run_changes_nothing(lab):
+    status, output = verify(lab)
+    assert status == 0 and "PASSED" in output, output
+    status, output = lab.play("site.yml")
+    assert status == 0 and not re.search(r"changed=[1-9]", output), output
+
+
+def test_a_border_that_was_killed_is_back_in_two_seconds(lab):
+    for host in (ONE, STATION):
+        lab.run(host, "systemctl kill --signal=KILL multimaster-border")
+        began = time.monotonic()
+        wait_until(lambda: hear(lab, "/kobuki1/scan", seconds=5) == [f"scan of {ONE}"], 30, "its scan again")
+        print(f"{host}: after {time.monotonic() - began:.1f} s, rostopic's own start among them")
+    assert lab.run(ONE, "systemctl show -p NRestarts --value multimaster-sync").strip() == "0"
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        f"systemctl stop multimaster-border|{ONE}",
+        f"systemctl stop multimaster-border|{STATION}",
+        f"systemctl kill --signal=STOP multimaster-border|{TWO}",
+    ],
+)
+def test_a_border_that_does_not_run_is_named(lab, fault):
+    command, _bar, host = fault.partition("|")
+    lab.run(host, command)
+    try:
+        status, output = verify(lab)
+        assert status != 0 and "border" in output.partition("Findings:")[2], output
+        assert host in output.partition("Findings: 1.")[2].partition("\n")[0] or "multimaster-border" in output, output
+    finally:
+        lab.run(host, "systemctl kill --signal=CONT multimaster-border", check=False)
+        lab.run(host, "systemctl restart multimaster-border")
+    wait_until(lambda: published(lab) >= {f"/{robot}/scan" for robot in TWINS}, 30, "both scans again")
+
+
+def test_without_the_entries_nothing_of_it_is_left(lab):
+    status, output = lab.play("site.yml", "-e", '{"multimaster_exports": []}')
+    assert status == 0, output
+    for host in HOSTS:
+        assert lab.run(host, "systemctl list-units --all --plain --no-legend 'multimaster-border*'").strip() == ""
+        assert "master_border" not in lab.run(host, "ls /etc/rosfleet-multimaster; rosnode list")

@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Channels: which names cross, by which names, and what is offered."""
+
+import pytest
+from rosfleet_multimaster.border.core.channels import (
+    SERVICE,
+    TOPIC,
+    Channel,
+    Offer,
+    Registrations,
+    find_taken,
+    list_offers,
+    list_own,
+    read_offers,
+)
+from rosfleet_multimaster.protocol.filters import Pattern
+
+
+def channel(inner, namespace="/kobuki1", topics=("/scan", "/camera/*")):
+    return Channel(
+        "other", ("10.0.0.1",), 11911, Pattern.from_items(topics), Pattern.from_items(["/reset"]), namespace, inner
+    )
+
+
+def test_names_are_inner_ones_on_the_robot_alone():
+    robot, station = channel(True), channel(False)
+    for inner in ("/scan", "/camera/image_raw"):
+        outer = "/kobuki1" + inner
+        assert robot.find_name(TOPIC, inner) == outer and robot.find_local(TOPIC, outer) == inner
+        assert station.find_name(TOPIC, outer) == outer and station.find_local(TOPIC, outer) == outer
+    for other in ("/odom", "/kobuki2/scan", "/kobuki1", "/kobuki1scan"):
+        assert (
+            robot.find_local(TOPIC, other)
+            is station.find_name(TOPIC, other)
+            is station.find_local(TOPIC, other)
+            is None
+        )
+    assert robot.find_name(TOPIC, "/kobuki1/scan") is None
+
+
+def test_without_a_namespace_the_names_are_the_same():
+    same = channel(True, namespace="")
+    assert (
+        same.find_name(TOPIC, "/scan") == "/scan" == same.find_local(TOPIC, "/scan")
+        and same.find_name(TOPIC, "/odom") is None
+    )
+
+
+def test_services_have_names_of_their_own():
+    robot = channel(True)
+    assert robot.find_name(SERVICE, "/reset") == "/kobuki1/reset" and robot.find_name(TOPIC, "/reset") is None
+    assert (
+        robot.find_local(SERVICE, "/kobuki1/reset") == "/reset" and robot.find_local(SERVICE, "/kobuki1/scan") is None
+    )
+
+
+def test_what_the_border_and_other_robots_have_is_not_offered():
+    seen = Registrations(
+        {"/scan": ("/laser", "/master_border", "/foreign"), "/odom": ("/master_border",)},
+        {"/reset": ("/laser",), "/foreign/reset": ("/foreign",)},
+        {"/scan": "sensor_msgs/LaserScan"},
+        {"/foreign": "http://other:1/"},
+    )
+    others = {("/foreign", "http://other:1/")}
+    topics, services = (list_own(seen, table, "/master_border", others) for table in (seen.publishers, seen.services))
+    assert topics == {"/scan": ("/laser",)} and services == {"/reset": ("/laser",)}
+    offers = list_offers([channel(True)], topics, services, seen.types)
+    scan = Offer(TOPIC, "/kobuki1/scan", "sensor_msgs/LaserScan", ("/laser",))
+    reset = Offer(SERVICE, "/kobuki1/reset", "", ("/laser",))
+    assert offers == [reset, scan]
+    read = read_offers([[*offer[:3], list(offer.nodes)] for offer in offers])
+    assert find_taken([channel(False)], read) == {(TOPIC, scan.name): scan, (SERVICE, reset.name): reset}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        *(None, {}, [1], [["topic", "/scan", "x"]], [["topic", "/scan", "x", "y"]], [["topic", "/scan", 1, []]]),
+        *([["topic", "", "x", []]], [["topic", "/s", "x", [1]]], [["topic", "/" + "s" * 300, "x", []]]),
+        *([["node", "/s", "x", []]], [["topic", "/s", "x", ["/n"] * 60]], [["topic", "/s", "x", []]] * 1001),
+        [["service", "/s", "", [""]]],
+    ],
+)
+def test_wrong_offers_are_refused(wrong):
+    with pytest.raises(ValueError):
+        read_offers(wrong)

@@ -1,0 +1,65 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The ends of connections of TCPROS, as nodes have them: publishers and listeners with real sockets."""
+
+import socket
+import struct
+
+from rosfleet_multimaster.border.core.header import decode_header, encode_header
+from rosfleet_multimaster.border.core.messages import MessageReader
+
+SUM = "a" * 32
+HEADER = {
+    "callerid": "/talker",
+    "topic": "/chatter",
+    "type": "std_msgs/String",
+    "md5sum": SUM,
+    "message_definition": "string data",
+}
+
+
+def message(body):
+    return struct.pack("<I", len(body)) + body
+
+
+class End:
+    """One end of a connection, as a node has it."""
+
+    def __init__(self, connection, most=1 << 24):
+        self.connection, self.reader, self.came = connection, MessageReader(most), []
+        connection.settimeout(10)
+
+    def say(self, data):
+        self.connection.sendall(data)
+
+    def next(self):
+        while not self.came:
+            data = self.connection.recv(1 << 16)
+            if not data:
+                raise EOFError
+            self.came += self.reader.feed(data)
+        return self.came.pop(0)
+
+    def header(self):
+        return decode_header(self.next())
+
+    def close(self):
+        self.connection.close()
+
+
+class Publisher:
+    """A publisher's port."""
+
+    def __init__(self):
+        self.server = socket.create_server(("127.0.0.1", 0))
+        self.server.settimeout(10)
+        self.place = self.server.getsockname()
+
+    def dial(self):
+        return socket.create_connection(self.place, 5)
+
+    def accept(self, **changed):
+        end = End(self.server.accept()[0])
+        end.asked = end.header()
+        end.say(encode_header({**HEADER, **changed}))
+        return end

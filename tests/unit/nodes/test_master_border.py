@@ -1,0 +1,224 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Two borders as processes, each with a roscore that this file plays, and nodes that know nothing of them."""
+
+import json
+import os
+import pathlib
+import signal
+import socket
+import subprocess
+import sys
+import time
+import xmlrpc.client
+
+import pytest
+from rosfleet_multimaster.border.core.header import encode_header
+from rosfleet_multimaster.edge.clock import monotonic
+
+from tests.unit.nodes.border.ends import SUM, End, Publisher, message
+from tests.unit.nodes.running_sync import Roscore, serve
+
+NODES = pathlib.Path(__file__).resolve().parents[3] / "roles/nodes/files/python"
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+def wait_for(condition, seconds=15.0):
+    until = monotonic() + seconds
+    while not condition():
+        assert monotonic() < until
+        time.sleep(0.05)
+
+
+class Node(Publisher):
+    """A node that publishes topics."""
+
+    def __init__(self, roscore, name, *topics):
+        super().__init__()
+        methods = {
+            "requestTopic": lambda caller, topic, protocols: [1, "", ["TCPROS", *self.place]],
+            "getPid": lambda caller: [1, "", 1],
+        }
+        self.api, self.uri = serve(methods)
+        for topic in topics:
+            roscore.register("registerPublisher", name, topic, "std_msgs/String", self.uri)
+
+
+class Robot:
+    """A robot: its roscore, and its border as a process."""
+
+    def __init__(self, folder, name):
+        self.folder, self.name, self.roscore, self.port = folder, name, Roscore(), free_port()
+        self.process = None
+
+    def start(self, peer, inner, **changed):
+        channel = {
+            "peer": peer.name,
+            "hosts": ["127.0.0.1"],
+            "port": peer.port,
+            "topics": ["/scan", "/cmd_vel"],
+            "services": ["/reset"],
+            "as": "/robot",
+            "inner": inner,
+            "rate": 0,
+            "newest": False,
+        }
+        path = self.folder / f"{self.name}.json"
+        path.write_text(json.dumps({"robot": self.name, "port": self.port, "channels": [channel], **changed}))
+        environment = {
+            "PYTHONPATH": str(NODES),
+            "ROS_MASTER_URI": self.roscore.uri,
+            "ROS_IP": "127.0.0.1",
+            "PATH": os.environ["PATH"],
+        }
+        words = [sys.executable, "-m", "rosfleet_multimaster.master_border", "--parameters", str(path)]
+        self.process = subprocess.Popen(words, env=environment)
+
+    def published(self):
+        """The topics that the border publishes here."""
+        return {topic for topic, nodes in self.roscore.tables["Publisher"].items() if "/master_border" in nodes}
+
+    def connect(self, topic, **fields):
+        """A connection to the border, as a subscriber makes it: after its question for the port."""
+        api = xmlrpc.client.ServerProxy(f"http://127.0.0.1:{self.port}/")
+        code, why, protocol = api.requestTopic("/listener", topic, [["TCPROS"]])
+        assert code == 1, why
+        end = End(socket.create_connection(protocol[1:], 10))
+        end.say(
+            encode_header({"callerid": "/listener", "topic": topic, "md5sum": SUM, "type": "std_msgs/String", **fields})
+        )
+        return end
+
+    def end(self):
+        self.process.send_signal(signal.SIGTERM)
+        assert self.process.wait(10) == 0
+        self.roscore.server.stop()
+
+
+@pytest.fixture
+def robots(tmp_path):
+    robot, station = Robot(tmp_path, "robot"), Robot(tmp_path, "station")
+    robot.start(station, True)
+    station.start(robot, False)
+    yield robot, station
+    for one in (robot, station):
+        one.end()
+        assert not one.published(), "all is withdrawn at the end"
+
+
+@pytest.mark.slow
+def test_topics_cross_both_ways_under_their_names(robots):
+    robot, station = robots
+    laser, joystick = (
+        Node(robot.roscore, "/laser", "/scan", "/odom"),
+        Node(station.roscore, "/joystick", "/robot/cmd_vel"),
+    )
+    wait_for(lambda: station.published() == {"/robot/scan"} and robot.published() == {"/cmd_vel"})
+    for node, there, topic, name in (
+        (laser, station, "/robot/scan", "/scan"),
+        (joystick, robot, "/cmd_vel", "/robot/cmd_vel"),
+    ):
+        listeners = [there.connect(topic) for _number in range(5)]
+        source = node.accept(latching="1")
+        assert source.asked["topic"] == name and source.asked["callerid"] == "/master_border"
+        for number in range(100):
+            source.say(message(b"%d" % number))
+        for listener in listeners:
+            header = listener.header()
+            assert header["topic"] == topic and header["callerid"] == "/master_border" and header["md5sum"] == SUM
+            texts = [listener.next()]
+            while texts[-1] != message(b"99"):
+                texts.append(listener.next())
+            assert texts == [message(b"%d" % number) for number in range(100 - len(texts), 100)]
+        late = there.connect(topic)
+        assert late.header()["latching"] == "1" and late.next() == message(b"99")
+        for listener in (*listeners, late):
+            listener.close()
+        with pytest.raises(EOFError):  # nobody listens, so nothing crosses
+            source.next()
+        node.server.settimeout(0.2)
+        with pytest.raises(TimeoutError):  # five listeners were one connection
+            node.server.accept()
+
+
+@pytest.mark.slow
+def test_a_service_is_called_across(robots):
+    robot, station = robots
+    provider = Publisher()
+    robot.roscore.register(
+        "registerService", "/base", "/reset", f"rosrpc://127.0.0.1:{provider.place[1]}", "http://127.0.0.1:1/"
+    )
+    wait_for(lambda: "/master_border" in station.roscore.tables["Service"].get("/robot/reset", ()))
+    uri = station.roscore.service_uris["/robot/reset"]
+    for number in range(3):
+        client = End(socket.create_connection(("127.0.0.1", int(uri.rpartition(":")[2])), 10))
+        client.say(encode_header({"callerid": "/client", "service": "/robot/reset", "md5sum": SUM, "persistent": "1"}))
+        service = End(provider.server.accept()[0])
+        asked = service.header()
+        assert asked == {"callerid": "/master_border", "service": "/reset", "md5sum": SUM, "persistent": "1"}
+        service.say(encode_header({"callerid": "/base", "md5sum": SUM}))
+        assert client.header()["callerid"] == "/base"
+        large = message(bytes([number]) * 3_000_000)
+        client.say(message(b"question"))
+        assert service.next() == message(b"question")
+        service.say(large)
+        assert client.next() == large
+        client.close()
+        with pytest.raises(EOFError):
+            service.next()
+    own = "rosrpc://127.0.0.1:1"
+    station.roscore.register("registerService", "/own", "/robot/reset", own, "http://127.0.0.1:2/")
+    time.sleep(2.5)
+    assert station.roscore.service_uris["/robot/reset"] == own, "one of the robot itself is never replaced"
+
+
+@pytest.mark.slow
+def test_a_killed_border_is_replaced_without_a_trace(robots):
+    robot, station = robots
+    laser = Node(robot.roscore, "/laser", "/scan")
+    wait_for(lambda: station.published() == {"/robot/scan"})
+    listener = station.connect("/robot/scan")
+    laser.accept()
+    assert listener.header()
+    robot.process.kill()
+    robot.process.wait()
+    robot.start(station, True)
+    again = laser.accept()
+    again.say(message(b"again"))
+    assert listener.next() == message(b"again"), "the listener keeps its connection"
+
+
+@pytest.mark.slow
+def test_only_who_a_channel_names_is_served(robots):
+    robot, station = robots
+    Node(robot.roscore, "/laser", "/scan", "/odom")
+    wait_for(lambda: station.published() == {"/robot/scan"})
+    api = xmlrpc.client.ServerProxy(f"http://127.0.0.1:{robot.port}/")
+    with pytest.raises(xmlrpc.client.Fault, match="no channel leads there"):
+        api.rosfleetOffers("stranger", "", 0.0)
+    assert api.requestTopic("/x", "/scan", [["TCPROS"]])[0] == 0, "its own topics are its publishers'"
+    port = api.rosfleetOffers("station", "", 0.0)[1]
+    for fields in (
+        {"topic": "/scan"},
+        {"topic": "/robot/odom", "rosfleet_border": "station", "rosfleet_publisher": "/laser"},
+        {"topic": "/robot/scan", "rosfleet_border": "stranger", "rosfleet_publisher": "/laser"},
+        {"topic": "/robot/scan", "rosfleet_border": "station", "rosfleet_publisher": "/other"},
+        {},
+    ):
+        end = End(socket.create_connection(("127.0.0.1", port), 10))
+        end.say(encode_header({"callerid": "/x", "md5sum": "*", **fields}))
+        assert "is not published here" in end.header()["error"], fields
+
+
+@pytest.mark.slow
+def test_a_topic_that_is_gone_is_gone_on_both(robots):
+    robot, station = robots
+    Node(robot.roscore, "/laser", "/scan")
+    wait_for(lambda: station.published() == {"/robot/scan"})
+    robot.roscore.register("unregisterPublisher", "/laser", "/scan", "")
+    wait_for(lambda: not station.published())

@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The check of the border: each topic that is to cross is there, and no other one."""
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    Exchange,
+    RegisteredTopic,
+)
+from fleets import diagnosed, plan, update
+
+ROBOT, STATION = "kobuki1computer", "kobuki2computer"
+SCAN, DRIVE = "sensor_msgs/LaserScan", "geometry_msgs/Twist"
+EXPORTS = {"kobuki1": [{"topics": ["/scan", "/cmd_vel"], "as": "/kobuki1"}], "kobuki2": []}
+
+
+def tell(robot=(), station=()):
+    """The diagnosis, with what is published besides: (topic, type, node) of each."""
+
+    def seen_so(seen):
+        for name, published in ((ROBOT, robot), (STATION, station)):
+            topics = tuple(RegisteredTopic(topic, kind, (node,)) for topic, kind, node in published)
+            update(seen[name].probe, exchange=Exchange(topics=topics))
+
+    return diagnosed(seen_so, plan(2, exports=EXPORTS))
+
+
+CROSSED = {
+    "robot": [("/scan", SCAN, "/laser"), ("/cmd_vel", DRIVE, "/master_border")],
+    "station": [("/kobuki1/scan", SCAN, "/master_border"), ("/kobuki1/cmd_vel", DRIVE, "/joystick")],
+}
+
+
+def test_what_has_crossed_is_well():
+    assert not tell(**CROSSED).findings
+
+
+@pytest.mark.parametrize(("side", "number", "lacking"), [("station", 0, "/kobuki1/scan"), ("robot", 1, "/cmd_vel")])
+def test_what_is_not_there_is_one_finding(side, number, lacking):
+    changed = {**CROSSED, side: [row for row in CROSSED[side] if row is not CROSSED[side][number]]}
+    (finding,) = tell(**changed).findings
+    assert (finding.part.kind, finding.part.mode) == ("border", "lacking") and lacking in finding.sentence()
+
+
+def test_what_nobody_publishes_is_one_finding():
+    (finding,) = tell(robot=CROSSED["robot"][1:], station=CROSSED["station"]).findings
+    assert (finding.part.kind, finding.part.mode) == ("border", "lacking") and "/kobuki1/scan" in finding.sentence()
