@@ -79,7 +79,9 @@ def test_an_action_of_each_robot_works(lab):
 
 def test_a_service_of_each_robot_answers(lab):
     for robot, host in TWINS.items():
-        wait_until(lambda robot=robot: f"/{robot}/server/where" in lab.run(STATION, "rosservice list"), 20, "its service")
+        wait_until(
+            lambda robot=robot: f"/{robot}/server/where" in lab.run(STATION, "rosservice list"), 20, "its service"
+        )
         assert host in lab.run(STATION, f"rosservice call /{robot}/server/where")
     assert "/server/where" not in lab.run(STATION, "rosservice list").split()
 
@@ -123,6 +125,15 @@ def test_five_listeners_cost_as_much_as_one(lab):
     idle = measure(0)
     print(f"bytes a second: {one:.0f} for one listener, {five:.0f} for five, {idle:.0f} for none")
     assert one > 20000 and five < 1.1 * one and idle < one / 10
+
+
+def test_what_crosses_is_told(lab):
+    def look():
+        said = lab.run(STATION, "timeout 8 rostopic echo -n 6 /diagnostics", check=False)
+        return said if "multimaster: border" in said else ""
+
+    said = wait_until(look, 40, "its entry")
+    assert "2 of 2 robots answer" in said and 'key: "/kobuki1/camera"' in said, said
 
 
 def test_verify_passes_and_a_second_run_changes_nothing(lab):

@@ -18,6 +18,7 @@ from .._fleet.sentences import shorten_list
 from .engine import FAILED, MASTER, OK, Check, Judgement
 
 BORDER = "/master_border"
+DIAGNOSTICS = "/diagnostics"  # the border has something to say itself
 NAMED = 4  # topics and services that a finding names
 KINDS = {"publisher": "topics", "service": "services"}  # of registrations -> in a channel
 
@@ -44,30 +45,38 @@ def _find_wrong(case: Case) -> tuple[list[str], list[str]] | None:
     own, its = case.robots
     if own not in robots or its not in robots:
         return None
-    mine = {(item.kind, item.name) for item in robots[own].own if item.kind in KINDS and item.node != BORDER}
+    mine, there = _list_names(case, own, border=False), _list_names(case, own, border=True)
     due = {
-        (item.kind, name)
-        for item in robots[its].own
-        if item.kind in KINDS and item.node != BORDER and not item.node.startswith(TEST_NODES)
-        for name in _find_names(case, item.kind, item.name)
+        (kind, name) for kind, other in _list_names(case, its, border=False) for name in _find_names(case, kind, other)
     }
-    there = {(item.kind, item.name) for item in robots[own].own if item.kind in KINDS and item.node == BORDER}
     missing = {
         entry for entry in due - there if entry[0] == "publisher" or entry not in mine
     }  # an own service is never replaced
-    alone = len({entry["peer"] for entry in (case.observer.plan.border or {}).get("channels", ())}) == 1
-    more = there - due if alone else {entry for entry in there - due if _is_of(case, *entry)}
+    more = {entry for entry in there - due if _is_of(case, *entry)}
     return sorted(name for _kind, name in missing), sorted(name for _kind, name in more)
 
 
+def _list_names(case: Case, robot: str, *, border: bool) -> set[tuple[str, str]]:
+    """List kind and name of what the border of a robot has in its roscore, or of what its other nodes have."""
+    return {
+        (item.kind, item.name)
+        for item in case.state.exchanges.robots[robot].own
+        if item.kind in KINDS and (item.node == BORDER) is border and not item.node.startswith(TEST_NODES)
+    }
+
+
 def _is_of(case: Case, kind: str, name: str) -> bool:
-    """Say if what the observer's border has can be of the target's robot alone: its namespace is that one's."""
-    return any(
-        not channel["inner"]
-        and channel["as"]
-        and matches([f"{channel['as']}{topic}" for topic in channel[KINDS[kind]]], name)
+    """Say if what the observer's border has can be of the target's robot alone: of no other peer, or by its namespace."""
+    channels = (case.observer.plan.border or {}).get("channels", ())
+    if len({entry["peer"] for entry in channels}) == 1:
+        return kind == "service" or name != DIAGNOSTICS
+    names = [
+        f"{channel['as']}{topic}"
         for channel in _list_channels(case)
-    )
+        for topic in channel[KINDS[kind]]
+        if channel["as"] and not channel["inner"]
+    ]
+    return matches(names, name)
 
 
 def _evidence(case: Case) -> Parts:

@@ -240,27 +240,25 @@ def _find_collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[st
 
 
 def _find_meeting_names(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
-    """Return a sentence for topics that come to a robot by one name from two robots, or twice from one, where a border renames or slows them."""
-    entries = [
-        (party, entry, receiver)
-        for party in parties
-        for entry in party.declaration or ()
-        for receiver in party.receivers(entry, robots)
-    ]
+    """Return a sentence for what comes to a robot by one name from two robots, or twice from one, where a border renames or slows it."""
     problems = {}
-    for number, (party, entry, receiver) in enumerate(entries):
-        for other, second, its in entries[:number]:
-            same = (
-                []
-                if its != receiver or not (entry.crosses_border or second.crosses_border)
-                else _list_meeting(entry, second)
-            )
-            if same and (other == party or entry.namespace or second.namespace):
-                whose = "another entry" if other == party else f"that of {other.name}"
-                problems[party.name, other.name, same[0]] = (
-                    f"{party.host}: multimaster_exports gives {same[0]} to {receiver}, and so does {whose}; expected one of the two, since "
+    for receiver in robots:
+        given = [
+            (party, entry)
+            for party in parties
+            for entry in party.declaration or ()
+            if receiver in party.receivers(entry, (receiver,))
+        ]
+        renamed = [number for number, (_party, entry) in enumerate(given) if entry.crosses_border]
+        for number, other in ((one, two) for one in renamed for two in range(len(given)) if two != one):
+            (first, entry), (second, its) = given[max(number, other)], given[min(number, other)]
+            same = _list_meeting(entry, its) if first == second or entry.namespace or its.namespace else []
+            if same:
+                whose = "another entry" if first == second else f"that of {second.name}"
+                problems[first.name, second.name, same[0]] = (
+                    f"{first.host}: multimaster_exports gives {same[0]} to {receiver}, and so does {whose}; expected one of the two, since "
                     f"their messages would be mixed: choose another namespace with 'as', or with 'to' who gets which, in "
-                    f"group_vars/{party.name}.yml."
+                    f"group_vars/{first.name}.yml."
                 )
     return list(problems.values())
 

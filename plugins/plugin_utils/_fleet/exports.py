@@ -175,7 +175,9 @@ def _read_entry(entry: Mapping[Any, Any]) -> Export:
             raise UnexpectedValue(
                 f"entries of {', '.join(KINDS)}, to, and {', '.join(OF_BORDER)}, but there is '{key}'{nearest(str(key), known)}"
             )
-    names = {str(key): _read_texts(str(key), items) for key, items in entry.items() if key not in OF_BORDER}
+    names: dict[str, Any] = {
+        str(key): _read_texts(str(key), items) for key, items in entry.items() if key not in OF_BORDER
+    }
     export = Export(**names, **_read_border(entry))
     if export.crosses_border and (export.parameters or (export.services and not export.namespace)):
         raise UnexpectedValue(

@@ -77,6 +77,7 @@ def border(fleet: Fleet, robot: Robot) -> Parameters | None:
             "channels": channels,
             "strangers": shared.strangers,
             "allow": [str(network) for network in shared.allow],
+            **_output_parameters(fleet, robot, "border"),
         }
         if channels
         else None

@@ -13,7 +13,7 @@ MOST_PARAMETERS = 9
 
 #: class -> attributes of its base class, which is a library's
 OF_LIBRARIES = {
-    "discovery/rpc_server.py:_Handler": {"close_connection", "protocol_version"},
+    "edge/rpc_server.py:_Handler": {"close_connection", "protocol_version"},
     "edge/rpc_client.py:_Connection": {"response_class", "sock"},
     "roscore/door.py:Handler": {"close_connection", "rfile"},
     "roscore/master.py:_Server": {"server_address", "socket"},

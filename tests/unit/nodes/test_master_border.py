@@ -69,7 +69,9 @@ class Robot:
             "newest": False,
         }
         path = self.folder / f"{self.name}.json"
-        path.write_text(json.dumps({"robot": self.name, "port": self.port, "channels": [channel], **changed}))
+        path.write_text(
+            json.dumps({"robot": self.name, "port": self.port, "channels": [channel], "diagnostics": False, **changed})
+        )
         environment = {
             "PYTHONPATH": str(NODES),
             "ROS_MASTER_URI": self.roscore.uri,

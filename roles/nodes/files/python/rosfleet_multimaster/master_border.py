@@ -9,8 +9,10 @@ import os
 from functools import partial
 from typing import Any, Dict, List, Mapping, Optional, Tuple
 
+from .border import diagnostics
 from .border.board import OfferBoard
 from .border.calls import splice
+from .border.core import report
 from .border.core.channels import SERVICE, TOPIC, Channel, Own, Registrations, find_taken, list_offers, list_own
 from .border.core.header import encode_header
 from .border.core.outbox import Budget
@@ -23,14 +25,16 @@ from .discovery.rpc_methods import callers, serve
 from .edge import local_roscore
 from .edge.addresses import find_own_host, local_hosts
 from .edge.clock import monotonic
+from .edge.display import PUBLISH, Display
 from .edge.loop import Count, DirectRunner, Loop, RecurringJob, Workers
 from .edge.process import program
 from .edge.process.systemd import notify
 from .edge.roscore import Roscore
 from .edge.rpc_server import LongPoll, RefusedCall
-from .protocol import imports, parameters
+from .protocol import imports, metrics, parameters
 from .protocol.members import Members
-from .protocol.plain_text import plain
+from .protocol.messages import Diagnosis
+from .protocol.plain_text import plain, quote
 from .sync.core.sync import View
 from .sync.roscore_graph import RoscoreGraph
 
@@ -39,9 +43,24 @@ STATUS = 5.0  # seconds between two lines of status
 READ, READ_WHOLE = 0.2, 1.0  # seconds between two looks at the own roscore: one that tells its changes, and any other
 MOST_WIRES, MOST_NEW = 1000, 100  # connections of others, and those without a header
 MOST_CALLS = 200  # connections of clients of services
+FRESH = 1.0  # seconds that the own addresses are kept
 LONGEST_WAIT = 60.0  # seconds that another border may wait for news
 # Fields of a header between two borders: whose it is, and the node whose messages it wants.
 ROBOT, NODE = "rosfleet_border", "rosfleet_publisher"
+
+
+class OwnAddresses:
+    """The addresses of this computer, read anew after a while: each connection asks for them."""
+
+    def __init__(self) -> None:
+        self._read_at, self._own = -FRESH, local_hosts()
+
+    def have(self, address: str) -> bool:
+        """True for an address of this computer."""
+        now = monotonic()
+        if now - self._read_at > FRESH:
+            self._read_at, self._own = now, local_hosts()
+        return address in self._own
 
 
 class MasterBorder:
@@ -53,7 +72,7 @@ class MasterBorder:
         self.robot, self.roscore, self.master = values["robot"], roscore, uri
         self.channels = [Channel.from_entry(entry) for entry in values["channels"]]
         self.peers = {channel.peer: channel for channel in self.channels}
-        self.board = OfferBoard(list(self.peers))
+        self.board = OfferBoard()
         self.seen = Registrations()
         self.topics: Own = {}
         self.services: Own = {}
@@ -65,7 +84,7 @@ class MasterBorder:
         self.wires: Dict[Wire, Optional[Feed]] = {}  # of others
         self.feeds_due = 0.0
         self.listener = listen()
-        self.rules = callers(Members.from_parameters(values), uri, lambda address: address in local_hosts())
+        self.rules = callers(Members.from_parameters(values), uri, OwnAddresses().have)
         self.api = SlaveApi(
             NAME, uri, lambda: int(self.listener.getsockname()[1]), partial(self.loop.post, self._on_shutdown)
         )
@@ -83,6 +102,16 @@ class MasterBorder:
         self.last = Registrations()  # of the thread that reads
         self.claims: imports.Claims = {}
         self.states = RecurringJob(DirectRunner(), lambda: STATUS, self._say_status)
+        self.display = Display(values, uri, NAME, self.loop, self.limited, self._entries, self._samples)
+        feed = self._make_feed(diagnostics.TOPIC)
+        self.diagnostics = diagnostics.Diagnostics(feed) if self.display.diagnoses else None
+        self.looks = RecurringJob(
+            DirectRunner(),
+            lambda: PUBLISH,
+            lambda: self.display.look(self.diagnostics),
+            lambda _r, _p: None,
+            lambda: self.display.has_outputs,
+        )
         self.reads = RecurringJob(
             calls, lambda: READ if self.graph.guards_names else READ_WHOLE, self._read, self._on_read
         )
@@ -94,13 +123,21 @@ class MasterBorder:
         for robot, channel in self.peers.items():
             peer = Peer(robot, channel.hosts, channel.port, self.robot)
             peer.start(partial(self.loop.post, self._on_offers))
+        self._take_offers()
         notify("READY=1")
         self.loop.run(self._tick)
         self.registrar.withdraw()
+        self.display.end()
         return 0
 
     def _tick(self, now: float) -> float:
-        due = [self.health.tick(now), self.reads.tick(now), self.registrar.tick(now), self.states.tick(now)]
+        due = [
+            self.health.tick(now),
+            self.reads.tick(now),
+            self.registrar.tick(now),
+            self.states.tick(now),
+            self.looks.tick(now),
+        ]
         if now >= self.feeds_due:
             self.feeds_due = now + PATIENCE
             for feed in (*self.given.values(), *self.taken.values()):
@@ -113,13 +150,21 @@ class MasterBorder:
         if due is not None:
             self.feeds_due = min(self.feeds_due, due)
 
-    def _say_status(self) -> None:
-        feeds = [*self.given.values(), *self.taken.values()]
-        messages, dropped = sum(feed.messages for feed in feeds), sum(feed.count_dropped() for feed in feeds)
-        notify(
-            f"STATUS={len(self.offers)} of {len(self.peers)} robots answer, {len(self.taken)} topics of theirs are here; "
-            f"{messages} messages came, {dropped} were dropped"
+    def _list_passed(self) -> List[report.Passed]:
+        feeds = [(topic, feed) for (topic, _node), feed in self.given.items()] + list(self.taken.items())
+        return report.add_up(
+            report.Passed(topic, feed.messages, feed.size, feed.count_dropped()) for topic, feed in feeds
         )
+
+    def _entries(self) -> List[Diagnosis]:
+        away = sorted(set(self.peers) - set(self.offers))
+        return [report.make_entry(away, len(self.peers), self._list_passed())]
+
+    def _samples(self) -> metrics.Samples:
+        return report.make_samples(len(self.offers), self._list_passed())
+
+    def _say_status(self) -> None:
+        notify(f"STATUS={self._entries()[0].message}; {len(self.taken)} topics of others are here")
 
     def _end(self) -> None:
         program.leave_after(5.0)
@@ -134,12 +179,24 @@ class MasterBorder:
     # The own roscore
 
     def _read(self) -> Tuple[Registrations, imports.Claims]:
-        view = self.graph.read(_list_unknown)
+        view = self.graph.read(self._list_unknown)
         if view.publishers is not self.last.publishers or view.services is not self.last.services:
             (record,) = self.roscore.ask(("getParam", imports.IMPORTS))  # an import is a registration as well
             self.claims = imports.read(record).claims
         self.last = Registrations(view.publishers, view.services, view.types, view.node_uris, view.service_uris)
         return self.last, self.claims
+
+    def _list_unknown(self, found: View) -> Tuple[List[str], List[str]]:
+        """The nodes and services whose URIs are needed, of a roscore that does not tell them."""
+        tables = ((TOPIC, found.publishers), (SERVICE, found.services))
+        wanted = [
+            (kind, name, users)
+            for kind, table in tables
+            for name, users in table.items()
+            if any(channel.find_name(kind, name) for channel in self.channels)
+        ]
+        nodes = {node for _kind, _name, users in wanted for node in users}
+        return sorted(nodes), sorted(name for kind, name, _users in wanted if kind == SERVICE)
 
     def _on_read(self, found: Optional[Tuple[Registrations, imports.Claims]], problem: Optional[Exception]) -> None:
         if found is None:
@@ -178,29 +235,40 @@ class MasterBorder:
         if not self._is_peer(robot, address):
             raise RefusedCall("no channel leads there")
         seconds = min(max(float(wait), 0.0), LONGEST_WAIT) if may_wait else 0.0
-        now, offers = self.board.wait(robot, revision, seconds)
+        found = self.board.wait(robot, revision, seconds)
+        if found is None:
+            raise RefusedCall("the own roscore has not been read yet")
+        now, offers = found
         return [now, self.api.port(), [[*offer[:3], list(offer.nodes)] for offer in offers]]
 
     def _is_peer(self, robot: Any, address: str) -> bool:
         return isinstance(robot, str) and robot in self.peers and address in self.peers[robot].hosts
 
-    def _on_offers(self, robot: str, offers: Optional[Offers]) -> None:
-        if offers is None:
-            self.offers.pop(robot, None)
-        else:
+    def _on_offers(self, robot: str, offers: Optional[Offers], why: str) -> None:
+        if offers is not None:
             self.offers[robot] = offers
+        else:
+            self.limited.say("warning", f"peer {robot}", f"the border of {robot} does not answer: {quote(why)}")
+            if self.offers.pop(robot, None) is None:
+                return
+        self._take_offers()
+
+    def _take_offers(self) -> None:
+        """Have a feed for each topic that others offer."""
         sources: Dict[str, Dict[Any, Any]] = {}
         published: Dict[str, str] = {}
         self.calls = {}
         for peer, known in self.offers.items():
             channels = [channel for channel in self.channels if channel.peer == peer]
-            dial = partial(dial_border, (known.host, known.port))
+            place = (known.host, known.port)
+            dial = partial(dial_border, place)
             for (kind, local), offer in find_taken(channels, known.entries).items():
                 if kind == SERVICE:
                     self.calls.setdefault(local, (dial, offer.name))
                 elif published.setdefault(local, offer.type) == offer.type:  # else two robots publish different types
-                    sources.setdefault(local, {}).update({(peer, offer.name, node): dial for node in offer.nodes})
-        self.api.published = published
+                    sources.setdefault(local, {}).update({(offer.name, node, place): dial for node in offer.nodes})
+        own = {} if self.diagnostics is None else {diagnostics.TOPIC: diagnostics.TYPE}
+        self.api.published = {**published, **own}
         for topic in [topic for topic in self.taken if topic not in published]:
             self.taken.pop(topic).end()
         for topic in published:
@@ -210,7 +278,7 @@ class MasterBorder:
         self._register()
 
     def _ask_border(self, key: Any) -> Fields:
-        _peer, name, node = key
+        name, node, _place = key
         return {**self._ask(name), ROBOT: self.robot, NODE: node}
 
     def _ask_node(self, topic: str, _key: Any) -> Fields:
@@ -256,7 +324,9 @@ class MasterBorder:
         topic, robot = header.get("topic", ""), header.get(ROBOT)
         feed: Optional[Feed]
         rate = 0.0
-        if robot is None:
+        if robot is None and self.diagnostics is not None and topic == diagnostics.TOPIC:
+            feed = self.diagnostics.feed
+        elif robot is None:
             feed = self.taken.get(topic)
         else:
             feed, rate = self._find_given(wire, robot, topic, header.get(NODE, ""))
@@ -275,8 +345,8 @@ class MasterBorder:
                 feed = self.given.get((topic, node))
                 if feed is None:
                     feed = self.given[topic, node] = self._make_feed(topic)
-                dial = partial(dial_node, self.seen.node_uris.get(node, ""), NAME, topic)
-                feed.aim({node: dial}, partial(self._ask_node, topic))
+                uri = self.seen.node_uris.get(node, "")
+                feed.aim({uri: partial(dial_node, uri, NAME, topic)}, partial(self._ask_node, topic))
                 if channel.newest:
                     wire.keep_newest()
                 return feed, channel.rate
@@ -328,12 +398,6 @@ class MasterBorder:
 def _refuse(wire: Wire, why: str) -> None:
     wire.say(encode_header({"error": why}))
     wire.end()
-
-
-def _list_unknown(found: View) -> Tuple[List[str], List[str]]:
-    """The nodes and services whose URIs are needed, of a roscore that does not tell them."""
-    nodes = {node for table in (found.publishers, found.services) for users in table.values() for node in users}
-    return sorted(nodes), sorted(found.services)
 
 
 def main() -> int:

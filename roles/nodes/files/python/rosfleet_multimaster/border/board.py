@@ -4,30 +4,29 @@
 
 import os
 import threading
-from typing import Dict, List, Sequence, Tuple
+from typing import Dict, List, Optional, Tuple
 
 from .core.channels import Offer
 
 
 class OfferBoard:
-    """What this border offers to each other one. Other threads wait for news."""
+    """What this border offers to each other one; nothing is told before the own roscore was read."""
 
-    def __init__(self, robots: Sequence[str]) -> None:
+    def __init__(self) -> None:
         self._epoch, self._count = os.urandom(8).hex(), 0
-        self._offers: Dict[str, List[Offer]] = {robot: [] for robot in robots}
+        self._known: Dict[str, Tuple[str, List[Offer]]] = {}  # robot -> revision, offers
         self._changed = threading.Condition()
-        self._revisions = dict.fromkeys(robots, f"{self._epoch} 0")
 
     def update(self, robot: str, offers: List[Offer]) -> None:
         """Say what a robot is offered now."""
         with self._changed:
-            if offers != self._offers[robot]:
+            if robot not in self._known or offers != self._known[robot][1]:
                 self._count += 1
-                self._offers[robot], self._revisions[robot] = offers, f"{self._epoch} {self._count}"
+                self._known[robot] = (f"{self._epoch} {self._count}", offers)
                 self._changed.notify_all()
 
-    def wait(self, robot: str, revision: str, seconds: float) -> Tuple[str, List[Offer]]:
-        """Return the revision and the offers for a robot, as soon as the revision is another one, or after so many seconds."""
+    def wait(self, robot: str, revision: str, seconds: float) -> Optional[Tuple[str, List[Offer]]]:
+        """Return the revision and the offers for a robot, as soon as the revision is another one, or after so many seconds; None before."""
         with self._changed:
-            self._changed.wait_for(lambda: self._revisions[robot] != revision, seconds)
-            return self._revisions[robot], self._offers[robot]
+            self._changed.wait_for(lambda: self._known.get(robot, (revision,))[0] != revision, seconds)
+            return self._known.get(robot)

@@ -6,7 +6,7 @@ What comes on any of the first goes to all of the second. A latched publisher's 
 """
 
 from functools import partial
-from typing import Any, Callable, Dict, Hashable, List, Mapping, Optional
+from typing import Any, Callable, Dict, Hashable, List, Mapping, Optional, Tuple
 
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers
@@ -33,6 +33,11 @@ class _Source:
         self.dialing = False
         self.failures = 0
         self.retry_at = 0.0
+
+    @property
+    def is_latched(self) -> bool:
+        """Whether its last message is for who comes later."""
+        return (self.header or {}).get("latching") == "1"
 
 
 class _Sink:
@@ -64,6 +69,7 @@ class Feed:
         self._budget, self._request_tick = budget, request_tick
         self._sources: Dict[Hashable, _Source] = {}
         self._sinks: Dict[Wire, _Sink] = {}
+        self._own: Optional[Tuple[Fields, bytes]] = None  # what this node itself publishes: header and last message
         self.messages = self.size = self.dropped = 0
 
     @property
@@ -72,13 +78,22 @@ class Feed:
         return bool(self._sinks)
 
     def aim(self, sources: Mapping[Hashable, Dial], question: Callable[[Hashable], Fields]) -> None:
-        """Say which publishers there are. The connections of those that are known already stay. `question`: the header for one."""
+        """Say which publishers there are, by keys that say where they are: what is known already stays. `question`: the header for one."""
         for key in [key for key in self._sources if key not in sources]:
             self._close(self._sources.pop(key))
         for key, dial in sources.items():
-            known = self._sources.setdefault(key, _Source(dial, question(key)))
-            known.dial = dial
+            if key not in self._sources:
+                self._sources[key] = _Source(dial, question(key))
         self._request_tick(0.0)
+
+    def tell(self, header: Fields, message: bytes) -> None:
+        """Publish a message of this node itself. The last one is for each who comes later."""
+        self._own = (header, message)
+        for sink in list(self._sinks.values()):
+            if sink.open:
+                self._send(sink, message, monotonic())
+            else:
+                self._open(sink)
 
     def add(self, wire: Wire, answer: Fields, rate: float = 0.0) -> None:
         """Have messages go to a connection. `answer`: the fields of our header that are not the publisher's."""
@@ -172,7 +187,7 @@ class Feed:
             return
         self.messages += 1
         self.size += len(message)
-        if source.header.get("latching") == "1":
+        if source.is_latched:
             source.latched = message
         now = monotonic()
         for sink in list(self._sinks.values()):
@@ -205,7 +220,8 @@ class Feed:
             self._request_tick(sink.throttle.due)
 
     def _find_header(self) -> Optional[Fields]:
-        return next((source.header for source in self._sources.values() if source.header is not None), None)
+        own = None if self._own is None else self._own[0]
+        return own or next((source.header for source in self._sources.values() if source.header is not None), None)
 
     def _open(self, sink: _Sink) -> None:
         """Give somebody who listens its header, as soon as there is one, and what was latched."""
@@ -218,11 +234,11 @@ class Feed:
             sink.wire.say(encode_header({"error": text}))
             sink.wire.end("it asks for another definition of the messages")
             return
-        latching = any((of.header or {}).get("latching") == "1" for of in self._sources.values())
+        latching = self._own is not None or any(of.is_latched for of in self._sources.values())
         names = ("type", "md5sum", "message_definition")
         fields = {name: header[name] for name in names if name in header}
         sink.wire.say(encode_header({**fields, **sink.answer, "latching": "1" if latching else "0"}))
         sink.open = True
-        for source in self._sources.values():
-            if source.latched is not None:
-                self._send(sink, source.latched, monotonic())
+        latched = [] if self._own is None else [self._own[1]]
+        for message in (*latched, *(of.latched for of in self._sources.values() if of.latched is not None)):
+            self._send(sink, message, monotonic())

@@ -68,7 +68,7 @@ class Registrar:
         self._roscore, self._uri, self._workers = roscore, uri, workers
         self._wanted: Dict[Key, str] = {}
         self._made: Dict[Key, str] = {}  # with their types, or the URI of the service
-        self._busy, self._due = False, 0.0
+        self._busy, self._due, self._stale = False, 0.0, False
 
     def want(self, wanted: Dict[Key, str]) -> None:
         """Say what is to be registered, with its type."""
@@ -76,8 +76,8 @@ class Registrar:
             self._wanted, self._due = dict(wanted), 0.0
 
     def begin_again(self) -> None:
-        """Register everything: the roscore may have forgotten it."""
-        self._made, self._due = {}, 0.0
+        """Register everything: the roscore may have forgotten it, also what is being registered."""
+        self._made, self._due, self._stale = {}, 0.0, self._busy
 
     def withdraw(self) -> None:
         """Take all registrations back, at the end of the program. The worker's connection is not for this thread."""
@@ -107,6 +107,9 @@ class Registrar:
 
     def _on_done(self, gone: List[Key], new: Dict[Key, str], answers: Any, problem: Optional[Exception]) -> None:
         self._busy = False
+        if self._stale:
+            self._stale = False
+            return
         if answers is None:
             self._due = monotonic() + RETRY
             return

@@ -7,7 +7,6 @@ from typing import Any, Callable, NamedTuple, Optional, Sequence
 
 from ..edge.clock import monotonic
 from ..edge.loop import EndFlag, start_thread
-from ..edge.process import program
 from ..edge.rpc_client import SMALL, Rpc
 from .core.channels import Offer, read_offers
 
@@ -39,11 +38,11 @@ class Peer:
         self.robot, self._hosts, self._port, self._own_robot = robot, hosts, port, own_robot
         self._ended = EndFlag()
 
-    def start(self, on_offers: Callable[[str, Optional[Offers]], None]) -> None:
-        """Begin to ask. `on_offers(robot, offers)` is called in the thread; None: it has not answered for a while."""
+    def start(self, on_offers: Callable[[str, Optional[Offers], str], None]) -> None:
+        """Begin to ask. `on_offers(robot, offers, why)` is called in the thread; None: it has not answered for a while, and why."""
         start_thread(f"peer-{self.robot}", lambda: self._follow(on_offers))
 
-    def _follow(self, on_offers: Callable[[str, Optional[Offers]], None]) -> None:
+    def _follow(self, on_offers: Callable[[str, Optional[Offers], str], None]) -> None:
         number, revision, answered = 0, "", monotonic()
         rpc: Optional[Rpc] = None
         while not self._ended:
@@ -56,12 +55,11 @@ class Peer:
                 revision, port, entries = rpc.call(OFFERS, self._own_robot, revision, wait, read=read_answer)
                 answered = monotonic()
                 if revision != before:
-                    on_offers(self.robot, Offers(host, port, entries))
+                    on_offers(self.robot, Offers(host, port, entries), "")
             except Exception as problem:  # any: the answers are another computer's
-                program.LOG.debug("the border of %s does not answer: %s", self.robot, problem)
                 if rpc is not None:
                     rpc.close()
                 rpc, revision, number = None, "", number + 1
                 if monotonic() - answered > LOST:
-                    on_offers(self.robot, None)
+                    on_offers(self.robot, None, str(problem))
                 self._ended.wait(RETRY)

@@ -1,13 +1,18 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The classes of diagnostic_msgs: those of the robot, or else made here of the same definitions.
+"""Messages of /diagnostics: the classes of diagnostic_msgs are those of the robot, or else made here of the same definitions.
 
 On a robot without the package no program looks at them, but one on its other computers may. Nothing is installed, so
 nothing stands in the place of the package when it comes.
 """
 
+import io
+import struct
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Sequence
+
+from ..protocol.messages import Diagnosis
+from ..protocol.plain_text import LINE, plain
 
 _RULE = "=" * 80
 _DEFINITIONS = f"""\
@@ -51,3 +56,37 @@ def generate_messages() -> Any:
 
     classes = generate_dynamic("diagnostic_msgs/DiagnosticArray", _DEFINITIONS)
     return SimpleNamespace(**{name.rpartition("/")[2]: kind for name, kind in classes.items()})
+
+
+def to_time(seconds: float) -> Any:
+    """Return a time of ROS, of seconds since 1970."""
+    from genpy import Time
+
+    seconds = max(seconds, 0.0)  # ROS has no earlier ones, whatever the clock says
+    whole = int(seconds)
+    return Time(whole, int((seconds - whole) * 1e9))
+
+
+def build_array(classes: Any, parts: Sequence[Diagnosis], now: float, hardware: str) -> Any:
+    """Return a DiagnosticArray with these entries. `classes`: of `messages`; `now`: the wall clock."""
+    message = classes.DiagnosticArray(
+        status=[
+            classes.DiagnosticStatus(
+                level=part.level,
+                name=plain(part.name),
+                message=plain(part.message, LINE),
+                hardware_id=hardware,
+                values=[classes.KeyValue(plain(key), plain(text, LINE)) for key, text in part.values],
+            )
+            for part in parts
+        ]
+    )
+    message.header.stamp = to_time(now)
+    return message
+
+
+def serialize(message: Any) -> bytes:
+    """Return a message as TCPROS has it, its length in front."""
+    buffer = io.BytesIO()
+    message.serialize(buffer)
+    return struct.pack("<I", buffer.tell()) + buffer.getvalue()

@@ -15,7 +15,6 @@ if "RUNTIME_DIRECTORY" in os.environ:  # systemd's: the only folder that a servi
     os.environ.setdefault("ROS_HOME", os.environ["RUNTIME_DIRECTORY"])
     os.environ.setdefault("ROS_LOG_DIR", os.environ["RUNTIME_DIRECTORY"])
 
-import genpy
 import rosgraph
 import rosgraph.network
 import roslib.message
@@ -24,7 +23,6 @@ import std_srvs.srv
 from fkie_multimaster_msgs import msg, srv
 
 from ..protocol.messages import Diagnosis, Link, Master, Registration
-from ..protocol.plain_text import LINE, plain
 from . import diagnostic_classes
 from .patience import run_with_limit
 from .rpc_client import cut
@@ -77,18 +75,12 @@ def md5sum(type_name: str) -> Optional[str]:
 # Messages
 
 
-def _time(seconds: float) -> Any:
-    seconds = max(seconds, 0.0)  # ROS has no earlier ones, whatever the clock says
-    whole = int(seconds)
-    return genpy.Time(whole, int((seconds - whole) * 1e9))
-
-
 def _to_ros_master(master: Master) -> Any:
     return msg.ROSMaster(
         name=master.name,
         uri=master.uri,
-        last_change=_time(master.stamp),
-        last_change_local=_time(master.local_stamp),
+        last_change=diagnostic_classes.to_time(master.stamp),
+        last_change_local=diagnostic_classes.to_time(master.local_stamp),
         online=master.online,
         discoverer_name=master.discoverer,
         monitoruri=master.monitor_uri,
@@ -114,21 +106,7 @@ class Diagnostics:
     def publish(self, parts: Sequence[Diagnosis], now: float, robot: str) -> None:
         """Publish these entries of a robot; the last message stays for who comes later. `now` is the wall clock."""
         hardware = "/".join(filter(None, (robot, hostname())))
-        value = self._messages.KeyValue
-        message = self._messages.DiagnosticArray(
-            status=[
-                self._messages.DiagnosticStatus(
-                    level=part.level,
-                    name=plain(part.name),
-                    message=plain(part.message, LINE),
-                    hardware_id=hardware,
-                    values=[value(plain(key), plain(text, LINE)) for key, text in part.values],
-                )
-                for part in parts
-            ]
-        )
-        message.header.stamp = _time(now)
-        self._topic.publish(message)
+        self._topic.publish(diagnostic_classes.build_array(self._messages, parts, now, hardware))
 
 
 # master_discovery
@@ -165,8 +143,10 @@ class DiscoveryNode:
         if self._links.get_num_connections() == 0:
             return
         message = msg.LinkStatesStamped()
-        message.header.stamp, message.header.frame_id = _time(now), own_name
-        message.links = [msg.LinkState(link.name, link.quality, _time(now - link.silent)) for link in links()]
+        message.header.stamp, message.header.frame_id = diagnostic_classes.to_time(now), own_name
+        message.links = [
+            msg.LinkState(link.name, link.quality, diagnostic_classes.to_time(now - link.silent)) for link in links()
+        ]
         self._links.publish(message)
 
 

@@ -32,10 +32,11 @@ class Family(NamedTuple):
 
 _OF_BOTH = ("node",)
 _OF_LINK = ("master",)
+_OF_TOPIC = ("topic",)
 
 #: name -> metric, in the order in which they are written
 FAMILIES: Mapping[str, Family] = {
-    # of both nodes
+    # of all nodes
     "build_info": Family("gauge", ("node", "version"), "Version of the collection; the value is always 1."),
     "last_update_timestamp_seconds": Family("gauge", _OF_BOTH, "When the node wrote this, in seconds since 1970."),
     "queue_length": Family("gauge", _OF_BOTH, "Calls of its threads that wait for the loop of the node."),
@@ -74,6 +75,13 @@ FAMILIES: Mapping[str, Family] = {
     "states_received_total": Family("counter", (), "Whole states that were fetched from other masters."),
     "round_seconds": Family("gauge", (), "Seconds that the last round of synchronising took."),
     "round_failures_total": Family("counter", (), "Rounds of synchronising that failed."),
+    # of master_border
+    "border_robots": Family("gauge", (), "Robots whose border answers."),
+    "border_messages_total": Family("counter", _OF_TOPIC, "Messages that came to the border."),
+    "border_bytes_total": Family("counter", _OF_TOPIC, "Bytes of messages that came to the border."),
+    "border_dropped_total": Family(
+        "counter", _OF_TOPIC, "Messages that did not get to somebody who listened: too many, or too fast."
+    ),
 }
 
 

@@ -184,20 +184,28 @@ def _check(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
     for number, entry in enumerate(values["members"], 1):
         if problem_of(entry):
             raise ParameterError(f"entry {number} of ~members: {problem_of(entry)}")
-    if table is BORDER:
-        for number, entry in enumerate(values["channels"] or [], 1):
-            _check_channel(f"entry {number} of ~channels", entry)
-    if table is SYNC:
-        _check_crossing(values["sync_parameters"] or [])
     if table is DISCOVERY:
-        _check_group(values["mcast_group"])
-        for number, entry in enumerate(values["exports"] or [], 1):
-            _check_export(f"entry {number} of ~exports", entry)
-        if not (values["offline_after"] <= 0 or values["offline_after"] >= SHORTEST):
-            raise ParameterError(
-                f"~offline_after is {values['offline_after']}, but at least {SHORTEST:g} seconds are expected, or 0 for"
-                " ~active_request_after alone"
-            )
+        _check_discovery(values)
+    elif table is SYNC:
+        _check_crossing(values["sync_parameters"] or [])
+    elif table is BORDER:
+        _check_border(values)
+
+
+def _check_border(values: Mapping[str, Any]) -> None:
+    for number, entry in enumerate(values["channels"] or [], 1):
+        _check_channel(f"entry {number} of ~channels", entry)
+
+
+def _check_discovery(values: Mapping[str, Any]) -> None:
+    _check_group(values["mcast_group"])
+    for number, entry in enumerate(values["exports"] or [], 1):
+        _check_export(f"entry {number} of ~exports", entry)
+    if not (values["offline_after"] <= 0 or values["offline_after"] >= SHORTEST):
+        raise ParameterError(
+            f"~offline_after is {values['offline_after']}, but at least {SHORTEST:g} seconds are expected, or 0 for"
+            " ~active_request_after alone"
+        )
 
 
 def _check_group(value: str) -> None:

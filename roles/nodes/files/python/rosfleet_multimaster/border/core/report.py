@@ -1,0 +1,52 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What people are shown of the border: an entry of /diagnostics, and metrics."""
+
+from typing import Dict, Iterable, List, NamedTuple, Sequence
+
+from ...protocol.messages import OK, PREFIX, VALUES, WARN, Diagnosis
+from ...protocol.metrics import Samples
+
+
+class Passed(NamedTuple):
+    """What has crossed of a topic, since the node started."""
+
+    topic: str
+    messages: int
+    size: int  # bytes
+    dropped: int  # messages that did not get to somebody who listened
+
+
+def add_up(passed: Iterable[Passed]) -> List[Passed]:
+    """Return one row for each topic, the busiest first."""
+    rows: List[Passed] = []
+    places: Dict[str, int] = {}
+    for row in passed:
+        at = places.setdefault(row.topic, len(rows))
+        if at == len(rows):
+            rows.append(row)
+        else:
+            before = rows[at]
+            rows[at] = Passed(row.topic, *(one + other for one, other in zip(before[1:], row[1:])))
+    return sorted(rows, key=lambda row: (-row.size, row.topic))
+
+
+def make_entry(away: Sequence[str], robots: int, passed: Sequence[Passed]) -> Diagnosis:
+    r"""Return the entry of /diagnostics. \`away\`: the robots whose border does not answer, of so many."""
+    dropped = sum(row.dropped for row in passed)
+    values = [(robot, "its border does not answer") for robot in away]
+    values += [
+        (row.topic, f"{row.messages} messages, {row.size} bytes, {row.dropped} messages dropped") for row in passed
+    ]
+    message = f"{robots - len(away)} of {robots} robots answer; {dropped} messages were dropped"
+    return Diagnosis(f"{PREFIX}border", message, values[:VALUES], WARN if away else OK)
+
+
+def make_samples(answering: int, passed: Sequence[Passed]) -> Samples:
+    """Return the metrics."""
+    return {
+        "border_robots": {(): answering},
+        "border_messages_total": {(row.topic,): row.messages for row in passed},
+        "border_bytes_total": {(row.topic,): row.size for row in passed},
+        "border_dropped_total": {(row.topic,): row.dropped for row in passed},
+    }
