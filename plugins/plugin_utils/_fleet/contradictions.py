@@ -239,28 +239,37 @@ def _find_collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[st
     )
 
 
+Giver = tuple[Party, Export]
+
+
 def _find_meeting_names(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
     """Return a sentence for what comes to a robot by one name from two robots, or twice from one, where a border renames or slows it."""
     problems = {}
     for receiver in robots:
-        given = [
-            (party, entry)
-            for party in parties
-            for entry in party.declaration or ()
-            if receiver in party.receivers(entry, (receiver,))
-        ]
-        renamed = [number for number, (_party, entry) in enumerate(given) if entry.crosses_border]
-        for number, other in ((one, two) for one in renamed for two in range(len(given)) if two != one):
-            (first, entry), (second, its) = given[max(number, other)], given[min(number, other)]
-            same = _list_meeting(entry, its) if first == second or entry.namespace or its.namespace else []
+        for (party, entry), (other, its) in _pair_renamed(parties, receiver):
+            same = _list_meeting(entry, its) if party == other or entry.namespace or its.namespace else []
             if same:
-                whose = "another entry" if first == second else f"that of {second.name}"
-                problems[first.name, second.name, same[0]] = (
-                    f"{first.host}: multimaster_exports gives {same[0]} to {receiver}, and so does {whose}; expected one of the two, since "
+                whose = "another entry" if party == other else f"that of {other.name}"
+                problems[party.name, other.name, same[0]] = (
+                    f"{party.host}: multimaster_exports gives {same[0]} to {receiver}, and so does {whose}; expected one of the two, since "
                     f"their messages would be mixed: choose another namespace with 'as', or with 'to' who gets which, in "
-                    f"group_vars/{first.name}.yml."
+                    f"group_vars/{party.name}.yml."
                 )
     return list(problems.values())
+
+
+def _pair_renamed(parties: Sequence[Party], receiver: str) -> Iterator[tuple[Giver, Giver]]:
+    """Yield each two entries for a robot of which one crosses a border, the later one first."""
+    given = [
+        (party, entry)
+        for party in parties
+        for entry in party.declaration or ()
+        if receiver in party.receivers(entry, (receiver,))
+    ]
+    for number, one in enumerate(given):
+        for other in given[:number]:
+            if one[1].crosses_border or other[1].crosses_border:
+                yield one, other
 
 
 def _list_meeting(one: Export, other: Export) -> list[str]:

@@ -11,7 +11,7 @@ import subprocess
 
 import pytest
 import yaml
-from rosfleet_multimaster.border.core.report import Passed, make_samples
+from rosfleet_multimaster.border.core.report import TopicCount, make_samples
 from rosfleet_multimaster.discovery.core import report as links
 from rosfleet_multimaster.discovery.core.health import Answer, LinkHealth, LinkList
 from rosfleet_multimaster.protocol import metrics
@@ -43,7 +43,7 @@ def everything():
         **metrics.node_samples("/master_sync", 1763826000.25, 0, 12345),
         "malformed_total": {("datagram",): 3, ("request",): 0},
         "registration_changes_total": {(what,): 5 for what in metrics.CHANGES},
-        **make_samples(2, [Passed("/scan", 10, 1000, 1), Passed(HOSTILE, 1, 10, 0)]),
+        **make_samples(2, [TopicCount("/scan", 10, 1000, 1), TopicCount(HOSTILE, 1, 10, 0)]),
         **links.link_samples(LINKS),
         **registrations.refusal_samples([Refusal("node", "/a", "tibi", "http://a", "b")], {"node": 4}),
         **registrations.parameter_samples(["tibi-visio", HOSTILE], ["tibi-visio"]),

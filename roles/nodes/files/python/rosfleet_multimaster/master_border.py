@@ -39,6 +39,7 @@ from .sync.core.sync import View
 from .sync.roscore_graph import RoscoreGraph
 
 NAME = "/master_border"
+BEAT = 0.1  # seconds between two looks at what is due, at most
 STATUS = 5.0  # seconds between two lines of status
 READ, READ_WHOLE = 0.2, 1.0  # seconds between two looks at the own roscore: one that tells its changes, and any other
 MOST_WIRES, MOST_NEW = 1000, 100  # connections of others, and those without a header
@@ -49,7 +50,7 @@ LONGEST_WAIT = 60.0  # seconds that another border may wait for news
 ROBOT, NODE = "rosfleet_border", "rosfleet_publisher"
 
 
-class OwnAddresses:
+class AddressBook:
     """The addresses of this computer, read anew after a while: each connection asks for them."""
 
     def __init__(self) -> None:
@@ -82,9 +83,9 @@ class MasterBorder:
         self.given: Dict[Tuple[str, str], Feed] = {}  # topic and node -> for other borders
         self.taken: Dict[str, Feed] = {}  # topic -> for listeners of this robot
         self.wires: Dict[Wire, Optional[Feed]] = {}  # of others
-        self.feeds_due = 0.0
+        self.feeds_due = self.jobs_due = 0.0
         self.listener = listen()
-        self.rules = callers(Members.from_parameters(values), uri, OwnAddresses().have)
+        self.rules = callers(Members.from_parameters(values), uri, AddressBook().have)
         self.api = SlaveApi(
             NAME, uri, lambda: int(self.listener.getsockname()[1]), partial(self.loop.post, self._on_shutdown)
         )
@@ -131,29 +132,27 @@ class MasterBorder:
         return 0
 
     def _tick(self, now: float) -> float:
-        due = [
-            self.health.tick(now),
-            self.reads.tick(now),
-            self.registrar.tick(now),
-            self.states.tick(now),
-            self.looks.tick(now),
-        ]
+        """One pass: messages come and go in it, and what is due is done, which is not asked for with each message."""
+        if now >= self.jobs_due:
+            jobs = (self.health, self.reads, self.registrar, self.states, self.looks)
+            due = [job.tick(now) for job in jobs]
+            self.jobs_due = min([now + BEAT, *(time for time in due if time is not None)])
         if now >= self.feeds_due:
             self.feeds_due = now + PATIENCE
             for feed in (*self.given.values(), *self.taken.values()):
                 self._request_feeds(feed.tick(now))
             self._end_silent(now)
-        return min([self.feeds_due, *(time for time in due if time is not None)])
+        return min(self.jobs_due, self.feeds_due)
 
     def _request_feeds(self, due: Optional[float]) -> None:
         """Have the feeds looked at then."""
         if due is not None:
             self.feeds_due = min(self.feeds_due, due)
 
-    def _list_passed(self) -> List[report.Passed]:
+    def _list_passed(self) -> List[report.TopicCount]:
         feeds = [(topic, feed) for (topic, _node), feed in self.given.items()] + list(self.taken.items())
         return report.add_up(
-            report.Passed(topic, feed.messages, feed.size, feed.count_dropped()) for topic, feed in feeds
+            report.TopicCount(topic, feed.messages, feed.size, feed.count_dropped()) for topic, feed in feeds
         )
 
     def _entries(self) -> List[Diagnosis]:

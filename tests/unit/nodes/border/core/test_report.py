@@ -3,18 +3,18 @@
 
 """What people are shown of the border."""
 
-from rosfleet_multimaster.border.core.report import Passed, add_up, make_entry, make_samples
+from rosfleet_multimaster.border.core.report import TopicCount, add_up, make_entry, make_samples
 from rosfleet_multimaster.protocol import metrics
 from rosfleet_multimaster.protocol.messages import OK, WARN
 
-PASSED = [Passed("/scan", 10, 1000, 0), Passed("/camera", 5, 9000, 2), Passed("/scan", 1, 100, 3)]
+PASSED = [TopicCount("/scan", 10, 1000, 0), TopicCount("/camera", 5, 9000, 2), TopicCount("/scan", 1, 100, 3)]
 
 
-def test_a_topic_of_two_publishers_is_one_row_and_the_busiest_is_first():
-    assert add_up(PASSED) == [Passed("/camera", 5, 9000, 2), Passed("/scan", 11, 1100, 3)]
+def test_a_topic_is_one_row_and_the_busiest_is_first():
+    assert add_up(PASSED) == [TopicCount("/camera", 5, 9000, 2), TopicCount("/scan", 11, 1100, 3)]
 
 
-def test_the_entry_names_who_does_not_answer_and_what_was_dropped():
+def test_the_entry_names_who_is_away_and_what_was_dropped():
     entry = make_entry(["kobuki2"], 3, add_up(PASSED))
     assert entry.level == WARN and entry.message == "2 of 3 robots answer; 5 messages were dropped"
     assert entry.values[0] == ("kobuki2", "its border does not answer")

@@ -8,7 +8,7 @@ from ...protocol.messages import OK, PREFIX, VALUES, WARN, Diagnosis
 from ...protocol.metrics import Samples
 
 
-class Passed(NamedTuple):
+class TopicCount(NamedTuple):
     """What has crossed of a topic, since the node started."""
 
     topic: str
@@ -17,9 +17,9 @@ class Passed(NamedTuple):
     dropped: int  # messages that did not get to somebody who listened
 
 
-def add_up(passed: Iterable[Passed]) -> List[Passed]:
+def add_up(passed: Iterable[TopicCount]) -> List[TopicCount]:
     """Return one row for each topic, the busiest first."""
-    rows: List[Passed] = []
+    rows: List[TopicCount] = []
     places: Dict[str, int] = {}
     for row in passed:
         at = places.setdefault(row.topic, len(rows))
@@ -27,11 +27,11 @@ def add_up(passed: Iterable[Passed]) -> List[Passed]:
             rows.append(row)
         else:
             before = rows[at]
-            rows[at] = Passed(row.topic, *(one + other for one, other in zip(before[1:], row[1:])))
+            rows[at] = TopicCount(row.topic, *(one + other for one, other in zip(before[1:], row[1:])))
     return sorted(rows, key=lambda row: (-row.size, row.topic))
 
 
-def make_entry(away: Sequence[str], robots: int, passed: Sequence[Passed]) -> Diagnosis:
+def make_entry(away: Sequence[str], robots: int, passed: Sequence[TopicCount]) -> Diagnosis:
     r"""Return the entry of /diagnostics. \`away\`: the robots whose border does not answer, of so many."""
     dropped = sum(row.dropped for row in passed)
     values = [(robot, "its border does not answer") for robot in away]
@@ -42,7 +42,7 @@ def make_entry(away: Sequence[str], robots: int, passed: Sequence[Passed]) -> Di
     return Diagnosis(f"{PREFIX}border", message, values[:VALUES], WARN if away else OK)
 
 
-def make_samples(answering: int, passed: Sequence[Passed]) -> Samples:
+def make_samples(answering: int, passed: Sequence[TopicCount]) -> Samples:
     """Return the metrics."""
     return {
         "border_robots": {(): answering},
