@@ -404,11 +404,12 @@ def _sysctl(fleet: Fleet, is_gateway: bool, is_hub: bool) -> tuple[model.Setting
 def _ports(fleet: Fleet, robot: Robot) -> tuple[model.Port, ...]:
     """Return the ports that the services of the robot's master listen on, or those of its companion."""
     roscore = () if robot.master.sealed else (model.Port("tcp", robot.variables.roscore_port),)
+    border = parameters.border(fleet, robot)
     return (
         *roscore,
         model.Port("udp", fleet.variables.multicast_port),
         model.Port("tcp", robot.variables.rpc_port),
-        *((model.Port("tcp", border["port"]),) if (border := parameters.border(fleet, robot)) else ()),
+        *((model.Port("tcp", border["port"]),) if border else ()),
     )
 
 

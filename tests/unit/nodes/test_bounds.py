@@ -423,7 +423,7 @@ def test_costly_filters_in_parallel_do_not_stop_the_loop(server):
     """The loop, which sends the heartbeats, shares the interpreter's lock with whoever matches patterns."""
     server.running.ticks.clear()
     command = [sys.executable, "-c", ASK, server.uri]
-    asked = subprocess.run(command, input=json.dumps(COSTLY), stdout=subprocess.PIPE, text=True, timeout=60)
+    asked = subprocess.run(command, input=json.dumps(COSTLY), stdout=subprocess.PIPE, text=True, timeout=60, check=True)
     assert int(asked.stdout) > 0
     assert server.running.longest_pause() < 2.0
     assert server.answers()
