@@ -159,10 +159,12 @@ def test_a_service_is_called_across(robots):
     uri = station.roscore.service_uris["/robot/reset"]
     for number in range(3):
         client = End(socket.create_connection(("127.0.0.1", int(uri.rpartition(":")[2])), 10))
-        client.say(encode_header({"callerid": "/client", "service": "/robot/reset", "md5sum": SUM, "persistent": "1"}))
+        header = encode_header({"callerid": "/client", "service": "/robot/reset", "md5sum": SUM, "persistent": "1"})
+        client.say(header + message(b"at once"))
         service = End(provider.server.accept()[0])
         asked = service.header()
         assert asked == {"callerid": "/master_border", "service": "/reset", "md5sum": SUM, "persistent": "1"}
+        assert service.next() == message(b"at once")
         service.say(encode_header({"callerid": "/base", "md5sum": SUM}))
         assert client.header()["callerid"] == "/base"
         large = message(bytes([number]) * 3_000_000)
@@ -177,6 +179,24 @@ def test_a_service_is_called_across(robots):
     station.roscore.register("registerService", "/own", "/robot/reset", own, "http://127.0.0.1:2/")
     time.sleep(2.5)
     assert station.roscore.service_uris["/robot/reset"] == own, "one of the robot itself is never replaced"
+
+
+@pytest.mark.slow
+def test_a_node_that_was_started_again_is_found_again(robots):
+    """It was killed, so its registration stays, until the new one takes its place."""
+    robot, station = robots
+    laser = Node(robot.roscore, "/laser", "/scan")
+    wait_for(lambda: station.published() == {"/robot/scan"})
+    listener = station.connect("/robot/scan")
+    source = laser.accept()
+    assert listener.header()
+    laser.server.close()
+    laser.api.stop()
+    source.close()
+    del robot.roscore.nodes["/laser"]
+    again = Node(robot.roscore, "/laser", "/scan")
+    again.accept().say(message(b"again"))
+    assert listener.next() == message(b"again"), "the listener keeps its connection"
 
 
 @pytest.mark.slow

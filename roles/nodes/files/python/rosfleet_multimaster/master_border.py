@@ -209,7 +209,9 @@ class MasterBorder:
             channels = [channel for channel in self.channels if channel.peer == robot]
             self.board.update(robot, list_offers(channels, topics, services, seen.types))
         for (topic, node), feed in list(self.given.items()):
-            if node not in topics.get(topic, ()):
+            if node in topics.get(topic, ()):
+                self._aim_at_node(feed, topic, node)  # one that was killed and started again is elsewhere
+            else:
                 feed.end()
                 del self.given[topic, node]
         self._register()
@@ -344,12 +346,15 @@ class MasterBorder:
                 feed = self.given.get((topic, node))
                 if feed is None:
                     feed = self.given[topic, node] = self._make_feed(topic)
-                uri = self.seen.node_uris.get(node, "")
-                feed.aim({uri: partial(dial_node, uri, NAME, topic)}, partial(self._ask_node, topic))
+                self._aim_at_node(feed, topic, node)
                 if channel.newest:
                     wire.keep_newest()
                 return feed, channel.rate
         return None, 0.0
+
+    def _aim_at_node(self, feed: Feed, topic: str, node: str) -> None:
+        uri = self.seen.node_uris.get(node, "")
+        feed.aim({uri: partial(dial_node, uri, NAME, topic)}, partial(self._ask_node, topic))
 
     def _list_channels(self, robot: str, address: str) -> List[Channel]:
         """List the channels to a robot, if it is its border that asks."""

@@ -3,7 +3,8 @@
 """A connection of TCPROS: a header each way, then messages. It never blocks."""
 
 import socket
-from typing import Callable, Dict, Optional, Tuple
+from collections import deque
+from typing import Callable, Deque, Dict, Optional, Tuple
 
 from ..edge.clock import monotonic
 from ..edge.loop import Loop
@@ -38,6 +39,7 @@ class Wire:
         self._loop, self._connection = loop, connection
         self._on_header, self._on_message, self._on_end = on_header, on_message, on_end
         self._reader = MessageReader(MAX_HEADER)
+        self._came: Deque[bytes] = deque()  # whole messages that nobody has had
         self._first = b""  # a header, before all that waits
         self._sending = memoryview(b"")
         self._watched = False  # for being writable
@@ -77,7 +79,7 @@ class Wire:
         self.ended = True
         self.outbox.close()
         self._loop.forget(self._connection)
-        return self._connection, self._reader.rest()
+        return self._connection, b"".join(self._came) + self._reader.rest()
 
     def _on_ready(self) -> None:
         self._read()
@@ -96,9 +98,9 @@ class Wire:
             self.end("it was closed")
             return
         self.received += len(data)
-        for message in self._reader.feed(data):
-            if self.ended:
-                return
+        self._came.extend(self._reader.feed(data))
+        while self._came and not self.ended:
+            message = self._came.popleft()
             if self.header is None:
                 self._take_header(message)
             else:
