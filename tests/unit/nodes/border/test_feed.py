@@ -24,9 +24,9 @@ from tests.unit.nodes.border.ends import SUM, End, Publisher, message
 class Running:
     """A feed in a loop of its own."""
 
-    def __init__(self):
+    def __init__(self, of_one=False):
         self.loop, self.due = Loop(), 0.0
-        self.feed = Feed(self.loop, Workers(self.loop, 2), LimitedLog(), Budget(), "/chatter", self.request)
+        self.feed = Feed(self.loop, Workers(self.loop, 2), LimitedLog(), Budget(), "/chatter", self.request, of_one)
         self.thread = threading.Thread(target=self.loop.run, args=(self.tick,))
         self.thread.start()
 
@@ -176,6 +176,41 @@ def test_a_publisher_of_another_definition_is_left_out(running):
     stranger.say(message(b"wrong"))
     source.say(message(b"right"))
     assert listener.next() == message(b"right")
+
+
+def test_a_publisher_with_another_definition_than_before(running):
+    """It was built anew: whoever listens has to ask again."""
+    publisher = Publisher()
+    running.aim(publisher)
+    listener = running.listen()
+    source = publisher.accept()
+    assert listener.header()["md5sum"] == SUM
+    source.close()
+    publisher.accept(md5sum="c" * 32).say(message(b"other"))
+    with pytest.raises((EOFError, ConnectionError)):
+        listener.next()
+    again = running.listen()
+    publisher.accept(md5sum="c" * 32)
+    assert again.header()["md5sum"] == "c" * 32
+
+
+def test_listeners_of_one_publisher_end_with_it():
+    running = Running(of_one=True)
+    try:
+        publisher = Publisher()
+        running.aim(publisher)
+        listener = running.listen()
+        source = publisher.accept(latching="1")
+        source.say(message(b"old"))
+        assert listener.header() and listener.next() == message(b"old")
+        source.close()
+        with pytest.raises((EOFError, ConnectionError)):
+            listener.next()
+        late = running.listen()
+        publisher.accept(latching="1").say(message(b"new"))
+        assert late.header() and late.next() == message(b"new"), "and nothing of the one before"
+    finally:
+        running.stop()
 
 
 def test_a_listener_that_never_reads_holds_nobody_up(running):

@@ -288,8 +288,8 @@ class MasterBorder:
     def _ask(self, topic: str) -> Fields:
         return {"callerid": NAME, "topic": topic, "type": "*", "md5sum": "*", "tcp_nodelay": "1"}
 
-    def _make_feed(self, title: str) -> Feed:
-        return Feed(self.loop, self.dialers, self.limited, self.budget, title, self._request_feeds)
+    def _make_feed(self, title: str, of_one: bool = False) -> Feed:
+        return Feed(self.loop, self.dialers, self.limited, self.budget, title, self._request_feeds, of_one)
 
     # Those who listen
 
@@ -345,7 +345,7 @@ class MasterBorder:
             if topic is not None and node in self.topics.get(topic, ()):
                 feed = self.given.get((topic, node))
                 if feed is None:
-                    feed = self.given[topic, node] = self._make_feed(topic)
+                    feed = self.given[topic, node] = self._make_feed(topic, of_one=True)
                 self._aim_at_node(feed, topic, node)
                 if channel.newest:
                     wire.keep_newest()

@@ -45,7 +45,7 @@ class _Sink:
 
     def __init__(self, wire: Wire, answer: Fields, rate: float) -> None:
         self.wire, self.answer, self.throttle = wire, answer, Throttle(rate)
-        self.open = False  # it has its header
+        self.md5sum = ""  # that it was told; empty before it has its header
 
     def send(self, message: bytes, now: float) -> None:
         if self.throttle.pass_on(message, now):
@@ -63,10 +63,14 @@ class Feed:
         budget: Budget,
         title: str,
         request_tick: Callable[[float], None],
+        of_one: bool = False,
     ) -> None:
-        """`title`: the topic and whose it is, for the log; `request_tick(time)`: `tick` is to be called then."""
+        """`title`: the topic and whose it is, for the log; `request_tick(time)`: `tick` is to be called then.
+
+        `of_one`: there is one publisher, and with its connection those of the listeners end, which ask again.
+        """
         self._loop, self._workers, self._limited, self._title = loop, workers, limited, title
-        self._budget, self._request_tick = budget, request_tick
+        self._budget, self._request_tick, self._of_one = budget, request_tick, of_one
         self._sources: Dict[Hashable, _Source] = {}
         self._sinks: Dict[Wire, _Sink] = {}
         self._own: Optional[Tuple[Fields, bytes]] = None  # what this node itself publishes: header and last message
@@ -90,7 +94,7 @@ class Feed:
         """Publish a message of this node itself. The last one is for each who comes later."""
         self._own = (header, message)
         for sink in list(self._sinks.values()):
-            if sink.open:
+            if sink.md5sum:
                 self._send(sink, message, monotonic())
             else:
                 self._open(sink)
@@ -180,7 +184,10 @@ class Feed:
             return
         source.header, source.failures = header, 0
         for sink in list(self._sinks.values()):
-            self._open(sink)
+            if sink.md5sum not in ("", header["md5sum"]):
+                sink.wire.end("the publisher has another definition of the messages now")
+            else:
+                self._open(sink)
 
     def _on_message(self, source: _Source, wire: Wire, message: bytes) -> None:
         if source.header is None:
@@ -191,13 +198,17 @@ class Feed:
             source.latched = message
         now = monotonic()
         for sink in list(self._sinks.values()):
-            if sink.open:
+            if sink.md5sum:
                 self._send(sink, message, now)
 
     def _on_end(self, source: _Source, wire: Wire, why: str) -> None:
-        source.wire = source.header = source.latched = None
+        had, source.header = source.header, None
+        source.wire = source.latched = None
         if why:
             self._fail(source, why)
+        if had is not None and self._of_one:
+            for sink in list(self._sinks.values()):
+                sink.wire.end()
 
     def _fail(self, source: _Source, why: str) -> None:
         shortest, longest = AGAIN
@@ -226,7 +237,7 @@ class Feed:
     def _open(self, sink: _Sink) -> None:
         """Give somebody who listens its header, as soon as there is one, and what was latched."""
         header = self._find_header()
-        if sink.open or header is None:
+        if sink.md5sum or header is None:
             return
         asked = (sink.wire.header or {}).get("md5sum", "*")
         if asked not in ("*", header["md5sum"]):
@@ -238,7 +249,7 @@ class Feed:
         names = ("type", "md5sum", "message_definition")
         fields = {name: header[name] for name in names if name in header}
         sink.wire.say(encode_header({**fields, **sink.answer, "latching": "1" if latching else "0"}))
-        sink.open = True
+        sink.md5sum = header["md5sum"]
         latched = [] if self._own is None else [self._own[1]]
         for message in (*latched, *(of.latched for of in self._sources.values() if of.latched is not None)):
             self._send(sink, message, monotonic())
