@@ -11,7 +11,7 @@ import time
 
 import pytest
 from machines.podman import ROOT
-from setups.links import wait_until
+from setups.links import cut, mend, wait_until
 from subject import NODES
 
 INVENTORY = ROOT / "tests" / "systems" / "border"
@@ -150,6 +150,27 @@ def test_a_border_that_was_killed_is_back_in_two_seconds(lab):
         wait_until(lambda: hear(lab, "/kobuki1/scan", seconds=5) == [f"scan of {ONE}"], 30, "its scan again")
         print(f"{host}: after {time.monotonic() - began:.1f} s, rostopic's own start among them")
     assert lab.run(ONE, "systemctl show -p NRestarts --value multimaster-sync").strip() == "0"
+
+
+def test_a_robot_is_cut_off_and_comes_back(lab):
+    began = cut(lab, TWO)
+    wait_until(lambda: "/kobuki2/scan" not in published(lab), 40, "its topics are withdrawn")
+    gone = time.monotonic() - began
+    assert hear(lab, "/kobuki1/scan") == [f"scan of {ONE}"], "the other one is none the worse for it"
+    began = mend(lab, TWO)
+    wait_until(lambda: hear(lab, "/kobuki2/scan", seconds=5) == [f"scan of {TWO}"], 40, "its scan again")
+    print(f"withdrawn after {gone:.1f} s, back after {time.monotonic() - began:.1f} s, rostopic's start among them")
+
+
+def test_a_node_that_was_killed_and_started_again_is_heard(lab):
+    """The same node at another port: whoever listens at the station goes on listening."""
+    lab.start(STATION, "listener", "rostopic echo /kobuki1/scan")
+    wait_until(lambda: ONE in lab.run(STATION, "cat /run/listener.out"), 30, "it is heard")
+    lab.run(ONE, "systemctl kill --signal=KILL robot")
+    lab.start(ONE, "robot", "python3 {script}", "programs/twin_robot.py")
+    lab.run(STATION, "truncate --size 0 /run/listener.out")
+    wait_until(lambda: ONE in lab.run(STATION, "cat /run/listener.out"), 30, "it is heard again")
+    lab.stop(STATION, "listener")
 
 
 @pytest.mark.parametrize(

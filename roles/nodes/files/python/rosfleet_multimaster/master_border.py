@@ -347,6 +347,7 @@ class MasterBorder:
                 if feed is None:
                     feed = self.given[topic, node] = self._make_feed(topic, of_one=True)
                 self._aim_at_node(feed, topic, node)
+                wire.limit_silence()
                 if channel.newest:
                     wire.keep_newest()
                 return feed, channel.rate

@@ -11,9 +11,12 @@ from ..edge.rpc_client import SMALL, Rpc
 from .core.channels import Offer, read_offers
 
 OFFERS = "rosfleetOffers"
-WAIT, TIMEOUT = (20.0, 30.0), 10.0  # seconds that the other border may wait for news, and more for the answer
+WAIT, TIMEOUT = (
+    (3.0, 5.0),
+    3.0,
+)  # seconds that the other border may wait for news, and more for the answer: a cut link is seen by then
 RETRY = 0.5  # seconds until one that does not answer is asked again
-LOST = 15.0  # seconds after which its topics are withdrawn; one that is started again is back before
+LOST = 10.0  # seconds after which its topics are withdrawn; one that is started again is back before
 
 
 class Offers(NamedTuple):
@@ -48,7 +51,7 @@ class Peer:
         while not self._ended:
             host = self._hosts[number % len(self._hosts)]
             try:
-                wait = random.uniform(*WAIT)
+                wait = random.uniform(*WAIT) if revision else 0.0  # the first question is whether it is there
                 rpc = rpc or Rpc(f"http://{host}:{self._port}", wait + TIMEOUT, SMALL)
                 rpc.limit(wait + TIMEOUT)
                 before = revision

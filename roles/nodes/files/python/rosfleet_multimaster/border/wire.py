@@ -17,6 +17,9 @@ PATIENCE = 10.0  # seconds until the header has to be there
 _READ = 1 << 18  # bytes at once, so that no connection holds the others up
 #: bytes that the kernel keeps of a connection of which only the newest message counts
 _SMALL_BUFFER = 1 << 16
+SILENCE = 10.0  # seconds without an acknowledgement
+#: the same where nothing is sent: the kernel asks after 4 s, and ends the connection after three questions
+_ALIVE = {socket.TCP_KEEPIDLE: 4, socket.TCP_KEEPINTVL: 2, socket.TCP_KEEPCNT: 3}
 
 
 class Wire:
@@ -45,7 +48,14 @@ class Wire:
         self._watched = False  # for being writable
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in _ALIVE.items():
+            connection.setsockopt(socket.IPPROTO_TCP, option, value)
         loop.watch(connection, self._on_ready)
+
+    def limit_silence(self) -> None:
+        """End the connection where what is sent is not acknowledged: the link is cut. The other end always reads."""
+        self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * SILENCE))
 
     def keep_newest(self) -> None:
         """Let one message wait, and have the kernel keep little of what is sent: a slow link gets what is new."""
