@@ -134,11 +134,7 @@ MADE = """
 import sys
 from diagnostic_msgs import msg
 sys.path.insert(0, "/usr/local/lib/rosfleet-multimaster/python")
-import genpy, importlib.util, os
-path = "/usr/local/lib/rosfleet-multimaster/python/rosfleet_multimaster/edge/diagnostic_classes.py"
-spec = importlib.util.spec_from_file_location("classes", path)
-classes = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(classes)
+from rosfleet_multimaster.edge import diagnostic_classes as classes
 assert classes.messages() is msg
 made = classes.generate_messages()
 for name in ("DiagnosticArray", "DiagnosticStatus", "KeyValue"):

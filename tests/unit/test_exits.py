@@ -68,7 +68,7 @@ DOORS = {
         "StreamHandler": {"edge/journal.py"},
         "FileHandler": set(),
         "basicConfig": set(),
-        "DiagnosticStatus": {"edge/ros.py"},
+        "DiagnosticStatus": {"edge/diagnostic_classes.py"},
         "NOTIFY_SOCKET": {"edge/process/systemd.py"},
         "logwarn": set(),
         "logerr": set(),
