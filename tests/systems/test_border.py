@@ -156,7 +156,7 @@ def test_a_robot_is_cut_off_and_comes_back(lab):
     began = cut(lab, TWO)
     wait_until(lambda: "/kobuki2/scan" not in published(lab), 40, "its topics are withdrawn")
     gone = time.monotonic() - began
-    assert hear(lab, "/kobuki1/scan") == [f"scan of {ONE}"], "the other one is none the worse for it"
+    assert hear(lab, "/kobuki1/scan") == [f"scan of {ONE}"], "the other robot is heard as before"
     began = mend(lab, TWO)
     wait_until(lambda: hear(lab, "/kobuki2/scan", seconds=5) == [f"scan of {TWO}"], 40, "its scan again")
     print(f"withdrawn after {gone:.1f} s, back after {time.monotonic() - began:.1f} s, rostopic's start among them")

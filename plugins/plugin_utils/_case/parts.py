@@ -763,7 +763,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("border", "lacking"): Fault(
         "the border does not take across between {place}: {what}",
-        "see what the two borders say; what is published by nodes of both robots crosses by neither",
+        "see the log of both borders: it names a robot that does not answer, and a topic that cannot be had",
         "on both masters: journalctl -b -u multimaster-border; rosnode info /master_border",
         what="see multimaster_exports",
         read=ALWAYS,

@@ -40,7 +40,7 @@ def _find_names(case: Case, kind: str, name: str) -> Iterator[str]:
 
 
 def _find_wrong(case: Case) -> tuple[list[str], list[str]] | None:
-    """Find what the observer's border lacks, and what it has and nobody gives; None where one roscore is not known."""
+    """Find the names that the observer's border lacks, and those without an owner; None where one roscore is not known."""
     robots = case.state.exchanges.robots
     own, its = case.robots
     if own not in robots or its not in robots:
@@ -49,9 +49,8 @@ def _find_wrong(case: Case) -> tuple[list[str], list[str]] | None:
     due = {
         (kind, name) for kind, other in _list_names(case, its, border=False) for name in _find_names(case, kind, other)
     }
-    missing = {
-        entry for entry in due - there if entry[0] == "publisher" or entry not in mine
-    }  # an own service is never replaced
+    # An own service is never replaced.
+    missing = {entry for entry in due - there if entry[0] == "publisher" or entry not in mine}
     more = {entry for entry in there - due if _is_of(case, *entry)}
     return sorted(name for _kind, name in missing), sorted(name for _kind, name in more)
 
@@ -110,6 +109,6 @@ def _judge_border(case: Case) -> Judgement | None:
     if wrong is None:
         return None
     missing, more = wrong
-    parts = [("not there", missing), ("there, and nobody has it", more)]
+    parts = [("not there", missing), ("there without an owner", more)]
     found = "; ".join(f"{words}: {shorten_list(topics, NAMED)}" for words, topics in parts if topics)
     return Judgement(FAILED if found else OK, "what the channels take across", found or "just that")

@@ -78,7 +78,7 @@ class Export:
 
     @property
     def crosses_border(self) -> bool:
-        """Whether its topics cross by the borders."""
+        """True if its topics cross by the borders."""
         return bool(self.namespace or self.rate or self.newest)
 
     def __repr__(self) -> str:

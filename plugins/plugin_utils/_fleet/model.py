@@ -112,7 +112,7 @@ class Fleet:
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
-        """What crosses by the borders of the robots."""
+        """The channels by the borders of the robots."""
         return make_channels({robot.name: robot.variables.exports for robot in self.robots})
 
     @cached_property

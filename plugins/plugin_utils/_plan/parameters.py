@@ -69,19 +69,17 @@ def border(fleet: Fleet, robot: Robot) -> Parameters | None:
         if robot.name in (channel.robot, channel.other)
         for other in (channel.other if channel.robot == robot.name else channel.robot,)
     ]
+    if not channels:
+        return None
     shared = fleet.variables
-    return (
-        {
-            "robot": robot.name,
-            "port": robot.variables.roscore_port + BORDER_PORT,
-            "channels": channels,
-            "strangers": shared.strangers,
-            "allow": [str(network) for network in shared.allow],
-            **_output_parameters(fleet, robot, "border"),
-        }
-        if channels
-        else None
-    )
+    return {
+        "robot": robot.name,
+        "port": robot.variables.roscore_port + BORDER_PORT,
+        "channels": channels,
+        "strangers": shared.strangers,
+        "allow": [str(network) for network in shared.allow],
+        **_output_parameters(fleet, robot, "border"),
+    }
 
 
 def add_members(parameters: Parameters, members: Sequence[Any]) -> Parameters:

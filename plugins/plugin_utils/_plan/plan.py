@@ -131,6 +131,7 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
     existing = robot.variables.routes == "existing" or tunnel is not None
     expected = _list_expected_routes(fleet, robot, computer) if existing else ()
     metrics = parameters.writes_metrics(robot) and is_master
+    border = parameters.border(fleet, robot) if is_master else None
     return model.ComputerPlan(
         computer=computer.name,
         robot=robot.name,
@@ -153,13 +154,13 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         clock=_clock(fleet, robot, computer),
         tunnel=tunnel,
         environment=_environment(fleet, robot, computer),
-        ports=_ports(fleet, robot) if is_master else (),
-        services=_services(fleet, robot, is_master, tunnel),
+        ports=_ports(fleet, robot, border) if is_master else (),
+        services=_services(robot, is_master, tunnel, border),
         metrics_folder=robot.variables.metrics_folder if metrics else None,
         provider=robot.variables.provider,
         discovery=parameters.discovery(fleet, robot) if is_master else {},
         sync=parameters.sync(fleet, robot) if is_master else {},
-        border=parameters.border(fleet, robot) if is_master else None,
+        border=border,
         crossing=_list_parameters(fleet, robot, is_master),
         limits=tuple(parameters.list_limits(fleet, robot)) if is_master else (),
         listens=is_master or computer.common_address is not None,
@@ -401,10 +402,9 @@ def _sysctl(fleet: Fleet, is_gateway: bool, is_hub: bool) -> tuple[model.Setting
     return every + (FORWARDING if is_gateway or is_hub else ()) + (NO_REDIRECTS[:2] if is_hub else ())
 
 
-def _ports(fleet: Fleet, robot: Robot) -> tuple[model.Port, ...]:
+def _ports(fleet: Fleet, robot: Robot, border: model.Parameters | None) -> tuple[model.Port, ...]:
     """Return the ports that the services of the robot's master listen on, or those of its companion."""
     roscore = () if robot.master.sealed else (model.Port("tcp", robot.variables.roscore_port),)
-    border = parameters.border(fleet, robot)
     return (
         *roscore,
         model.Port("udp", fleet.variables.multicast_port),
@@ -413,7 +413,9 @@ def _ports(fleet: Fleet, robot: Robot) -> tuple[model.Port, ...]:
     )
 
 
-def _services(fleet: Fleet, robot: Robot, is_master: bool, tunnel: model.Tunnel | None) -> tuple[str, ...]:
+def _services(
+    robot: Robot, is_master: bool, tunnel: model.Tunnel | None, border: model.Parameters | None
+) -> tuple[str, ...]:
     """Return the services of a computer of a robot, in the order in which they start."""
     first = ("tunnel", "address") if tunnel else ("address",)
     if not is_master:
@@ -421,5 +423,5 @@ def _services(fleet: Fleet, robot: Robot, is_master: bool, tunnel: model.Tunnel 
     roscore = ("roscore",) if _roscore(robot) == "managed" else ()
     connections = ("connections",) if robot.variables.provider == "bundled" else ()
     metrics = ("metrics",) if parameters.writes_metrics(robot) else ()
-    border = ("border",) if parameters.border(fleet, robot) else ()
-    return (*first, *roscore, "discovery", *connections, "sync", *border, *metrics)
+    crossing = ("border",) if border else ()
+    return (*first, *roscore, "discovery", *connections, "sync", *crossing, *metrics)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the border costs: a topic that crosses by it, the same directly, and by topic_tools' relay, on two computers.
+"""The cost of the border: a topic that crosses by it, the same directly, and by topic_tools' relay, on two computers.
 
     python tests/bench/network/border.py
 
@@ -18,9 +18,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests/bench")]
 
+import measures  # noqa: E402
 from machines.podman import LabError  # noqa: E402
 from setups.links import wait_until  # noqa: E402
-from subject import NODES, Lab, lab_of  # noqa: E402
+from subject import Lab, lab_of  # noqa: E402
 
 HERE = Path(__file__).parent
 ROBOT, STATION = "kobuki1-pc", "station-pc"
@@ -41,12 +42,6 @@ WAYS = {
 SLOW = "tc qdisc replace dev eth0 root tbf rate 8mbit burst 16kb latency 50ms"
 
 
-def measure_usage(lab: Lab, host: str, unit: str) -> float:
-    """Return the seconds of processor time that a unit has used."""
-    text = (NODES / "observers/usage.py").read_text()
-    return float(json.loads(lab.run(host, f"python3 - {unit}", stdin=text))["seconds"])
-
-
 def run_flow(
     lab: Lab, published: str, heard: str, load: tuple[int, int, int], *units: tuple[str, str]
 ) -> dict[str, float]:
@@ -55,14 +50,16 @@ def run_flow(
     for host in (ROBOT, STATION):
         lab.run(host, "cat > /run/flow.py", stdin=(HERE / "programs" / "flow.py").read_text())
     lab.start(STATION, "take", f"python3 /run/flow.py take {heard} {SECONDS} {count}")
-    before = [measure_usage(lab, *unit) for unit in units]
+    before = [measures.observe_units(lab, *unit)["seconds"] for unit in units]
     lab.start(ROBOT, "give", f"python3 /run/flow.py give {published} {size} {rate} {SECONDS} {count}")
     wait_until(lambda: lab.output(STATION, "take"), 150, "all has come")
     found = json.loads(lab.output(STATION, "take")[-1][1])
     sent = int(lab.output(ROBOT, "give")[-1][1].split()[1])
     found["came, %"] = 100 * found["count"] / sent
     for unit, was in zip(units, before, strict=True):
-        found[f"{unit[1]} on {unit[0]}, % of a core"] = 100 * (measure_usage(lab, *unit) - was) / SECONDS
+        found[f"{unit[1]} on {unit[0]}, % of a core"] = (
+            100 * (measures.observe_units(lab, *unit)["seconds"] - was) / SECONDS
+        )
     return found
 
 

@@ -107,10 +107,16 @@ def bytes_per_change(lab: Lab, system: System, count: int) -> float:
     return max(0.0, spent / (2 * count))  # a new one and one that is gone
 
 
+def observe_units(lab: Lab, host: str, *units: str) -> dict[str, float]:
+    """Processor time (seconds), memory (bytes) and number of the processes of units; 0 where there are none."""
+    text = (NODES / "observers/usage.py").read_text()
+    found: dict[str, float] = json.loads(lab.run(host, f"python3 - {' '.join(units)}", stdin=text))
+    return found
+
+
 def usage(lab: Lab, system: System, kind: str) -> dict[str, float]:
     """Processor time, memory and number of the processes of a robot's "nodes" or "roscore"."""
-    text = (NODES / "observers/usage.py").read_text()
-    found = json.loads(lab.run(TAKER, f"python3 - {' '.join(system.units[kind])}", stdin=text))
+    found = observe_units(lab, TAKER, *system.units[kind])
     assert found["processes"], f"there is no process of {system.units[kind]}"
     return found
 

@@ -11,7 +11,6 @@ takes on each side with a camera of 10 MB a second. wireguard-go makes the tunne
 
 from __future__ import annotations
 
-import json
 import shutil
 import statistics
 import sys
@@ -24,7 +23,7 @@ sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests/bench")]
 import measures  # noqa: E402
 from machines.podman import LabError  # noqa: E402
 from setups.links import wait_until  # noqa: E402
-from subject import NODES, Lab, lab_of  # noqa: E402
+from subject import Lab, lab_of  # noqa: E402
 from systems import ADDRESSES, GIVER, HERE, TAKER  # noqa: E402
 
 #: name -> the inventory, the address of the taker in it
@@ -45,12 +44,6 @@ def stream(lab: Lab, address: str, rate: float) -> float:
     lab.run(GIVER, f"python3 /run/stream.py give {address} {PORT} {SECONDS} {rate}")
     wait_until(lambda: lab.run(TAKER, "cat /run/take.out", check=False).strip(), 30, "the taker has counted")
     return float(lab.run(TAKER, "cat /run/take.out; rm /run/take.out"))
-
-
-def measure_usage(lab: Lab, host: str) -> float:
-    """Return the seconds of processor time that the tunnel has used; 0 where there is no tunnel."""
-    text = (NODES / "observers/usage.py").read_text()
-    return json.loads(lab.run(host, f"python3 - {UNIT}", stdin=text))["seconds"]
 
 
 def measure(name: str) -> dict[str, list[float]]:
@@ -75,10 +68,12 @@ def _measure(inventory: Path, address: str) -> dict[str, list[float]]:
             lab.run(host, "cat > /run/stream.py", stdin=(HERE / "programs" / "stream.py").read_text())
         found = {"first message, ms": [1000 * seconds for seconds in measures.first_messages(lab)]}
         found["TCP, MB/s"] = [stream(lab, address, 0) / 1e6 for _number in range(REPETITIONS)]
-        before = [measure_usage(lab, host) for host in (GIVER, TAKER)]
+        before = [measures.observe_units(lab, host, UNIT)["seconds"] for host in (GIVER, TAKER)]
         found["camera, MB/s"] = [stream(lab, address, CAMERA) / 1e6]
         for host, was in zip((GIVER, TAKER), before, strict=True):
-            found[f"tunnel on {host}, % of a core"] = [100 * (measure_usage(lab, host) - was) / SECONDS]
+            found[f"tunnel on {host}, % of a core"] = [
+                100 * (measures.observe_units(lab, host, UNIT)["seconds"] - was) / SECONDS
+            ]
         return found
 
 

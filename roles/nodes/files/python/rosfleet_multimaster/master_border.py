@@ -70,7 +70,7 @@ class MasterBorder:
     def __init__(self, values: Mapping[str, Any], roscore: Roscore, uri: str) -> None:
         """`uri`: that the roscore calls itself."""
         self.loop, self.limited, self.budget = Loop(), program.LimitedLog(), Budget()
-        self.robot, self.roscore, self.master = values["robot"], roscore, uri
+        self.robot, self.roscore = values["robot"], roscore
         self.channels = [Channel.from_entry(entry) for entry in values["channels"]]
         self.peers = {channel.peer: channel for channel in self.channels}
         self.board = OfferBoard()
@@ -87,7 +87,7 @@ class MasterBorder:
         self.listener = listen()
         self.rules = callers(Members.from_parameters(values), uri, AddressBook().have)
         self.api = SlaveApi(
-            NAME, uri, lambda: int(self.listener.getsockname()[1]), partial(self.loop.post, self._on_shutdown)
+            uri, lambda: int(self.listener.getsockname()[1]), partial(self.loop.post, self._on_shutdown)
         )
         methods = {**self.api.methods(), OFFERS: LongPoll(self._tell_offers)}
         self.server = serve("", values["port"], methods, self._on_malformed, self.rules)
@@ -230,7 +230,7 @@ class MasterBorder:
     # Other borders
 
     def _tell_offers(self, address: str, may_wait: bool, robot: Any, revision: Any, wait: Any) -> List[Any]:
-        """What this border offers to a robot: (revision, port of the data, topics and services with their types and nodes)."""
+        """The offers of this border to a robot: (revision, port of the data, topics and services with their types and nodes)."""
         if not isinstance(revision, str) or not isinstance(wait, (int, float)):
             raise RefusedCall(f"{OFFERS} takes a robot, a revision (text) and a wait (seconds)")
         if not self._is_peer(robot, address):

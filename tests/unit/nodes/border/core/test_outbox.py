@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What waits for a connection: bounds, the newest, and rates."""
+"""Messages that wait for a connection: bounds, the newest, and rates."""
 
 import struct
 

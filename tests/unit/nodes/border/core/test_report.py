@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What people are shown of the border."""
+"""The border as people are shown it."""
 
 from rosfleet_multimaster.border.core.report import TopicCount, add_up, make_entry, make_samples
 from rosfleet_multimaster.protocol import metrics

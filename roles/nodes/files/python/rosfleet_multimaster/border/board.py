@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What this border offers to the others, for threads that wait for news."""
+"""The offers of this border to the others, for threads that wait for news."""
 
 import os
 import threading
@@ -10,7 +10,7 @@ from .core.channels import Offer
 
 
 class OfferBoard:
-    """What this border offers to each other one; nothing is told before the own roscore was read."""
+    """The offers to each other border; nothing is told before the own roscore was read."""
 
     def __init__(self) -> None:
         self._epoch, self._count = os.urandom(8).hex(), 0

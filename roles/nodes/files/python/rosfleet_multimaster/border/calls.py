@@ -6,7 +6,7 @@ import contextlib
 import socket
 from typing import Callable
 
-from ..edge.loop import start_thread
+from ..edge.loop import EndFlag, start_thread
 
 _PIECE = 1 << 16  # bytes at once, and all that is held
 IDLE = 3600.0  # seconds of silence after which a call is given up
@@ -17,13 +17,17 @@ def splice(client: socket.socket, provider: socket.socket, first: bytes, done: C
     for connection in (client, provider):
         connection.settimeout(IDLE)
 
+    asked = EndFlag()
+
     def copy_there() -> None:
         with contextlib.suppress(OSError):
             provider.sendall(first)
         _copy(client, provider)
+        asked.set()
 
     def copy_back() -> None:
         _copy(provider, client)
+        asked.wait()  # a closed socket's number may be another one's already
         client.close()
         provider.close()
         done()

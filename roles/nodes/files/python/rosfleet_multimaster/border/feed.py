@@ -36,7 +36,7 @@ class _Source:
 
     @property
     def is_latched(self) -> bool:
-        """Whether its last message is for who comes later."""
+        """True if its last message is for who comes later."""
         return (self.header or {}).get("latching") == "1"
 
 
@@ -119,9 +119,9 @@ class Feed:
             wire.end()
 
     def count_dropped(self) -> int:
-        """How many messages did not get to somebody who listened."""
+        """How many messages did not get to somebody who listened: too many, too fast or too long."""
         now = sum(sink.wire.outbox.dropped + sink.throttle.dropped for sink in self._sinks.values())
-        return self.dropped + now
+        return self.dropped + now + sum(of.wire.count_skipped() for of in self._sources.values() if of.wire is not None)
 
     def tick(self, now: float) -> Optional[float]:
         """Connect and send what is due; the time of the next call."""
@@ -203,6 +203,7 @@ class Feed:
 
     def _on_end(self, source: _Source, wire: Wire, why: str) -> None:
         had, source.header = source.header, None
+        self.dropped += wire.count_skipped()
         source.wire = source.latched = None
         if why:
             self._fail(source, why)

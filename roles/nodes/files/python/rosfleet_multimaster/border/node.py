@@ -24,9 +24,9 @@ Key = Tuple[str, str]  # PUBLISHER, SUBSCRIBER or PROVIDER, and a topic or servi
 class SlaveApi:
     """The methods that others call at the node. They are called in threads of the server."""
 
-    def __init__(self, own: str, master: str, port: Callable[[], int], end: Callable[[str], None]) -> None:
+    def __init__(self, master: str, port: Callable[[], int], end: Callable[[str], None]) -> None:
         """`port()`: of the data; `end(reason)`: this computer itself wants the node to end."""
-        self.own, self._master, self.port, self._end = own, master, port, end
+        self._master, self.port, self._end = master, port, end
         self.published: Dict[str, str] = {}  # topic -> type; replaced as a whole
         self.subscribed: Dict[str, str] = {}
 

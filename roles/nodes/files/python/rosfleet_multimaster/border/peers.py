@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the border of another robot offers: it is asked, and answers as soon as there is something new."""
+"""The borders of other robots: each is asked for its offers, and answers as soon as there is something new."""
 
 import random
 from typing import Any, Callable, NamedTuple, Optional, Sequence
 
-from ..edge.clock import monotonic
-from ..edge.loop import EndFlag, start_thread
+from ..edge.clock import monotonic, sleep
+from ..edge.loop import start_thread
 from ..edge.rpc_client import SMALL, Rpc
 from .core.channels import Offer, read_offers
 
@@ -20,7 +20,7 @@ LOST = 10.0  # seconds after which its topics are withdrawn; one that is started
 
 
 class Offers(NamedTuple):
-    """What a border offers."""
+    """The offers of a border, and the place of its data."""
 
     host: str
     port: int  # of its data
@@ -39,7 +39,6 @@ class Peer:
 
     def __init__(self, robot: str, hosts: Sequence[str], port: int, own_robot: str) -> None:
         self.robot, self._hosts, self._port, self._own_robot = robot, hosts, port, own_robot
-        self._ended = EndFlag()
 
     def start(self, on_offers: Callable[[str, Optional[Offers], str], None]) -> None:
         """Begin to ask. `on_offers(robot, offers, why)` is called in the thread; None: it has not answered for a while, and why."""
@@ -48,7 +47,7 @@ class Peer:
     def _follow(self, on_offers: Callable[[str, Optional[Offers], str], None]) -> None:
         number, revision, answered = 0, "", monotonic()
         rpc: Optional[Rpc] = None
-        while not self._ended:
+        while True:
             host = self._hosts[number % len(self._hosts)]
             try:
                 wait = random.uniform(*WAIT) if revision else 0.0  # the first question is whether it is there
@@ -65,4 +64,4 @@ class Peer:
                 rpc, revision, number = None, "", number + 1
                 if monotonic() - answered > LOST:
                     on_offers(self.robot, None, str(problem))
-                self._ended.wait(RETRY)
+                sleep(RETRY)

@@ -38,11 +38,10 @@ class Wire:
         self.header: Optional[Dict[str, str]] = None  # of the other end
         self.outbox, self.since, self.ended = Outbox(budget), monotonic(), False
         self._budget = budget
-        self.received = self.sent = 0  # bytes
         self._loop, self._connection = loop, connection
         self._on_header, self._on_message, self._on_end = on_header, on_message, on_end
         self._reader = MessageReader(MAX_HEADER)
-        self._came: Deque[bytes] = deque()  # whole messages that nobody has had
+        self._came: Deque[bytes] = deque()  # whole messages that are not handed on yet
         self._first = b""  # a header, before all that waits
         self._sending = memoryview(b"")
         self._watched = False  # for being writable
@@ -52,6 +51,10 @@ class Wire:
         for option, value in _ALIVE.items():
             connection.setsockopt(socket.IPPROTO_TCP, option, value)
         loop.watch(connection, self._on_ready)
+
+    def count_skipped(self) -> int:
+        """How many messages were too long to be taken."""
+        return self._reader.skipped
 
     def limit_silence(self) -> None:
         """End the connection where what is sent is not acknowledged: the link is cut. The other end always reads."""
@@ -107,7 +110,6 @@ class Wire:
         if not data:
             self.end("it was closed")
             return
-        self.received += len(data)
         self._came.extend(self._reader.feed(data))
         while self._came and not self.ended:
             message = self._came.popleft()
@@ -132,9 +134,7 @@ class Wire:
             while self._sending or self._first or len(self.outbox):
                 if not self._sending:
                     self._sending, self._first = memoryview(self._first or self.outbox.take()), b""
-                count = self._connection.send(self._sending)
-                self.sent += count
-                self._sending = self._sending[count:]
+                self._sending = self._sending[self._connection.send(self._sending) :]
         except BlockingIOError:
             self._watch(True)
             return

@@ -17,7 +17,7 @@ TOPIC, SERVICE = "topic", "service"
 
 
 class Offer(NamedTuple):
-    """What a border offers to another one."""
+    """A topic or service that a border offers to another one."""
 
     kind: str  # TOPIC or SERVICE
     name: str  # as the borders have it
@@ -26,7 +26,7 @@ class Offer(NamedTuple):
 
 
 class Channel(NamedTuple):
-    """What crosses between this robot and a peer, by one entry of the inventory."""
+    """The way of topics and services between this robot and a peer, by one entry of the inventory."""
 
     peer: str  # a robot
     hosts: Tuple[str, ...]  # addresses of its border
@@ -125,7 +125,7 @@ def _read_offer(entry: Any) -> Offer:
     kind, name, type_name, nodes = entry
     texts = (name, *nodes, *([type_name] if kind == TOPIC else []))
     if len(nodes) > MOST_NODES or not all(isinstance(text, str) and 0 < len(text) <= MAX_NAME for text in texts):
-        raise ValueError("an offer has a name that is none, or too many nodes")
+        raise ValueError(f"an offer has an empty or too long name, or more than {MOST_NODES} nodes")
     return Offer(kind, name, type_name if kind == TOPIC else "", tuple(nodes))
 
 

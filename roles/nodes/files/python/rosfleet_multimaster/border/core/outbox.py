@@ -11,7 +11,7 @@ ALL = 48 << 20  # bytes that wait for all connections together
 
 
 class Budget:
-    """What all outboxes may hold together. Beyond it the fullest one loses what it has held longest."""
+    """The bytes that all outboxes may hold together. Beyond it the fullest one loses what it has held longest."""
 
     def __init__(self, limit: int = ALL) -> None:
         self._limit, self._used = limit, 0
@@ -34,7 +34,7 @@ class Budget:
 
 
 class Outbox:
-    """What waits for one connection."""
+    """Messages that wait for one connection."""
 
     def __init__(self, budget: Budget, newest: bool = False) -> None:
         """`newest`: one message is enough. One message is always taken, however large."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What people are shown of the border: an entry of /diagnostics, and metrics."""
+"""The border as people are shown it: an entry of /diagnostics, and metrics."""
 
 from typing import Dict, Iterable, List, NamedTuple, Sequence
 
@@ -9,7 +9,7 @@ from ...protocol.metrics import Samples
 
 
 class TopicCount(NamedTuple):
-    """What has crossed of a topic, since the node started."""
+    """Messages of a topic that have crossed since the node started."""
 
     topic: str
     messages: int
