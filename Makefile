@@ -27,7 +27,7 @@ lab: setup-lab ## build the image of the lab's computers
 lab-tests: setup
 	@$(PYTHON) lab/lab.py image --full
 
-demo: lab ## robots on real systems, from nothing to a fleet that talks (LAYOUT=single_computer or multi_computer)
+demo: lab ## robots on real systems, from nothing to a fleet that talks (LAYOUT=single_computer, multi_computer, identical_robots or tunnel)
 	@$(PYTHON) lab/demo.py --layout $(LAYOUT)
 
 rehearse: lab ## your own inventory on real systems (INVENTORY=<folder>; FAULTS=no_forwarding,...; see docs/start/rehearse.md)

@@ -10,13 +10,14 @@ very computer, and calls every other's service.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-from proofs.proof import NODES, Computer
+from proofs.proof import NODES, Computer, Result
 
 SECONDS = 120.0
 
@@ -34,10 +35,14 @@ class Matrix:
         """How many ordered pairs there are."""
         return len(self.names) * (len(self.names) - 1)
 
-    @property
-    def ok(self) -> bool:
-        """Say if everybody reached everybody."""
-        return len(self.topic) == len(self.service) == self.pairs
+    def list_results(self) -> list[Result]:
+        """Two lines of the proof for each ordered pair."""
+        kinds = {"a topic is heard directly": self.topic, "any service is called": self.service}
+        return [
+            Result(what, f"{there} -> {here}", (here, there) in reached, "")
+            for what, reached in kinds.items()
+            for here, there in itertools.permutations(self.names, 2)
+        ]
 
     def cell(self, here: str, there: str) -> str:
         """One character of the table."""

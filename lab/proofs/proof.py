@@ -56,15 +56,15 @@ class Computer:
         return done.stdout if done.returncode == 0 else ""
 
     @contextlib.contextmanager
-    def start_program(self, command: str, script: pathlib.Path | None = None) -> Iterator[TextIO]:
-        """Run a command by ssh until the end of the block, at most two minutes; it is ended by its own process id.
+    def start_program(self, command: str, script: pathlib.Path | None = None, seconds: int = 120) -> Iterator[TextIO]:
+        """Run a command by ssh until the end of the block, at most so many seconds; it is ended by its own process id.
 
         Yields what it prints.
         """
         with contextlib.ExitStack() as stack:
             stdin = stack.enter_context(script.open("rb")) if script else subprocess.DEVNULL
             process = subprocess.Popen(
-                [*self.ssh, f"echo $$; exec timeout -s INT 120 {command}"],
+                [*self.ssh, f"echo $$; exec timeout -s INT {seconds} {command}"],
                 stdin=stdin,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,

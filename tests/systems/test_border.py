@@ -1,36 +1,43 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Two robots of one kind and a station: the same nodes and topics, told apart by the border, on real systems.
+"""Four robots of one kind and a station: the same nodes, topics and frames, told apart by the border, on real systems.
 
-rostopic, roscpp's relay and an actionlib client at the station know nothing of it.
+rostopic, roscpp's relay, an actionlib client and tf2 at the station know nothing of it.
 """
 
 import re
 import time
 
 import pytest
+from machines import containers
 from machines.podman import ROOT
+from proofs.proof import Computer, table
+from proofs.twins import tell_apart
 from setups.links import cut, mend, wait_until
 from subject import NODES
 
-INVENTORY = ROOT / "tests" / "systems" / "border"
-ONE, TWO, STATION = HOSTS = ("kobuki1-pc", "kobuki2-pc", "station-pc")
+INVENTORY = ROOT / "inventory" / "identical_robots"
+ALL = {f"kobuki{number}": f"kobuki{number}-pc" for number in (1, 2, 3, 4)}
+ONE, TWO, STATION = "kobuki1-pc", "kobuki2-pc", "station-pc"
 TWINS = {"kobuki1": ONE, "kobuki2": TWO}
+CAMERA = "/kobuki1/camera/image_raw/compressed"
 
 
 @pytest.fixture(scope="module")
 def lab(new_lab):
-    """The robots after site.yml, with the same programs on both."""
+    """The robots after site.yml, with the same programs on each."""
     with new_lab("systems-border", INVENTORY, {}) as found:
         status, output = found.play("site.yml")
         assert status == 0, output
-        for host in TWINS.values():
-            found.start(host, "robot", "python3 {script}", "programs/twin_robot.py")
-            found.start(host, "server", "python3 {script} server", "programs/service_server.py")
-            found.start(host, "action", "python3 {script} robot", "programs/action_server.py")
-        wait_until(lambda: published(found) >= {f"/{robot}/scan" for robot in TWINS}, 30, "both scans at the station")
+        for host in ALL.values():
+            start(found, host)
+        wait_until(lambda: published(found) >= {f"/{robot}/scan" for robot in ALL}, 60, "all scans at the station")
         yield found
+
+
+def start(lab, host):
+    lab.start(host, "robot", "python3 {script}", "programs/twin_robot.py")
 
 
 def published(lab, host=STATION):
@@ -54,14 +61,14 @@ def test_the_same_topics_of_two_robots_are_told_apart(lab):
         assert hear(lab, f"/{robot}/map") == [f"map of {host}"] == hear(lab, f"/{robot}/map"), (
             "latched, for each who comes"
         )
-    assert not published(lab) & {"/scan", "/camera", "/map"}
+    assert not published(lab) & {"/scan", "/map", "/odom"}
     info = lab.run(STATION, "rostopic info /kobuki1/scan")
     assert "Type: std_msgs/String" in info and "* /master_border (http://station-pc:" in info
 
 
 def test_what_is_meant_for_one_robot_comes_to_it_alone(lab):
     for robot, host in TWINS.items():
-        other = next(name for name in HOSTS if name not in (host, STATION))
+        other = next(name for name in TWINS.values() if name != host)
         before = len(lab.output(other, "robot"))
         lab.run(STATION, f"timeout 6 rostopic pub -r 5 /{robot}/cmd_vel std_msgs/String 'to {robot}'", check=False)
         heard = [text for _at, text in lab.output(host, "robot")]
@@ -70,20 +77,25 @@ def test_what_is_meant_for_one_robot_comes_to_it_alone(lab):
     wait_until(lambda: "/cmd_vel" not in published(lab, ONE), 20, "nobody publishes it any more")
 
 
-def test_an_action_of_each_robot_works(lab):
-    client = (NODES / "programs/action_client.py").read_text()
-    for robot in TWINS:
-        seen = lab.run(STATION, f"timeout 100 python3 - {robot}/robot __name:=client_of_{robot}", stdin=client)
-        assert seen.split() in (["1", "42"], ["2", "42"], ["3", "42"]), seen
+def test_all_of_four_robots_is_told_apart(lab):
+    computers = {
+        host: Computer(host, ("podman", "exec", "-i", containers.container(lab.name, host), "bash", "-lc"))
+        for host in (*ALL.values(), STATION)
+    }
+    results = list(tell_apart({robot: computers[host] for robot, host in ALL.items()}, computers[STATION]))
+    assert len(results) == 8 * len(ALL) + 1 and all(result.ok for result in results), table(results)
+    assert not {"/reset", "/robot_description"} & set(lab.run(STATION, "rosservice list; rosparam list").split())
 
 
-def test_a_service_of_each_robot_answers(lab):
-    for robot, host in TWINS.items():
-        wait_until(
-            lambda robot=robot: f"/{robot}/server/where" in lab.run(STATION, "rosservice list"), 20, "its service"
-        )
-        assert host in lab.run(STATION, f"rosservice call /{robot}/server/where")
-    assert "/server/where" not in lab.run(STATION, "rosservice list").split()
+@pytest.mark.parametrize(
+    ("frame", "there"), [("world", "map"), ("kobuki1/odom", "odom"), ("kobuki2/odom", ""), ("map", "")]
+)
+def test_a_goal_comes_in_a_frame_of_its_robot(lab, frame, there):
+    before = len(lab.output(ONE, "robot"))
+    goal = f"timeout 5 rostopic pub -r 2 /kobuki1/goal geometry_msgs/PoseStamped '{{header: {{frame_id: {frame}}}}}'"
+    lab.run(STATION, goal, check=False)
+    heard = {text for _at, text in lab.output(ONE, "robot")[before:]}
+    assert heard == ({f"goal in {there}"} if there else set())
 
 
 def test_a_node_of_roscpp_notices_nothing(lab):
@@ -92,7 +104,7 @@ def test_a_node_of_roscpp_notices_nothing(lab):
 
 
 def test_a_rate_is_kept_before_the_link(lab):
-    said = lab.run(STATION, "timeout 12 rostopic hz /kobuki1/camera", check=False)
+    said = lab.run(STATION, f"timeout 12 rostopic hz {CAMERA}", check=False)
     rates = [float(text) for text in re.findall(r"average rate: ([0-9.]+)", said)]
     assert rates and 4.0 <= rates[-1] <= 5.3, said
 
@@ -110,12 +122,12 @@ def test_five_listeners_cost_as_much_as_one(lab):
         """Bytes a second."""
         names = [f"listener{number}" for number in range(count)]
         for name in names:
-            lab.start(STATION, name, "rostopic echo /kobuki1/camera")
+            lab.start(STATION, name, f"rostopic echo {CAMERA}")
         for name in names:
             wait_until(lambda name=name: ONE in lab.run(STATION, f"cat /run/{name}.out"), 30, "all listen")
-        before, began = received(lab, "192.168.34.11")
+        before, began = received(lab, "192.168.1.11")
         time.sleep(8)
-        after, ended = received(lab, "192.168.34.11")
+        after, ended = received(lab, "192.168.1.11")
         for name in names:
             lab.stop(STATION, name)
         time.sleep(2)
@@ -133,7 +145,7 @@ def test_what_crosses_is_told(lab):
         return said if "multimaster: border" in said else ""
 
     said = wait_until(look, 40, "its entry")
-    assert "2 of 2 robots answer" in said and 'key: "/kobuki1/camera"' in said, said
+    assert "4 of 4 robots answer" in said and f'key: "{CAMERA}"' in said, said
 
 
 def test_verify_passes_and_a_second_run_changes_nothing(lab):
@@ -167,10 +179,17 @@ def test_a_node_that_was_killed_and_started_again_is_heard(lab):
     lab.start(STATION, "listener", "rostopic echo /kobuki1/scan")
     wait_until(lambda: ONE in lab.run(STATION, "cat /run/listener.out"), 30, "it is heard")
     lab.run(ONE, "systemctl kill --signal=KILL robot")
-    lab.start(ONE, "robot", "python3 {script}", "programs/twin_robot.py")
+    start(lab, ONE)
     lab.run(STATION, "truncate --size 0 /run/listener.out")
     wait_until(lambda: ONE in lab.run(STATION, "cat /run/listener.out"), 30, "it is heard again")
     lab.stop(STATION, "listener")
+
+
+def test_a_robot_that_was_restarted_is_back(lab):
+    lab.reboot(TWO)
+    lab.wait_until_up(TWO)
+    start(lab, TWO)
+    wait_until(lambda: hear(lab, "/kobuki2/map", seconds=5) == [f"map of {TWO}"], 60, "its map again")
 
 
 @pytest.mark.parametrize(
@@ -194,9 +213,21 @@ def test_a_border_that_does_not_run_is_named(lab, fault):
     wait_until(lambda: published(lab) >= {f"/{robot}/scan" for robot in TWINS}, 30, "both scans again")
 
 
+def test_a_robot_has_another_name_from_now_on(lab, tmp_path):
+    (tmp_path / "group_vars").mkdir()
+    (tmp_path / "group_vars/kobuki2.yml").write_text("robot: scout\n")
+    (tmp_path / "hosts.yml").write_text("robots: {children: {kobuki2: {}}}\n")
+    status, output = lab.play("site.yml", "-i", str(tmp_path / "hosts.yml"))
+    assert status == 0, output
+    wait_until(lambda: hear(lab, "/scout/map", seconds=5) == [f"map of {TWO}"], 60, "its map by the new name")
+    wait_until(lambda: not any("/kobuki2/" in topic for topic in published(lab)), 30, "nothing has the old name")
+    said = lab.run(STATION, "python3 - world scout/laser kobuki2/laser", stdin=(NODES / "programs/tree.py").read_text())
+    assert said.split() == ["scout/laser=2.0", "kobuki2/laser=not", "there"]
+
+
 def test_without_the_entries_nothing_of_it_is_left(lab):
     status, output = lab.play("site.yml", "-e", '{"multimaster_exports": []}')
     assert status == 0, output
-    for host in HOSTS:
+    for host in (*ALL.values(), STATION):
         assert lab.run(host, "systemctl list-units --all --plain --no-legend 'multimaster-border*'").strip() == ""
         assert "master_border" not in lab.run(host, "ls /etc/rosfleet-multimaster; rosnode list")

@@ -19,6 +19,7 @@ from .engine import FAILED, MASTER, OK, Check, Judgement
 
 BORDER = "/master_border"
 DIAGNOSTICS = "/diagnostics"  # the border has something to say itself
+STATIC = "/tf_static"  # by which it says how the frames of robots hang together
 NAMED = 4  # topics and services that a finding names
 KINDS = {"publisher": "topics", "service": "services"}  # of registrations -> in a channel
 
@@ -39,6 +40,15 @@ def _find_names(case: Case, kind: str, name: str) -> Iterator[str]:
             yield inner if channel["inner"] else namespace + inner
 
 
+def _list_roots(case: Case) -> set[tuple[str, str]]:
+    """List what the target's border itself publishes for the observer: how its robot's frames hang together with others."""
+    return {
+        ("publisher", channel["as"] + STATIC)
+        for channel in _list_channels(case)
+        if channel["world"] and not channel["inner"] and matches(channel["topics"], STATIC)
+    }
+
+
 def _find_wrong(case: Case) -> tuple[list[str], list[str]] | None:
     """Find the names that the observer's border lacks, and those without an owner; None where one roscore is not known."""
     robots = case.state.exchanges.robots
@@ -46,7 +56,7 @@ def _find_wrong(case: Case) -> tuple[list[str], list[str]] | None:
     if own not in robots or its not in robots:
         return None
     mine, there = _list_names(case, own, border=False), _list_names(case, own, border=True)
-    due = {
+    due = _list_roots(case) | {
         (kind, name) for kind, other in _list_names(case, its, border=False) for name in _find_names(case, kind, other)
     }
     # An own service is never replaced.

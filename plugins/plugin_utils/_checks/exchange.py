@@ -286,10 +286,15 @@ def _judge_flow(case: Case) -> Judgement | None:
 # Parameters that cross
 
 
-def _list_copied(case: Case) -> list[str]:
-    """List the parameters that the observer's robot is to have as the target's robot has them."""
+def _list_copied(case: Case) -> list[tuple[str, str]]:
+    """List the parameters that the observer's robot is to have as the target's robot has them: the names here and there."""
     entries = case.observer.plan.sync.get("sync_parameters", ())
-    return [name for entry in entries if entry["from"] == case.master.name for name in entry["names"]]
+    return [
+        (entry.get("as", "") + name, name)
+        for entry in entries
+        if entry["from"] == case.master.name
+        for name in entry["names"]
+    ]
 
 
 def _compare_copies(case: Case) -> dict[str, str] | None:
@@ -301,13 +306,13 @@ def _compare_copies(case: Case) -> dict[str, str] | None:
         {entry.name: entry.digest for entry in probe.parameters.crossing} for probe in (case.probe, master.probe)
     )
     names = _list_copied(case)
-    if not all(name in here and name in there for name in names):
+    if not all(name in here and its_name in there for name, its_name in names):
         return None
     own, its = case.robots
     return {
-        name: f"{name} of {its} " + (f"has another value on {own}" if here[name] else f"is not on {own}")
-        for name in names
-        if there[name] and here[name] != there[name]
+        name: f"{its_name} of {its} " + (f"has another value on {own}" if here[name] else f"is not on {own}")
+        for name, its_name in names
+        if there[its_name] and here[name] != there[its_name]
     }
 
 

@@ -14,7 +14,18 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from ipaddress import IPv4Address
 
-from .exports import FILTERS, FROM_CLIENT, FROM_SERVER, KINDS, Export, is_within, make_node_filters, topics_of
+from .exports import (
+    EXTERNAL,
+    FILTERS,
+    FROM_CLIENT,
+    FROM_SERVER,
+    KINDS,
+    OF_BORDER,
+    Export,
+    is_within,
+    make_node_filters,
+    topics_of,
+)
 from .filters import BUILT_IN, WHITE_LISTS, Filters, matches, usable
 from .flows import list_givers, make_flows
 from .kinds import SealedComputer
@@ -154,9 +165,46 @@ def find_wrong_border(fleet: Fleet) -> list[str]:
     if not others:
         return []
     return [
-        f"multimaster_exports has 'as', 'rate' or 'newest' for {shorten_list(others)}, where multimaster_provider is not 'bundled'; expected "
+        f"multimaster_exports has {', '.join(OF_BORDER)} for {shorten_list(others)}, where multimaster_provider is not 'bundled'; expected "
         "'bundled', which has the border: set it there, or choose with 'to' who gets which."
     ]
+
+
+_TREE = ("/tf", "/tf_static")
+
+
+def find_wrong_frames(fleet: Fleet) -> list[str]:
+    """Return a sentence for each robot whose frames do not hang together with those of others, or cannot be told from them."""
+    problems = []
+    for robot in fleet.robots:
+        renamed = [channel for channel in fleet.channels if channel.robot == robot.name and channel.frames]
+        crossing = [name for name in _TREE if any(matches(channel.topics, name) for channel in renamed)]
+        if crossing and robot.variables.frames is None:
+            problems.append(
+                f"{robot.master.name}: multimaster_exports gives {' and '.join(crossing)} to others with 'frames', but multimaster_frames does not "
+                "say how the robots' frames hang together; expected a frame of all and the root of this robot's tree: set multimaster_frames to "
+                f"{{world: map}} in group_vars/{robot.name}.yml, or to '{EXTERNAL}', where something else publishes it."
+            )
+        elif crossing == ["/tf"]:
+            problems.append(
+                f"{robot.master.name}: multimaster_exports gives /tf to others with 'frames', but not /tf_static; expected both, since a tree "
+                f"without its fixed transforms falls apart: add /tf_static beside it in group_vars/{robot.name}.yml."
+            )
+    return problems + _find_ambiguous_prefixes(fleet)
+
+
+def _find_ambiguous_prefixes(fleet: Fleet) -> list[str]:
+    """Return a sentence for each two robots of which the frames of one could be those of the other, at a third."""
+    problems = {}
+    for receiver in dict.fromkeys(channel.other for channel in fleet.channels):
+        renamed = sorted({(c.frames, c.robot) for c in fleet.channels if c.other == receiver and c.frames})
+        for (first, one), (second, other) in zip(renamed, renamed[1:]):
+            if second.startswith(first) and one != other:
+                problems[one, other] = (
+                    f"multimaster_exports gives frames of {one} with '{first}' to {receiver}, and those of {other} with '{second}', which begins "
+                    f"with it; expected a prefix of its own for each robot: choose another one at 'frames' in group_vars/{other}.yml."
+                )
+    return list(problems.values())
 
 
 DIAGNOSTICS = "/diagnostics"
@@ -284,13 +332,18 @@ def _list_meeting(one: Export, other: Export) -> list[str]:
 def _find_crossing_parameters(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
     """Return a sentence for two robots that give the same parameter to a third, or one in the namespace of the other."""
     by_name = {party.name: party for party in parties}
-    entries = [(party.name, entry) for party in parties for entry in party.exports if entry.parameters]
+    entries = [
+        (party.name, entry, [entry.namespace + name for name in entry.parameters])
+        for party in parties
+        for entry in party.declaration or ()
+        if entry.parameters
+    ]
     problems = {}
-    for name in sorted({name for _robot, entry in entries for name in entry.parameters}):
+    for name in sorted({name for _robot, _entry, names in entries for name in names}):
         givers: dict[str, list[Export]] = defaultdict(list)
         given: dict[str, str] = {}  # robot -> this name, or the one that it is in
-        for robot, entry in entries:
-            for other in (other for other in entry.parameters if is_within(name, other)):
+        for robot, entry, names in entries:
+            for other in (other for other in names if is_within(name, other)):
                 givers[robot].append(entry)
                 given[robot] = other
         for (first, second), receivers in _pair_givers(givers, by_name, robots):

@@ -55,7 +55,8 @@ NEVER_CROSSING = (
 _NAME = re.compile(r"[/*][A-Za-z0-9_/*]*")
 
 # What makes an entry one of the border, which renames topics and keeps their rate.
-OF_BORDER = ("as", "rate", "newest")
+OF_BORDER = ("as", "rate", "newest", "frames")
+_PREFIX = re.compile(r"(?:[A-Za-z0-9]+[/_])+")
 _NAMESPACE = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
 FASTEST = 1000.0  # messages a second
 
@@ -64,7 +65,7 @@ FASTEST = 1000.0  # messages a second
 class Export:
     """One entry: names and patterns, and the robots that get them. No robot in it means every other robot.
 
-    With a namespace, a rate or `newest`, its topics cross by the borders of the two robots.
+    With a namespace, a rate, `newest` or `frames`, its topics cross by the borders of the two robots.
     """
 
     topics: tuple[str, ...] = ()
@@ -75,11 +76,17 @@ class Export:
     namespace: str = ""  # below which the receivers have the names: 'as'
     rate: float = 0.0  # messages a second of each topic at most; 0: all
     newest: bool = False  # where the link is too slow, only the newest message waits
+    frames: str = ""  # in front of the robot's frames, in messages that cross
 
     @property
     def crosses_border(self) -> bool:
-        """True if its topics cross by the borders."""
-        return bool(self.namespace or self.rate or self.newest)
+        """True if its topics, services and actions cross by the borders."""
+        return bool(self.namespace or self.rate or self.newest or self.frames) and self.has_registrations
+
+    @property
+    def has_registrations(self) -> bool:
+        """True if it names something else than parameters."""
+        return bool(self.topics or self.services or self.actions)
 
     def __repr__(self) -> str:
         words = {"namespace": "as"}
@@ -125,7 +132,7 @@ def read_exports(value: Any) -> tuple[Export, ...]:
             raise UnexpectedValue(f"each entry once, but {entry} is there twice")
         contents.add(content)
     _check_size([item for entry in entries for item in entry.names()])
-    _check_parameters({name for entry in entries for name in entry.parameters})
+    _check_parameters({entry.namespace + name for entry in entries for name in entry.parameters})
     _check_white_lists(entries)
     return entries
 
@@ -179,10 +186,11 @@ def _read_entry(entry: Mapping[Any, Any]) -> Export:
         str(key): _read_texts(str(key), items) for key, items in entry.items() if key not in OF_BORDER
     }
     export = Export(**names, **_read_border(entry))
-    if export.crosses_border and (export.parameters or (export.services and not export.namespace)):
+    of_messages = export.rate or export.newest or export.frames
+    if of_messages and (export.parameters or (export.services and (export.frames or not export.namespace))):
         raise UnexpectedValue(
-            "topics and actions in an entry with 'rate' or 'newest', and services besides with 'as', since the border takes nothing else across: "
-            "put the others into an entry of their own"
+            "topics and actions alone in an entry with 'rate', 'newest' or 'frames', which are about messages: put the others into an entry of "
+            "their own"
         )
     if not any(export.names()):
         raise UnexpectedValue(f"at least one of {', '.join(KINDS)} in each entry; the list [] exports nothing")
@@ -190,12 +198,15 @@ def _read_entry(entry: Mapping[Any, Any]) -> Export:
         raise UnexpectedValue("at least one robot in 'to'; without 'to' an entry is for every other robot")
     for key, name in export.names():
         _check_name(key, name)
+    for name in export.parameters:
+        _check_parameter(export.namespace + name)
     return export
 
 
 def _read_border(entry: Mapping[Any, Any]) -> dict[str, Any]:
     """Read what makes an entry one of the border."""
     namespace, rate, newest = entry.get("as", ""), entry.get("rate", 0), entry.get("newest", False)
+    frames = entry.get("frames", "")
     if "as" in entry and (not isinstance(namespace, str) or not _NAMESPACE.fullmatch(namespace)):
         raise UnexpectedValue(f"a namespace such as /kobuki1 at 'as', but there is '{namespace}'")
     number = isinstance(rate, (int, float)) and not isinstance(rate, bool)
@@ -203,7 +214,27 @@ def _read_border(entry: Mapping[Any, Any]) -> dict[str, Any]:
         raise UnexpectedValue(f"messages a second above 0, up to {FASTEST:g}, at 'rate', but there is '{rate}'")
     if not isinstance(newest, bool):
         raise UnexpectedValue(f"true or false at 'newest', but there is '{newest}'")
-    return {"namespace": str(namespace), "rate": float(rate), "newest": newest}
+    if "frames" in entry and (not isinstance(frames, str) or not _PREFIX.fullmatch(frames)):
+        raise UnexpectedValue(f"a prefix that ends with / or _, such as kobuki1/, at 'frames', but there is '{frames}'")
+    return {"namespace": str(namespace), "rate": float(rate), "newest": newest, "frames": str(frames)}
+
+
+#: The value of `multimaster_frames` where something else publishes how the robots' frames hang together.
+EXTERNAL = "external"
+_FRAME = re.compile(r"[A-Za-z][A-Za-z0-9_/]*")
+
+
+def read_frames(value: Any) -> tuple[str, str]:
+    """Read `multimaster_frames`: the world and the root of the robot's tree; two empty texts where something else says it. Raises UnexpectedValue."""
+    if value == EXTERNAL:
+        return "", ""
+    items = list(value.items()) if isinstance(value, Mapping) else []
+    if len(items) != 1 or not all(isinstance(text, str) and _FRAME.fullmatch(text) for text in items[0]):
+        raise UnexpectedValue(
+            f"the frame of all robots with the root of this robot's tree, such as {{world: map}}, or {EXTERNAL}, where something else "
+            "publishes how they hang together"
+        )
+    return str(items[0][0]), str(items[0][1])
 
 
 def _read_texts(key: str, items: Any) -> tuple[str, ...]:

@@ -29,6 +29,7 @@ class Flow:
     topics: tuple[str, ...]
     services: tuple[str, ...]
     parameters: tuple[str, ...] = ()
+    namespace: str = ""  # below which the receivers have the parameters
 
     def reaches(self, robot: str) -> bool:
         """Return True if a giver gives this to the robot."""
@@ -42,7 +43,11 @@ def make_flows(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Flow, ..
     """
     flows = []
     for robot, entries in exports.items():
-        for entry in (entry for entry in entries or () if not entry.crosses_border):
+        for entry in entries or ():
+            if entry.namespace and entry.parameters:
+                flows.append(Flow((robot,), entry.to, (), (), entry.parameters, entry.namespace))
+            if entry.namespace or entry.crosses_border:
+                continue
             topics = entry.topics + topics_of(entry.actions, FROM_SERVER)
             flows.append(Flow((robot,), entry.to, topics, entry.services, entry.parameters))
             clients = tuple(other for other in entry.to or exports if other != robot and exports.get(other) is not None)
@@ -65,6 +70,7 @@ class Channel:
     namespace: str = ""
     rate: float = 0.0
     newest: bool = False
+    frames: str = ""
 
     def list_outer_names(self, names: Sequence[str]) -> list[str]:
         """Return names and patterns as they are on the other robot."""
@@ -82,6 +88,7 @@ def make_channels(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Chann
             entry.namespace,
             entry.rate,
             entry.newest,
+            entry.frames,
         )
         for robot, entries in exports.items()
         for entry in entries or ()

@@ -17,7 +17,7 @@ from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
 from . import kinds
-from .exports import Export, read_exports
+from .exports import Export, read_exports, read_frames
 
 PREFIX = "multimaster_"
 # Set by the preflight role for the other roles; not for an inventory.
@@ -295,8 +295,16 @@ class RobotVariables:
         "What this robot gives to which others: a list of entries with `topics`, `services` and `actions` (names in which `*` stands "
         "for any text), `parameters` (whole names) and `to`, a list of robots (default: each other robot). Without the variable, the "
         "robot gives everything but parameters to each other robot, as in the report. `[]` is nothing. See docs/operate/data_flow.md. With `as` "
-        "(a namespace), `rate` (messages a second) or `newest`, topics and actions cross by the border: docs/operate/identical_robots.md.",
+        "(a namespace), `rate` (messages a second), `newest` or `frames` (a prefix), topics and actions cross by the border: "
+        "docs/operate/identical_robots.md.",
         "[{topics: [/tibi/pose], actions: [/tibi/dock], to: [dabo]}]",
+    )
+    frames: tuple[str, str] | None = row(
+        read_frames,
+        "How the robot's frames of tf hang together with those of others that get them by an entry of `multimaster_exports` with `frames`: a "
+        "frame of all, and the root of this robot's tree, which lies at the same place; or `external`, where something else publishes it. See "
+        "docs/operate/identical_robots.md.",
+        "{world: map}",
     )
     provider: str = word(
         ("bundled", "fkie_apt", "fkie_existing"),

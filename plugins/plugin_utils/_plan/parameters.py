@@ -15,7 +15,7 @@ from typing import Any
 from .._fleet.contradictions import DIAGNOSTICS
 from .._fleet.exports import make_node_filters
 from .._fleet.filters import HOSTS, NAMES, NO_NAME, SUCCESSOR, WHITE_LISTS
-from .._fleet.flows import VERIFICATION_TOPICS, Flow
+from .._fleet.flows import VERIFICATION_TOPICS, Channel, Flow
 from .._fleet.model import Fleet, Robot
 from .._fleet.sentences import shorten_list
 from .model import Parameters
@@ -64,6 +64,7 @@ def border(fleet: Fleet, robot: Robot) -> Parameters | None:
             "inner": channel.robot == robot.name,
             "rate": channel.rate,
             "newest": channel.newest,
+            **_make_frames(channel, robots[channel.robot]),
         }
         for channel in fleet.channels
         if robot.name in (channel.robot, channel.other)
@@ -80,6 +81,12 @@ def border(fleet: Fleet, robot: Robot) -> Parameters | None:
         "allow": [str(network) for network in shared.allow],
         **_output_parameters(fleet, robot, "border"),
     }
+
+
+def _make_frames(channel: Channel, robot: Robot) -> dict[str, str]:
+    """Return how the frames of the robot with the inner names are called by the other one."""
+    world, root = (robot.variables.frames or ("", "")) if channel.frames else ("", "")
+    return {"frames": channel.frames, "world": world, "root": root}
 
 
 def add_members(parameters: Parameters, members: Sequence[Any]) -> Parameters:
@@ -198,21 +205,27 @@ def _leave_to_border(parameters: dict[str, Any], fleet: Fleet, robot: Robot) -> 
 
 def list_crossing(fleet: Fleet, robot: Robot) -> list[dict[str, Any]]:
     """Return the parameters that a robot copies, with the master that each is of."""
-    names: dict[str, dict[str, None]] = {}
+    names: dict[tuple[str, str], dict[str, None]] = {}
     for flow in fleet.flows:
         if flow.parameters and flow.reaches(robot.name):
             for giver in flow.givers:
                 if giver != robot.name:
-                    names.setdefault(giver, {}).update(dict.fromkeys(flow.parameters))
+                    names.setdefault((giver, flow.namespace), {}).update(dict.fromkeys(flow.parameters))
     return [
-        {"from": other.master_name, "names": list(names[other.name])} for other in fleet.robots if other.name in names
+        {"from": other.master_name, "names": list(these), **({"as": namespace} if namespace else {})}
+        for other in fleet.robots
+        for (giver, namespace), these in names.items()
+        if giver == other.name
     ]
 
 
 def list_own_crossing(fleet: Fleet, robot: Robot) -> tuple[str, ...]:
     """Return the parameters that a robot gives to others, or gets of them."""
-    flows = (flow for flow in fleet.flows if robot.name in flow.givers or flow.reaches(robot.name))
-    return tuple(dict.fromkeys(name for flow in flows for name in flow.parameters))
+    found: list[str] = []
+    for flow in fleet.flows:
+        found += flow.parameters if robot.name in flow.givers else ()
+        found += (flow.namespace + name for name in flow.parameters if flow.reaches(robot.name))
+    return tuple(dict.fromkeys(found))
 
 
 def _list_filters(robot: Robot) -> Filters:

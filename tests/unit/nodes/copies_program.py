@@ -21,12 +21,12 @@ def announced(uri, name=NAME, online=True):
     return Master(name, uri, "http://127.0.0.1:11611", "/master_discovery", 1.0, 1.0, online)
 
 
-def make(own_uri, other_uri, names, loop, on_change=lambda: None):
+def make(own_uri, other_uri, names, loop, on_change=lambda: None, namespace=""):
     """A Copies, and the core that knows one other robot."""
     uri = other_uri.rstrip("/").lower()
     entry = {"robot": NAME, "name": NAME, "uris": [uri], "rpc_port": 11611, "addresses": ["127.0.0.1"], "hosts": []}
     core = Sync(Filters({}), own_uri, "/master_sync", False, False, 0.0, Members([Member.from_entry(entry)]))
-    entries = [{"from": NAME, "names": list(names)}] if names else []
+    entries = [{"from": NAME, "names": list(names), **({"as": namespace} if namespace else {})}] if names else []
     calls, limited = Workers(loop, 1), program.LimitedLog()
     return Copies(loop, Roscore(own_uri, "/master_sync"), core, calls, limited, entries, on_change), core
 

@@ -3,21 +3,24 @@
 
 """Two borders as processes, each with a roscore that this file plays, and nodes that know nothing of them."""
 
+import contextlib
 import json
 import os
 import pathlib
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import time
 import xmlrpc.client
 
 import pytest
+from rosfleet_multimaster.border.core.frames import DEFINITION, MD5SUM, STATIC_TYPE
 from rosfleet_multimaster.border.core.header import encode_header
 from rosfleet_multimaster.edge.clock import monotonic
 
-from tests.unit.nodes.border.ends import SUM, End, Publisher, message
+from tests.unit.nodes.border.ends import SUM, End, Publisher, message, text, tree
 from tests.unit.nodes.running_sync import Roscore, serve
 
 NODES = pathlib.Path(__file__).resolve().parents[3] / "roles/nodes/files/python"
@@ -56,7 +59,7 @@ class Robot:
         self.folder, self.name, self.roscore, self.port = folder, name, Roscore(), free_port()
         self.process = None
 
-    def start(self, peer, inner, **changed):
+    def start(self, peer, inner, entry=None, **changed):
         channel = {
             "peer": peer.name,
             "hosts": ["127.0.0.1"],
@@ -67,6 +70,10 @@ class Robot:
             "inner": inner,
             "rate": 0,
             "newest": False,
+            "frames": "",
+            "world": "",
+            "root": "",
+            **(entry or {}),
         }
         path = self.folder / f"{self.name}.json"
         path.write_text(
@@ -84,6 +91,11 @@ class Robot:
     def published(self):
         """The topics that the border publishes here."""
         return {topic for topic, nodes in self.roscore.tables["Publisher"].items() if "/master_border" in nodes}
+
+    def data_port(self):
+        """The port for topics and services."""
+        api = xmlrpc.client.ServerProxy(f"http://127.0.0.1:{self.port}/")
+        return api.requestTopic("/x", next(iter(self.published())), [["TCPROS"]])[2][2]
 
     def connect(self, topic, **fields):
         """A connection to the border, as a subscriber makes it: after its question for the port."""
@@ -103,14 +115,24 @@ class Robot:
 
 
 @pytest.fixture
-def robots(tmp_path):
-    robot, station = Robot(tmp_path, "robot"), Robot(tmp_path, "station")
-    robot.start(station, True)
-    station.start(robot, False)
-    yield robot, station
-    for one in (robot, station):
+def pair(tmp_path):
+    """A robot and a station, with a channel that the test says."""
+    both = Robot(tmp_path, "robot"), Robot(tmp_path, "station")
+
+    def start(entry):
+        for one, other in (both, both[::-1]):
+            one.start(other, one.name == "robot", entry)
+        return both
+
+    yield start
+    for one in both:
         one.end()
         assert not one.published(), "all is withdrawn at the end"
+
+
+@pytest.fixture
+def robots(pair):
+    return pair({})
 
 
 @pytest.mark.slow
@@ -146,6 +168,76 @@ def test_topics_cross_both_ways_under_their_names(robots):
         node.server.settimeout(0.2)
         with pytest.raises(TimeoutError):  # five listeners were one connection
             node.server.accept()
+
+
+def as_tree():
+    """The fields of a header for a tree of frames."""
+    return {"type": STATIC_TYPE, "md5sum": MD5SUM, "message_definition": DEFINITION}
+
+
+@pytest.mark.slow
+def test_a_tree_of_frames_crosses_with_its_root(pair):
+    frames = {"topics": ["/tf", "/tf_static", "/odom"], "as": "", "frames": "k/", "world": "world", "root": "map"}
+    robot, station = pair(frames)
+    base = Node(robot.roscore, "/base", "/tf", "/odom")
+    wait_for(lambda: station.published() == {"/tf", "/tf_static", "/odom"})
+    anything = {"md5sum": "*", "type": "*"}
+    fixed = station.connect("/tf_static", **anything)
+    assert fixed.header()["md5sum"] == MD5SUM and text(b"world") + text(b"k/map") in fixed.next()
+    listener = station.connect("/tf", **anything)
+    base.accept(**as_tree()).say(message(tree((b"odom", b"base"))))
+    listener.header()
+    assert listener.next() == message(tree((b"k/odom", b"k/base")))
+    calibration = Node(station.roscore, "/calibration", "/tf")
+    wait_for(lambda: robot.published() == {"/tf"})
+    inner = robot.connect("/tf", **anything)
+    calibration.accept(**as_tree()).say(message(tree((b"k/map", b"k/odom"), (b"world", b"door"))))
+    inner.header()
+    assert inner.next() == message(tree((b"map", b"odom")))
+    odometry = station.connect("/odom", **anything)
+    base.accept(type="some/Odometry", message_definition="string frame_id\nTwist twist")
+    odometry.connection.settimeout(1)
+    with pytest.raises(TimeoutError):  # rather not at all than wrong
+        odometry.next()
+
+
+def find_peak(robot):
+    """The most memory that a border has had, in MiB."""
+    status = pathlib.Path(f"/proc/{robot.process.pid}/status").read_text()
+    return int(status.partition("VmHWM:")[2].split()[0]) >> 10
+
+
+@pytest.mark.slow
+def test_memory_is_bounded_whatever_others_send(pair):
+    """Listeners that never read, of messages of 1 MB; publishers that stop within 15 MB; headers that never end; and one good topic."""
+    robot, station = pair({"topics": ["/t*", "/scan"], "as": "/robot"})
+    node = Node(robot.roscore, "/hostile", *[f"/t{number}" for number in range(20)])
+    good = Node(robot.roscore, "/laser", "/scan")
+    wait_for(lambda: len(station.published()) == 21)
+    idle = [station.connect(f"/robot/t{number}") for number in range(20)]
+    sources = [node.accept() for _topic in idle]
+    headers = [socket.create_connection(("127.0.0.1", station.data_port()), 10) for _number in range(50)]
+    for connection in headers:
+        connection.sendall(struct.pack("<I", 1 << 17) + bytes((1 << 17) - 1))
+    large = memoryview(message(bytes(1 << 20)) * 8 + struct.pack("<I", 15 << 20) + bytes(8 << 20))
+    sent = [0] * len(sources)
+    for source in sources:
+        source.connection.setblocking(False)
+    until = monotonic() + 60
+    while monotonic() < until and min(sent) < len(large):
+        for number, source in enumerate(sources):
+            with contextlib.suppress(OSError):
+                sent[number] += source.connection.send(large[sent[number] : sent[number] + (1 << 18)])
+    assert min(sent) == len(large), "those that do not read hold up nobody"
+    listener = station.connect("/robot/scan")
+    source = good.accept()
+    source.say(message(b"as ever"))
+    assert listener.header() and listener.next() == message(b"as ever")
+    peaks = find_peak(robot), find_peak(station)
+    print(f"{sum(sent) >> 20} MiB were sent; the borders had {peaks} MiB at most")
+    assert max(peaks) < 80
+    for end in (*idle, *sources, *headers):
+        end.close()
 
 
 @pytest.mark.slow

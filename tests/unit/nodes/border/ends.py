@@ -22,6 +22,16 @@ def message(body):
     return struct.pack("<I", len(body)) + body
 
 
+def text(value):
+    return struct.pack("<I", len(value)) + value
+
+
+def tree(*pairs):
+    """The body of a message of tf: transforms between these frames."""
+    head, pose = struct.pack("<3I", 1, 2, 3), struct.pack("<7d", 1, 2, 3, 0, 0, 0, 1)
+    return struct.pack("<I", len(pairs)) + b"".join(head + text(one) + text(other) + pose for one, other in pairs)
+
+
 class End:
     """One end of a connection, as a node has it."""
 
@@ -37,7 +47,8 @@ class End:
             data = self.connection.recv(1 << 16)
             if not data:
                 raise EOFError
-            self.came += self.reader.feed(data)
+            self.reader.feed(data)
+            self.came += iter(self.reader.take, None)
         return self.came.pop(0)
 
     def header(self):

@@ -12,7 +12,7 @@ import time
 import pytest
 from rosfleet_multimaster.border.core.header import MAX_HEADER, encode_header
 from rosfleet_multimaster.border.core.outbox import Budget
-from rosfleet_multimaster.border.feed import Feed
+from rosfleet_multimaster.border.feed import Feed, Origin
 from rosfleet_multimaster.border.wire import Wire
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.edge.loop import Loop, Workers
@@ -26,6 +26,7 @@ class Running:
 
     def __init__(self, of_one=False):
         self.loop, self.due = Loop(), 0.0
+        self.change = None  # of the frames
         self.feed = Feed(self.loop, Workers(self.loop, 2), LimitedLog(), Budget(), "/chatter", self.request, of_one)
         self.thread = threading.Thread(target=self.loop.run, args=(self.tick,))
         self.thread.start()
@@ -47,8 +48,9 @@ class Running:
         return results[0]
 
     def aim(self, *publishers):
-        sources = {number: one.dial for number, one in enumerate(publishers)}
-        self.do(lambda: self.feed.aim(sources, lambda key: {"callerid": "/border", "topic": "/chatter", "md5sum": "*"}))
+        question = {"callerid": "/border", "topic": "/chatter", "md5sum": "*"}
+        sources = {number: Origin(one.dial, question, self.change) for number, one in enumerate(publishers)}
+        self.do(lambda: self.feed.aim(sources))
 
     def listen(self, rate=0.0, newest=False, **asked):
         """A listener: its end, after its header was sent."""
@@ -65,7 +67,7 @@ class Running:
                 ours,
                 self.feed._budget,
                 greet,
-                lambda wire, data: None,
+                None,
                 lambda wire, why: self.feed.remove(wire),
             )
 
@@ -226,7 +228,7 @@ def test_a_listener_that_never_reads_holds_nobody_up(running):
         source.say(message(b"%d" % number))
         assert awake.next() == large and awake.next() == message(b"%d" % number)
     assert running.do(running.feed.count_dropped) > 10
-    assert running.feed._budget._used < 8 << 20
+    assert running.feed._budget.used < 8 << 20
     idle.close()
 
 

@@ -57,6 +57,9 @@ def copied(master, *names, **more):
         (SYNC, {"sync_parameters": [copied("r", "/a/b"), copied("s", "/a")]}, "has /a/b twice, or in /a"),
         (SYNC, {"sync_parameters": [copied("r", "/a", "/a")]}, "has /a twice"),
         (SYNC, {"sync_parameters": [copied("r", "/a"), copied("r", "/b")]}, "is for 'r' once more"),
+        (SYNC, {"sync_parameters": [copied("r", "/a", **{"as": "k"})]}, "has 'k' as its as, but a namespace"),
+        (SYNC, {"sync_parameters": [copied("r", "/a", **{"as": "/run_id"})]}, "has '/run_id' as its as"),
+        (SYNC, {"sync_parameters": [copied("r", "/a", **{"as": "/k"}), copied("s", "/k/a")]}, "has /k/a twice"),
     ],
 )
 def test_a_wrong_value_is_a_sentence(table, given, words):

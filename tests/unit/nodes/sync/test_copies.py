@@ -30,13 +30,14 @@ class Running:
         self.own, self.other, self.names = ParameterServer(), ParameterServer(), names
         self.loop = self.copies = self.core = None
         self.changes = []
+        self.namespace = ""
 
     def start(self, names=None):
         """Begin a life; the robot is there."""
         self.loop = Loop()
         names = self.names if names is None else names
         self.copies, self.core = program.make(
-            self.own.uri, self.other.uri, names, self.loop, lambda: self.changes.append(1)
+            self.own.uri, self.other.uri, names, self.loop, lambda: self.changes.append(1), self.namespace
         )
         self.copies.take_over()
         self.core.take_announcement(program.announced(self.other.uri), monotonic())
@@ -92,6 +93,18 @@ def _made():
             running.loop.stop()
         running.own.server.stop()
         running.other.server.stop()
+
+
+def test_a_parameter_is_in_the_namespace_of_its_robot(made):
+    lab = made("/robot_description", robot_description="<robot/>")
+    lab.namespace = "/kobuki1"
+    lab.own.set("/x", "/robot_description", "<own/>")
+    lab.start()
+    until(lambda: lab.own.own() == {"robot_description": "<own/>", "kobuki1": {"robot_description": "<robot/>"}})
+    lab.other.set("/x", "/robot_description", "<robot name='2'/>")
+    until(lambda: lab.own.tree["kobuki1"] == {"robot_description": "<robot name='2'/>"})
+    lab.end()
+    assert lab.own.own() == {"robot_description": "<own/>", "kobuki1": {}}
 
 
 def test_a_parameter_follows_the_one_of_the_other_robot(made):

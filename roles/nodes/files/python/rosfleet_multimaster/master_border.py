@@ -14,10 +14,11 @@ from .border.board import OfferBoard
 from .border.calls import splice
 from .border.core import report
 from .border.core.channels import SERVICE, TOPIC, Channel, Own, Registrations, find_taken, list_offers, list_own
+from .border.core.frames import STATIC, Frames
 from .border.core.header import encode_header
 from .border.core.outbox import Budget
 from .border.dial import dial_border, dial_node, dial_service, listen
-from .border.feed import Dial, Feed, Fields
+from .border.feed import Dial, Feed, Fields, Origin
 from .border.node import PROVIDER, PUBLISHER, SUBSCRIBER, Registrar, SlaveApi
 from .border.peers import OFFERS, Offers, Peer
 from .border.wire import PATIENCE, Wire
@@ -80,7 +81,7 @@ class MasterBorder:
         self.calls: Dict[str, Tuple[Dial, str]] = {}  # service of others -> how their border is reached, its name there
         self.calling = Count()
         self.offers: Dict[str, Offers] = {}
-        self.given: Dict[Tuple[str, str], Feed] = {}  # topic and node -> for other borders
+        self.given: Dict[Tuple[str, str, Optional[Frames]], Feed] = {}  # topic, node and frames -> for other borders
         self.taken: Dict[str, Feed] = {}  # topic -> for listeners of this robot
         self.wires: Dict[Wire, Optional[Feed]] = {}  # of others
         self.feeds_due = self.jobs_due = 0.0
@@ -150,14 +151,18 @@ class MasterBorder:
             self.feeds_due = min(self.feeds_due, due)
 
     def _list_passed(self) -> List[report.TopicCount]:
-        feeds = [(topic, feed) for (topic, _node), feed in self.given.items()] + list(self.taken.items())
         return report.add_up(
-            report.TopicCount(topic, feed.messages, feed.size, feed.count_dropped()) for topic, feed in feeds
+            report.TopicCount(topic, feed.messages, feed.size, feed.count_dropped())
+            for topic, feed in self._list_feeds()
         )
+
+    def _list_feeds(self) -> List[Tuple[str, Feed]]:
+        return [(topic, feed) for (topic, _node, _frames), feed in self.given.items()] + list(self.taken.items())
 
     def _entries(self) -> List[Diagnosis]:
         away = sorted(set(self.peers) - set(self.offers))
-        return [report.make_entry(away, len(self.peers), self._list_passed())]
+        kept_back = {topic: feed.problem for topic, feed in self._list_feeds() if feed.problem}
+        return [report.make_entry(away, len(self.peers), self._list_passed(), kept_back)]
 
     def _samples(self) -> metrics.Samples:
         return report.make_samples(len(self.offers), self._list_passed())
@@ -207,18 +212,18 @@ class MasterBorder:
         self.seen, self.topics, self.services = seen, topics, services
         for robot in self.peers:
             channels = [channel for channel in self.channels if channel.peer == robot]
-            self.board.update(robot, list_offers(channels, topics, services, seen.types))
-        for (topic, node), feed in list(self.given.items()):
+            self.board.update(robot, list_offers(channels, topics, services, seen.types, NAME))
+        for (topic, node, frames), feed in list(self.given.items()):
             if node in topics.get(topic, ()):
-                self._aim_at_node(feed, topic, node)  # one that was killed and started again is elsewhere
-            else:
+                self._aim_at_node(feed, topic, node, frames)  # one that was killed and started again is elsewhere
+            elif node != NAME:
                 feed.end()
-                del self.given[topic, node]
+                del self.given[topic, node, frames]
         self._register()
 
     def _register(self) -> None:
         """Have registered what is published and provided here for others, and what is listened to for them."""
-        listening = [topic for (topic, _node), feed in self.given.items() if feed.has_sinks]
+        listening = [topic for (topic, node, _frames), feed in self.given.items() if feed.has_sinks and node != NAME]
         self.api.subscribed = {topic: self.seen.types.get(topic, "*") for topic in listening}
         wanted = {(PUBLISHER, topic): kind for topic, kind in self.api.published.items()}
         wanted.update({(SUBSCRIBER, topic): kind for topic, kind in self.api.subscribed.items()})
@@ -263,11 +268,17 @@ class MasterBorder:
             channels = [channel for channel in self.channels if channel.peer == peer]
             place = (known.host, known.port)
             dial = partial(dial_border, place)
-            for (kind, local), offer in find_taken(channels, known.entries).items():
+            for (kind, local), (offer, channel) in find_taken(channels, known.entries).items():
                 if kind == SERVICE:
                     self.calls.setdefault(local, (dial, offer.name))
                 elif published.setdefault(local, offer.type) == offer.type:  # else two robots publish different types
-                    sources.setdefault(local, {}).update({(offer.name, node, place): dial for node in offer.nodes})
+                    change = None if channel.inner_frames is None else channel.inner_frames.take_off
+                    sources.setdefault(local, {}).update(
+                        {
+                            (offer.name, node, place): Origin(dial, self._ask_border(offer.name, node), change)
+                            for node in offer.nodes
+                        }
+                    )
         own = {} if self.diagnostics is None else {diagnostics.TOPIC: diagnostics.TYPE}
         self.api.published = {**published, **own}
         for topic in [topic for topic in self.taken if topic not in published]:
@@ -275,15 +286,11 @@ class MasterBorder:
         for topic in published:
             if topic not in self.taken:
                 self.taken[topic] = self._make_feed(topic)
-            self.taken[topic].aim(sources[topic], self._ask_border)
+            self.taken[topic].aim(sources[topic])
         self._register()
 
-    def _ask_border(self, key: Any) -> Fields:
-        name, node, _place = key
+    def _ask_border(self, name: str, node: str) -> Fields:
         return {**self._ask(name), ROBOT: self.robot, NODE: node}
-
-    def _ask_node(self, topic: str, _key: Any) -> Fields:
-        return self._ask(topic)
 
     def _ask(self, topic: str) -> Fields:
         return {"callerid": NAME, "topic": topic, "type": "*", "md5sum": "*", "tcp_nodelay": "1"}
@@ -305,7 +312,7 @@ class MasterBorder:
             self._on_malformed(address, objection or "too many connections at once")
             return
         try:
-            wire = Wire(self.loop, connection, self.budget, self._greet, lambda _wire, _message: None, self._on_gone)
+            wire = Wire(self.loop, connection, self.budget, self._greet, None, self._on_gone)
         except OSError:
             connection.close()
             return
@@ -342,20 +349,26 @@ class MasterBorder:
         """Return what another border wants, and its rate; None where it may not have it."""
         for channel in self._list_channels(robot, wire.address):
             topic = channel.find_local(TOPIC, name)
-            if topic is not None and node in self.topics.get(topic, ()):
-                feed = self.given.get((topic, node))
+            its_own = node == NAME and topic == STATIC and channel.has_root
+            if topic is not None and (its_own or node in self.topics.get(topic, ())):
+                frames = channel.inner_frames
+                feed = self.given.get((topic, node, frames))
                 if feed is None:
-                    feed = self.given[topic, node] = self._make_feed(topic, of_one=True)
-                self._aim_at_node(feed, topic, node)
+                    feed = self.given[topic, node, frames] = self._make_feed(topic, of_one=True)
+                if its_own and frames is not None:
+                    feed.tell(*frames.make_root())
+                else:
+                    self._aim_at_node(feed, topic, node, frames)
                 wire.limit_silence()
                 if channel.newest:
                     wire.keep_newest()
                 return feed, channel.rate
         return None, 0.0
 
-    def _aim_at_node(self, feed: Feed, topic: str, node: str) -> None:
+    def _aim_at_node(self, feed: Feed, topic: str, node: str, frames: Optional[Frames]) -> None:
         uri = self.seen.node_uris.get(node, "")
-        feed.aim({uri: partial(dial_node, uri, NAME, topic)}, partial(self._ask_node, topic))
+        change = None if frames is None else frames.add
+        feed.aim({uri: Origin(partial(dial_node, uri, NAME, topic), self._ask(topic), change)})
 
     def _list_channels(self, robot: str, address: str) -> List[Channel]:
         """List the channels to a robot, if it is its border that asks."""

@@ -15,6 +15,7 @@ from rosfleet_multimaster.border.core.channels import (
     list_own,
     read_offers,
 )
+from rosfleet_multimaster.border.core.frames import Frames
 from rosfleet_multimaster.protocol.filters import Pattern
 
 
@@ -66,12 +67,26 @@ def test_what_the_border_and_other_robots_have_is_not_offered():
     others = {("/foreign", "http://other:1/")}
     topics, services = (list_own(seen, table, "/master_border", others) for table in (seen.publishers, seen.services))
     assert topics == {"/scan": ("/laser",)} and services == {"/reset": ("/laser",)}
-    offers = list_offers([channel(True)], topics, services, seen.types)
+    offers = list_offers([channel(True)], topics, services, seen.types, "/master_border")
     scan = Offer(TOPIC, "/kobuki1/scan", "sensor_msgs/LaserScan", ("/laser",))
     reset = Offer(SERVICE, "/kobuki1/reset", "", ("/laser",))
     assert offers == [reset, scan]
     read = read_offers([[*offer[:3], list(offer.nodes)] for offer in offers])
-    assert find_taken([channel(False)], read) == {(TOPIC, scan.name): scan, (SERVICE, reset.name): reset}
+    station = channel(False)
+    taken = {(TOPIC, scan.name): (scan, station), (SERVICE, reset.name): (reset, station)}
+    assert find_taken([station], read) == taken
+
+
+@pytest.mark.parametrize("others", [(), ("/fixed",), tuple(f"/n{number}" for number in range(50))])
+def test_the_root_of_the_frames_is_one_more_publisher(others):
+    frames = Frames(b"kobuki1/", b"world", b"map")
+    robot = channel(True, "", ("/tf", "/tf_static"))._replace(frames=frames)
+    topics = {"/tf_static": others} if others else {}
+    (offer,) = list_offers([robot], topics, {}, {"/tf_static": "tf2_msgs/TFMessage"}, "/master_border")
+    assert offer[:3] == (TOPIC, "/tf_static", "tf2_msgs/TFMessage") and offer.nodes == (*others[:49], "/master_border")
+    assert read_offers([[*offer[:3], list(offer.nodes)]]) == [offer]
+    for without in (robot._replace(inner=False), robot._replace(frames=Frames(b"kobuki1/")), channel(True)):
+        assert not list_offers([without], {}, {}, {}, "/master_border")
 
 
 @pytest.mark.parametrize(

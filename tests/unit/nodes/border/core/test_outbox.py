@@ -16,40 +16,105 @@ def message(body):
     return struct.pack("<I", len(body)) + body
 
 
-@given(st.lists(st.one_of(st.binary(min_size=1, max_size=30), st.none()), max_size=60))
+def leave(box, most=1 << 20):
+    """What leaves in one step, of so many bytes at most."""
+    data = bytes(box.find_due()[:most])
+    box.count_sent(len(data))
+    return data
+
+
+@given(st.lists(st.one_of(st.binary(min_size=1, max_size=30), st.integers(1, 100)), max_size=60))
 def test_what_is_dropped_and_what_leaves_is_all(deeds):
-    box, put, left = Outbox(Budget()), 0, []
+    budget = Budget()
+    box, put, left = Outbox(budget), 0, []
     box._most, box._limit = 5, 60
     for deed in deeds:
-        if deed is None:
-            left.append(box.take())
+        if isinstance(deed, int):
+            left.append(leave(box, deed))
         else:
             box.add(message(deed))
             put += 1
-        assert len(box) <= 5 and (box.size <= 60 or len(box) == 1)
-    left.append(box.take())
-    while len(box):
-        left.append(box.take())
-    assert len(MessageReader(100).feed(b"".join(left))) + box.dropped == put and box.size == 0
+        assert len(box) <= 5 and (box._size <= 60 or len(box) == 1)
+        assert budget.used <= box.size
+    while len(box) or box.size:
+        left.append(leave(box))
+    reader = MessageReader(100)
+    reader.feed(b"".join(left))
+    assert len(list(iter(reader.take, None))) + box.dropped == put and box.size == budget.used == 0 and not budget._held
+
+
+def test_a_header_leaves_before_all_that_waits():
+    box = Outbox(Budget())
+    box.add(message(b"first"))
+    assert leave(box, 3) == message(b"first")[:3]
+    box.add(message(b"second"))
+    box.say(b"header")
+    assert leave(box) == message(b"first")[3:] + b"header" and leave(box) == message(b"second")
 
 
 def test_only_the_newest_waits():
     box = Outbox(Budget(), newest=True)
     for number in range(10):
         box.add(message(bytes([number])))
-    assert box.take() == message(b"\x09") and box.take() == b"" and box.dropped == 9
+    assert leave(box) == message(b"\x09") and leave(box) == b"" and box.dropped == 9
+
+
+class Payer:
+    """A connection with an outbox."""
+
+    def __init__(self, budget):
+        self.outbox = Outbox(budget)
+        budget.payers.add(self)
+        self.budget = budget
+
+    @property
+    def size(self):
+        return self.outbox.size
+
+    def shrink(self):
+        if len(self.outbox):
+            self.outbox.drop_oldest()
+        else:
+            self.outbox.close()
+            self.budget.payers.discard(self)
 
 
 def test_the_fullest_pays_for_all():
     budget = Budget(1000)
-    small, large = Outbox(budget), Outbox(budget)
-    small.add(bytes(10))
+    small, large = Payer(budget), Payer(budget)
+    small.outbox.add(bytes(10))
     for _number in range(QUEUE[0]):
-        large.add(bytes(100))
-    assert small.size == 10 and large.size <= 1000 and large.dropped > 80
-    large.close()
-    small.add(bytes(900))
-    assert small.dropped == 0
+        large.outbox.add(bytes(100))
+    assert small.size == 10 and large.size <= 1000 and large.outbox.dropped > 80
+    large.outbox.close()
+    small.outbox.add(bytes(900))
+    assert small.outbox.dropped == 0
+
+
+def test_a_message_counts_once_for_all_that_listen():
+    budget = Budget(1000)
+    payers = [Payer(budget) for _number in range(50)]
+    for _number in range(5):
+        common = bytes(190)
+        for payer in payers:
+            payer.outbox.add(common)
+            payer.outbox.find_due()  # being sent, to somebody who does not read
+    assert budget.used == 950 and not any(payer.outbox.dropped for payer in payers)
+    for payer in payers:
+        payer.outbox.close()
+    assert budget.used == 0
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), st.integers(1, 400), st.booleans()), max_size=80))
+def test_no_more_is_held_than_the_budget_has(deeds):
+    budget = Budget(1000)
+    payers = [Payer(budget) for _number in range(6)]
+    for number, size, sending in deeds:
+        if payers[number] in budget.payers:
+            payers[number].outbox.add(bytes(size))
+        if sending and payers[number] in budget.payers:
+            payers[number].outbox.find_due()
+        assert budget.used == sum(len(message) for message, _count in budget._held.values()) <= 1000
 
 
 def test_a_throttle_lets_the_newest_follow():

@@ -15,11 +15,16 @@ def test_a_topic_is_one_row_and_the_busiest_is_first():
 
 
 def test_the_entry_names_who_is_away_and_what_was_dropped():
-    entry = make_entry(["kobuki2"], 3, add_up(PASSED))
+    entry = make_entry(["kobuki2"], 3, add_up(PASSED), {})
     assert entry.level == WARN and entry.message == "2 of 3 robots answer; 5 messages were dropped"
     assert entry.values[0] == ("kobuki2", "its border does not answer")
     assert entry.values[1] == ("/camera", "5 messages, 9000 bytes, 2 messages dropped")
-    assert make_entry([], 3, []).level == OK
+    assert make_entry([], 3, [], {}).level == OK
+
+
+def test_a_topic_that_stays_away_is_a_warning_with_its_reason():
+    entry = make_entry([], 3, [], {"/odom": "its frames cannot be renamed: some/Odometry has a field that is none"})
+    assert entry.level == WARN and entry.values[0][0] == "/odom" and "some/Odometry" in entry.values[0][1]
 
 
 def test_the_metrics_have_a_line_for_each_topic():

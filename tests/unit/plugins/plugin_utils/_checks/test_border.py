@@ -43,6 +43,25 @@ def test_what_is_not_there_is_one_finding(side, number, lacking):
     assert (finding.part.kind, finding.part.mode) == ("border", "lacking") and lacking in finding.sentence()
 
 
+def test_what_the_border_says_of_the_frames_is_due():
+    entry = {"topics": ["/tf", "/tf_static"], "frames": "kobuki1/"}
+    kind = "tf2_msgs/TFMessage"
+
+    def tell_tree(*station):
+        def seen_so(seen):
+            own = (RegisteredTopic("/tf", kind, ("/base",)),)
+            update(seen[ROBOT].probe, exchange=Exchange(topics=own))
+            topics = tuple(RegisteredTopic(topic, kind, ("/master_border",)) for topic in station)
+            update(seen[STATION].probe, exchange=Exchange(topics=topics))
+
+        exports = {"kobuki1": [entry], "kobuki2": []}
+        return diagnosed(seen_so, plan(2, exports=exports, multimaster_frames={"world": "map"}))
+
+    assert not tell_tree("/tf", "/tf_static").findings
+    (finding,) = tell_tree("/tf").findings
+    assert "/tf_static" in finding.sentence()
+
+
 def test_what_nobody_publishes_is_one_finding():
     (finding,) = tell(robot=CROSSED["robot"][1:], station=CROSSED["station"]).findings
     assert (finding.part.kind, finding.part.mode) == ("border", "lacking") and "/kobuki1/scan" in finding.sentence()

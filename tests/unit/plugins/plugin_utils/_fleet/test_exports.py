@@ -158,9 +158,16 @@ def test_a_declaration_is_read():
         ([{"topics": ["/scan"], "newest": 1}], "true or false at 'newest', but there is '1'"),
         (
             [{"services": ["/reset"], "rate": 5}],
-            "topics and actions in an entry with 'rate' or 'newest', and services besides with 'as'",
+            "topics and actions alone in an entry with 'rate', 'newest' or 'frames', which are about messages",
         ),
-        ([{"parameters": ["/a"], "as": "/b"}], "put the others into an entry of their own"),
+        ([{"parameters": ["/a"], "rate": 1}], "put the others into an entry of their own"),
+        ([{"services": ["/a"], "as": "/b", "frames": "b/"}], "put the others into an entry of their own"),
+        ([{"topics": ["/tf"], "frames": "kobuki1"}], "a prefix that ends with / or _, such as kobuki1/, at 'frames'"),
+        ([{"topics": ["/tf"], "frames": "a//"}], "at 'frames', but there is 'a//'"),
+        ([{"topics": ["/tf"], "frames": None}], "at 'frames', but there is 'None'"),
+        ([{"parameters": ["/a"], "as": "/rosdistro"}], "but there is '/rosdistro/a', which belongs to the roscore"),
+        ([{"parameters": ["/run_id"], "as": "/b"}], "but there is '/run_id', which belongs to the roscore"),
+        ([{"parameters": ["/b/a"]}, {"parameters": ["/a"], "as": "/b"}, {"parameters": ["/b"]}], "/b/a is in /b"),
         ([{"topics": ["/scan"], "newst": True}], "there is 'newst' (did you mean newest?)"),
         (
             [{"topics": ["/a", "/b"]}, {"topics": ["/b", "/a"]}],
@@ -764,8 +771,8 @@ def test_the_plan_of_a_hundred_exporting_robots_stays_small():
 # What crosses by the border
 
 
-def identical(**changed):
-    """Three robots, of which two are alike, and what each declares."""
+def identical(frames=None, **changed):
+    """Three robots, of which two are alike, and what each declares; `frames`: multimaster_frames of each robot."""
     entry = {"topics": ["/scan", "/cmd_vel"], "services": ["/reset"], "to": ["station"]}
     declared = {
         "kobuki1": [{**entry, "as": "/kobuki1"}],
@@ -778,6 +785,7 @@ def identical(**changed):
             "multimaster_common_network": "192.168.1.0/24",
             "multimaster_address": f"192.168.1.{number}",
             **({} if entries is None else {"multimaster_exports": entries}),
+            **({"multimaster_frames": frames[robot]} if robot in (frames or {}) else {}),
         }
         for number, (robot, entries) in enumerate(declared.items(), 1)
     }
@@ -794,6 +802,9 @@ def test_both_sides_of_a_channel_have_the_same_names():
         "as": "/kobuki1",
         "rate": 0.0,
         "newest": False,
+        "frames": "",
+        "world": "",
+        "root": "",
         "port": 11911,
     }
     assert robot["channels"] == [{**shared, "peer": "station", "hosts": ["192.168.1.3"], "inner": True}]
@@ -841,3 +852,84 @@ def test_names_that_would_meet_are_one_sentence(changed, expected):
     with pytest.raises(fleet_module.InventoryProblems) as found:
         identical(**changed)
     assert len(found.value.problems) == 1 and expected in found.value.problems[0], found.value.problems
+
+
+# Frames, and parameters of robots that are alike
+
+TREE = {"topics": ["/tf", "/tf_static"], "to": ["station"]}
+TREES = {f"kobuki{number}": [{**TREE, "frames": f"kobuki{number}/"}] for number in (1, 2)}
+ROOTS = {"kobuki1": {"world": "map"}, "kobuki2": "external"}
+
+
+def test_both_sides_know_how_the_frames_are_called():
+    plan = plan_module.fleet_plan(identical(ROOTS, **TREES))
+    words = ("peer", "frames", "world", "root")
+    channels = {
+        name: [tuple(entry[word] for word in words) for entry in plan.computers[f"{name}-pc"].border["channels"]]
+        for name in ("kobuki1", "kobuki2", "station")
+    }
+    of_first, of_second = ("kobuki1/", "world", "map"), ("kobuki2/", "", "")
+    assert channels["kobuki1"] == [("station", *of_first)] and channels["kobuki2"] == [("station", *of_second)]
+    assert channels["station"] == [("kobuki1", *of_first), ("kobuki2", *of_second)]
+
+
+@pytest.mark.parametrize(
+    ("frames", "changed", "expected"),
+    [
+        (
+            None,
+            {},
+            "kobuki1-pc: multimaster_exports gives /tf and /tf_static to others with 'frames', but multimaster_frames does not say",
+        ),
+        (
+            ROOTS,
+            {"kobuki1": [{"topics": ["/tf"], "frames": "kobuki1/", "to": ["station"]}]},
+            "kobuki1-pc: multimaster_exports gives /tf to others with 'frames', but not /tf_static",
+        ),
+        (
+            ROOTS,
+            {"kobuki2": [{**TREE, "frames": "kobuki1/arm/"}]},
+            "of kobuki1 with 'kobuki1/' to station, and those of kobuki2 with 'kobuki1/arm/', which begins with it",
+        ),
+        (
+            ROOTS,
+            {"kobuki2": [{**TREE, "frames": "kobuki1/"}]},
+            "of kobuki1 with 'kobuki1/' to station, and those of kobuki2 with 'kobuki1/'",
+        ),
+    ],
+)
+def test_frames_that_do_not_hang_together_are_one_sentence(frames, changed, expected):
+    with pytest.raises(fleet_module.InventoryProblems) as found:
+        identical(frames, **{**TREES, **changed})
+    assert expected in found.value.problems[0], found.value.problems
+
+
+@pytest.mark.parametrize(
+    "wrong", ["map", {}, {"world": 1}, {"world": ""}, {"a": "b", "c": "d"}, ["world"], {"/world": "map"}, None]
+)
+def test_a_wrong_tree_is_one_sentence(wrong):
+    with pytest.raises(UnexpectedValue, match="such as {world: map}, or external"):
+        exports_module.read_frames(wrong)
+
+
+def test_parameters_of_two_robots_are_in_their_namespaces():
+    entry = {"parameters": ["/robot_description"], "to": ["station"]}
+    declared = {robot: [{**entry, "topics": ["/scan"], "as": f"/{robot}"}] for robot in ("kobuki1", "kobuki2")}
+    fleet = identical(**declared)
+    plan = plan_module.fleet_plan(fleet)
+    copied = plan.computers["station-pc"].sync["sync_parameters"]
+    assert copied == [
+        {"from": f"{robot}-pc", "names": ["/robot_description"], "as": f"/{robot}"} for robot in ("kobuki1", "kobuki2")
+    ]
+    assert parameters.overlay(parameters.SYNC, {"sync_parameters": copied})[1] == []
+    assert plan.computers["kobuki1-pc"].crossing == ("/robot_description",)
+    assert plan.computers["station-pc"].crossing == ("/kobuki1/robot_description", "/kobuki2/robot_description")
+    alone = plan_module.fleet_plan(identical(kobuki1=[{**entry, "as": "/kobuki1"}], kobuki2=[]))
+    assert alone.computers["kobuki1-pc"].border is None, "they do not cross by the border"
+
+
+def test_a_parameter_that_two_robots_give_by_one_name_is_a_sentence():
+    declared = {"kobuki1": [{"parameters": ["/a"], "as": "/k"}], "kobuki2": [{"parameters": ["/k/a"]}]}
+    with pytest.raises(fleet_module.InventoryProblems) as found:
+        identical(**declared)
+    assert "gives the parameter /k/a to station, and so does that of kobuki2" in found.value.problems[0]

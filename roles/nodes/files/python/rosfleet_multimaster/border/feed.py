@@ -6,12 +6,14 @@ What comes on any of the first goes to all of the second. A latched publisher's 
 """
 
 from functools import partial
-from typing import Any, Callable, Dict, Hashable, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Hashable, List, Mapping, NamedTuple, Optional, Tuple
 
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers
 from ..edge.process import program
 from ..protocol.plain_text import plain
+from .core.definition import DefinitionError
+from .core.frames import Change, FramesError, Rewrite, make_rewrite
 from .core.header import encode_header
 from .core.outbox import Budget, Throttle
 from .wire import PATIENCE, Wire
@@ -22,11 +24,21 @@ Fields = Dict[str, str]
 Dial = Callable[[], Any]  # makes a connection to a publisher. It may block, and raises OSError or ValueError.
 
 
+class Origin(NamedTuple):
+    """How a publisher is reached, and what becomes of its messages."""
+
+    dial: Dial
+    question: Fields  # our header
+    change: Optional[Change] = None  # of the frames in its messages
+
+
 class _Source:
     """A publisher."""
 
-    def __init__(self, dial: Dial, question: Fields) -> None:
-        self.dial, self.question = dial, question
+    def __init__(self, origin: Origin) -> None:
+        self.origin = origin
+        self.rewrite: Optional[Rewrite] = None
+        self.problem = ""  # with the definition of its messages, for which they stay away
         self.wire: Optional[Wire] = None
         self.header: Optional[Fields] = None
         self.latched: Optional[bytes] = None
@@ -81,13 +93,18 @@ class Feed:
         """True while somebody listens."""
         return bool(self._sinks)
 
-    def aim(self, sources: Mapping[Hashable, Dial], question: Callable[[Hashable], Fields]) -> None:
-        """Say which publishers there are, by keys that say where they are: what is known already stays. `question`: the header for one."""
+    @property
+    def problem(self) -> str:
+        """The reason why messages of a publisher stay away; empty without one."""
+        return next((source.problem for source in self._sources.values() if source.problem), "")
+
+    def aim(self, sources: Mapping[Hashable, Origin]) -> None:
+        """Say which publishers there are, by keys that say where they are: what is known already stays."""
         for key in [key for key in self._sources if key not in sources]:
             self._close(self._sources.pop(key))
-        for key, dial in sources.items():
+        for key, origin in sources.items():
             if key not in self._sources:
-                self._sources[key] = _Source(dial, question(key))
+                self._sources[key] = _Source(origin)
         self._request_tick(0.0)
 
     def tell(self, header: Fields, message: bytes) -> None:
@@ -114,7 +131,7 @@ class Feed:
 
     def end(self) -> None:
         """Close all connections."""
-        self.aim({}, lambda _key: {})
+        self.aim({})
         for wire in list(self._sinks):
             wire.end()
 
@@ -147,7 +164,7 @@ class Feed:
 
     def _dial(self, source: _Source) -> None:
         source.dialing = True
-        self._workers.submit(source.dial, partial(self._on_dial, source))
+        self._workers.submit(source.origin.dial, partial(self._on_dial, source))
 
     def _on_dial(self, source: _Source, connection: Any, problem: Optional[Exception]) -> None:
         source.dialing = False
@@ -169,7 +186,7 @@ class Feed:
                 connection.close()
                 self._fail(source, str(gone))
                 return
-            source.wire.say(encode_header(source.question))
+            source.wire.say(encode_header(source.origin.question))
 
     def _on_header(self, source: _Source, wire: Wire) -> None:
         header = wire.header or {}
@@ -182,6 +199,14 @@ class Feed:
                 f"its messages are of another definition ({plain(header.get('type', ''))}) than those of another publisher"
             )
             return
+        source.problem = ""
+        if source.origin.change is not None:
+            try:
+                source.rewrite = make_rewrite(header, source.origin.change)
+            except DefinitionError as problem:
+                source.problem = f"its frames cannot be renamed: {plain(problem)}"
+                wire.end(source.problem)
+                return
         source.header, source.failures = header, 0
         for sink in list(self._sinks.values()):
             if sink.md5sum not in ("", header["md5sum"]):
@@ -192,6 +217,16 @@ class Feed:
     def _on_message(self, source: _Source, wire: Wire, message: bytes) -> None:
         if source.header is None:
             return
+        if source.rewrite is not None:
+            try:
+                message = source.rewrite(message)
+            except FramesError as problem:
+                self.dropped += 1
+                text = f"a message of {self._title} is left out: {plain(problem)}"
+                self._limited.say("warning", f"frames {self._title}", text)
+                return
+            if not message:
+                return
         self.messages += 1
         self.size += len(message)
         if source.is_latched:

@@ -3,8 +3,7 @@
 """A connection of TCPROS: a header each way, then messages. It never blocks."""
 
 import socket
-from collections import deque
-from typing import Callable, Deque, Dict, Optional, Tuple
+from typing import Callable, Dict, Optional, Tuple
 
 from ..edge.clock import monotonic
 from ..edge.loop import Loop
@@ -13,6 +12,7 @@ from .core.messages import MessageReader
 from .core.outbox import Budget, Outbox
 
 MAX_MESSAGE = 1 << 24  # bytes of one message; a larger one is left out
+MAX_QUESTION = 1 << 17  # bytes of the header of who connects here; it may have a definition, too
 PATIENCE = 10.0  # seconds until the header has to be there
 _READ = 1 << 18  # bytes at once, so that no connection holds the others up
 #: bytes that the kernel keeps of a connection of which only the newest message counts
@@ -31,19 +31,18 @@ class Wire:
         connection: socket.socket,
         budget: Budget,
         on_header: Callable[["Wire"], None],
-        on_message: Callable[["Wire", bytes], None],
+        on_message: Optional[Callable[["Wire", bytes], None]],
         on_end: Callable[["Wire", str], None],
     ) -> None:
+        """`on_message`: None for one that listens here, and has nothing to say after its header."""
         self.address = str(connection.getpeername()[0])  # of the other end. Raises OSError where it has gone.
         self.header: Optional[Dict[str, str]] = None  # of the other end
         self.outbox, self.since, self.ended = Outbox(budget), monotonic(), False
         self._budget = budget
         self._loop, self._connection = loop, connection
         self._on_header, self._on_message, self._on_end = on_header, on_message, on_end
-        self._reader = MessageReader(MAX_HEADER)
-        self._came: Deque[bytes] = deque()  # whole messages that are not handed on yet
-        self._first = b""  # a header, before all that waits
-        self._sending = memoryview(b"")
+        self._reader = MessageReader(MAX_QUESTION if on_message is None else MAX_HEADER)
+        self._counted = 0  # bytes of the message that is being read
         self._watched = False  # for being writable
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -51,9 +50,25 @@ class Wire:
         for option, value in _ALIVE.items():
             connection.setsockopt(socket.IPPROTO_TCP, option, value)
         loop.watch(connection, self._on_ready)
+        budget.payers.add(self)
+
+    @property
+    def size(self) -> int:
+        """Bytes that it holds."""
+        return self.outbox.size + self._counted
+
+    def shrink(self) -> None:
+        """Hold less, since all connections hold too much: drop what waits, then what is being read, then end."""
+        if len(self.outbox):
+            self.outbox.drop_oldest()
+        elif self._counted > self.outbox.size:
+            self._reader.give_up()
+            self._count_read()
+        else:
+            self.end("it does not read, and others need the memory")
 
     def count_skipped(self) -> int:
-        """How many messages were too long to be taken."""
+        """How many messages were not taken: too long, or too much at once."""
         return self._reader.skipped
 
     def limit_silence(self) -> None:
@@ -68,11 +83,13 @@ class Wire:
 
     def say(self, header: bytes) -> None:
         """Send a header."""
-        self._first += header
+        self.outbox.say(header)
         self._flush()
 
     def send(self, message: bytes) -> None:
         """Send a message, its length in front, as soon as the other end takes it."""
+        if self.ended:
+            return
         self.outbox.add(message)
         if not self._watched:
             self._flush()
@@ -81,18 +98,22 @@ class Wire:
         """Close the connection."""
         if self.ended:
             return
-        self.ended = True
-        self.outbox.close()
-        self._loop.forget(self._connection)
+        self._let_go()
         self._connection.close()
         self._on_end(self, why)
 
     def detach(self) -> Tuple[socket.socket, bytes]:
         """Give the connection to somebody else, with the bytes that came after its header."""
+        self._let_go()
+        return self._connection, self._reader.rest()
+
+    def _let_go(self) -> None:
         self.ended = True
+        self._budget.payers.discard(self)
+        self._budget.change(-self._counted)
+        self._counted = 0
         self.outbox.close()
         self._loop.forget(self._connection)
-        return self._connection, b"".join(self._came) + self._reader.rest()
 
     def _on_ready(self) -> None:
         self._read()
@@ -110,15 +131,23 @@ class Wire:
         if not data:
             self.end("it was closed")
             return
-        self._came.extend(self._reader.feed(data))
-        while self._came and not self.ended:
-            message = self._came.popleft()
+        self._reader.feed(data)
+        while not self.ended:
+            message = self._reader.take()
+            if message is None:
+                break
             if self.header is None:
                 self._take_header(message)
-            else:
+            elif self._on_message is not None:
                 self._on_message(self, message)
         if self.header is None and self._reader.skipped:
             self.end("its header is too long")
+        if not self.ended:
+            self._count_read()
+
+    def _count_read(self) -> None:
+        more, self._counted = self._reader.held - self._counted, self._reader.held
+        self._budget.change(more)
 
     def _take_header(self, message: bytes) -> None:
         try:
@@ -126,22 +155,24 @@ class Wire:
         except HeaderError as problem:
             self.end(f"no header: {problem}")
             return
-        self._reader.most = MAX_MESSAGE
+        self._reader.most = 0 if self._on_message is None else MAX_MESSAGE
         self._on_header(self)
 
     def _flush(self) -> None:
         try:
-            while self._sending or self._first or len(self.outbox):
-                if not self._sending:
-                    self._sending, self._first = memoryview(self._first or self.outbox.take()), b""
-                self._sending = self._sending[self._connection.send(self._sending) :]
+            while not self.ended:
+                due = self.outbox.find_due()
+                if not due:
+                    break
+                self.outbox.count_sent(self._connection.send(due))
         except BlockingIOError:
             self._watch(True)
             return
         except OSError as problem:
             self.end(str(problem))
             return
-        self._watch(False)
+        if not self.ended:
+            self._watch(False)
 
     def _watch(self, wanted: bool) -> None:
         if wanted != self._watched:

@@ -247,6 +247,9 @@ _CHANNEL: Mapping[str, str] = {
     "inner": "flag",
     "rate": "seconds",
     "newest": "flag",
+    "frames": "text",  # in front of those of the robot with the inner names; empty: none is changed
+    "world": "text",  # a frame of all, below which that robot's root lies; empty: the border says nothing of it
+    "root": "text",
 }
 
 
@@ -299,22 +302,24 @@ def problem_of_parameter(name: Any) -> str:
 def _check_crossing(entries: Sequence[Mapping[str, Any]]) -> None:
     """Raise ParameterError where an entry cannot be meant, or where two want one name."""
     everything: List[str] = []
-    masters = [entry.get("from") for entry in entries]
+    sources = [(entry.get("from"), entry.get("as", "")) for entry in entries]
     for number, entry in enumerate(entries, 1):
         what = f"entry {number} of ~sync_parameters"
-        names = entry.get("names")
-        if set(entry) != {"from", "names"} or not isinstance(entry["from"], str) or not _texts(names):
+        names, namespace = entry.get("names"), entry.get("as", "")
+        if set(entry) - {"as"} != {"from", "names"} or not isinstance(entry["from"], str) or not _texts(names):
             raise ParameterError(f"{what} is {entry!r}, but from, a master, and names, a list of texts, are expected")
-        if masters.index(entry["from"]) + 1 < number:
+        if not isinstance(namespace, str) or (namespace and problem_of_parameter(namespace)):
+            raise ParameterError(f"{what} has {namespace!r} as its as, but a namespace such as /kobuki1 is expected")
+        if sources.index((entry["from"], namespace)) + 1 < number:
             raise ParameterError(
-                f"{what} is for {entry['from']!r} once more, but one entry for each master is expected"
+                f"{what} is for {entry['from']!r} once more, but one entry for each master and namespace is expected"
             )
         if len(entry["names"]) > CROSSING:
             raise ParameterError(f"{what} has {len(entry['names'])} names, but at most {CROSSING} are expected")
         for name in entry["names"]:
             if problem_of_parameter(name):
                 raise ParameterError(f"{what} has {name!r}, but {problem_of_parameter(name)}")
-        everything += entry["names"]
+        everything += [namespace + name for name in entry["names"]]
     ordered = sorted(name + "/" for name in everything)
     for one, other in zip(ordered, ordered[1:]):
         if other.startswith(one):

@@ -46,8 +46,9 @@ class ParameterAnswer(NamedTuple):
 class Source:
     """A robot whose parameters are planned to be here."""
 
-    def __init__(self, name: str, names: Sequence[str]) -> None:
-        self.name, self.names = name, tuple(names)
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.names: Dict[str, str] = {}  # of a parameter here -> there
         self.title = name  # as discovery has it
         self.rpc: Optional[Rpc] = None
         self.last = Last()
@@ -91,7 +92,10 @@ class Copies:
         self.refused: List[Refusal] = []
         self._roscore, self._core, self._calls, self._limited = roscore, core, calls, limited
         self._on_change = on_change
-        self._sources = {str(entry["from"]).lower(): Source(entry["from"], entry["names"]) for entry in entries}
+        self._sources: Dict[str, Source] = {}
+        for entry in entries:
+            source = self._sources.setdefault(str(entry["from"]).lower(), Source(entry["from"]))
+            source.names.update({entry.get("as", "") + name: name for name in entry["names"]})
         self._readers = Workers(loop, READERS if entries else 0)
         self._started = float("inf")
         self._look_due, self._pass_due = 0.0, float("inf")
@@ -307,14 +311,14 @@ def _count(record: Mapping[str, Copy]) -> List[Tuple[str, str]]:
     return [(name, mine.master) for name, mine in sorted(record.items())]
 
 
-def _read(rpc: Rpc, caller: str, names: Sequence[str], last: Last) -> Optional[ParameterAnswer]:
-    """What a roscore has of these names; None where it is the last answer again. Raises what Rpc does."""
+def _read(rpc: Rpc, caller: str, names: Mapping[str, str], last: Last) -> Optional[ParameterAnswer]:
+    """What a roscore has, by names here -> there; None where it is the last answer again. Raises what Rpc does."""
     try:
-        results = rpc.multicall([("getParam", caller, name) for name in names], last)
+        results = rpc.multicall([("getParam", caller, name) for name in names.values()], last)
     except DocumentTooLarge:
         with closing(Rpc(rpc.uri, TIMEOUT, MOST)) as other:
-            results = [_read_one(other, caller, name) for name in names]
-    return _take(names, results) if results else None
+            results = [_read_one(other, caller, name) for name in names.values()]
+    return _take(list(names), results) if results else None
 
 
 def _read_one(rpc: Rpc, caller: str, name: str) -> Any:

@@ -10,6 +10,7 @@ from typing import Any, Container, Dict, Iterable, List, Mapping, NamedTuple, Op
 
 from ...protocol.filters import MAX_NAME, Pattern
 from ...protocol.messages import NodeKey
+from .frames import STATIC, STATIC_TYPE, Frames
 
 MOST_OFFERS = 1000  # of one peer
 MOST_NODES = 50  # of one topic
@@ -37,6 +38,7 @@ class Channel(NamedTuple):
     inner: bool  # the inner names are those of this robot
     rate: float = 0.0  # messages a second of each topic; 0: all
     newest: bool = False  # only the newest message waits for a slow link
+    frames: Optional[Frames] = None  # of the robot with the inner names, where the others have them by other names
 
     @classmethod
     def from_entry(cls, entry: Mapping[str, Any]) -> "Channel":
@@ -51,7 +53,18 @@ class Channel(NamedTuple):
             inner=entry["inner"],
             rate=entry["rate"],
             newest=entry["newest"],
+            frames=Frames(*(entry[name].encode() for name in ("frames", "world", "root"))) if entry["frames"] else None,
         )
+
+    @property
+    def inner_frames(self) -> Optional[Frames]:
+        """The frames of this robot, where the peer has them by other names."""
+        return self.frames if self.inner else None
+
+    @property
+    def has_root(self) -> bool:
+        """True if the border itself publishes how this robot's tree of frames hangs together with those of others."""
+        return self.inner_frames is not None and bool(self.inner_frames.world) and self._takes(TOPIC, STATIC)
 
     def find_name(self, kind: str, local: str) -> Optional[str]:
         """Return the borders' name of a topic or service of this robot; None where it does not cross."""
@@ -95,14 +108,19 @@ def list_own(seen: Registrations, table: Mapping[str, Sequence[str]], own: str, 
     return found
 
 
-def list_offers(channels: Iterable[Channel], topics: Own, services: Own, types: Mapping[str, str]) -> List[Offer]:
-    """Return what the channels of one peer offer it."""
+def list_offers(
+    channels: Iterable[Channel], topics: Own, services: Own, types: Mapping[str, str], own: str
+) -> List[Offer]:
+    """Return what the channels of one peer offer it. `own`: the border itself."""
     found: Dict[Tuple[str, str], Offer] = {}
     for channel in channels:
+        if channel.has_root:
+            static, others = channel.namespace + STATIC, topics.get(STATIC, ())
+            found[TOPIC, static] = Offer(TOPIC, static, STATIC_TYPE, (*others[: MOST_NODES - 1], own))
         for kind, table in ((TOPIC, topics), (SERVICE, services)):
             for local, nodes in table.items():
                 name = channel.find_name(kind, local)
-                if name is not None and (kind == SERVICE or local in types):
+                if name is not None and (kind == SERVICE or local in types) and (kind, name) not in found:
                     found[kind, name] = Offer(kind, name, types.get(local, "") if kind == TOPIC else "", nodes)
     return sorted(found.values())[:MOST_OFFERS]
 
@@ -129,12 +147,12 @@ def _read_offer(entry: Any) -> Offer:
     return Offer(kind, name, type_name if kind == TOPIC else "", tuple(nodes))
 
 
-def find_taken(channels: Sequence[Channel], offers: Iterable[Offer]) -> Dict[Tuple[str, str], Offer]:
-    """Return (kind, this robot's name) -> the offer, of what a peer offers and a channel takes."""
-    taken: Dict[Tuple[str, str], Offer] = {}
+def find_taken(channels: Sequence[Channel], offers: Iterable[Offer]) -> Dict[Tuple[str, str], Tuple[Offer, Channel]]:
+    """Return (kind, this robot's name) -> the offer and its channel, of what a peer offers and a channel takes."""
+    taken: Dict[Tuple[str, str], Tuple[Offer, Channel]] = {}
     for offer in offers:
         for channel in channels:
             local = channel.find_local(offer.kind, offer.name)
             if local is not None:
-                taken.setdefault((offer.kind, local), offer)
+                taken.setdefault((offer.kind, local), (offer, channel))
     return taken

@@ -3,7 +3,7 @@
 """The bytes of a connection, cut into messages: each has its length in front, and keeps it."""
 
 import struct
-from typing import List
+from typing import Optional
 
 _SIZE = struct.Struct("<I")
 
@@ -17,28 +17,48 @@ class MessageReader:
         self.skipped = 0  # messages
         self._left = 0  # bytes of one that is being skipped
         self._held = bytearray()
+        self._at = 0  # what is before has been taken
+
+    @property
+    def held(self) -> int:
+        """Bytes that are no whole message yet."""
+        return len(self._held) - self._at
 
     def rest(self) -> bytes:
-        """Return the bytes that are no whole message."""
-        return bytes(self._held)
+        """Return the bytes that have not been taken."""
+        return bytes(self._held[self._at :])
 
-    def feed(self, data: bytes) -> List[bytes]:
-        """Take the bytes that came; return the messages that are whole now."""
+    def feed(self, data: bytes) -> None:
+        """Take the bytes that came."""
         skip = min(self._left, len(data))
         self._left -= skip
         self._held += data[skip:] if skip else data
-        messages, at = [], 0
-        while len(self._held) - at >= _SIZE.size:
-            (size,) = _SIZE.unpack_from(self._held, at)
-            end = at + _SIZE.size + size
+
+    def take(self) -> Optional[bytes]:
+        """Return the next message; None where it is not whole."""
+        while self.held >= _SIZE.size:
+            (size,) = _SIZE.unpack_from(self._held, self._at)
+            end = self._at + _SIZE.size + size
             if size > self.most:
-                self.skipped += 1
-                self._left = max(0, end - len(self._held))
-                at = min(end, len(self._held))
+                self._skip(end)
                 continue
             if end > len(self._held):
                 break
-            messages.append(bytes(self._held[at:end]))
-            at = end
-        del self._held[:at]
-        return messages
+            message = bytes(memoryview(self._held)[self._at : end])
+            self._at = end
+            return message
+        del self._held[: self._at]
+        self._at = 0
+        return None
+
+    def give_up(self) -> None:
+        """Skip the message that is being read."""
+        if self.held >= _SIZE.size:
+            (size,) = _SIZE.unpack_from(self._held, self._at)
+            self._skip(self._at + _SIZE.size + size)
+            self.take()
+
+    def _skip(self, end: int) -> None:
+        self.skipped += 1
+        self._left = max(0, end - len(self._held))
+        self._at = min(end, len(self._held))

@@ -3,78 +3,126 @@
 """Messages on their way out: bounded, and at a rate. Of too many the oldest go, and are counted."""
 
 from collections import deque
-from typing import Deque, List, Optional, Set
+from typing import Deque, Dict, List, Optional, Protocol, Set, Tuple
 
 BATCH = 1 << 16  # bytes of small messages that leave together
 QUEUE = (100, 4 << 20)  # messages and bytes that wait for one connection
-ALL = 48 << 20  # bytes that wait for all connections together
+ALL = 32 << 20  # bytes that all connections together hold: what waits, what is being sent, and what is being read
+
+
+class Payer(Protocol):
+    """A connection, as the budget sees it."""
+
+    @property
+    def size(self) -> int:
+        """Bytes that it holds."""
+
+    def shrink(self) -> None:
+        """Hold less."""
 
 
 class Budget:
-    """The bytes that all outboxes may hold together. Beyond it the fullest one loses what it has held longest."""
+    """The bytes that all connections may hold together. A message counts once, however many hold it; beyond the limit the fullest pays."""
 
     def __init__(self, limit: int = ALL) -> None:
-        self._limit, self._used = limit, 0
-        self._boxes: Set[Outbox] = set()
+        self._limit, self.used = limit, 0
+        self.payers: Set[Payer] = set()
+        self._held: Dict[int, Tuple[bytes, int]] = {}  # identity of a message -> the message, by how many it is held
 
-    def take(self, box: "Outbox", size: int) -> None:
-        """Count bytes of an outbox, or give them back."""
-        self._used += size
-        self._boxes.add(box)
-        while size > 0 and self._used > self._limit:
-            fullest = max(self._boxes, key=lambda one: one.size)
-            if len(fullest) < 2:
-                return
-            fullest.drop_oldest()
+    def hold(self, message: bytes) -> None:
+        """Count a message that somebody holds."""
+        _message, count = self._held.get(id(message), (message, 0))
+        self._held[id(message)] = (message, count + 1)
+        if not count:
+            self.change(len(message))
 
-    def forget(self, box: "Outbox") -> None:
-        """Give back what an outbox holds: its connection has ended."""
-        self._used -= box.size
-        self._boxes.discard(box)
+    def release(self, message: bytes) -> None:
+        """Somebody holds a message no more."""
+        _message, count = self._held[id(message)]
+        if count > 1:
+            self._held[id(message)] = (message, count - 1)
+        else:
+            del self._held[id(message)]
+            self.change(-len(message))
+
+    def change(self, size: int) -> None:
+        """Count bytes besides; below 0 they are given back."""
+        self.used += size
+        while size > 0 and self.used > self._limit and self.payers:
+            max(self.payers, key=lambda payer: payer.size).shrink()
 
 
 class Outbox:
-    """Messages that wait for one connection."""
+    """Messages that wait for one connection, and what is being sent."""
 
     def __init__(self, budget: Budget, newest: bool = False) -> None:
         """`newest`: one message is enough. One message is always taken, however large."""
         self._budget = budget
         self._most, self._limit = (1, 0) if newest else QUEUE
         self._waiting: Deque[bytes] = deque()
-        self.size = self.dropped = 0
+        self._size = self.dropped = 0
+        self._front, self._at = b"", 0  # what is being sent, and how much of it has been
+
+    @property
+    def size(self) -> int:
+        """Bytes that it holds."""
+        return self._size + len(self._front)
+
+    def say(self, header: bytes) -> None:
+        """Have a header sent before all that waits."""
+        self._replace_front(self._front[self._at :] + header)
 
     def add(self, message: bytes) -> None:
         """Have a message sent after those that wait."""
         self._waiting.append(message)
-        self.size += len(message)
-        self._budget.take(self, len(message))
-        while len(self._waiting) > self._most or (self.size > self._limit and len(self._waiting) > 1):
+        self._size += len(message)
+        self._budget.hold(message)
+        while len(self._waiting) > self._most or (self._size > self._limit and len(self._waiting) > 1):
             self.drop_oldest()
 
     def drop_oldest(self) -> None:
         """Drop the message that has waited longest."""
-        self.size -= len(self._waiting[0])
-        self._budget.take(self, -len(self._waiting.popleft()))
+        self._release(self._waiting.popleft())
         self.dropped += 1
 
-    def take(self) -> bytes:
-        """Return what is to be sent next: one message, or some small ones; empty where nothing waits."""
-        batch: List[bytes] = []
-        size = 0
-        while self._waiting and (not batch or size + len(self._waiting[0]) <= BATCH):
-            batch.append(self._waiting.popleft())
-            size += len(batch[-1])
-        self.size -= size
-        self._budget.take(self, -size)
-        return batch[0] if len(batch) == 1 else b"".join(batch)
+    def find_due(self) -> memoryview:
+        """Return what is to be sent now: one message or some small ones, or the rest of them; empty where nothing waits."""
+        if self._at == len(self._front):
+            batch: List[bytes] = []
+            size = 0
+            while self._waiting and (not batch or size + len(self._waiting[0]) <= BATCH):
+                batch.append(self._waiting.popleft())
+                size += len(batch[-1])
+            self._replace_front(batch[0] if len(batch) == 1 else b"".join(batch))
+            for message in batch:
+                self._release(message)
+        return memoryview(self._front)[self._at :]
+
+    def count_sent(self, size: int) -> None:
+        """So many bytes of what is due have been sent."""
+        self._at += size
+        if self._at == len(self._front):
+            self._replace_front(b"")
 
     def close(self) -> None:
         """Hold nothing any more."""
-        self._budget.forget(self)
-        self._waiting.clear()
-        self.size = 0
+        while self._waiting:
+            self._release(self._waiting.popleft())
+        self._replace_front(b"")
+
+    def _replace_front(self, data: bytes) -> None:
+        before, self._front, self._at = self._front, data, 0
+        if data:
+            self._budget.hold(data)
+        if before:
+            self._budget.release(before)
+
+    def _release(self, message: bytes) -> None:
+        self._size -= len(message)
+        self._budget.release(message)
 
     def __len__(self) -> int:
+        """How many messages wait."""
         return len(self._waiting)
 
 

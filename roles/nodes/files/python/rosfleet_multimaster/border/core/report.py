@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The border as people are shown it: an entry of /diagnostics, and metrics."""
 
-from typing import Dict, Iterable, List, NamedTuple, Sequence
+from typing import Dict, Iterable, List, Mapping, NamedTuple, Sequence
 
 from ...protocol.messages import OK, PREFIX, VALUES, WARN, Diagnosis
 from ...protocol.metrics import Samples
@@ -31,15 +31,17 @@ def add_up(passed: Iterable[TopicCount]) -> List[TopicCount]:
     return sorted(rows, key=lambda row: (-row.size, row.topic))
 
 
-def make_entry(away: Sequence[str], robots: int, passed: Sequence[TopicCount]) -> Diagnosis:
-    r"""Return the entry of /diagnostics. \`away\`: the robots whose border does not answer, of so many."""
+def make_entry(
+    away: Sequence[str], robots: int, passed: Sequence[TopicCount], kept_back: Mapping[str, str]
+) -> Diagnosis:
+    """Return the entry of /diagnostics. `away`: the robots whose border does not answer, of so many; `kept_back`: topics, and why."""
     dropped = sum(row.dropped for row in passed)
-    values = [(robot, "its border does not answer") for robot in away]
+    values = [(robot, "its border does not answer") for robot in away] + list(kept_back.items())
     values += [
         (row.topic, f"{row.messages} messages, {row.size} bytes, {row.dropped} messages dropped") for row in passed
     ]
     message = f"{robots - len(away)} of {robots} robots answer; {dropped} messages were dropped"
-    return Diagnosis(f"{PREFIX}border", message, values[:VALUES], WARN if away else OK)
+    return Diagnosis(f"{PREFIX}border", message, values[:VALUES], WARN if away or kept_back else OK)
 
 
 def make_samples(answering: int, passed: Sequence[TopicCount]) -> Samples:

@@ -1,0 +1,167 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Frames of tf in messages that cross: with the robot's prefix on the way out, without it on the way in.
+
+The robot's own frames have no prefix: base_link is kobuki1/base_link for the others. `world` is a frame of all, below which
+the root of the robot's tree lies, at the same place.
+"""
+
+import struct
+from typing import Callable, Dict, List, NamedTuple, Optional, Tuple, Union
+
+from .definition import Plan, Skip, Text, make_plan
+
+MOST_STEPS = 100_000  # texts and elements of a message, so that none holds the others up
+STATIC, STATIC_TYPE, MD5SUM = "/tf_static", "tf2_msgs/TFMessage", "94810edda583a504dfda3829e70d7eec"
+_LINE = "=" * 80
+DEFINITION = f"""geometry_msgs/TransformStamped[] transforms
+{_LINE}
+MSG: geometry_msgs/TransformStamped
+Header header
+string child_frame_id
+Transform transform
+{_LINE}
+MSG: std_msgs/Header
+uint32 seq
+time stamp
+string frame_id
+{_LINE}
+MSG: geometry_msgs/Transform
+Vector3 translation
+Quaternion rotation
+{_LINE}
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+{_LINE}
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+"""
+_SIZE = struct.Struct("<I")
+
+Change = Callable[[bytes], Optional[bytes]]  # a frame to its other name; None: it is a frame of somebody else
+Rewrite = Callable[[bytes], bytes]
+
+
+class FramesError(ValueError):
+    """A message cannot cross; the text says why."""
+
+
+class Frames(NamedTuple):
+    """The frames of a robot as the others have them."""
+
+    prefix: bytes
+    world: bytes = b""  # empty: something else says how the trees hang together
+    root: bytes = b""  # of the robot's own tree
+
+    def add(self, frame: bytes) -> Optional[bytes]:
+        """Return the others' name of a frame of the robot."""
+        return self.prefix + frame.lstrip(b"/") if frame else frame
+
+    def take_off(self, frame: bytes) -> Optional[bytes]:
+        """Return the robot's name of a frame of the others; None for one that the robot does not have."""
+        name = frame.lstrip(b"/")
+        if name.startswith(self.prefix):
+            return name[len(self.prefix) :]
+        if not frame:
+            return frame
+        return self.root if self.world and name == self.world else None
+
+    def make_root(self) -> Tuple[Dict[str, str], bytes]:
+        """Return the transform from the world to the robot's root, as /tf_static has it: header and message."""
+        texts = b"".join(_SIZE.pack(len(text)) + text for text in (self.world, self.prefix + self.root))
+        body = struct.pack("<4I", 1, 0, 0, 0) + texts + struct.pack("<7d", 0, 0, 0, 0, 0, 0, 1)
+        return {"type": STATIC_TYPE, "md5sum": MD5SUM, "message_definition": DEFINITION}, _SIZE.pack(len(body)) + body
+
+
+def make_rewrite(header: Dict[str, str], change: Change) -> Optional[Rewrite]:
+    """Return what changes the frames of a publisher's messages; None where they have none. Raises DefinitionError."""
+    plan = make_plan(header.get("type", ""), header.get("message_definition", ""))
+    return (lambda message: _Walk(message, change).rewrite(plan)) if plan.has_frames else None
+
+
+class _Walk:
+    """One message on its way through the steps of its type."""
+
+    def __init__(self, message: bytes, change: Change) -> None:
+        """`message`: its length is in front."""
+        self._message, self._change = memoryview(message), change
+        self._at = self._copied = _SIZE.size
+        self._pieces: List[Union[bytes, memoryview]] = []
+        self._frames: List[bytes] = []  # of the transform that is being read
+        self._foreign: Optional[bytes] = None
+        self._steps = self._left_out = self._kept = 0
+
+    def rewrite(self, plan: Plan) -> bytes:
+        """Return the message with its frames changed; empty where no transform of it is left. Raises FramesError."""
+        self._walk(plan)
+        if self._foreign is not None:
+            raise FramesError(f"its frame {self._foreign.decode('utf-8', 'replace')} is none of this robot")
+        if self._left_out and not self._kept:
+            return b""
+        pieces = [*self._pieces, self._message[self._copied :]]
+        return b"".join((_SIZE.pack(sum(map(len, pieces))), *pieces))
+
+    def _walk(self, plan: Plan) -> None:
+        for step in plan.steps:
+            if isinstance(step, Skip):
+                self._at += step.size
+            elif isinstance(step, Text):
+                self._pass_text(step.is_frame)
+            else:
+                count = self._read_number() if step.times is None else step.times
+                if step.plan.size is not None:
+                    self._at += count * step.plan.size
+                elif step.plan.is_transform and step.times is None:
+                    self._sort_out(step.plan, count)
+                else:
+                    for _number in range(count):
+                        self._walk(step.plan)
+            if self._at > len(self._message):
+                raise FramesError("it is shorter than its definition says")
+
+    def _read_number(self) -> int:
+        self._steps += 1
+        if self._at + _SIZE.size > len(self._message) or self._steps > MOST_STEPS:
+            raise FramesError(f"it is shorter than its definition says, or has more than {MOST_STEPS} texts")
+        (number,) = _SIZE.unpack_from(self._message, self._at)
+        self._at += _SIZE.size
+        return int(number)
+
+    def _pass_text(self, is_frame: bool) -> None:
+        begin, size = self._at, self._read_number()
+        self._at += size
+        if is_frame and self._at <= len(self._message):
+            text = bytes(self._message[begin + _SIZE.size : self._at])
+            changed = self._change(text)
+            if changed is None:
+                self._foreign = text
+            elif changed != text:
+                self._pieces += (self._message[self._copied : begin], _SIZE.pack(len(changed)), changed)
+                self._copied = self._at
+            self._frames.append(changed or b"")
+
+    def _sort_out(self, plan: Plan, count: int) -> None:
+        """Keep the transforms between two frames of the robot; their number is in front."""
+        self._pieces.append(self._message[self._copied : self._at - _SIZE.size])
+        self._pieces.append(b"")
+        place, kept, before_it = len(self._pieces) - 1, 0, self._foreign
+        self._copied, self._foreign = self._at, None
+        for _number in range(count):
+            before = len(self._pieces)
+            self._frames = []
+            self._walk(plan)
+            if self._foreign is None and len(set(self._frames)) == len(self._frames):
+                self._pieces.append(self._message[self._copied : self._at])
+                kept += 1
+            else:
+                del self._pieces[before:]
+                self._left_out += 1
+            self._foreign, self._copied = None, self._at
+        self._foreign = before_it
+        self._pieces[place] = _SIZE.pack(kept)
+        self._kept += kept
