@@ -145,7 +145,8 @@ def demonstrate(layout: str, lab: str, suites: Iterable[str]) -> bool:
     listing = read_inventory(inventory)
     hosts = choose_suites(hosts_of(listing), suites)
     print("\n".join(f"  {host.name:<24}Debian {host.suite}" for host in hosts), flush=True)
-    containers.bring_up(lab, hosts, full=wants_packages(listing["_meta"]["hostvars"].values()))
+    full = layout in PROOFS or wants_packages(listing["_meta"]["hostvars"].values())  # tf2 is in the full image
+    containers.bring_up(lab, hosts, full=full)
     connection = containers.write_inventory(lab, hosts)
     report = connection.with_name("report.html")
     report.unlink(missing_ok=True)

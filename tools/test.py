@@ -202,9 +202,12 @@ TIMED = {"links", "data_flow", "alone"}
 
 #: Files of tests/systems and Molecule scenarios that are part of 'make test-long', since they take minutes. The demonstration
 #: of the multi-computer layout shows the same fleet in every run, but for its restart, its teardown, and a master on an inner
-#: computer; an existing roscore is also one of `prefixes` and of `data_flow`. `removal` tests the lab alone, and what a clock
-#: that steps does to the nodes is also tested by their unit tests.
-COSTLY = {"border", "clock", "existing", "links", "multi_computer", "placement", "removal", "time_source", "tunnel"}
+#: computer; an existing roscore is also one of `data_flow`. `removal` tests the lab alone. What a clock that steps does to the
+#: nodes, and what `routes` writes for each network manager, is also tested by unit tests; each manager boots in `alone`.
+COSTLY = {
+    *("border", "clock", "existing", "fourth_robot", "links", "multi_computer", "placement", "prefixes", "removal", "routes"),
+    *("time_source", "tunnel"),
+}
 
 #: Faults that are drawn by a seed, of seven kinds, each of which breaks something: their numbers.
 DRAWN = ("1", "2", "4", "6", "14", "27", "39")

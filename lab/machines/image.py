@@ -37,12 +37,13 @@ iproute2 iputils-ping nftables openssh-server ifupdown smcroute python3
 python3-roslaunch python3-rosmaster python3-rospy python3-rosgraph rosout rosbash topic-tools
 python3-rostopic python3-rosnode python3-rosservice python3-rosmsg python3-rosparam
 python3-std-msgs python3-std-srvs python3-geometry-msgs python3-diagnostic-msgs
-python3-actionlib python3-actionlib-msgs python3-tf2 python3-tf2-msgs
+python3-actionlib python3-actionlib-msgs
 ros-std-msgs ros-std-srvs ros-geometry-msgs ros-diagnostic-msgs ros-actionlib-msgs
 """.split()
 
 FULL = """
 network-manager netplan.io ufw firewalld frr cloud-init wireguard-tools
+python3-tf2 python3-tf2-msgs
 net-tools tcpdump libfaketime acl attr python3-apt chrony wireguard-go
 """.split()
 

@@ -359,6 +359,7 @@ def by_port(fleet, port):
     return fleet._ansible(f"adhoc {INNER} -m rosfleet.multimaster.firewall -a '{arguments}'", {"tibi_nav": way})
 
 
+@pytest.mark.costly
 def test_a_controller_outside_the_fleet_passes_filters_by_ssh(fleet):
     """Its way leads through the filters of the router and of the gateway to that of the inner computer."""
     hosts = (INNER, OTHER, GATEWAY, ROUTER)

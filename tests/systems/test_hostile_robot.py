@@ -185,12 +185,17 @@ def honest(fleet, cores):
     return known
 
 
+#: Those that each run of the tests has. The others ask what these ask.
+OFTEN = ("site", "verify", "report", "adopt")
+
+
 def cases():
-    """Each playbook with one version in each run of the tests, and with both, some times, in the long ones."""
+    """The playbooks of OFTEN with one version in each run of the tests; all with both, some times, in the long ones."""
     for number, name in enumerate(PLAYBOOKS):
         for other, version in enumerate(VERSIONS):
             for seed in range(SEEDS):
-                marks = [] if seed == 0 and (number + other) % 2 == 0 else [pytest.mark.costly]
+                often = name in OFTEN and seed == 0 and (number + other) % 2 == 0
+                marks = [] if often else [pytest.mark.costly]
                 yield pytest.param(name, version, seed, marks=marks)
 
 

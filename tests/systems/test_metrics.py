@@ -176,6 +176,7 @@ def test_switched_off_nothing_of_ours_is_left(measured):
         assert "/master_" not in measured.run(host, "rostopic info /diagnostics 2>&1; true")
 
 
+@pytest.mark.costly
 def test_a_teardown_leaves_nothing_of_them_and_what_others_wrote(measured):
     assert measured.play("site.yml", variables=ON)[0] == 0
     wait_until(lambda: all(metrics(measured, host) for host in (FIRST, SECOND)), 60, "metrics of both")

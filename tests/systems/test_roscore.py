@@ -192,6 +192,7 @@ def test_subscribers_that_say_nothing_delay_no_other(lab, slack):
     assert median < 0.05 + slack(began) and worst < 1.0 + slack(began)
 
 
+@pytest.mark.costly
 def test_an_own_node_takes_an_imported_name_and_both_live(lab):
     lab.start(SECOND, "camera", "python3 {script} camera", "programs/sample_node.py")
     wait(lab, "/camera/serve")

@@ -49,6 +49,7 @@ def written(tmp_path_factory):
     return folder
 
 
+@pytest.mark.costly
 def test_a_second_run_changes_nothing(written):
     before = {path: path.stat().st_mtime_ns for path in written.rglob("*")}
     assert "changed=0 " in playbook(written)

@@ -21,6 +21,7 @@ from .._observed.observations import Connection, Exchange, Import
 from .._observed.uris import normalise_uri
 from .._plan.model import FleetPlan
 
+BORDER = "/master_border"  # what it takes across, the check of the border judges
 TEST_NODES = "/multimaster_verify_"  # the beginning of the names of the verification's own nodes
 #: Types of topics on which each message says of whom it is: many nodes of a single robot publish them, too.
 MEANT_FOR_MANY = (
@@ -324,7 +325,7 @@ class Exchanges:
         types = self.robots[own].sums
         crossing = []
         for link in links:
-            if link.robot != other:
+            if link.robot != other or link.node == BORDER:
                 continue
             mine, theirs = (own, link.node), (other, link.peer)
             publisher, subscriber = (theirs, mine) if link.direction == "in" else (mine, theirs)

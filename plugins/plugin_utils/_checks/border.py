@@ -12,12 +12,11 @@ from .._case import needs
 from .._case.case import Case
 from .._case.needs import Parts, make_parts
 from .._case.parts import Part
-from .._case.registrations import TEST_NODES
+from .._case.registrations import BORDER, TEST_NODES
 from .._fleet.filters import matches
 from .._fleet.sentences import shorten_list
 from .engine import FAILED, MASTER, OK, Check, Judgement
 
-BORDER = "/master_border"
 DIAGNOSTICS = "/diagnostics"  # the border has something to say itself
 STATIC = "/tf_static"  # by which it says how the frames of robots hang together
 NAMED = 4  # topics and services that a finding names

@@ -49,7 +49,10 @@ class Running:
 
     def aim(self, *publishers):
         question = {"callerid": "/border", "topic": "/chatter", "md5sum": "*"}
-        sources = {number: Origin(one.dial, question, self.change) for number, one in enumerate(publishers)}
+        sources = {
+            number: Origin(one.dial, f"http://talker:{number}/", question, self.change)
+            for number, one in enumerate(publishers)
+        }
         self.do(lambda: self.feed.aim(sources))
 
     def listen(self, rate=0.0, newest=False, **asked):

@@ -18,7 +18,7 @@ from .border.core.frames import STATIC, Frames
 from .border.core.header import encode_header
 from .border.core.outbox import Budget
 from .border.dial import dial_border, dial_node, dial_service, listen
-from .border.feed import Dial, Feed, Fields, Origin
+from .border.feed import Dial, Feed, Fields, Link, Origin
 from .border.node import PROVIDER, PUBLISHER, SUBSCRIBER, Registrar, SlaveApi
 from .border.peers import OFFERS, Offers, Peer
 from .border.wire import PATIENCE, Wire
@@ -88,7 +88,10 @@ class MasterBorder:
         self.listener = listen()
         self.rules = callers(Members.from_parameters(values), uri, AddressBook().have)
         self.api = SlaveApi(
-            uri, lambda: int(self.listener.getsockname()[1]), partial(self.loop.post, self._on_shutdown)
+            uri,
+            lambda: int(self.listener.getsockname()[1]),
+            partial(self.loop.post, self._on_shutdown),
+            self._list_links,
         )
         methods = {**self.api.methods(), OFFERS: LongPoll(self._tell_offers)}
         self.server = serve("", values["port"], methods, self._on_malformed, self.rules)
@@ -155,6 +158,9 @@ class MasterBorder:
             report.TopicCount(topic, feed.messages, feed.size, feed.count_dropped())
             for topic, feed in self._list_feeds()
         )
+
+    def _list_links(self) -> List[Link]:
+        return [link for _topic, feed in self._list_feeds() for link in feed.list_links()]
 
     def _list_feeds(self) -> List[Tuple[str, Feed]]:
         return [(topic, feed) for (topic, _node, _frames), feed in self.given.items()] + list(self.taken.items())
@@ -275,7 +281,12 @@ class MasterBorder:
                     change = None if channel.inner_frames is None else channel.inner_frames.take_off
                     sources.setdefault(local, {}).update(
                         {
-                            (offer.name, node, place): Origin(dial, self._ask_border(offer.name, node), change)
+                            (offer.name, node, place): Origin(
+                                dial,
+                                f"http://{known.host}:{self.peers[peer].port}/",
+                                self._ask_border(offer.name, node),
+                                change,
+                            )
                             for node in offer.nodes
                         }
                     )
@@ -368,7 +379,7 @@ class MasterBorder:
     def _aim_at_node(self, feed: Feed, topic: str, node: str, frames: Optional[Frames]) -> None:
         uri = self.seen.node_uris.get(node, "")
         change = None if frames is None else frames.add
-        feed.aim({uri: Origin(partial(dial_node, uri, NAME, topic), self._ask(topic), change)})
+        feed.aim({uri: Origin(partial(dial_node, uri, NAME, topic), uri, self._ask(topic), change)})
 
     def _list_channels(self, robot: str, address: str) -> List[Channel]:
         """List the channels to a robot, if it is its border that asks."""

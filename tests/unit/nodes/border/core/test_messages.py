@@ -31,7 +31,7 @@ def test_a_length_of_4_gb_holds_nothing():
     reader = MessageReader(100)
     for data in (struct.pack("<I", 2**32 - 1), *[b"x" * 10000] * 100):
         reader.feed(data)
-        assert reader.take() is None and reader.held == 0
+        assert reader.take() is None and reader.size == 0
     assert reader.skipped == 1
 
 
@@ -52,6 +52,6 @@ def test_a_message_that_is_given_up_is_skipped_alone(bodies, count):
     reader.feed(broken[: 4 + count])
     assert reader.take() is None
     reader.give_up()
-    assert reader.held == 0 and reader.skipped == 1
+    assert reader.size == 0 and reader.skipped == 1
     reader.feed(broken[4 + count :] + b"".join(map(message, bodies)))
     assert list(iter(reader.take, None)) == [message(body) for body in bodies]

@@ -34,9 +34,8 @@ def test_what_is_dropped_and_what_leaves_is_all(deeds):
         else:
             box.add(message(deed))
             put += 1
-        assert len(box) <= 5 and (box._size <= 60 or len(box) == 1)
-        assert budget.used <= box.size
-    while len(box) or box.size:
+        assert len(box) <= 5 and (box.size <= 60 or len(box) == 1)
+    while len(box) or box.is_sending:
         left.append(leave(box))
     reader = MessageReader(100)
     reader.feed(b"".join(left))
@@ -62,21 +61,22 @@ def test_only_the_newest_waits():
 class Payer:
     """A connection with an outbox."""
 
-    def __init__(self, budget):
-        self.outbox = Outbox(budget)
+    def __init__(self, budget, progress=0.0):
+        self.outbox, self.progress, self.budget = Outbox(budget), progress, budget
+        self.shrink = self.outbox.drop_oldest
         budget.payers.add(self)
-        self.budget = budget
 
     @property
     def size(self):
         return self.outbox.size
 
-    def shrink(self):
-        if len(self.outbox):
-            self.outbox.drop_oldest()
-        else:
-            self.outbox.close()
-            self.budget.payers.discard(self)
+    @property
+    def is_sending(self):
+        return self.outbox.is_sending
+
+    def end(self, why):
+        self.outbox.close()
+        self.budget.payers.discard(self)
 
 
 def test_the_fullest_pays_for_all():
@@ -89,6 +89,16 @@ def test_the_fullest_pays_for_all():
     large.outbox.close()
     small.outbox.add(bytes(900))
     assert small.outbox.dropped == 0
+
+
+def test_who_reads_nothing_for_longest_ends_at_last():
+    budget = Budget(1000)
+    payers = [Payer(budget, progress) for progress in (5.0, 1.0, 3.0)]
+    for payer in payers:
+        payer.outbox.add(bytes(300))
+        payer.outbox.find_due()
+    budget.change(200)
+    assert [payer in budget.payers for payer in payers] == [True, False, True] and budget.used == 800
 
 
 def test_a_message_counts_once_for_all_that_listen():

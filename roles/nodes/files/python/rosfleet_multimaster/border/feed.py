@@ -24,10 +24,23 @@ Fields = Dict[str, str]
 Dial = Callable[[], Any]  # makes a connection to a publisher. It may block, and raises OSError or ValueError.
 
 
+class Link(NamedTuple):
+    """A connection, as getBusInfo and getBusStats tell it (wiki.ros.org/ROS/Slave_API)."""
+
+    number: int
+    peer: str  # the URI of a publisher, or the name of who listens
+    inward: bool
+    topic: str
+    title: str
+    size: int  # bytes that have been sent
+    messages: int
+
+
 class Origin(NamedTuple):
     """How a publisher is reached, and what becomes of its messages."""
 
     dial: Dial
+    uri: str  # of its slave API
     question: Fields  # our header
     change: Optional[Change] = None  # of the frames in its messages
 
@@ -134,6 +147,21 @@ class Feed:
         self.aim({})
         for wire in list(self._sinks):
             wire.end()
+
+    def list_links(self) -> List[Link]:
+        """List the connections. Called from any thread."""
+        sinks, sources = list(self._sinks.values()), list(self._sources.values())
+        links = [
+            Link(source.wire.number, source.origin.uri, True, source.origin.question["topic"], source.wire.title, 0, 0)
+            for source in sources
+            if source.wire is not None and source.header is not None
+        ]
+        for sink in sinks:
+            box, peer = sink.wire.outbox, plain((sink.wire.header or {}).get("callerid", ""))
+            links.append(
+                Link(sink.wire.number, peer, False, sink.answer["topic"], sink.wire.title, box.sent, box.messages)
+            )
+        return links
 
     def count_dropped(self) -> int:
         """How many messages did not get to somebody who listened: too many, too fast or too long."""

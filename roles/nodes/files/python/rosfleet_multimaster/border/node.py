@@ -13,6 +13,7 @@ from ..edge.loop import Workers
 from ..edge.process import program
 from ..edge.roscore import Roscore
 from ..edge.rpc_server import Method, PerCaller, RefusedCall
+from .feed import Link
 
 WITHDRAWAL = 3.0  # seconds that the roscore has for it
 RETRY = 1.0  # seconds until a registration that was refused is tried again
@@ -24,9 +25,11 @@ Key = Tuple[str, str]  # PUBLISHER, SUBSCRIBER or PROVIDER, and a topic or servi
 class SlaveApi:
     """The methods that others call at the node. They are called in threads of the server."""
 
-    def __init__(self, master: str, port: Callable[[], int], end: Callable[[str], None]) -> None:
-        """`port()`: of the data; `end(reason)`: this computer itself wants the node to end."""
-        self._master, self.port, self._end = master, port, end
+    def __init__(
+        self, master: str, port: Callable[[], int], end: Callable[[str], None], links: Callable[[], List[Link]]
+    ) -> None:
+        """`port()`: of the data; `end(reason)`: this computer itself wants the node to end; `links()`: its connections."""
+        self._master, self.port, self._end, self._links = master, port, end, links
         self.published: Dict[str, str] = {}  # topic -> type; replaced as a whole
         self.subscribed: Dict[str, str] = {}
 
@@ -40,10 +43,26 @@ class SlaveApi:
             "getMasterUri": lambda caller: [1, "", self._master],
             "getPublications": lambda caller: [1, "", sorted(map(list, self.published.items()))],
             "getSubscriptions": lambda caller: [1, "", sorted(map(list, self.subscribed.items()))],
-            "getBusInfo": lambda caller: [1, "", []],
-            "getBusStats": lambda caller: [1, "", [[], [], []]],
+            "getBusInfo": lambda caller: [1, "", [list(_tell(link)) for link in self._links()]],
+            "getBusStats": lambda caller: [1, "", self._count_bytes()],
             "shutdown": PerCaller(self._shut_down),
         }
+
+    def _count_bytes(self) -> List[Any]:
+        """What has been sent: each topic with its connections. What came is not counted by connection."""
+        topics: Dict[str, List[Link]] = {}
+        for link in self._links():
+            if not link.inward:
+                topics.setdefault(link.topic, []).append(link)
+        sent = [
+            [
+                topic,
+                _limit(sum(link.size for link in links)),
+                [[link.number, _limit(link.size), _limit(link.messages), True] for link in links],
+            ]
+            for topic, links in topics.items()
+        ]
+        return [sent, [], []]
 
     def _request_topic(self, caller: Any, topic: Any, protocols: Any) -> List[Any]:
         if topic not in self.published:
@@ -59,6 +78,15 @@ class SlaveApi:
             raise RefusedCall("only this computer itself ends this node")
         self._end(str(reason))
         return [1, "", 0]
+
+
+def _tell(link: Link) -> Tuple[Any, ...]:
+    return link.number, link.peer, "i" if link.inward else "o", "TCPROS", link.topic, 1, link.title
+
+
+def _limit(number: int) -> int:
+    """XML-RPC has 32 bits; a counter begins again, as those of roscpp do."""
+    return number & 0x7FFFFFFF
 
 
 class Registrar:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A connection of TCPROS: a header each way, then messages. It never blocks."""
 
+import itertools
 import socket
 from typing import Callable, Dict, Optional, Tuple
 
@@ -22,6 +23,9 @@ SILENCE = 10.0  # seconds without an acknowledgement
 _ALIVE = {socket.TCP_KEEPIDLE: 4, socket.TCP_KEEPINTVL: 2, socket.TCP_KEEPCNT: 3}
 
 
+_numbers = itertools.count(1)
+
+
 class Wire:
     """One connection. What comes, and its end, are told by callbacks in the loop."""
 
@@ -35,9 +39,13 @@ class Wire:
         on_end: Callable[["Wire", str], None],
     ) -> None:
         """`on_message`: None for one that listens here, and has nothing to say after its header."""
-        self.address = str(connection.getpeername()[0])  # of the other end. Raises OSError where it has gone.
+        address, port = connection.getpeername()[:2]  # of the other end. Raises OSError where it has gone.
+        self.address, self.number = str(address), next(_numbers)
+        #: as rospy says it in getBusInfo
+        self.title = f"TCPROS connection on port {connection.getsockname()[1]} to [{address}:{port} on socket {connection.fileno()}]"
         self.header: Optional[Dict[str, str]] = None  # of the other end
-        self.outbox, self.since, self.ended = Outbox(budget), monotonic(), False
+        self.outbox, self.ended = Outbox(budget), False
+        self.since = self.progress = monotonic()
         self._budget = budget
         self._loop, self._connection = loop, connection
         self._on_header, self._on_message, self._on_end = on_header, on_message, on_end
@@ -54,18 +62,22 @@ class Wire:
 
     @property
     def size(self) -> int:
-        """Bytes that it holds."""
+        """Bytes that it can do without: of messages that wait, and of the one that is being read."""
         return self.outbox.size + self._counted
 
+    @property
+    def is_sending(self) -> bool:
+        """True if it holds what is being sent, besides."""
+        return self.outbox.is_sending
+
     def shrink(self) -> None:
-        """Hold less, since all connections hold too much: drop what waits, then what is being read, then end."""
+        """Hold less, since all connections hold too much."""
         if len(self.outbox):
             self.outbox.drop_oldest()
-        elif self._counted > self.outbox.size:
-            self._reader.give_up()
-            self._count_read()
         else:
-            self.end("it does not read, and others need the memory")
+            self._reader.give_up()
+            self._budget.change(-self._counted)
+            self._counted = 0
 
     def count_skipped(self) -> int:
         """How many messages were not taken: too long, or too much at once."""
@@ -146,7 +158,7 @@ class Wire:
             self._count_read()
 
     def _count_read(self) -> None:
-        more, self._counted = self._reader.held - self._counted, self._reader.held
+        more, self._counted = self._reader.size - self._counted, self._reader.size
         self._budget.change(more)
 
     def _take_header(self, message: bytes) -> None:
@@ -165,6 +177,7 @@ class Wire:
                 if not due:
                     break
                 self.outbox.count_sent(self._connection.send(due))
+                self.progress = monotonic()
         except BlockingIOError:
             self._watch(True)
             return

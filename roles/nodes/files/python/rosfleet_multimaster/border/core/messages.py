@@ -20,7 +20,7 @@ class MessageReader:
         self._at = 0  # what is before has been taken
 
     @property
-    def held(self) -> int:
+    def size(self) -> int:
         """Bytes that are no whole message yet."""
         return len(self._held) - self._at
 
@@ -36,7 +36,7 @@ class MessageReader:
 
     def take(self) -> Optional[bytes]:
         """Return the next message; None where it is not whole."""
-        while self.held >= _SIZE.size:
+        while self.size >= _SIZE.size:
             (size,) = _SIZE.unpack_from(self._held, self._at)
             end = self._at + _SIZE.size + size
             if size > self.most:
@@ -47,16 +47,19 @@ class MessageReader:
             message = bytes(memoryview(self._held)[self._at : end])
             self._at = end
             return message
-        del self._held[: self._at]
-        self._at = 0
+        self._compact()
         return None
 
     def give_up(self) -> None:
         """Skip the message that is being read."""
-        if self.held >= _SIZE.size:
+        if self.size >= _SIZE.size:
             (size,) = _SIZE.unpack_from(self._held, self._at)
             self._skip(self._at + _SIZE.size + size)
-            self.take()
+            self._compact()
+
+    def _compact(self) -> None:
+        del self._held[: self._at]
+        self._at = 0
 
     def _skip(self, end: int) -> None:
         self.skipped += 1

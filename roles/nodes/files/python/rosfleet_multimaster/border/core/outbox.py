@@ -13,16 +13,28 @@ ALL = 32 << 20  # bytes that all connections together hold: what waits, what is 
 class Payer(Protocol):
     """A connection, as the budget sees it."""
 
+    progress: float  # when bytes have left it for the last time
+
     @property
     def size(self) -> int:
-        """Bytes that it holds."""
+        """Bytes that it can do without."""
+
+    @property
+    def is_sending(self) -> bool:
+        """True if it holds what is being sent, besides."""
 
     def shrink(self) -> None:
         """Hold less."""
 
+    def end(self, why: str) -> None:
+        """Hold nothing, since others need the memory."""
+
 
 class Budget:
-    """The bytes that all connections may hold together. A message counts once, however many hold it; beyond the limit the fullest pays."""
+    """The bytes that all connections may hold together. A message counts once, however many hold it.
+
+    Beyond the limit the fullest loses what waits and what is being read. If that is not enough, the one that reads nothing for longest ends.
+    """
 
     def __init__(self, limit: int = ALL) -> None:
         self._limit, self.used = limit, 0
@@ -48,8 +60,15 @@ class Budget:
     def change(self, size: int) -> None:
         """Count bytes besides; below 0 they are given back."""
         self.used += size
-        while size > 0 and self.used > self._limit and self.payers:
-            max(self.payers, key=lambda payer: payer.size).shrink()
+        while size > 0 and self.used > self._limit:
+            fullest = max(self.payers, key=lambda payer: payer.size, default=None)
+            sending = [payer for payer in self.payers if payer.is_sending]
+            if fullest is not None and fullest.size:
+                fullest.shrink()
+            elif sending:
+                min(sending, key=lambda payer: payer.progress).end("it does not read, and others need the memory")
+            else:
+                return
 
 
 class Outbox:
@@ -60,13 +79,14 @@ class Outbox:
         self._budget = budget
         self._most, self._limit = (1, 0) if newest else QUEUE
         self._waiting: Deque[bytes] = deque()
-        self._size = self.dropped = 0
+        self.size = self.dropped = 0  # bytes that wait, messages
+        self.messages = self.sent = 0  # that have left, and bytes
         self._front, self._at = b"", 0  # what is being sent, and how much of it has been
 
     @property
-    def size(self) -> int:
-        """Bytes that it holds."""
-        return self._size + len(self._front)
+    def is_sending(self) -> bool:
+        """True if something has left in part."""
+        return bool(self._front)
 
     def say(self, header: bytes) -> None:
         """Have a header sent before all that waits."""
@@ -75,9 +95,9 @@ class Outbox:
     def add(self, message: bytes) -> None:
         """Have a message sent after those that wait."""
         self._waiting.append(message)
-        self._size += len(message)
+        self.size += len(message)
         self._budget.hold(message)
-        while len(self._waiting) > self._most or (self._size > self._limit and len(self._waiting) > 1):
+        while len(self._waiting) > self._most or (self.size > self._limit and len(self._waiting) > 1):
             self.drop_oldest()
 
     def drop_oldest(self) -> None:
@@ -93,14 +113,17 @@ class Outbox:
             while self._waiting and (not batch or size + len(self._waiting[0]) <= BATCH):
                 batch.append(self._waiting.popleft())
                 size += len(batch[-1])
+            self.size -= size
             self._replace_front(batch[0] if len(batch) == 1 else b"".join(batch))
             for message in batch:
-                self._release(message)
+                self._budget.release(message)
+            self.messages += len(batch)
         return memoryview(self._front)[self._at :]
 
     def count_sent(self, size: int) -> None:
         """So many bytes of what is due have been sent."""
         self._at += size
+        self.sent += size
         if self._at == len(self._front):
             self._replace_front(b"")
 
@@ -118,7 +141,7 @@ class Outbox:
             self._budget.release(before)
 
     def _release(self, message: bytes) -> None:
-        self._size -= len(message)
+        self.size -= len(message)
         self._budget.release(message)
 
     def __len__(self) -> int:
