@@ -9,11 +9,12 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from .._case.registrations import TEST_NODES
+from .._case.registrations import BORDER, TEST_NODES
 from .._checks.engine import VERDICTS
 from .._checks.table import CHECKS
 from .._data.plain import to_plain
 from .._diagnosis.diagnosis import Diagnosis
+from .._fleet.filters import matches
 from .._observed.observations import Exchange, Observation, Traffic
 from .._observed.uris import normalise_uri
 from .._plan.model import FleetPlan
@@ -70,6 +71,7 @@ def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> li
     for robot, master in fleet.master_of.items():
         seen = observations.get(master.computer)
         exchange = seen.probe.exchange if seen and seen.probe and not seen.probe.exchange.error else None
+        channels = (fleet.computers[master.computer].border or {}).get("channels", ())
         robots.append(
             {
                 "robot": robot,
@@ -85,15 +87,24 @@ def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> li
                     }
                     for flow in fleet.flows
                     if robot in flow.givers
-                ],
+                ]
+                + [{"to": [entry["peer"]], **_name_there(entry)} for entry in channels],
                 "read": exchange is not None,
-                **_list_registrations(exchange, by_uri),
+                **_list_registrations(exchange, by_uri, channels),
             }
         )
     return robots
 
 
-def _list_registrations(exchange: Exchange | None, by_uri: Mapping[str, str]) -> dict[str, Any]:
+def _name_there(channel: Mapping[str, Any], *, there: bool = True) -> dict[str, list[str]]:
+    """Name what crosses by a border as the other robot has it, or as this one has."""
+    namespace = channel["as"] if channel["inner"] is there else ""
+    return {kind: [namespace + name for name in channel[kind]] for kind in ("topics", "services")}
+
+
+def _list_registrations(
+    exchange: Exchange | None, by_uri: Mapping[str, str], channels: Iterable[Mapping[str, Any]]
+) -> dict[str, Any]:
     if exchange is None:
         return {"topics": [], "services": [], "takes": []}
     takes = [
@@ -104,6 +115,17 @@ def _list_registrations(exchange: Exchange | None, by_uri: Mapping[str, str]) ->
         }
         for entry in exchange.imports
     ]
+    for channel in channels:
+        names = _name_there(channel, there=False)
+        topics = (topic.name for topic in exchange.topics if BORDER in topic.publishers)
+        services = (service.name for service in exchange.services if service.node == BORDER)
+        takes.append(
+            {
+                "robot": channel["peer"],
+                "topics": _clean_names(name for name in topics if matches(names["topics"], name)),
+                "services": _clean_names(name for name in services if matches(names["services"], name)),
+            }
+        )
     return {
         "topics": _clean_names(topic.name for topic in exchange.topics if _has_publisher(topic.publishers)),
         "services": _clean_names(service.name for service in exchange.services),

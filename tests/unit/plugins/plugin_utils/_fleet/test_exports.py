@@ -928,7 +928,7 @@ def test_parameters_of_two_robots_are_in_their_namespaces():
     assert alone.computers["kobuki1-pc"].border is None, "they do not cross by the border"
 
 
-def test_a_parameter_that_two_robots_give_by_one_name_is_a_sentence():
+def test_one_name_of_parameters_of_two_robots_is_a_sentence():
     declared = {"kobuki1": [{"parameters": ["/a"], "as": "/k"}], "kobuki2": [{"parameters": ["/k/a"]}]}
     with pytest.raises(fleet_module.InventoryProblems) as found:
         identical(**declared)

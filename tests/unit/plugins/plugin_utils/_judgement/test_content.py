@@ -4,8 +4,15 @@
 """What is registered."""
 
 import fleets
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import BORDER
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import SentTopic, Traffic
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    Exchange,
+    RegisteredService,
+    RegisteredTopic,
+    SentTopic,
+    Traffic,
+)
 from reports import make_report
 
 
@@ -14,6 +21,26 @@ def test_the_robots_of_a_document():
     assert (one["robot"], one["computers"], one["declares"], one["read"]) == ("kobuki1", [fleets.ONE], False, True)
     assert one["topics"] and not any(name.startswith(content.OWN_TOPICS) for name in one["topics"])
     assert one["takes"][0]["robot"] == "kobuki2" and set(one["takes"][0]["topics"]) <= set(two["topics"])
+
+
+def test_what_crosses_by_the_border_is_given_and_taken():
+    entry = {"topics": ["/scan", "/cmd_vel"], "services": ["/reset"], "as": "/kobuki1"}
+
+    def change(seen):
+        own = (RegisteredTopic("/scan", "x/Scan", ("/laser",)), RegisteredTopic("/cmd_vel", "x/Twist", (BORDER,)))
+        update = fleets.update
+        update(seen[fleets.ONE].probe, exchange=Exchange(topics=own))
+        there = (RegisteredTopic("/kobuki1/scan", "x/Scan", (BORDER,)), RegisteredTopic("/own", "x/Own", ("/own",)))
+        service = (RegisteredService("/kobuki1/reset", BORDER),)
+        update(seen[fleets.TWO].probe, exchange=Exchange(topics=there, services=service))
+
+    plan = fleets.plan(exports={"kobuki1": [entry], "kobuki2": []})
+    one, two = make_report(plan, change).document["robots"]
+    outer = {"topics": ["/kobuki1/scan", "/kobuki1/cmd_vel"], "services": ["/kobuki1/reset"]}
+    assert one["gives"] == [{"to": ["kobuki2"], **outer}]
+    assert two["gives"] == [{"to": ["kobuki1"], "topics": ["/scan", "/cmd_vel"], "services": ["/reset"]}]
+    assert one["takes"] == [{"robot": "kobuki2", "topics": ["/cmd_vel"], "services": []}]
+    assert two["takes"] == [{"robot": "kobuki1", "topics": ["/kobuki1/scan"], "services": ["/kobuki1/reset"]}]
 
 
 def test_the_traffic_is_summed_by_topic_and_robot():
