@@ -14,6 +14,7 @@ from .._case.needs import Parts, make_parts
 from .._case.parts import Part
 from .._case.registrations import BORDER, TEST_NODES
 from .._fleet.filters import matches
+from .._fleet.flows import find_inner_name, find_outer_name
 from .._fleet.sentences import shorten_list
 from .engine import FAILED, MASTER, OK, Check, Judgement
 
@@ -32,17 +33,15 @@ def _list_channels(case: Case) -> list[Mapping[str, Any]]:
 def _find_names(case: Case, kind: str, name: str) -> Iterator[str]:
     """Yield the observer's name of a topic or service of the target's robot; none where it does not cross."""
     for channel in _list_channels(case):
-        namespace = channel["as"]
-        inner = name if not channel["inner"] else name.removeprefix(namespace)
-        crosses = not channel["inner"] or name.startswith(f"{namespace}/")
-        if crosses and matches(channel[KINDS[kind]], inner):
-            yield inner if channel["inner"] else namespace + inner
+        inner = find_inner_name(channel, name) if channel["inner"] else name
+        if inner is not None and matches(channel[KINDS[kind]], inner):
+            yield inner if channel["inner"] else find_outer_name(channel, inner)
 
 
 def _list_roots(case: Case) -> set[tuple[str, str]]:
     """List what the target's border itself publishes for the observer: how its robot's frames hang together with others."""
     return {
-        ("publisher", channel["as"] + STATIC)
+        ("publisher", find_outer_name(channel, STATIC))
         for channel in _list_channels(case)
         if channel["world"] and not channel["inner"] and matches(channel["topics"], STATIC)
     }
@@ -79,7 +78,7 @@ def _is_of(case: Case, kind: str, name: str) -> bool:
     if len({entry["peer"] for entry in channels}) == 1:
         return kind == "service" or name != DIAGNOSTICS
     names = [
-        f"{channel['as']}{topic}"
+        find_outer_name(channel, topic)
         for channel in _list_channels(case)
         for topic in channel[KINDS[kind]]
         if channel["as"] and not channel["inner"]

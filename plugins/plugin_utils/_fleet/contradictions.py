@@ -323,7 +323,7 @@ def _pair_renamed(parties: Sequence[Party], receiver: str) -> Iterator[tuple[Giv
 def _list_meeting(one: Export, other: Export) -> list[str]:
     """Return the names on the receiver that two entries have in common."""
     names, others = (
-        [entry.namespace + name for name in (*entry.topics, *topics_of(entry.actions, FROM_SERVER), *entry.services)]
+        [entry.rename(name) for name in (*entry.topics, *topics_of(entry.actions, FROM_SERVER), *entry.services)]
         for entry in (one, other)
     )
     return [name for name in names if any(matches([name], second) or matches([second], name) for second in others)]
@@ -333,7 +333,7 @@ def _find_crossing_parameters(parties: Sequence[Party], robots: Sequence[str]) -
     """Return a sentence for two robots that give the same parameter to a third, or one in the namespace of the other."""
     by_name = {party.name: party for party in parties}
     entries = [
-        (party.name, entry, [entry.namespace + name for name in entry.parameters])
+        (party.name, entry, [entry.rename(name) for name in entry.parameters])
         for party in parties
         for entry in party.declaration or ()
         if entry.parameters

@@ -73,7 +73,8 @@ class Export:
     actions: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     to: tuple[str, ...] = ()
-    namespace: str = ""  # below which the receivers have the names: 'as'
+    namespace: str = ""  # below which the receivers have the names, or the receivers' name of the only one: 'as'
+    base: str = ""  # the beginning of the names that it replaces
     rate: float = 0.0  # messages a second of each topic at most; 0: all
     newest: bool = False  # where the link is too slow, only the newest message waits
     frames: str = ""  # in front of the robot's frames, in messages that cross
@@ -93,9 +94,13 @@ class Export:
         parts = (
             f"{words.get(key, key)}: {'[' + ', '.join(value) + ']' if isinstance(value, tuple) else value}"
             for key, value in vars(self).items()
-            if value
+            if value and key != "base"
         )
         return "{" + ", ".join(parts) + "}"
+
+    def rename(self, name: str) -> str:
+        """Return the receivers' name of a name or pattern of this entry."""
+        return self.namespace + name[len(self.base) :]
 
     def names(self) -> Iterator[tuple[str, str]]:
         """Return (key, name) of each name in the entry."""
@@ -124,7 +129,7 @@ def read_exports(value: Any) -> tuple[Export, ...]:
     """Read the entries of `multimaster_exports`. Raises UnexpectedValue."""
     if not isinstance(value, (list, tuple)) or not all(isinstance(entry, Mapping) for entry in value):
         raise UnexpectedValue("a list of entries such as {topics: [/tibi/pose], to: [dabo]}")
-    entries = tuple(map(_read_entry, value))
+    entries = tuple(export for entry in value for export in _read_entries(entry))
     contents: set[frozenset[tuple[str, str]]] = set()
     for entry in entries:
         content = frozenset([*entry.names(), *(("to", robot) for robot in entry.to), ("as", entry.namespace)])
@@ -132,7 +137,7 @@ def read_exports(value: Any) -> tuple[Export, ...]:
             raise UnexpectedValue(f"each entry once, but {entry} is there twice")
         contents.add(content)
     _check_size([item for entry in entries for item in entry.names()])
-    _check_parameters({entry.namespace + name for entry in entries for name in entry.parameters})
+    _check_parameters({entry.rename(name) for entry in entries for name in entry.parameters})
     _check_white_lists(entries)
     return entries
 
@@ -175,7 +180,25 @@ def _check_parameters(names: Collection[str]) -> None:
             raise UnexpectedValue(f"parameters that are not in each other, but {name} is in {inside}")
 
 
-def _read_entry(entry: Mapping[Any, Any]) -> Export:
+def _read_entries(entry: Mapping[Any, Any]) -> Iterator[Export]:
+    """Read an entry: one export, or one for each name, where 'as' has another name for each."""
+    renamed = entry.get("as")
+    if not isinstance(renamed, Mapping):
+        yield _read_entry(entry)
+        return
+    whole = _read_entry({key: value for key, value in entry.items() if key != "as"})
+    named = [name for _key, name in whole.names()]
+    for name in (*named, *renamed):
+        if whole.parameters or name not in renamed or name not in named or "*" in str(name):
+            raise UnexpectedValue(
+                "at 'as' a namespace such as /kobuki1, or another name for each topic, service and action of the entry, none of them with '*', "
+                f"such as {{/scan: /front/scan}}, but there is '{name}'"
+            )
+    for key, name in whole.names():
+        yield _read_entry({**entry, **dict.fromkeys(KINDS, []), key: [name], "as": renamed[name]}, base=name)
+
+
+def _read_entry(entry: Mapping[Any, Any], base: str = "") -> Export:
     known = (*KINDS, "to", *OF_BORDER)
     for key in entry:
         if key not in known:
@@ -185,7 +208,7 @@ def _read_entry(entry: Mapping[Any, Any]) -> Export:
     names: dict[str, Any] = {
         str(key): _read_texts(str(key), items) for key, items in entry.items() if key not in OF_BORDER
     }
-    export = Export(**names, **_read_border(entry))
+    export = Export(**names, **_read_border(entry), base=base)
     of_messages = export.rate or export.newest or export.frames
     if of_messages and (export.parameters or (export.services and (export.frames or not export.namespace))):
         raise UnexpectedValue(
@@ -199,7 +222,7 @@ def _read_entry(entry: Mapping[Any, Any]) -> Export:
     for key, name in export.names():
         _check_name(key, name)
     for name in export.parameters:
-        _check_parameter(export.namespace + name)
+        _check_parameter(export.rename(name))
     return export
 
 
@@ -208,7 +231,7 @@ def _read_border(entry: Mapping[Any, Any]) -> dict[str, Any]:
     namespace, rate, newest = entry.get("as", ""), entry.get("rate", 0), entry.get("newest", False)
     frames = entry.get("frames", "")
     if "as" in entry and (not isinstance(namespace, str) or not _NAMESPACE.fullmatch(namespace)):
-        raise UnexpectedValue(f"a namespace such as /kobuki1 at 'as', but there is '{namespace}'")
+        raise UnexpectedValue(f"a namespace such as /kobuki1 at 'as', or a name, but there is '{namespace}'")
     number = isinstance(rate, (int, float)) and not isinstance(rate, bool)
     if "rate" in entry and not (number and 0 < rate <= FASTEST):
         raise UnexpectedValue(f"messages a second above 0, up to {FASTEST:g}, at 'rate', but there is '{rate}'")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from .exports import FROM_CLIENT, FROM_SERVER, Export, topics_of
 
@@ -60,7 +61,7 @@ def make_flows(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Flow, ..
 class Channel:
     """Topics and services that cross between a robot and one other, both ways, by the borders of the two.
 
-    What the robot calls /scan, the other one calls /kobuki1/scan, with the namespace /kobuki1.
+    What the robot calls /scan, the other one calls /kobuki1/scan, with the namespace /kobuki1, which replaces the base.
     """
 
     robot: str
@@ -68,13 +69,26 @@ class Channel:
     topics: tuple[str, ...]
     services: tuple[str, ...] = ()
     namespace: str = ""
+    base: str = ""
     rate: float = 0.0
     newest: bool = False
     frames: str = ""
 
     def list_outer_names(self, names: Sequence[str]) -> list[str]:
         """Return names and patterns as they are on the other robot."""
-        return [self.namespace + name for name in names]
+        return [self.namespace + name[len(self.base) :] for name in names]
+
+
+def find_outer_name(channel: Mapping[str, Any], name: str) -> str:
+    """Return the other robot's name of a name or pattern of the robot with the inner ones. `channel`: as the border has it."""
+    return str(channel["as"]) + name[len(channel["base"]) :]
+
+
+def find_inner_name(channel: Mapping[str, Any], name: str) -> str | None:
+    """Return the name on the robot with the inner ones; None where the channel has none for it."""
+    rest = name[len(channel["as"]) :]
+    inside = name.startswith(channel["as"]) and (not rest or rest.startswith("/"))
+    return (channel["base"] + rest or None) if inside else None
 
 
 def make_channels(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Channel, ...]:
@@ -86,6 +100,7 @@ def make_channels(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Chann
             entry.topics + topics_of(entry.actions, FROM_CLIENT + FROM_SERVER),
             entry.services,
             entry.namespace,
+            entry.base,
             entry.rate,
             entry.newest,
             entry.frames,

@@ -295,7 +295,7 @@ class RobotVariables:
         "What this robot gives to which others: a list of entries with `topics`, `services` and `actions` (names in which `*` stands "
         "for any text), `parameters` (whole names) and `to`, a list of robots (default: each other robot). Without the variable, the "
         "robot gives everything but parameters to each other robot, as in the report. `[]` is nothing. See docs/operate/data_flow.md. With `as` "
-        "(a namespace), `rate` (messages a second), `newest` or `frames` (a prefix), topics and actions cross by the border: "
+        "(a namespace, or a name for each), `rate` (messages a second), `newest` or `frames` (a prefix), topics and actions cross by the border: "
         "docs/operate/identical_robots.md.",
         "[{topics: [/tibi/pose], actions: [/tibi/dock], to: [dabo]}]",
     )

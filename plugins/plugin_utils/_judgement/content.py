@@ -15,6 +15,7 @@ from .._checks.table import CHECKS
 from .._data.plain import to_plain
 from .._diagnosis.diagnosis import Diagnosis
 from .._fleet.filters import matches
+from .._fleet.flows import find_outer_name
 from .._observed.observations import Exchange, Observation, Traffic
 from .._observed.uris import normalise_uri
 from .._plan.model import FleetPlan
@@ -98,8 +99,11 @@ def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> li
 
 def _name_there(channel: Mapping[str, Any], *, there: bool = True) -> dict[str, list[str]]:
     """Name what crosses by a border as the other robot has it, or as this one has."""
-    namespace = channel["as"] if channel["inner"] is there else ""
-    return {kind: [namespace + name for name in channel[kind]] for kind in ("topics", "services")}
+    outer = channel["inner"] is there
+    return {
+        kind: [find_outer_name(channel, name) if outer else name for name in channel[kind]]
+        for kind in ("topics", "services")
+    }
 
 
 def _list_registrations(

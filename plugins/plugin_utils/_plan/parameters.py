@@ -61,6 +61,7 @@ def border(fleet: Fleet, robot: Robot) -> Parameters | None:
             "topics": list(channel.topics),
             "services": list(channel.services),
             "as": channel.namespace,
+            "base": channel.base,
             "inner": channel.robot == robot.name,
             "rate": channel.rate,
             "newest": channel.newest,

@@ -68,6 +68,7 @@ class Robot:
             "topics": ["/scan", "/cmd_vel"],
             "services": ["/reset"],
             "as": "/robot",
+            "base": "",
             "inner": inner,
             "rate": 0,
             "newest": False,

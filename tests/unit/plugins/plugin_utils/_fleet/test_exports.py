@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[5] / "roles/nodes/files/python"))
 
+from rosfleet_multimaster.border.core.channels import SERVICE, TOPIC, Channel  # noqa: E402
 from rosfleet_multimaster.protocol import filters, graph, parameters  # noqa: E402
 from rosfleet_multimaster.protocol.wire_filters import read_rules, write_rules
 
@@ -149,8 +150,17 @@ def test_a_declaration_is_read():
             [{"topics": [f"/{n:03x}" for n in range(4096)] * 2}],
             "fewer or shorter names, since sync_topics: all patterns",
         ),
-        ([{"topics": ["/scan"], "as": "kobuki1"}], "a namespace such as /kobuki1 at 'as', but there is 'kobuki1'"),
+        ([{"topics": ["/scan"], "as": "kobuki1"}], "a namespace such as /kobuki1 at 'as', or a name, but there is 'kobuki1'"),
         ([{"topics": ["/scan"], "as": "/"}], "a namespace such as /kobuki1 at 'as'"),
+        ([{"topics": ["/scan", "/odom"], "as": {"/scan": "/front"}}], "but there is '/odom'"),
+        ([{"topics": ["/scan"], "as": {"/scan": "/front", "/odom": "/b"}}], "but there is '/odom'"),
+        (
+            [{"topics": ["/*"], "as": {"/*": "/front"}}],
+            "none of them with '*', such as {/scan: /front/scan}, but there is '/*'",
+        ),
+        ([{"topics": ["/scan"], "as": {"/scan": "front"}}], "at 'as', or a name, but there is 'front'"),
+        ([{"topics": ["/scan"], "as": {}}], "but there is '/scan'"),
+        ([{"parameters": ["/a"], "as": {"/a": "/b"}}], "another name for each topic, service and action"),
         ([{"topics": ["/scan"], "as": None}], "a namespace such as /kobuki1 at 'as'"),
         ([{"topics": ["/scan"], "rate": 0}], "messages a second above 0, up to 1000, at 'rate', but there is '0'"),
         ([{"topics": ["/scan"], "rate": True}], "at 'rate', but there is 'True'"),
@@ -800,6 +810,7 @@ def test_both_sides_of_a_channel_have_the_same_names():
         "topics": ["/scan", "/cmd_vel"],
         "services": ["/reset"],
         "as": "/kobuki1",
+        "base": "",
         "rate": 0.0,
         "newest": False,
         "frames": "",
@@ -823,6 +834,30 @@ def test_without_such_an_entry_there_is_no_border():
     plan = plan_module.fleet_plan(identical(kobuki1=[{"topics": ["/scan"]}], kobuki2=[]))
     for computer in plan.computers.values():
         assert computer.border is None and "border" not in computer.services and "border" not in to_plain(computer)
+
+
+def test_each_name_may_have_another_one():
+    names = {"/scan": "/front", "/reset": "/kobuki1/start", "/dock": "/docking"}
+    entry = {"topics": ["/scan"], "services": ["/reset"], "actions": ["/dock"], "as": names, "to": ["station"]}
+    fleet = identical(kobuki1=[entry], kobuki2=[])
+    plan = plan_module.fleet_plan(fleet)
+    for host, inner in (("kobuki1-pc", True), ("station-pc", False)):
+        channels = plan.computers[host].border["channels"]
+        crossing = [
+            (name, flows_module.find_outer_name(entry, name))
+            for entry in channels
+            for name in (*entry["topics"], *entry["services"])
+        ]
+        parts = [(f"/dock/{part}", f"/docking/{part}") for part in ("goal", "cancel", "status", "feedback", "result")]
+        assert crossing == [("/scan", "/front"), ("/reset", "/kobuki1/start"), *parts]
+        node = [Channel.from_entry(entry) for entry in channels]
+        for own, theirs in crossing:
+            kind = SERVICE if own == "/reset" else TOPIC
+            assert theirs in {one.find_name(kind, own if inner else theirs) for one in node}
+            assert (own if inner else theirs) in {one.find_local(kind, theirs) for one in node}
+            assert own in {flows_module.find_inner_name(entry, theirs) for entry in channels}
+        for other in ("/front/scan", "/frontal", "/scan/front", "/dockings/goal", "/docking", ""):
+            assert {one.find_local(TOPIC, other) for one in node} == {None}
 
 
 def test_an_action_crosses_with_all_its_topics():

@@ -244,6 +244,7 @@ _CHANNEL: Mapping[str, str] = {
     "topics": "texts",
     "services": "texts",
     "as": "text",
+    "base": "text",
     "inner": "flag",
     "rate": "seconds",
     "newest": "flag",

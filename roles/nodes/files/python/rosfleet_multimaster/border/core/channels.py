@@ -36,6 +36,7 @@ class Channel(NamedTuple):
     services: Pattern
     namespace: str  # such as /kobuki1; empty: the names are the same on both
     inner: bool  # the inner names are those of this robot
+    base: str = ""  # the beginning of inner names that the namespace replaces
     rate: float = 0.0  # messages a second of each topic; 0: all
     newest: bool = False  # only the newest message waits for a slow link
     frames: Optional[Frames] = None  # of the robot with the inner names, where the others have them by other names
@@ -51,6 +52,7 @@ class Channel(NamedTuple):
             services=Pattern.from_items(entry["services"], "services"),
             namespace=entry["as"],
             inner=entry["inner"],
+            base=entry["base"],
             rate=entry["rate"],
             newest=entry["newest"],
             frames=Frames(*(entry[name].encode() for name in ("frames", "world", "root"))) if entry["frames"] else None,
@@ -69,7 +71,7 @@ class Channel(NamedTuple):
     def find_name(self, kind: str, local: str) -> Optional[str]:
         """Return the borders' name of a topic or service of this robot; None where it does not cross."""
         inner = local if self.inner else self._strip(local)
-        return None if inner is None or not self._takes(kind, inner) else self.namespace + inner
+        return None if inner is None or not self._takes(kind, inner) else self.rename(inner)
 
     def find_local(self, kind: str, name: str) -> Optional[str]:
         """Return this robot's name of a topic or service that the borders name so; None where it does not cross."""
@@ -78,11 +80,17 @@ class Channel(NamedTuple):
             return None
         return inner if self.inner else name
 
+    def rename(self, inner: str) -> str:
+        """Return the borders' name of an inner one."""
+        return self.namespace + inner[len(self.base) :]
+
     def _takes(self, kind: str, inner: str) -> bool:
         return (self.topics if kind == TOPIC else self.services).matches(inner)
 
     def _strip(self, name: str) -> Optional[str]:
-        return name[len(self.namespace) :] if name.startswith(f"{self.namespace}/") else None
+        rest = name[len(self.namespace) :]
+        inside = name.startswith(self.namespace) and (not rest or rest.startswith("/"))
+        return (self.base + rest or None) if inside else None
 
 
 class Registrations(NamedTuple):
@@ -115,7 +123,7 @@ def list_offers(
     found: Dict[Tuple[str, str], Offer] = {}
     for channel in channels:
         if channel.has_root:
-            static, others = channel.namespace + STATIC, topics.get(STATIC, ())
+            static, others = channel.rename(STATIC), topics.get(STATIC, ())
             found[TOPIC, static] = Offer(TOPIC, static, STATIC_TYPE, (*others[: MOST_NODES - 1], own))
         for kind, table in ((TOPIC, topics), (SERVICE, services)):
             for local, nodes in table.items():
