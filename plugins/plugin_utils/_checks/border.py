@@ -54,12 +54,24 @@ def _find_wrong(case: Case) -> tuple[list[str], list[str]] | None:
     if own not in robots or its not in robots:
         return None
     mine, there = _list_names(case, own, border=False), _list_names(case, own, border=True)
-    due = _list_roots(case) | {
-        (kind, name) for kind, other in _list_names(case, its, border=False) for name in _find_names(case, kind, other)
+    crossing = (
+        _list_roots(case),
+        {
+            (kind, name)
+            for kind, other in _list_names(case, its, border=False)
+            for name in _find_names(case, kind, other)
+        },
+    )
+    tests = {
+        (item.kind, name)
+        for item in robots[its].own
+        if item.kind in KINDS and item.node.startswith(TEST_NODES)
+        for name in _find_names(case, item.kind, item.name)
     }
+    due = set().union(*crossing) - tests
     # An own service is never replaced.
     missing = {entry for entry in due - there if entry[0] == "publisher" or entry not in mine}
-    more = {entry for entry in there - due if _is_of(case, *entry)}
+    more = {entry for entry in there - due - tests if _is_of(case, *entry)}
     return sorted(name for _kind, name in missing), sorted(name for _kind, name in more)
 
 
@@ -105,7 +117,7 @@ def _suspects(case: Case) -> Parts:
 @Check(
     title="what crosses by the border is there",
     scope=MASTER,
-    about="with `as`, `rate` or `newest` in `multimaster_exports`",
+    about="with `as`, `rate`, `newest` or `frames` in `multimaster_exports`",
     expected="each topic and service of own nodes of the one robot that the border takes across is there from the border of the other, and no more",
     suspects=_suspects,
     evidence=_evidence,

@@ -8,6 +8,7 @@ Declarations and filters of each robot in, one sentence for each contradiction o
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -15,6 +16,7 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Address
 
 from .exports import (
+    DIAGNOSTICS,
     EXTERNAL,
     FILTERS,
     FROM_CLIENT,
@@ -27,9 +29,9 @@ from .exports import (
     topics_of,
 )
 from .filters import BUILT_IN, WHITE_LISTS, Filters, matches, usable
-from .flows import list_givers, make_flows
+from .flows import Channel, list_givers, make_flows
 from .kinds import SealedComputer
-from .model import Fleet
+from .model import Fleet, Robot
 from .sentences import shorten_list
 from .values import nearest
 
@@ -175,22 +177,38 @@ _TREE = ("/tf", "/tf_static")
 
 def find_wrong_frames(fleet: Fleet) -> list[str]:
     """Return a sentence for each robot whose frames do not hang together with those of others, or cannot be told from them."""
-    problems = []
-    for robot in fleet.robots:
-        renamed = [channel for channel in fleet.channels if channel.robot == robot.name and channel.frames]
-        crossing = [name for name in _TREE if any(matches(channel.topics, name) for channel in renamed)]
+    problems = {}
+    for robot, channels in _list_renamed(fleet):
+        crossing = [name for name in _TREE if any(matches(channel.topics, name) for channel in channels)]
+        prefixes = list(dict.fromkeys(channel.frames for channel in channels))
+        other = channels[0].other
         if crossing and robot.variables.frames is None:
-            problems.append(
-                f"{robot.master.name}: multimaster_exports gives {' and '.join(crossing)} to others with 'frames', but multimaster_frames does not "
+            problems[robot.name, "tree"] = (
+                f"{robot.master.name}: multimaster_exports gives {' and '.join(crossing)} to {other} with 'frames', but multimaster_frames does not "
                 "say how the robots' frames hang together; expected a frame of all and the root of this robot's tree: set multimaster_frames to "
                 f"{{world: map}} in group_vars/{robot.name}.yml, or to '{EXTERNAL}', where something else publishes it."
             )
         elif crossing == ["/tf"]:
-            problems.append(
-                f"{robot.master.name}: multimaster_exports gives /tf to others with 'frames', but not /tf_static; expected both, since a tree "
+            problems[robot.name, "tree"] = (
+                f"{robot.master.name}: multimaster_exports gives /tf to {other} with 'frames', but not /tf_static; expected both, since a tree "
                 f"without its fixed transforms falls apart: add /tf_static beside it in group_vars/{robot.name}.yml."
             )
-    return problems + _find_ambiguous_prefixes(fleet)
+        if len(prefixes) > 1:
+            problems[robot.name, "prefix"] = (
+                f"{robot.master.name}: multimaster_exports gives frames to {other} with '{prefixes[0]}' and with '{prefixes[1]}'; expected one "
+                f"prefix of this robot there, or its frames are in no tree: correct 'frames' in group_vars/{robot.name}.yml."
+            )
+    return list(problems.values()) + _find_ambiguous_prefixes(fleet)
+
+
+def _list_renamed(fleet: Fleet) -> Iterator[tuple[Robot, list[Channel]]]:
+    """Yield each robot with its channels to one other robot that has its frames by other names."""
+    found: dict[tuple[str, str], list[Channel]] = defaultdict(list)
+    for channel in fleet.channels:
+        if channel.frames:
+            found[channel.robot, channel.other].append(channel)
+    robots = {robot.name: robot for robot in fleet.robots}
+    return ((robots[name], channels) for (name, _other), channels in found.items())
 
 
 def _find_ambiguous_prefixes(fleet: Fleet) -> list[str]:
@@ -198,16 +216,13 @@ def _find_ambiguous_prefixes(fleet: Fleet) -> list[str]:
     problems = {}
     for receiver in dict.fromkeys(channel.other for channel in fleet.channels):
         renamed = sorted({(c.frames, c.robot) for c in fleet.channels if c.other == receiver and c.frames})
-        for (first, one), (second, other) in zip(renamed, renamed[1:]):
+        for (first, one), (second, other) in itertools.pairwise(renamed):
             if second.startswith(first) and one != other:
                 problems[one, other] = (
                     f"multimaster_exports gives frames of {one} with '{first}' to {receiver}, and those of {other} with '{second}', which begins "
                     f"with it; expected a prefix of its own for each robot: choose another one at 'frames' in group_vars/{other}.yml."
                 )
     return list(problems.values())
-
-
-DIAGNOSTICS = "/diagnostics"
 
 
 def find_local_diagnostics(parties: Sequence[Party], diagnostics: str | None) -> Iterator[str]:
@@ -291,7 +306,10 @@ Giver = tuple[Party, Export]
 
 
 def _find_meeting_names(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
-    """Return a sentence for what comes to a robot by one name from two robots, or twice from one, where a border renames or slows it."""
+    """Return a sentence for what comes to a robot by one name from two robots, or twice from one, where a border renames or slows it.
+
+    Two patterns of which none is within the other, such as /*/x and /y/*, are not compared.
+    """
     problems = {}
     for receiver in robots:
         for (party, entry), (other, its) in _pair_renamed(parties, receiver):

@@ -58,6 +58,7 @@ _NAME = re.compile(r"[/*][A-Za-z0-9_/*]*")
 OF_BORDER = ("as", "rate", "newest", "frames")
 _PREFIX = re.compile(r"(?:[A-Za-z0-9]+[/_])+")
 _NAMESPACE = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
+DIAGNOSTICS = "/diagnostics"
 FASTEST = 1000.0  # messages a second
 
 
@@ -137,7 +138,7 @@ def read_exports(value: Any) -> tuple[Export, ...]:
             raise UnexpectedValue(f"each entry once, but {entry} is there twice")
         contents.add(content)
     _check_size([item for entry in entries for item in entry.names()])
-    _check_parameters({entry.rename(name) for entry in entries for name in entry.parameters})
+    _check_parameters({(entry.rename(name), name) for entry in entries for name in entry.parameters})
     _check_white_lists(entries)
     return entries
 
@@ -171,13 +172,16 @@ def is_within(name: str, other: str) -> bool:
     return f"{name}/".startswith(f"{other}/")
 
 
-def _check_parameters(names: Collection[str]) -> None:
+def _check_parameters(names: Collection[tuple[str, str]]) -> None:
+    """Check the receivers' names of parameters, each with that of the robot. Raises UnexpectedValue."""
     if len(names) > MOST_PARAMETERS:
         raise UnexpectedValue(f"at most {MOST_PARAMETERS} parameters, but there are {len(names)}")
-    for name in sorted(names):
-        inside = next((other for other in sorted(names) if name != other and is_within(name, other)), "")
+    for one in sorted(names):
+        inside = next((other for other in sorted(names) if one != other and is_within(one[0], other[0])), None)
         if inside:
-            raise UnexpectedValue(f"parameters that are not in each other, but {name} is in {inside}")
+            raise UnexpectedValue(
+                f"parameters that are not in each other at the receivers, but {one[0]} is in {inside[0]}"
+            )
 
 
 def _read_entries(entry: Mapping[Any, Any]) -> Iterator[Export]:
@@ -210,10 +214,14 @@ def _read_entry(entry: Mapping[Any, Any], base: str = "") -> Export:
     }
     export = Export(**names, **_read_border(entry), base=base)
     of_messages = export.rate or export.newest or export.frames
-    if of_messages and (export.parameters or (export.services and (export.frames or not export.namespace))):
+    if of_messages and (export.parameters or export.services):
         raise UnexpectedValue(
             "topics and actions alone in an entry with 'rate', 'newest' or 'frames', which are about messages: put the others into an entry of "
             "their own"
+        )
+    if of_messages and not export.namespace and DIAGNOSTICS in export.topics:
+        raise UnexpectedValue(
+            f"another name for {DIAGNOSTICS} by 'as' where a border takes it across, since each border publishes it itself"
         )
     if not any(export.names()):
         raise UnexpectedValue(f"at least one of {', '.join(KINDS)} in each entry; the list [] exports nothing")

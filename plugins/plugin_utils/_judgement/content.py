@@ -144,7 +144,7 @@ def _has_publisher(nodes: Iterable[str]) -> bool:
 
 def _clean_names(names: Iterable[str]) -> list[str]:
     """Return the names without those of the verification, and without services that every node has."""
-    own = {name for name in names if not name.startswith(OWN_TOPICS) and TEST_NODES not in name}
+    own = {name for name in names if OWN_TOPICS not in name and TEST_NODES not in name}
     return sorted(name for name in own if not name.endswith(PRIVATE))[:MOST]
 
 

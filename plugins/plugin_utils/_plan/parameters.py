@@ -12,8 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from .._fleet.contradictions import DIAGNOSTICS
-from .._fleet.exports import make_node_filters
+from .._fleet.exports import DIAGNOSTICS, make_node_filters
 from .._fleet.filters import HOSTS, NAMES, NO_NAME, SUCCESSOR, WHITE_LISTS
 from .._fleet.flows import VERIFICATION_TOPICS, Channel, Flow
 from .._fleet.model import Fleet, Robot
@@ -408,7 +407,7 @@ def list_limits(fleet: Fleet, robot: Robot) -> Iterator[str]:
 
 def _explain_crossing(host: str, provider: str, entries: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Yield a sentence where parameters of others are for this robot."""
-    crossing = [name for entry in entries for name in entry["names"]]
+    crossing = [entry.get("as", "") + name for entry in entries for name in entry["names"]]
     if crossing:
         yield (
             f"{host}: multimaster_exports of others has the parameters {shorten_list(crossing)} for this robot, but multimaster_provider is "

@@ -88,7 +88,7 @@ def _flows(fleet: Fleet) -> tuple[model.Flow, ...]:
             to=flow.to or tuple(robot for robot in robots if robot not in flow.givers),
             topics=flow.topics,
             services=flow.services,
-            parameters=flow.parameters or None,
+            parameters=tuple(flow.namespace + name for name in flow.parameters) or None,  # as the receivers have them
         )
         for flow in fleet.flows
     )

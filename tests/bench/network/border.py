@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The cost of the border: a topic that crosses by it, the same directly, and by topic_tools' relay, on two computers.
+"""The cost of the border: a topic that crosses by it, the same directly, and by topic_tools' relay and throttle, on two computers.
 
     python tests/bench/network/border.py
 
@@ -40,22 +40,55 @@ WAYS = {
     "by the border": ("/border/flow", "/kobuki1/border/flow"),
 }
 SLOW = "tc qdisc replace dev eth0 root tbf rate 8mbit burst 16kb latency 50ms"
+OFFERED = (30_000, 1000, 1)
+#: what crosses beside it, at 10 Hz: title -> who publishes what, and who hears what
+BESIDE = {
+    "/cmd_vel beside it": (STATION, "/kobuki1/border/cmd_vel", ROBOT, "/border/cmd_vel"),
+    "/odom beside it": (ROBOT, "/border/odom", STATION, "/kobuki1/border/odom"),
+}
+SMALL = (200, 10, 1)
+RATE = 5  # messages a second, of 30
+
+
+class Stream:
+    """A load on its way from a robot to another one."""
+
+    def __init__(self, lab: Lab, name: str, giver: str, published: str, taker: str, heard: str) -> None:
+        self.lab, self.name, self.giver, self.published, self.taker, self.heard = (
+            lab,
+            name,
+            giver,
+            published,
+            taker,
+            heard,
+        )
+        for host in (giver, taker):
+            lab.run(host, "cat > /run/flow.py", stdin=(HERE / "programs" / "flow.py").read_text())
+
+    def start(self, load: tuple[int, int, int]) -> None:
+        """Begin: bytes of a message, messages a second of each topic, topics."""
+        size, rate, count = load
+        take, give = f"take{self.name}", f"give{self.name}"
+        self.lab.start(self.taker, take, f"python3 /run/flow.py take {self.heard} {SECONDS} {count}")
+        self.lab.start(self.giver, give, f"python3 /run/flow.py give {self.published} {size} {rate} {SECONDS} {count}")
+
+    def find_ages(self) -> dict[str, float]:
+        """Return the ages in milliseconds, and the share that came, at the end."""
+        wait_until(lambda: self.lab.output(self.taker, f"take{self.name}"), 150, "all has come")
+        found: dict[str, float] = json.loads(self.lab.output(self.taker, f"take{self.name}")[-1][1])
+        sent = int(self.lab.output(self.giver, f"give{self.name}")[-1][1].split()[1])
+        found["came, %"] = 100 * found["count"] / sent
+        return found
 
 
 def run_flow(
     lab: Lab, published: str, heard: str, load: tuple[int, int, int], *units: tuple[str, str]
 ) -> dict[str, float]:
-    """Send one load; the ages in milliseconds, the share that came, and the share of a core of each unit (host, unit)."""
-    size, rate, count = load
-    for host in (ROBOT, STATION):
-        lab.run(host, "cat > /run/flow.py", stdin=(HERE / "programs" / "flow.py").read_text())
-    lab.start(STATION, "take", f"python3 /run/flow.py take {heard} {SECONDS} {count}")
+    """Send one load from the robot to the station; its ages, and the share of a core of each unit (host, unit)."""
+    stream = Stream(lab, "", ROBOT, published, STATION, heard)
     before = [measures.observe_units(lab, *unit)["seconds"] for unit in units]
-    lab.start(ROBOT, "give", f"python3 /run/flow.py give {published} {size} {rate} {SECONDS} {count}")
-    wait_until(lambda: lab.output(STATION, "take"), 150, "all has come")
-    found = json.loads(lab.output(STATION, "take")[-1][1])
-    sent = int(lab.output(ROBOT, "give")[-1][1].split()[1])
-    found["came, %"] = 100 * found["count"] / sent
+    stream.start(load)
+    found = stream.find_ages()
     for unit, was in zip(units, before, strict=True):
         found[f"{unit[1]} on {unit[0]}, % of a core"] = (
             100 * (measures.observe_units(lab, *unit)["seconds"] - was) / SECONDS
@@ -99,15 +132,34 @@ def measure_all(lab: Lab) -> None:
             show(title, way, run_flow(lab, published, heard, load, *units))
             if way == "by a relay":
                 lab.stop(STATION, "relay")
+    measure_rates(lab)
     try:
-        lab.run(ROBOT, SLOW)
+        for host in (ROBOT, STATION):
+            lab.run(host, SLOW)
     except AssertionError as problem:
         print(f"no slow link: {problem}")
         return
-    load = (30_000, 1000, 1)
     title = "30 MB/s offered to 8 Mbit/s"
-    show(title, "directly", run_flow(lab, "/direct/flow", "/direct/flow", load))
-    show(title, "newest: true", run_flow(lab, "/newest/flow", "/kobuki1/newest/flow", load, *borders))
+    for way, published, heard in (
+        ("directly", "/direct/flow", "/direct/flow"),
+        ("newest: true", "/newest/flow", "/kobuki1/newest/flow"),
+    ):
+        beside = [Stream(lab, str(number), *ends) for number, ends in enumerate(BESIDE.values())]
+        for stream in beside:
+            stream.start(SMALL)
+        show(title, way, run_flow(lab, published, heard, OFFERED, *(borders if way != "directly" else ())))
+        for name, stream in zip(BESIDE, beside, strict=True):
+            show(name, way, stream.find_ages())
+
+
+def measure_rates(lab: Lab) -> None:
+    """Measure a topic of 30 Hz of which some messages a second are wanted: by the border, and by topic_tools' throttle on the robot."""
+    load, title = LOADS["1 MB at 30 Hz"], f"1 MB at 30 Hz, {RATE} wanted"
+    lab.start(ROBOT, "throttle", f"rosrun topic_tools throttle messages /direct/flow {RATE} /direct/slowed")
+    show(title, "by throttle", run_flow(lab, "/direct/flow", "/direct/slowed", load, (ROBOT, "throttle")))
+    lab.stop(ROBOT, "throttle")
+    borders = ((ROBOT, UNIT), (STATION, UNIT))
+    show(title, f"rate: {RATE}", run_flow(lab, "/rated/flow", "/kobuki1/rated/flow", load, *borders))
 
 
 if __name__ == "__main__":

@@ -163,7 +163,7 @@ class MasterBorder:
         return [link for _topic, feed in self._list_feeds() for link in feed.list_links()]
 
     def _list_feeds(self) -> List[Tuple[str, Feed]]:
-        return [(topic, feed) for (topic, _node, _frames), feed in self.given.items()] + list(self.taken.items())
+        return [(topic, feed) for (topic, _node, _frames), feed in list(self.given.items())] + list(self.taken.items())
 
     def _entries(self) -> List[Diagnosis]:
         away = sorted(set(self.peers) - set(self.offers))
@@ -267,7 +267,8 @@ class MasterBorder:
 
     def _take_offers(self) -> None:
         """Have a feed for each topic that others offer."""
-        sources: Dict[str, Dict[Any, Any]] = {}
+        own = {} if self.diagnostics is None else {diagnostics.TOPIC: diagnostics.TYPE}
+        sources: Dict[str, Dict[Any, Origin]] = {}
         published: Dict[str, str] = {}
         self.calls = {}
         for peer, known in self.offers.items():
@@ -277,20 +278,13 @@ class MasterBorder:
             for (kind, local), (offer, channel) in find_taken(channels, known.entries).items():
                 if kind == SERVICE:
                     self.calls.setdefault(local, (dial, offer.name))
-                elif published.setdefault(local, offer.type) == offer.type:  # else two robots publish different types
+                elif local not in own:  # this node publishes that itself
+                    published.setdefault(local, offer.type)
                     change = None if channel.inner_frames is None else channel.inner_frames.take_off
-                    sources.setdefault(local, {}).update(
-                        {
-                            (offer.name, node, place): Origin(
-                                dial,
-                                f"http://{known.host}:{self.peers[peer].port}/",
-                                self._ask_border(offer.name, node),
-                                change,
-                            )
-                            for node in offer.nodes
-                        }
-                    )
-        own = {} if self.diagnostics is None else {diagnostics.TOPIC: diagnostics.TYPE}
+                    uri = f"http://{known.host}:{channel.port}/"
+                    for node in offer.nodes:
+                        origin = Origin(dial, uri, self._ask_border(offer.name, node), change)
+                        sources.setdefault(local, {})[offer.name, node, place] = origin
         self.api.published = {**published, **own}
         for topic in [topic for topic in self.taken if topic not in published]:
             self.taken.pop(topic).end()
@@ -353,6 +347,7 @@ class MasterBorder:
             _refuse(wire, f"{plain(topic)} is not published here")
             return
         self.wires[wire] = feed
+        wire.header = {name: header[name] for name in ("callerid", "md5sum") if name in header}  # it may be long
         feed.add(wire, {"callerid": NAME, "topic": topic}, rate)
         self._register()
 
@@ -366,9 +361,9 @@ class MasterBorder:
                 feed = self.given.get((topic, node, frames))
                 if feed is None:
                     feed = self.given[topic, node, frames] = self._make_feed(topic, of_one=True)
-                if its_own and frames is not None:
-                    feed.tell(*frames.make_root())
-                else:
+                    if its_own and frames is not None:
+                        feed.tell(*frames.make_root())
+                if not its_own:
                     self._aim_at_node(feed, topic, node, frames)
                 wire.limit_silence()
                 if channel.newest:

@@ -5,6 +5,7 @@
 
 import random
 import struct
+import time
 
 import pytest
 from rosfleet_multimaster.border.core import frames
@@ -93,10 +94,10 @@ def test_drawn_messages_get_the_prefix_and_nothing_else(seed):
         before, after = drawn.message(drawn.main)
         assert rewrite(drawn.main, definition, before, ROBOT.add) == after
         for end in range(0, len(before), 1 + len(before) // 10):
-            try:  # shorter than it says: an error, or the rest after the last frame
+            with pytest.raises(FramesError, match="shorter"):
                 rewrite(drawn.main, definition, before[:end], ROBOT.add)
-            except FramesError:
-                continue
+        with pytest.raises(FramesError, match="longer"):
+            rewrite(drawn.main, definition, before + b"x", ROBOT.add)
 
 
 def rename_tree(body, change):
@@ -159,8 +160,15 @@ def test_the_root_is_a_transform_of_the_world():
 def test_too_much_in_a_message_ends_soon():
     definition = f"string[] names\nstring frame_id\n{LINE}\nMSG: some/Empty\n"
     many = struct.pack("<I", 1 << 22) + b"\0" * (1 << 24)
+    began = time.process_time()
     with pytest.raises(FramesError, match=f"more than {frames.MOST_STEPS}"):
         rewrite("some/Names", definition, many, ROBOT.add)
+    deep = f"\n{LINE}\n".join(
+        ["D1[] all"] + [f"MSG: some/D{n}\nD{n + 1} a" for n in range(1, 27)] + ["MSG: some/D27\nstring frame_id"]
+    )
+    with pytest.raises(FramesError, match=f"more than {frames.MOST_STEPS}"):
+        rewrite("some/Deep", deep, struct.pack("<I", 100000) + text(b"a") * 100000, ROBOT.add)
+    assert time.process_time() - began < 3
     for length in (1 << 31, (1 << 32) - 1):
         with pytest.raises(FramesError, match="shorter"):
             rewrite("some/Pose", POSE, struct.pack("<3I", 1, 2, 3) + struct.pack("<I", length), ROBOT.add)
@@ -172,6 +180,19 @@ NESTED = (
     f"\n{LINE}\n".join(f"MSG: some/T{n}\nT{n + 1} a\nT{n + 1}[9] b" for n in range(1, 25))
     + f"\n{LINE}\nMSG: some/T25\n"
 )
+
+
+def test_a_line_ends_where_ros_ends_it():
+    """Other ends of lines, as in a comment, are text."""
+    definition = "int8 a # one\x0cint32 b\u2028int32 c\x85int32 d\r\nstring frame_id\r\n"
+    assert rewrite("some/Odd", definition, b"\1" + text(b"base"), ROBOT.add) == b"\1" + text(b"kobuki1/base")
+
+
+def test_frames_that_nobody_defines_stay_away():
+    for definition in ("", " \n"):
+        with pytest.raises(DefinitionError, match="the publisher of some/Pose sends none"):
+            make_rewrite({"type": "some/Pose", "md5sum": "a" * 32, "message_definition": definition}, ROBOT.add)
+    assert make_rewrite({"type": "std_msgs/Empty", "md5sum": frames.EMPTY}, ROBOT.add) is None
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ class Payer:
 
     def __init__(self, budget, progress=0.0):
         self.outbox, self.progress, self.budget = Outbox(budget), progress, budget
-        self.shrink = self.outbox.drop_oldest
+        self.shrink = self.outbox.drop_all
         budget.payers.add(self)
 
     @property
@@ -73,6 +73,10 @@ class Payer:
     @property
     def is_sending(self):
         return self.outbox.is_sending
+
+    @property
+    def is_stuck(self):
+        return self.outbox.is_sending and self.progress < 0
 
     def end(self, why):
         self.outbox.close()
@@ -99,6 +103,16 @@ def test_who_reads_nothing_for_longest_ends_at_last():
         payer.outbox.find_due()
     budget.change(200)
     assert [payer in budget.payers for payer in payers] == [True, False, True] and budget.used == 800
+
+
+def test_those_that_are_stuck_end_before_others_lose_anything():
+    budget = Budget(1000)
+    stuck, awake = [Payer(budget, -1.0) for _number in range(2)], Payer(budget)
+    for payer in stuck:
+        payer.outbox.add(bytes(450))
+        payer.outbox.find_due()
+    awake.outbox.add(bytes(300))
+    assert not awake.outbox.dropped and [payer in budget.payers for payer in stuck].count(True) == 1
 
 
 def test_a_message_counts_once_for_all_that_listen():

@@ -62,6 +62,19 @@ def test_what_the_border_says_of_the_frames_is_due():
     assert "/tf_static" in finding.sentence()
 
 
+def test_the_nodes_of_the_verification_itself_are_left_out():
+    entry = {"topics": ["/*"], "as": "/kobuki1"}
+
+    def seen_so(seen):
+        test = "/multimaster_verify_talker"
+        own = (RegisteredTopic("/scan", SCAN, ("/laser",)), RegisteredTopic("/multimaster_verify/a", SCAN, (test,)))
+        update(seen[ROBOT].probe, exchange=Exchange(topics=own))
+        there = tuple(RegisteredTopic("/kobuki1" + topic.name, SCAN, ("/master_border",)) for topic in own)
+        update(seen[STATION].probe, exchange=Exchange(topics=there))
+
+    assert not diagnosed(seen_so, plan(2, exports={"kobuki1": [entry], "kobuki2": []})).findings
+
+
 def test_what_nobody_publishes_is_one_finding():
     (finding,) = tell(robot=CROSSED["robot"][1:], station=CROSSED["station"]).findings
     assert (finding.part.kind, finding.part.mode) == ("border", "lacking") and "/kobuki1/scan" in finding.sentence()

@@ -128,7 +128,7 @@ def test_a_declaration_is_read():
         ([{"parameters": ["/" + "a" * 255]}], "whole names of letters"),
         ([{"parameters": ["/run_id"]}], "'/run_id', which belongs to the roscore or to the exchange itself"),
         ([{"parameters": ["/roslaunch/uris"]}], "'/roslaunch/uris', which belongs to the roscore"),
-        ([{"parameters": ["/a", "/b/c"]}, {"parameters": ["/b"]}], "not in each other, but /b/c is in /b"),
+        ([{"parameters": ["/a", "/b/c"]}, {"parameters": ["/b"]}], "not in each other at the receivers, but /b/c is in /b"),
         ([{"parameters": [f"/a{n}" for n in range(101)]}], "at most 100 parameters, but there are 101"),
         ([{"topics": ["/pose"], "to": "dabo"}], "a list of robots at 'to', such as [dabo]"),
         ([{"topics": ["/pose"], "to": []}], "at least one robot in 'to'"),
@@ -150,7 +150,10 @@ def test_a_declaration_is_read():
             [{"topics": [f"/{n:03x}" for n in range(4096)] * 2}],
             "fewer or shorter names, since sync_topics: all patterns",
         ),
-        ([{"topics": ["/scan"], "as": "kobuki1"}], "a namespace such as /kobuki1 at 'as', or a name, but there is 'kobuki1'"),
+        (
+            [{"topics": ["/scan"], "as": "kobuki1"}],
+            "a namespace such as /kobuki1 at 'as', or a name, but there is 'kobuki1'",
+        ),
         ([{"topics": ["/scan"], "as": "/"}], "a namespace such as /kobuki1 at 'as'"),
         ([{"topics": ["/scan", "/odom"], "as": {"/scan": "/front"}}], "but there is '/odom'"),
         ([{"topics": ["/scan"], "as": {"/scan": "/front", "/odom": "/b"}}], "but there is '/odom'"),
@@ -178,6 +181,15 @@ def test_a_declaration_is_read():
         ([{"parameters": ["/a"], "as": "/rosdistro"}], "but there is '/rosdistro/a', which belongs to the roscore"),
         ([{"parameters": ["/run_id"], "as": "/b"}], "but there is '/run_id', which belongs to the roscore"),
         ([{"parameters": ["/b/a"]}, {"parameters": ["/a"], "as": "/b"}, {"parameters": ["/b"]}], "/b/a is in /b"),
+        (
+            [{"parameters": ["/b/a"], "to": ["x"]}, {"parameters": ["/a"], "as": "/b"}],
+            "at the receivers, but /b/a is in /b/a",
+        ),
+        (
+            [{"topics": ["/diagnostics"], "rate": 1}],
+            "another name for /diagnostics by 'as' where a border takes it across",
+        ),
+        ([{"services": ["/a"], "as": "/b", "rate": 1}], "topics and actions alone in an entry with 'rate'"),
         ([{"topics": ["/scan"], "newst": True}], "there is 'newst' (did you mean newest?)"),
         (
             [{"topics": ["/a", "/b"]}, {"topics": ["/b", "/a"]}],
@@ -914,12 +926,12 @@ def test_both_sides_know_how_the_frames_are_called():
         (
             None,
             {},
-            "kobuki1-pc: multimaster_exports gives /tf and /tf_static to others with 'frames', but multimaster_frames does not say",
+            "kobuki1-pc: multimaster_exports gives /tf and /tf_static to station with 'frames', but multimaster_frames does not say",
         ),
         (
             ROOTS,
             {"kobuki1": [{"topics": ["/tf"], "frames": "kobuki1/", "to": ["station"]}]},
-            "kobuki1-pc: multimaster_exports gives /tf to others with 'frames', but not /tf_static",
+            "kobuki1-pc: multimaster_exports gives /tf to station with 'frames', but not /tf_static",
         ),
         (
             ROOTS,
@@ -930,6 +942,21 @@ def test_both_sides_know_how_the_frames_are_called():
             ROOTS,
             {"kobuki2": [{**TREE, "frames": "kobuki1/"}]},
             "of kobuki1 with 'kobuki1/' to station, and those of kobuki2 with 'kobuki1/'",
+        ),
+        (
+            ROOTS,
+            {"kobuki1": [*TREES["kobuki1"], {"topics": ["/scan"], "as": "/k", "frames": "k/"}]},
+            "kobuki1-pc: multimaster_exports gives frames to station with 'kobuki1/' and with 'k/'; expected one prefix",
+        ),
+        (
+            ROOTS,
+            {
+                "kobuki1": [
+                    {"topics": [f"/{name}"], "frames": "kobuki1/", "to": [to]}
+                    for name, to in (("tf", "station"), ("tf_static", "kobuki2"))
+                ]
+            },
+            "kobuki1-pc: multimaster_exports gives /tf to station with 'frames', but not /tf_static",
         ),
     ],
 )

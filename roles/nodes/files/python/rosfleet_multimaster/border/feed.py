@@ -151,10 +151,11 @@ class Feed:
     def list_links(self) -> List[Link]:
         """List the connections. Called from any thread."""
         sinks, sources = list(self._sinks.values()), list(self._sources.values())
+        wires = [(source.wire, source.origin) for source in sources if source.header is not None]
         links = [
-            Link(source.wire.number, source.origin.uri, True, source.origin.question["topic"], source.wire.title, 0, 0)
-            for source in sources
-            if source.wire is not None and source.header is not None
+            Link(wire.number, origin.uri, True, origin.question["topic"], wire.title, 0, 0)
+            for wire, origin in wires
+            if wire is not None
         ]
         for sink in sinks:
             box, peer = sink.wire.outbox, plain((sink.wire.header or {}).get("callerid", ""))

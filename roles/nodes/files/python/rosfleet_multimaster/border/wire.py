@@ -13,7 +13,6 @@ from .core.messages import MessageReader
 from .core.outbox import Budget, Outbox
 
 MAX_MESSAGE = 1 << 24  # bytes of one message; a larger one is left out
-MAX_QUESTION = 1 << 17  # bytes of the header of who connects here; it may have a definition, too
 PATIENCE = 10.0  # seconds until the header has to be there
 _READ = 1 << 18  # bytes at once, so that no connection holds the others up
 #: bytes that the kernel keeps of a connection of which only the newest message counts
@@ -49,7 +48,7 @@ class Wire:
         self._budget = budget
         self._loop, self._connection = loop, connection
         self._on_header, self._on_message, self._on_end = on_header, on_message, on_end
-        self._reader = MessageReader(MAX_QUESTION if on_message is None else MAX_HEADER)
+        self._reader = MessageReader(MAX_HEADER)
         self._counted = 0  # bytes of the message that is being read
         self._watched = False  # for being writable
         connection.setblocking(False)
@@ -70,10 +69,15 @@ class Wire:
         """True if it holds what is being sent, besides."""
         return self.outbox.is_sending
 
+    @property
+    def is_stuck(self) -> bool:
+        """True if nothing of what is being sent has left for long."""
+        return self.outbox.is_sending and monotonic() - self.progress > SILENCE
+
     def shrink(self) -> None:
         """Hold less, since all connections hold too much."""
         if len(self.outbox):
-            self.outbox.drop_oldest()
+            self.outbox.drop_all()
         else:
             self._reader.give_up()
             self._budget.change(-self._counted)
@@ -95,6 +99,8 @@ class Wire:
 
     def say(self, header: bytes) -> None:
         """Send a header."""
+        if self.ended:
+            return
         self.outbox.say(header)
         self._flush()
 
@@ -171,6 +177,8 @@ class Wire:
         self._on_header(self)
 
     def _flush(self) -> None:
+        if not self.outbox.is_sending:
+            self.progress = monotonic()
         try:
             while not self.ended:
                 due = self.outbox.find_due()

@@ -81,7 +81,7 @@ class _Reader:
             if name in self._open or len(self._open) == DEEPEST:
                 raise DefinitionError(f"{name} is in itself, or more than {DEEPEST} types are in each other")
             self._open.add(name)
-            steps = [self._read_field(name, line) for line in self._texts[name].splitlines()]
+            steps = [self._read_field(name, line) for line in self._texts[name].split("\n")]
             self._open.discard(name)
             self._plans[name] = _merge_steps([step for step in steps if step is not None], name == TRANSFORM)
         return self._plans[name]

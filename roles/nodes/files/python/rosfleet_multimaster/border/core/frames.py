@@ -7,12 +7,13 @@ the root of the robot's tree lies, at the same place.
 """
 
 import struct
-from typing import Callable, Dict, List, NamedTuple, Optional, Tuple, Union
+from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
-from .definition import Plan, Skip, Text, make_plan
+from .definition import DefinitionError, Plan, Skip, Text, make_plan
 
-MOST_STEPS = 100_000  # texts and elements of a message, so that none holds the others up
+MOST_STEPS = 30_000  # types, texts and numbers of elements in a message, so that none holds the others up for long
 STATIC, STATIC_TYPE, MD5SUM = "/tf_static", "tf2_msgs/TFMessage", "94810edda583a504dfda3829e70d7eec"
+EMPTY = "d41d8cd98f00b204e9800998ecf8427e"  # the md5sum of a type without fields
 _LINE = "=" * 80
 DEFINITION = f"""geometry_msgs/TransformStamped[] transforms
 {_LINE}
@@ -80,7 +81,10 @@ class Frames(NamedTuple):
 
 def make_rewrite(header: Dict[str, str], change: Change) -> Optional[Rewrite]:
     """Return what changes the frames of a publisher's messages; None where they have none. Raises DefinitionError."""
-    plan = make_plan(header.get("type", ""), header.get("message_definition", ""))
+    definition = header.get("message_definition", "")
+    if not definition.strip() and header.get("md5sum") != EMPTY:
+        raise DefinitionError(f"the publisher of {header.get('type')} sends none")
+    plan = make_plan(header.get("type", ""), definition)
     return (lambda message: _Walk(message, change).rewrite(plan)) if plan.has_frames else None
 
 
@@ -91,7 +95,7 @@ class _Walk:
         """`message`: its length is in front."""
         self._message, self._change = memoryview(message), change
         self._at = self._copied = _SIZE.size
-        self._pieces: List[Union[bytes, memoryview]] = []
+        self._out = bytearray()  # of the new message, without its length
         self._frames: List[bytes] = []  # of the transform that is being read
         self._foreign: Optional[bytes] = None
         self._steps = self._left_out = self._kept = 0
@@ -101,12 +105,15 @@ class _Walk:
         self._walk(plan)
         if self._foreign is not None:
             raise FramesError(f"its frame {self._foreign.decode('utf-8', 'replace')} is none of this robot")
+        if self._at != len(self._message):
+            raise FramesError("it is longer than its definition says")
         if self._left_out and not self._kept:
             return b""
-        pieces = [*self._pieces, self._message[self._copied :]]
-        return b"".join((_SIZE.pack(sum(map(len, pieces))), *pieces))
+        rest = self._message[self._copied :]
+        return b"".join((_SIZE.pack(len(self._out) + len(rest)), self._out, rest))
 
     def _walk(self, plan: Plan) -> None:
+        self._count_step()
         for step in plan.steps:
             if isinstance(step, Skip):
                 self._at += step.size
@@ -124,10 +131,15 @@ class _Walk:
             if self._at > len(self._message):
                 raise FramesError("it is shorter than its definition says")
 
-    def _read_number(self) -> int:
+    def _count_step(self) -> None:
         self._steps += 1
-        if self._at + _SIZE.size > len(self._message) or self._steps > MOST_STEPS:
-            raise FramesError(f"it is shorter than its definition says, or has more than {MOST_STEPS} texts")
+        if self._steps > MOST_STEPS:
+            raise FramesError(f"it has more than {MOST_STEPS} texts and types")
+
+    def _read_number(self) -> int:
+        self._count_step()
+        if self._at + _SIZE.size > len(self._message):
+            raise FramesError("it is shorter than its definition says")
         (number,) = _SIZE.unpack_from(self._message, self._at)
         self._at += _SIZE.size
         return int(number)
@@ -141,27 +153,27 @@ class _Walk:
             if changed is None:
                 self._foreign = text
             elif changed != text:
-                self._pieces += (self._message[self._copied : begin], _SIZE.pack(len(changed)), changed)
+                self._out += self._message[self._copied : begin]
+                self._out += _SIZE.pack(len(changed)) + changed
                 self._copied = self._at
             self._frames.append(changed or b"")
 
     def _sort_out(self, plan: Plan, count: int) -> None:
         """Keep the transforms between two frames of the robot; their number is in front."""
-        self._pieces.append(self._message[self._copied : self._at - _SIZE.size])
-        self._pieces.append(b"")
-        place, kept, before_it = len(self._pieces) - 1, 0, self._foreign
+        self._out += self._message[self._copied : self._at]
+        place, kept, before_it = len(self._out) - _SIZE.size, 0, self._foreign
         self._copied, self._foreign = self._at, None
         for _number in range(count):
-            before = len(self._pieces)
+            before = len(self._out)
             self._frames = []
             self._walk(plan)
             if self._foreign is None and len(set(self._frames)) == len(self._frames):
-                self._pieces.append(self._message[self._copied : self._at])
+                self._out += self._message[self._copied : self._at]
                 kept += 1
             else:
-                del self._pieces[before:]
+                del self._out[before:]
                 self._left_out += 1
             self._foreign, self._copied = None, self._at
         self._foreign = before_it
-        self._pieces[place] = _SIZE.pack(kept)
+        _SIZE.pack_into(self._out, place, kept)
         self._kept += kept

@@ -8,7 +8,7 @@ Texts keep their bytes, whatever their encoding: a definition is copied, not rea
 import struct
 from typing import Dict, Mapping
 
-MAX_HEADER = 1 << 20  # bytes; the definition of the messages is in it
+MAX_HEADER = 1 << 18  # bytes; the definition of the messages is in it
 MOST_FIELDS = 100
 _SIZE = struct.Struct("<I")
 

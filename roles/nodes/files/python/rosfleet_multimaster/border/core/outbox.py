@@ -13,7 +13,7 @@ ALL = 32 << 20  # bytes that all connections together hold: what waits, what is 
 class Payer(Protocol):
     """A connection, as the budget sees it."""
 
-    progress: float  # when bytes have left it for the last time
+    progress: float  # when bytes of what is being sent have left it for the last time
 
     @property
     def size(self) -> int:
@@ -22,6 +22,10 @@ class Payer(Protocol):
     @property
     def is_sending(self) -> bool:
         """True if it holds what is being sent, besides."""
+
+    @property
+    def is_stuck(self) -> bool:
+        """True if nothing of it has left for long."""
 
     def shrink(self) -> None:
         """Hold less."""
@@ -33,7 +37,8 @@ class Payer(Protocol):
 class Budget:
     """The bytes that all connections may hold together. A message counts once, however many hold it.
 
-    Beyond the limit the fullest loses what waits and what is being read. If that is not enough, the one that reads nothing for longest ends.
+    Beyond the limit those that read nothing for long end, then the fullest loses what waits and what is being read, then the one that reads
+    nothing for longest ends.
     """
 
     def __init__(self, limit: int = ALL) -> None:
@@ -62,13 +67,17 @@ class Budget:
         self.used += size
         while size > 0 and self.used > self._limit:
             fullest = max(self.payers, key=lambda payer: payer.size, default=None)
-            sending = [payer for payer in self.payers if payer.is_sending]
-            if fullest is not None and fullest.size:
+            slowest = min(filter(_is_sending, self.payers), key=lambda payer: payer.progress, default=None)
+            if fullest is not None and fullest.size and not (slowest and slowest.is_stuck):
                 fullest.shrink()
-            elif sending:
-                min(sending, key=lambda payer: payer.progress).end("it does not read, and others need the memory")
+            elif slowest is not None:
+                slowest.end("it does not read, and others need the memory")
             else:
                 return
+
+
+def _is_sending(payer: Payer) -> bool:
+    return payer.is_sending
 
 
 class Outbox:
@@ -104,6 +113,11 @@ class Outbox:
         """Drop the message that has waited longest."""
         self._release(self._waiting.popleft())
         self.dropped += 1
+
+    def drop_all(self) -> None:
+        """Drop what waits."""
+        while self._waiting:
+            self.drop_oldest()
 
     def find_due(self) -> memoryview:
         """Return what is to be sent now: one message or some small ones, or the rest of them; empty where nothing waits."""
