@@ -54,25 +54,21 @@ def _find_wrong(case: Case) -> tuple[list[str], list[str]] | None:
     if own not in robots or its not in robots:
         return None
     mine, there = _list_names(case, own, border=False), _list_names(case, own, border=True)
-    crossing = (
-        _list_roots(case),
-        {
-            (kind, name)
-            for kind, other in _list_names(case, its, border=False)
-            for name in _find_names(case, kind, other)
-        },
-    )
-    tests = {
-        (item.kind, name)
-        for item in robots[its].own
-        if item.kind in KINDS and item.node.startswith(TEST_NODES)
-        for name in _find_names(case, item.kind, item.name)
-    }
-    due = set().union(*crossing) - tests
+    due, tests = _list_due(case, tests=False) | _list_roots(case), _list_due(case, tests=True)
     # An own service is never replaced.
     missing = {entry for entry in due - there if entry[0] == "publisher" or entry not in mine}
     more = {entry for entry in there - due - tests if _is_of(case, *entry)}
     return sorted(name for _kind, name in missing), sorted(name for _kind, name in more)
+
+
+def _list_due(case: Case, *, tests: bool) -> set[tuple[str, str]]:
+    """List kind and name here of what crosses of the target's own nodes: of those of the verification, or of the others."""
+    return {
+        (item.kind, name)
+        for item in case.state.exchanges.robots[case.robots[1]].own
+        if item.kind in KINDS and item.node != BORDER and item.node.startswith(TEST_NODES) is tests
+        for name in _find_names(case, item.kind, item.name)
+    }
 
 
 def _list_names(case: Case, robot: str, *, border: bool) -> set[tuple[str, str]]:

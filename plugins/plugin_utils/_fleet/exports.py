@@ -213,16 +213,8 @@ def _read_entry(entry: Mapping[Any, Any], base: str = "") -> Export:
         str(key): _read_texts(str(key), items) for key, items in entry.items() if key not in OF_BORDER
     }
     export = Export(**names, **_read_border(entry), base=base)
-    of_messages = export.rate or export.newest or export.frames
-    if of_messages and (export.parameters or export.services):
-        raise UnexpectedValue(
-            "topics and actions alone in an entry with 'rate', 'newest' or 'frames', which are about messages: put the others into an entry of "
-            "their own"
-        )
-    if of_messages and not export.namespace and DIAGNOSTICS in export.topics:
-        raise UnexpectedValue(
-            f"another name for {DIAGNOSTICS} by 'as' where a border takes it across, since each border publishes it itself"
-        )
+    if export.rate or export.newest or export.frames:
+        _check_kinds(export)
     if not any(export.names()):
         raise UnexpectedValue(f"at least one of {', '.join(KINDS)} in each entry; the list [] exports nothing")
     if "to" in entry and not export.to:
@@ -232,6 +224,19 @@ def _read_entry(entry: Mapping[Any, Any], base: str = "") -> Export:
     for name in export.parameters:
         _check_parameter(export.rename(name))
     return export
+
+
+def _check_kinds(export: Export) -> None:
+    """Raise UnexpectedValue where an entry about messages names what has none, or what each border publishes itself."""
+    if export.parameters or export.services:
+        raise UnexpectedValue(
+            "topics and actions alone in an entry with 'rate', 'newest' or 'frames', which are about messages: put the others into an entry of "
+            "their own"
+        )
+    if not export.namespace and DIAGNOSTICS in export.topics:
+        raise UnexpectedValue(
+            f"another name for {DIAGNOSTICS} by 'as' where a border takes it across, since each border publishes it itself"
+        )
 
 
 def _read_border(entry: Mapping[Any, Any]) -> dict[str, Any]:

@@ -119,21 +119,23 @@ def _list_registrations(
         }
         for entry in exchange.imports
     ]
-    for channel in channels:
-        names = _name_there(channel, there=False)
-        topics = (topic.name for topic in exchange.topics if BORDER in topic.publishers)
-        services = (service.name for service in exchange.services if service.node == BORDER)
-        takes.append(
-            {
-                "robot": channel["peer"],
-                "topics": _clean_names(name for name in topics if matches(names["topics"], name)),
-                "services": _clean_names(name for name in services if matches(names["services"], name)),
-            }
-        )
+    takes += [_list_crossed(exchange, channel) for channel in channels]
     return {
         "topics": _clean_names(topic.name for topic in exchange.topics if _has_publisher(topic.publishers)),
         "services": _clean_names(service.name for service in exchange.services),
         "takes": takes,
+    }
+
+
+def _list_crossed(exchange: Exchange, channel: Mapping[str, Any]) -> dict[str, Any]:
+    """List what a border has of another robot."""
+    names = _name_there(channel, there=False)
+    topics = (topic.name for topic in exchange.topics if BORDER in topic.publishers)
+    services = (service.name for service in exchange.services if service.node == BORDER)
+    return {
+        "robot": channel["peer"],
+        "topics": _clean_names(name for name in topics if matches(names["topics"], name)),
+        "services": _clean_names(name for name in services if matches(names["services"], name)),
     }
 
 

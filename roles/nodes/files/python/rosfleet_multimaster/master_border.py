@@ -87,12 +87,8 @@ class MasterBorder:
         self.feeds_due = self.jobs_due = 0.0
         self.listener = listen()
         self.rules = callers(Members.from_parameters(values), uri, AddressBook().have)
-        self.api = SlaveApi(
-            uri,
-            lambda: int(self.listener.getsockname()[1]),
-            partial(self.loop.post, self._on_shutdown),
-            self._list_links,
-        )
+        port = int(self.listener.getsockname()[1])
+        self.api = SlaveApi(uri, port, partial(self.loop.post, self._on_shutdown), self._list_links)
         methods = {**self.api.methods(), OFFERS: LongPoll(self._tell_offers)}
         self.server = serve("", values["port"], methods, self._on_malformed, self.rules)
         self.uri = f"http://{find_own_host()}:{values['port']}/"
@@ -233,7 +229,7 @@ class MasterBorder:
         self.api.subscribed = {topic: self.seen.types.get(topic, "*") for topic in listening}
         wanted = {(PUBLISHER, topic): kind for topic, kind in self.api.published.items()}
         wanted.update({(SUBSCRIBER, topic): kind for topic, kind in self.api.subscribed.items()})
-        uri = f"rosrpc://{find_own_host()}:{self.api.port()}"
+        uri = f"rosrpc://{find_own_host()}:{self.api.port}"
         # A roscore keeps one provider: one of this robot is never replaced.
         wanted.update({(PROVIDER, service): uri for service in self.calls if service not in self.services})
         self.registrar.want(wanted)
@@ -251,7 +247,7 @@ class MasterBorder:
         if found is None:
             raise RefusedCall("the own roscore has not been read yet")
         now, offers = found
-        return [now, self.api.port(), [[*offer[:3], list(offer.nodes)] for offer in offers]]
+        return [now, self.api.port, [[*offer[:3], list(offer.nodes)] for offer in offers]]
 
     def _is_peer(self, robot: Any, address: str) -> bool:
         return isinstance(robot, str) and robot in self.peers and address in self.peers[robot].hosts

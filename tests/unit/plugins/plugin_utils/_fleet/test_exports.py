@@ -128,7 +128,10 @@ def test_a_declaration_is_read():
         ([{"parameters": ["/" + "a" * 255]}], "whole names of letters"),
         ([{"parameters": ["/run_id"]}], "'/run_id', which belongs to the roscore or to the exchange itself"),
         ([{"parameters": ["/roslaunch/uris"]}], "'/roslaunch/uris', which belongs to the roscore"),
-        ([{"parameters": ["/a", "/b/c"]}, {"parameters": ["/b"]}], "not in each other at the receivers, but /b/c is in /b"),
+        (
+            [{"parameters": ["/a", "/b/c"]}, {"parameters": ["/b"]}],
+            "not in each other at the receivers, but /b/c is in /b",
+        ),
         ([{"parameters": [f"/a{n}" for n in range(101)]}], "at most 100 parameters, but there are 101"),
         ([{"topics": ["/pose"], "to": "dabo"}], "a list of robots at 'to', such as [dabo]"),
         ([{"topics": ["/pose"], "to": []}], "at least one robot in 'to'"),

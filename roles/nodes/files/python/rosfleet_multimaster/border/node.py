@@ -25,10 +25,8 @@ Key = Tuple[str, str]  # PUBLISHER, SUBSCRIBER or PROVIDER, and a topic or servi
 class SlaveApi:
     """The methods that others call at the node. They are called in threads of the server."""
 
-    def __init__(
-        self, master: str, port: Callable[[], int], end: Callable[[str], None], links: Callable[[], List[Link]]
-    ) -> None:
-        """`port()`: of the data; `end(reason)`: this computer itself wants the node to end; `links()`: its connections."""
+    def __init__(self, master: str, port: int, end: Callable[[str], None], links: Callable[[], List[Link]]) -> None:
+        """`port`: of the data; `end(reason)`: this computer itself wants the node to end; `links()`: its connections."""
         self._master, self.port, self._end, self._links = master, port, end, links
         self.published: Dict[str, str] = {}  # topic -> type; replaced as a whole
         self.subscribed: Dict[str, str] = {}
@@ -71,7 +69,7 @@ class SlaveApi:
             isinstance(one, list) and one[:1] == ["TCPROS"] for one in protocols
         ):
             return [0, "TCPROS is the only protocol here", []]
-        return [1, "", ["TCPROS", find_own_host(), self.port()]]
+        return [1, "", ["TCPROS", find_own_host(), self.port]]
 
     def _shut_down(self, address: str, caller: Any, reason: Any = "") -> List[Any]:
         if address not in local_hosts():

@@ -306,20 +306,11 @@ def _check_crossing(entries: Sequence[Mapping[str, Any]]) -> None:
     sources = [(entry.get("from"), entry.get("as", "")) for entry in entries]
     for number, entry in enumerate(entries, 1):
         what = f"entry {number} of ~sync_parameters"
-        names, namespace = entry.get("names"), entry.get("as", "")
-        if set(entry) - {"as"} != {"from", "names"} or not isinstance(entry["from"], str) or not _texts(names):
-            raise ParameterError(f"{what} is {entry!r}, but from, a master, and names, a list of texts, are expected")
-        if not isinstance(namespace, str) or (namespace and problem_of_parameter(namespace)):
-            raise ParameterError(f"{what} has {namespace!r} as its as, but a namespace such as /kobuki1 is expected")
+        namespace = _check_source(what, entry)
         if sources.index((entry["from"], namespace)) + 1 < number:
             raise ParameterError(
                 f"{what} is for {entry['from']!r} once more, but one entry for each master and namespace is expected"
             )
-        if len(entry["names"]) > CROSSING:
-            raise ParameterError(f"{what} has {len(entry['names'])} names, but at most {CROSSING} are expected")
-        for name in entry["names"]:
-            if problem_of_parameter(name):
-                raise ParameterError(f"{what} has {name!r}, but {problem_of_parameter(name)}")
         everything += [namespace + name for name in entry["names"]]
     ordered = sorted(name + "/" for name in everything)
     for one, other in zip(ordered, ordered[1:]):
@@ -327,6 +318,21 @@ def _check_crossing(entries: Sequence[Mapping[str, Any]]) -> None:
             raise ParameterError(
                 f"~sync_parameters has {other[:-1]} twice, or in {one[:-1]}, but each one once is expected"
             )
+
+
+def _check_source(what: str, entry: Mapping[str, Any]) -> str:
+    """Check one entry; its namespace."""
+    names, namespace = entry.get("names"), entry.get("as", "")
+    if set(entry) - {"as"} != {"from", "names"} or not isinstance(entry["from"], str) or not _texts(names):
+        raise ParameterError(f"{what} is {entry!r}, but from, a master, and names, a list of texts, are expected")
+    if not isinstance(namespace, str) or (namespace and problem_of_parameter(namespace)):
+        raise ParameterError(f"{what} has {namespace!r} as its as, but a namespace such as /kobuki1 is expected")
+    if len(entry["names"]) > CROSSING:
+        raise ParameterError(f"{what} has {len(entry['names'])} names, but at most {CROSSING} are expected")
+    for name in entry["names"]:
+        if problem_of_parameter(name):
+            raise ParameterError(f"{what} has {name!r}, but {problem_of_parameter(name)}")
+    return namespace
 
 
 def _is_network(text: str) -> bool:
