@@ -15,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = Path("/tmp/rosfleet")  # as the README has it, so two checkouts take turns
-# Run by whoever runs the tests: CI runs `make test`, which runs the demonstrations; tests/long runs a rehearsal.
+# Run by whoever runs the tests: CI runs `make test`; the demonstrations are suites of it or of `make test-long`; tests/long runs a rehearsal.
 ELSEWHERE = {
     "git clone https://github.com/rosfleet/multimaster && cd multimaster",  # this checkout
     "python3 -m venv ~/rosfleet && . ~/rosfleet/bin/activate && pip install ansible-core distlib",  # .work/venv
