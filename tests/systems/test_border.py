@@ -225,9 +225,21 @@ def test_a_robot_has_another_name_from_now_on(lab, tmp_path):
     assert said.split() == ["scout/laser=2.0", "kobuki2/laser=not", "there"]
 
 
+def expect_no_border(lab):
+    for host in (*ALL.values(), STATION):
+        assert lab.run(host, "systemctl list-units --all --plain --no-legend 'multimaster-border*'").strip() == ""
+        assert "master_border" not in lab.run(host, "ls /etc/rosfleet-multimaster 2> /dev/null; ps -e -o args")
+
+
 def test_without_the_entries_nothing_of_it_is_left(lab):
     status, output = lab.play("site.yml", "-e", '{"multimaster_exports": []}')
     assert status == 0, output
-    for host in (*ALL.values(), STATION):
-        assert lab.run(host, "systemctl list-units --all --plain --no-legend 'multimaster-border*'").strip() == ""
-        assert "master_border" not in lab.run(host, "ls /etc/rosfleet-multimaster; rosnode list")
+    expect_no_border(lab)
+    assert "/master_border" not in lab.run(STATION, "rosnode list")
+
+
+def test_nothing_of_it_is_left_after_the_teardown(lab):
+    for playbook in ("site.yml", "playbooks/teardown.yml"):
+        status, output = lab.play(playbook)
+        assert status == 0, output
+    expect_no_border(lab)
