@@ -201,7 +201,7 @@ UNIT = (f"--numprocesses={int(CORES) + 1}", "tests/unit")
 UNIT_CORES = 1.0
 
 #: Tests that assert times of tenths of a second: nothing runs beside them.
-TIMED = {"links", "data_flow", "alone"}
+TIMED = {"links", "data_flow"}
 
 #: Files of tests/systems and Molecule scenarios that are part of 'make test-long', since they take minutes. The demonstration
 #: of the multi-computer layout shows the same fleet in every run, but for its restart, its teardown, and a master on an inner
@@ -224,8 +224,8 @@ COSTLY = {
     *("time_source", "tunnel"),
 }
 
-#: Faults that are drawn by a seed, of five kinds, each of which breaks something: their numbers.
-DRAWN = ("1", "2", "6", "14", "27")
+#: Faults that are drawn by a seed, of four kinds, each of which breaks something: their numbers.
+DRAWN = ("1", "6", "14", "27")
 
 
 def scenarios() -> list[Suite]:
@@ -297,7 +297,7 @@ SUITES = [
     lint("antsibull-changelog", "antsibull-changelog", "lint"),
     lint("antsibull-docs", "antsibull-docs", "lint-collection-docs", "--plugin-docs", ".", seconds=7),
     lint("readme", sys.executable, "tools/readme.py", "--check"),
-    cases("unit", "quick", *UNIT, "-m", "not slow", cores=UNIT_CORES, seconds=200),
+    cases("unit", "quick", *UNIT, "-m", "not slow and not costly", cores=UNIT_CORES, seconds=200),
     cases("unit", "slow", *UNIT, "-m", "slow", cores=UNIT_CORES, seconds=120),
     cases("browser", "page", "tests/browser", seconds=20),
     Suite("sanity", "ansible-test", (sys.executable, "tools/sanity.py"), judge_sanity, seconds=420),
@@ -336,6 +336,7 @@ SUITES = [
         limit=LONG_LIMIT,
     ),
     cases("long", "site", "tests/site", seconds=90),  # the documentation
+    cases("long", "unit", *UNIT, *THE_COSTLY),
     *(
         Suite(
             "long", f"sanity_{line}", (sys.executable, "tools/sanity.py", f"--core={line}"), judge_sanity, seconds=240

@@ -35,7 +35,7 @@ def test_one_fault_is_named_first():
     assert single >= ONE * sum(score.findings.total() for score in table.values()), harness.render_findings(table)
 
 
-@pytest.mark.slow
+@pytest.mark.costly
 def test_two_faults_are_among_the_first_three():
     table = harness.scores(harness.pairs_of_faults(range(PAIRS)))
     assert share(table, harness.FIRST, harness.EQUAL) >= FIRST_OF_PAIRS, harness.render_misses(table)

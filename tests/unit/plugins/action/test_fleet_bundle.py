@@ -154,7 +154,7 @@ def test_no_name_is_left(tmp_path):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.costly
 def test_twelve_computers_are_less_than_a_megabyte(tmp_path):
     """Logs of the worst kind: each line is another one."""
     chance = random.Random(1)

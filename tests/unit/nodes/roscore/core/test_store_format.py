@@ -114,7 +114,7 @@ def test_a_line_that_is_whole_and_says_nothing_is_left_out_alone():
     assert vars(found.registry) == state_of(CHANGES[:3]) and not found.torn and found.omissions == len(wrong) + 1
 
 
-@pytest.mark.slow
+@pytest.mark.costly
 def test_entries_beyond_a_roscores_bounds_are_left_out_alone():
     data = file_of([[["set", f"/p{number}", "x" * (10 << 20)]] for number in range(35)] + [[["set", "/last", 1]]])
     found = read(data)

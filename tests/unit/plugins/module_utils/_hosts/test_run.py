@@ -194,7 +194,7 @@ def test_a_file_that_is_not_the_systems_skips_cloud_init(guarded, tmp_path, monk
     assert (tmp_path / "computer" / CONFIGURATION).exists()
 
 
-@pytest.mark.slow
+@pytest.mark.costly
 @pytest.mark.parametrize("wanted", [SECOND, []])
 @pytest.mark.parametrize("first", [FIRST, []])
 def test_kill_at_any_call_with_cloud_init(guarded, killed_at, first, wanted):

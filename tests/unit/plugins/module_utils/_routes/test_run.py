@@ -591,7 +591,7 @@ def drawn(chance, number):
     return route
 
 
-@pytest.mark.slow
+@pytest.mark.costly
 @pytest.mark.parametrize("seed", range(6))
 def test_check_mode_says_in_the_same_words_what_the_run_does(computer, seed):
     chance = random.Random(seed)

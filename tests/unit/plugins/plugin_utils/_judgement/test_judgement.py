@@ -22,7 +22,7 @@ def judge_fleet(fleet, pages, everything, change=None):
     return judge(Verification(CHECKS, fleet, seen), pages, everything)
 
 
-@pytest.mark.slow
+@pytest.mark.costly
 def test_the_findings_are_the_same_whatever_is_kept():
     small = [judge_fleet(fleets.fig12(), pages, False, fleets.wall) for pages in (False, True)]
     large = [
