@@ -300,7 +300,14 @@ SUITES = [
     cases("unit", "quick", *UNIT, "-m", "not slow and not costly", cores=UNIT_CORES, seconds=200),
     cases("unit", "slow", *UNIT, "-m", "slow", cores=UNIT_CORES, seconds=120),
     cases("browser", "page", "tests/browser", seconds=20),
-    Suite("sanity", "ansible-test", (sys.executable, "tools/sanity.py"), judge_sanity, seconds=420),
+    Suite(
+        "sanity",
+        "ansible-test",
+        (sys.executable, "tools/sanity.py"),
+        judge_sanity,
+        cores=LAB_CORES,  # or it would wait until the labs are through
+        seconds=420,
+    ),
     *scenarios(),
     *systems(),
     Suite(
