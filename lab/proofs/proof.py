@@ -151,7 +151,7 @@ def _pair(here: Computer, there: Computer) -> Iterator[Result]:
         ok, seen = wait_for(lambda: there.run(f"rosservice call /{name}_server/where"), lambda text: here.name in text)
         yield Result("a service is called", whom, ok, " ".join(seen.split()))
     with here.start_program(f"python3 - {name}_action", NODES / "programs/action_server.py"):
-        seen = there.run(f"python3 - {name}_action", NODES / "programs/action_client.py", seconds=100)
+        seen = there.run(f"python3 - /{name}_action/double", NODES / "programs/action_client.py", seconds=100)
         ok = seen.split() in (["1", "42"], ["2", "42"], ["3", "42"])
         yield Result("an action gives feedback and its result", whom, ok, " ".join(seen.split()))
     parameter = f"/{name}_parameter"

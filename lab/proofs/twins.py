@@ -34,7 +34,7 @@ def tell_apart(robots: Mapping[str, Computer], station: Computer) -> Iterator[Re
             lambda text, name=computer.name: name in text,
         )
         yield Result("a service of this robot answers", whom, ok, " ".join(seen.split()))
-        seen = station.run(f"python3 - {robot}/move_base", CLIENT, seconds=100)
+        seen = station.run(f"python3 - /{robot}/move_base", CLIENT, seconds=100)
         yield Result(
             "an action gives feedback and its result",
             whom,

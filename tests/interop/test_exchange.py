@@ -72,7 +72,9 @@ def test_a_service_is_called(giver, taker):
 @both_ways
 def test_an_action_gives_feedback_and_its_result(giver, taker):
     giver.start("action", "python3 /opt/nodes/programs/action_server.py interop_action")
-    feedbacks, result = taker.run("timeout 85 python3 /opt/nodes/programs/action_client.py interop_action").split()
+    feedbacks, result = taker.run(
+        "timeout 85 python3 /opt/nodes/programs/action_client.py /interop_action/double"
+    ).split()
     assert int(feedbacks) > 0 and result == "42"
 
 

@@ -104,7 +104,7 @@ def test_what_is_declared_arrives_and_nothing_else(declared):
 def test_a_service_and_an_action_work(declared):
     assert "ana-pc" in declared.run("bob-pc", "rosservice call /ana_server/where")
     client = (NODES / "programs/action_client.py").read_text()
-    seen = declared.run("bob-pc", "timeout 100 python3 - ana_action __name:=bob_client", stdin=client)
+    seen = declared.run("bob-pc", "timeout 100 python3 - /ana_action/double __name:=bob_client", stdin=client)
     assert seen.split() in (["1", "42"], ["2", "42"], ["3", "42"])
 
 

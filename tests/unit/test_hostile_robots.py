@@ -37,7 +37,7 @@ import hostile_answers  # noqa: E402
 import shown  # noqa: E402
 import worlds  # noqa: E402
 
-SEEDS = range(60)
+SEEDS = [pytest.param(seed, marks=[pytest.mark.costly] if seed >= 60 else []) for seed in range(120)]
 #: what is small and has the shape of an answer: other attacks end at the door (test_answer.py)
 SHAPED = ["texts", "numbers", "types", "less", "more"]
 HOSTILE, HONEST = "kobuki", "tibi-nav"

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Sends the goal 21 to the action, once, and prints the number of feedbacks and the result.
+"""`action_client.py ACTION`: sends the goal 21 to the action, once, and prints the number of feedbacks and the result.
 
 A rospy node that is told twice of a publisher, before its first question to that one is answered, connects twice: it closes
 the first connection, and what was sent by that one is lost. On one roscore that happens where two clients of an action start
@@ -41,7 +41,7 @@ def settle(client):
 
 feedbacks = []
 rospy.init_node("action_client", anonymous=True)
-client = actionlib.SimpleActionClient("/" + sys.argv[1] + "/double", TestAction)
+client = actionlib.SimpleActionClient(sys.argv[1], TestAction)
 if not client.wait_for_server(rospy.Duration(30)):
     sys.exit("the action server did not appear within 30 s")
 settle(client)

@@ -167,7 +167,7 @@ def find_wrong_border(fleet: Fleet) -> list[str]:
     if not others:
         return []
     return [
-        f"multimaster_exports has {', '.join(OF_BORDER)} for {shorten_list(others)}, where multimaster_provider is not 'bundled'; expected "
+        f"multimaster_exports has one of {', '.join(OF_BORDER)} for {shorten_list(others)}, where multimaster_provider is not 'bundled'; expected "
         "'bundled', which has the border: set it there, or choose with 'to' who gets which."
     ]
 

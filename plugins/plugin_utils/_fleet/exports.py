@@ -101,11 +101,16 @@ class Export:
 
     def rename(self, name: str) -> str:
         """Return the receivers' name of a name or pattern of this entry."""
-        return self.namespace + name[len(self.base) :]
+        return rename(name, self.namespace, self.base)
 
     def names(self) -> Iterator[tuple[str, str]]:
         """Return (key, name) of each name in the entry."""
         return ((key, name) for key in KINDS for name in getattr(self, key))
+
+
+def rename(name: str, namespace: str, base: str) -> str:
+    """Return a name with a namespace in place of its beginning, the base."""
+    return namespace + name[len(base) :]
 
 
 def topics_of(actions: Iterable[str], parts: Sequence[str]) -> tuple[str, ...]:

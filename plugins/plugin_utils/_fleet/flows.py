@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .exports import FROM_CLIENT, FROM_SERVER, Export, topics_of
+from .exports import FROM_CLIENT, FROM_SERVER, Export, rename, topics_of
 
 # The topics of the verification while it runs. They cross wherever any topic does.
 VERIFICATION_TOPICS = "/multimaster_verify/*"
@@ -76,12 +76,12 @@ class Channel:
 
     def list_outer_names(self, names: Sequence[str]) -> list[str]:
         """Return names and patterns as they are on the other robot."""
-        return [self.namespace + name[len(self.base) :] for name in names]
+        return [rename(name, self.namespace, self.base) for name in names]
 
 
 def find_outer_name(channel: Mapping[str, Any], name: str) -> str:
     """Return the other robot's name of a name or pattern of the robot with the inner ones. `channel`: as the border has it."""
-    return str(channel["as"]) + name[len(channel["base"]) :]
+    return rename(name, channel["as"], channel["base"])
 
 
 def find_inner_name(channel: Mapping[str, Any], name: str) -> str | None:

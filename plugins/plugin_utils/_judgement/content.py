@@ -89,7 +89,7 @@ def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> li
                     for flow in fleet.flows
                     if robot in flow.givers
                 ]
-                + [{"to": [entry["peer"]], **_name_there(entry)} for entry in channels],
+                + [{"to": [entry["peer"]], **_name_crossing(entry, outer=entry["inner"])} for entry in channels],
                 "read": exchange is not None,
                 **_list_registrations(exchange, by_uri, channels),
             }
@@ -97,9 +97,8 @@ def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> li
     return robots
 
 
-def _name_there(channel: Mapping[str, Any], *, there: bool = True) -> dict[str, list[str]]:
-    """Name what crosses by a border as the other robot has it, or as this one has."""
-    outer = channel["inner"] is there
+def _name_crossing(channel: Mapping[str, Any], *, outer: bool) -> dict[str, list[str]]:
+    """Name what crosses by a border, as the robot with the inner names has it, or as the other one has."""
     return {
         kind: [find_outer_name(channel, name) if outer else name for name in channel[kind]]
         for kind in ("topics", "services")
@@ -129,7 +128,7 @@ def _list_registrations(
 
 def _list_crossed(exchange: Exchange, channel: Mapping[str, Any]) -> dict[str, Any]:
     """List what a border has of another robot."""
-    names = _name_there(channel, there=False)
+    names = _name_crossing(channel, outer=not channel["inner"])
     topics = (topic.name for topic in exchange.topics if BORDER in topic.publishers)
     services = (service.name for service in exchange.services if service.node == BORDER)
     return {

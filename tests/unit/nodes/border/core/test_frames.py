@@ -135,7 +135,7 @@ def test_a_message_for_a_robot_has_the_robot_s_frames(theirs, own):
 
 def test_a_message_in_a_frame_of_another_stays_away():
     for frame in (b"map", b"kobuki2/base", b"kobuki1", b"worlds"):
-        with pytest.raises(FramesError, match="its frame .* is none of this robot"):
+        with pytest.raises(FramesError, match="its frame .* does not belong to this robot"):
             rewrite("some/Pose", POSE, pose(frame), ROBOT.take_off)
     with pytest.raises(FramesError):
         rewrite("some/Pose", POSE, pose(b"world"), Frames(b"kobuki1/").take_off)
@@ -201,11 +201,11 @@ def test_frames_that_nobody_defines_stay_away():
         ("Other other", "field other of some/Main, which|field other of some/Other, which is not defined"),
         ("Main again", "some/Main is in itself"),
         (f"A a\n{LINE}\nMSG: some/A\nB b\n{LINE}\nMSG: some/B\nA a", "some/A is in itself"),
-        ("string frame_id\nstring", "some/Main has a field that is none"),
-        ("uint8[12345678901] data", "a field that is none"),
+        ("string frame_id\nstring", "some/Main has a line that is no field"),
+        ("uint8[12345678901] data", "a line that is no field"),
         ("\n".join(f"uint8 f{number}" for number in range(10001)), "more than 10000"),
         (f"\n{LINE}\n".join(["T1 a"] + [f"MSG: some/T{n}\nT{n + 1} a" for n in range(1, 40)]), "more than 30 types"),
-        ("x" * 500000, "a field that is none"),
+        ("x" * 500000, "a line that is no field"),
     ],
 )
 def test_a_definition_that_cannot_be_read_is_named(definition, why):

@@ -36,7 +36,7 @@ def test_a_length_of_4_gb_holds_nothing():
 
 
 def test_a_longer_message_may_follow_a_short_one():
-    """What is behind a header in the same bytes is read by the limit that is set after the header."""
+    """The bytes behind a header are read by the limit that is set after the header."""
     reader, large = MessageReader(10), message(bytes(1000))
     reader.feed(message(b"header") + large[:500])
     assert reader.take() == message(b"header")

@@ -17,7 +17,7 @@ def message(body):
 
 
 def leave(box, most=1 << 20):
-    """What leaves in one step, of so many bytes at most."""
+    """Send one step, of so many bytes at most; return the bytes."""
     data = bytes(box.find_due()[:most])
     box.count_sent(len(data))
     return data

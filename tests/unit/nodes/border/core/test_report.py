@@ -23,7 +23,7 @@ def test_the_entry_names_who_is_away_and_what_was_dropped():
 
 
 def test_a_topic_that_stays_away_is_a_warning_with_its_reason():
-    entry = make_entry([], 3, [], {"/odom": "its frames cannot be renamed: some/Odometry has a field that is none"})
+    entry = make_entry([], 3, [], {"/odom": "its frames cannot be renamed: some/Odometry has a line that is no field"})
     assert entry.level == WARN and entry.values[0][0] == "/odom" and "some/Odometry" in entry.values[0][1]
 
 

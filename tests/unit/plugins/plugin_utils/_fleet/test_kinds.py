@@ -45,7 +45,7 @@ PIECES = (
 pytestmark = pytest.mark.filterwarnings("ignore:Possible nested set:FutureWarning")
 
 LONG = "/" + "a" * 30000
-SEEDS = range(300)
+SEEDS = range(400)
 
 
 def draw_filters(seed):

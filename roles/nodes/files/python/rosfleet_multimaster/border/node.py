@@ -47,7 +47,7 @@ class SlaveApi:
         }
 
     def _count_bytes(self) -> List[Any]:
-        """What has been sent: each topic with its connections. What came is not counted by connection."""
+        """The bytes and messages that have been sent: each topic with its connections. Those that came are not counted."""
         topics: Dict[str, List[Link]] = {}
         for link in self._links():
             if not link.inward:

@@ -312,7 +312,7 @@ def _count(record: Mapping[str, Copy]) -> List[Tuple[str, str]]:
 
 
 def _read(rpc: Rpc, caller: str, names: Mapping[str, str], last: Last) -> Optional[ParameterAnswer]:
-    """What a roscore has, by names here -> there; None where it is the last answer again. Raises what Rpc does."""
+    """The values of a roscore, by names here -> there; None where it is the last answer again. Raises what Rpc does."""
     try:
         results = rpc.multicall([("getParam", caller, name) for name in names.values()], last)
     except DocumentTooLarge:

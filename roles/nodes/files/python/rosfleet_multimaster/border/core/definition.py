@@ -91,7 +91,7 @@ class _Reader:
         found = _LINE.match(line)
         self._fields += 1
         if line and found is None or self._fields > MOST_FIELDS:
-            raise DefinitionError(f"{name} has a field that is none, or one of more than {MOST_FIELDS}: {line[:80]}")
+            raise DefinitionError(f"{name} has a line that is no field, or more than {MOST_FIELDS} fields: {line[:80]}")
         if found is None or found[4]:  # a comment, or a constant, which is in no message
             return None
         kind, array, field = found[1], found[2], found[3]

@@ -104,7 +104,7 @@ class _Walk:
         """Return the message with its frames changed; empty where no transform of it is left. Raises FramesError."""
         self._walk(plan)
         if self._foreign is not None:
-            raise FramesError(f"its frame {self._foreign.decode('utf-8', 'replace')} is none of this robot")
+            raise FramesError(f"its frame {self._foreign.decode('utf-8', 'replace')} does not belong to this robot")
         if self._at != len(self._message):
             raise FramesError("it is longer than its definition says")
         if self._left_out and not self._kept:
