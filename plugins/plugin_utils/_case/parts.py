@@ -912,7 +912,17 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     # A node whose datagrams its own kernel refuses leaves the group, and tries again.
     ("discovery", "group"): (("filter", "group out"), ("filter", "group"), ("filter", "udp out"), ("filter", "udp")),
     ("sync", "dead"): (("roscore", "dead"), SEALED, LOOPING),
-    ("service", "restarting"): (("roscore", "dead"), SEALED, ("set_up", "others"), LOOPING),
+    # systemd ends a stopped process and starts it again, and its neighbours with it: they know little at first.
+    ("service", "restarting"): (
+        STOPPED,
+        FULL,
+        LOOPING,
+        ("roscore", "dead"),
+        ("roscore", "hung"),
+        SEALED,
+        ("set_up", "others"),
+    ),
+    **dict.fromkeys((("discovery", "configuration"), ("sync", "configuration")), (STOPPED, LOOPING)),
     ("names", "unknown"): (("names", "order"),),
     ("names", "old"): (("names", "order"),),
     ("names", "several"): (("names", "order"),),

@@ -144,6 +144,21 @@ def test_who_lacks_the_call_first_is_the_finding(change, kind, place, mode):
     assert found.findings[0].sure == SEEN
 
 
+@pytest.mark.parametrize("service", ["roscore", "discovery", "sync"])
+@pytest.mark.parametrize("change", [_undiscovered, _withheld])
+def test_a_stopped_process_is_why_its_neighbours_know_little(change, service):
+    """systemd ends it and starts it again in the same run, and its neighbours with it."""
+
+    def stopped(seen):
+        change(seen)
+        for entry in seen[ITS].probe.services:
+            update(entry, restarts=4, age_s=20.0)
+        update(of(seen[ITS].probe.services, service), stopped=True)
+
+    found = diagnosed(stopped, FLEET)
+    assert parts(found) == [("service", ITS, "stopped")] and not found.unexplained, found
+
+
 def _unasked(seen):
     _lagging(seen)
     update(seen[OWN].probe, sources=seen[OWN].probe.sources[:1])
