@@ -61,7 +61,7 @@ test-long: bench-site ## what takes too long for 'make test': losses of minutes,
 	@$(PYTHON) tools/test.py long
 
 test-faults: lab-tests ## the catalogue of faults on real systems, and its table in docs/operate/verification.md (an hour); FUZZ=200 SEED=1: drawn ones
-	@$(if $(FUZZ),$(PYTHON) tests/faults/fuzz.py --number $(FUZZ) --seed $(or $(SEED),1),$(PYTHON) tools/test.py faults)
+	@$(if $(FUZZ),$(PYTHON) tests/faults/fuzz.py --number $(FUZZ) --seed $(or $(SEED),1) --labs 3,$(PYTHON) tools/test.py faults)
 
 test-interop: checkout lab-tests ## the bundled nodes with those of multimaster_fkie 1.3.2 (FKIE=checkout), or of fkie_mas 5.7.0 (MAS=checkout)
 	@$(if $(MAS),bash tests/interop/needs.sh)

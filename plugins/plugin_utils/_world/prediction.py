@@ -9,7 +9,7 @@ Pure: the plan and the facts in; plain data, sentences and a table out.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
 from typing import NamedTuple
@@ -25,10 +25,44 @@ REACHES, FAILS, UNSURE = "reaches", "fails", "unsure"
 TRANSLATED = "translated"
 FULL = 1500  # bytes of a large packet
 NODES = 45000  # stands for the ports of nodes, which the kernel chooses above 32768
+NTP = 123
 WIDTH = 120
 MATRIX = 16  # computers: a larger matrix is not printed
 ALL = 30  # computers of which all pairs are tried
 PAIRS, MOST = 4, 8  # pairs and machines that are named in a sentence
+
+
+class Goal(NamedTuple):
+    """The address and the port that packets go to."""
+
+    address: IPv4Address
+    port: int = 0
+
+
+def _find_computer(fleet: FleetPlan, one: Member, other: Member) -> Goal | None:
+    return Goal(other.address)
+
+
+def _find_node(fleet: FleetPlan, one: Member, other: Member) -> Goal | None:
+    return Goal(other.address, NODES)
+
+
+def _find_discovery(fleet: FleetPlan, one: Member, other: Member) -> Goal | None:
+    return Goal(other.discovery_address, fleet.multicast_port) if one.discovery and other.discovery else None
+
+
+def _find_border(fleet: FleetPlan, one: Member, other: Member) -> Goal | None:
+    """Return the border that a border asks, where a topic or service crosses by both."""
+    own, its = (fleet.computers[member.name].border for member in (one, other))
+    if own is None or its is None or other.robot not in {channel["peer"] for channel in own["channels"]}:
+        return None
+    return Goal(other.discovery_address, its["port"])
+
+
+def _find_time(fleet: FleetPlan, one: Member, other: Member) -> Goal | None:
+    """Return the source of the time that a computer follows."""
+    clock = fleet.computers[one.name].clock
+    return Goal(clock.server, NTP) if clock and clock.server and clock.source == other.name else None
 
 
 class Traffic(NamedTuple):
@@ -36,22 +70,22 @@ class Traffic(NamedTuple):
 
     name: str
     protocol: str
-    port: int = 0
+    find_goal: Callable[[FleetPlan, Member, Member], Goal | None]  # None between computers that do not need it
     size: int = 100
     discovery: bool = False  # for discovery nodes, which ignore it if its source address was translated
 
-    def packet(self, fleet: FleetPlan, to: Member) -> Packet:
+    def make_packet(self, goal: Goal) -> Packet:
         """Make a packet to a computer. A full one must not be cut."""
-        address, port = (to.discovery_address, fleet.multicast_port) if self.discovery else (to.address, self.port)
-        return Packet(self.protocol, address, port=port, size=self.size, whole=self.size == FULL)
+        return Packet(self.protocol, goal.address, port=goal.port, size=self.size, whole=self.size == FULL)
 
 
 TRAFFIC = (
-    Traffic("ping", "icmp"),
-    Traffic("heartbeats", "udp", discovery=True),
-    Traffic(CONNECTIONS, "tcp", NODES),
-    Traffic(LARGE, "tcp", NODES, FULL),
+    Traffic("ping", "icmp", _find_computer),
+    Traffic("heartbeats", "udp", _find_discovery, discovery=True),
+    Traffic(CONNECTIONS, "tcp", _find_node),
+    Traffic(LARGE, "tcp", _find_node, FULL),
 )
+DECLARED = (Traffic("topics by the border", "tcp", _find_border), Traffic("the time", "udp", _find_time))  # of few ways
 
 
 class End(NamedTuple):
@@ -126,8 +160,9 @@ def _pairs(fleet: FleetPlan, now: World, after: World) -> Iterator[Pair]:
     same = now == after  # as after every site.yml
     for one, other, traffics in choose_ways(fleet.members):
         for traffic in traffics:
-            if not traffic.discovery or (one.discovery and other.discovery):
-                packet = traffic.packet(fleet, other)
+            goal = traffic.find_goal(fleet, one, other)
+            if goal is not None:
+                packet = traffic.make_packet(goal)
                 later, end = _outcome(fleet, after, one.name, other.name, packet, traffic)
                 before = later if same else _outcome(fleet, now, one.name, other.name, packet, traffic)[0]
                 yield Pair(traffic.name, one.name, other.name, before, later, end)
@@ -136,8 +171,10 @@ def _pairs(fleet: FleetPlan, now: World, after: World) -> Iterator[Pair]:
 def choose_ways(members: Sequence[Member]) -> Iterator[tuple[Member, Member, Sequence[Traffic]]]:
     """Yield the pairs that are tried, and their kinds of traffic: all of a small fleet.
 
-    In a large fleet: each computer to and from its own robot and the next robot, and a ping between each two robots.
+    In a large fleet: each computer to and from its own robot and the next robot, and a ping between each two robots. What is
+    declared between few is tried between all.
     """
+    yield from ((one, other, DECLARED) for one in members for other in members if one != other)
     if len(members) <= ALL:
         yield from ((one, other, TRAFFIC) for one in members for other in members if one != other)
         return
@@ -297,12 +334,12 @@ def render(prediction: Prediction) -> str:
 
 
 def _table(prediction: Prediction) -> str:
-    width = max(len(traffic.name) for traffic in TRAFFIC)
+    count = prediction.count
+    shown = [*TRAFFIC, *(traffic for traffic in DECLARED if count(traffic=traffic.name))]
+    width = max(len(traffic.name) for traffic in shown)
     columns = ("pairs", "now", "after", "begin", "end", "unsure")
     lines = [f"  {'would reach each other':<{max(width, 22)}}" + "".join(f"{column:>9}" for column in columns)]
-    for traffic in TRAFFIC:
-        count = prediction.count
-        name = traffic.name
+    for name in (traffic.name for traffic in shown):
         numbers = (
             count(traffic=name),
             count(now=REACHES, traffic=name),

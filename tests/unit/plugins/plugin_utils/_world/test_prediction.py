@@ -166,3 +166,29 @@ def test_a_large_fleet_takes_seconds():
     assert {pair.observer for pair in found.pairs} == {pair.target for pair in found.pairs} == set(plan.computers)
     assert found.count(after="reaches") == len(found.pairs) < 80 * 79 * 4
     assert time.process_time() - began < 5
+
+
+DECLARED = fig12(
+    {"dabo": {"multimaster_exports": [{"topics": ["/scan"], "as": "/dabo", "to": ["tibi"]}]}},
+    multimaster_clock="tibi-nav",
+)
+PORTS = {11911: "topics by the border", 123: "the time"}
+
+
+@pytest.mark.parametrize("port", PORTS)
+def test_a_port_that_only_some_need_is_tried_between_them(port):
+    world = make_world(DECLARED)
+    well = prediction.predict(DECLARED, infos(world, DECLARED))
+    assert well.count(after="reaches") == len(well.pairs)
+    closed = change(
+        world, "tibi-visio", rules=(Rule("forward", "drop", ports=(port, port)), Rule("in", "drop", ports=(port, port)))
+    )
+    found = prediction.predict(DECLARED, infos(closed, DECLARED))
+    assert {pair.traffic for pair in found.pairs if pair.after == "fails"} == {PORTS[port]}
+    assert f"a packet filter on it drops {PORTS[port]}" in prediction.warnings(found)[0]
+    assert f"  {PORTS[port]:<22}" in prediction.render(found)
+
+
+def test_nobody_asks_for_the_time_or_a_border_where_none_is_declared():
+    assert {pair.traffic for pair in predicted(WORLD).pairs} == {traffic.name for traffic in prediction.TRAFFIC}
+    assert not any(name in prediction.render(predicted(WORLD)) for name in PORTS.values())
