@@ -359,7 +359,13 @@ SUITES = [
         labs=("faults",),
         limit=LONG_LIMIT,
     ),
-    cases("interop", "pytest", "tests/interop", labs=("interop", "by-hand", "in-tunnel"), limit=LONG_LIMIT),
+    cases(
+        "interop",
+        "pytest",
+        "tests/interop",
+        labs=("interop", "by-hand", "in-tunnel", "border-beside"),
+        limit=LONG_LIMIT,
+    ),
 ]
 
 #: Groups that run only when they are named: they take hours, or need what the project does not have.

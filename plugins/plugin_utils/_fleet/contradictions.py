@@ -22,7 +22,6 @@ from .exports import (
     FROM_CLIENT,
     FROM_SERVER,
     KINDS,
-    OF_BORDER,
     Export,
     is_within,
     make_node_filters,
@@ -158,18 +157,6 @@ def _find_unreachable(ends: Mapping[str, IPv4Address | None], hub: str | None) -
         f"multimaster_tunnel_hub is '{hub}'; expected a computer in the common network with a multimaster_endpoint, at which all others reach it"
         f"{nearest(hub or '', [name for name, end in ends.items() if end])}",
     )
-
-
-def find_wrong_border(fleet: Fleet) -> list[str]:
-    """Return a sentence for robots whose topics cross by a border that their provider does not have."""
-    names = {name for channel in fleet.channels for name in (channel.robot, channel.other)}
-    others = [robot.name for robot in fleet.robots if robot.name in names and robot.variables.provider != "bundled"]
-    if not others:
-        return []
-    return [
-        f"multimaster_exports has one of {', '.join(OF_BORDER)} for {shorten_list(others)}, where multimaster_provider is not 'bundled'; expected "
-        "'bundled', which has the border: set it there, or choose with 'to' who gets which."
-    ]
 
 
 _TREE = ("/tf", "/tf_static")

@@ -94,7 +94,7 @@ def read_fleet(inventory: Inventory) -> Fleet:
         values = networks.move_into_tunnel(reading.hosts, reading.shared, reading.own)
         fleet = _make_fleet(_InventoryValues(inventory, *values), router)
         problems = [*heartbeats.find_unreachable_masters(fleet), *contradictions.find_wrong_clock(fleet)]
-        problems += contradictions.find_wrong_tunnel(fleet) + contradictions.find_wrong_border(fleet)
+        problems += contradictions.find_wrong_tunnel(fleet)
         problems += contradictions.find_wrong_frames(fleet)
     if problems:
         raise InventoryProblems(_collapse(problems, [*reading.hosts, *inventory.routers]))

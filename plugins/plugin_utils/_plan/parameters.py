@@ -193,7 +193,9 @@ def _make_sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
 
 
 def _leave_to_border(parameters: dict[str, Any], fleet: Fleet, robot: Robot) -> None:
-    """Have ignored what the border takes across, of each robot that gives everything."""
+    """Have ignored what the border takes across, of each robot that gives everything, and borders where they are not known."""
+    if fleet.channels and robot.variables.provider in UPSTREAM:
+        parameters.setdefault("ignore_nodes", []).append("/master_border")
     for channel in fleet.channels:
         if channel.robot == robot.name:
             (other,) = (other for other in fleet.robots if other.name == channel.other)

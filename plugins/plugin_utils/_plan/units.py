@@ -371,7 +371,8 @@ ExecStart={python} {path} __name:={node}
 ExecStartPost={wait} --service /{node}/{service}
 TimeoutStartSec=150
 RestartSec=1"""
-_UPSTREAM = {"discovery": UnitLines(_PART_OF, _WATCHED), "sync": UnitLines(_PART_OF, _WATCHED)}
+_BORDER = UnitLines("", _NOTIFYING)
+_UPSTREAM = {"discovery": UnitLines(_PART_OF, _WATCHED), "sync": UnitLines(_PART_OF, _WATCHED), "border": _BORDER}
 
 #: provider -> node or roscore -> the lines of its unit; without a roscore here that of ROS runs
 PROGRAMS: dict[str, dict[str, UnitLines]] = {
@@ -379,13 +380,13 @@ PROGRAMS: dict[str, dict[str, UnitLines]] = {
         "roscore": UnitLines("", _REMEMBERING),
         "discovery": UnitLines("", _NOTIFYING),
         "sync": UnitLines(_ENDER, _GROUP + _NOTIFYING),
-        "border": UnitLines("", _NOTIFYING),
+        "border": _BORDER,
     },
     "fkie_apt": _UPSTREAM,
     "fkie_existing": _UPSTREAM,
 }
 # For a computer without nodes.
-NO_PROGRAMS = {name: UnitLines() for name in _UPSTREAM}
+NO_PROGRAMS = dict.fromkeys(("discovery", "sync"), UnitLines())
 
 
 def render_programs(

@@ -13,7 +13,7 @@ from .border import diagnostics
 from .border.board import OfferBoard
 from .border.calls import splice
 from .border.core import report
-from .border.core.channels import SERVICE, TOPIC, Channel, Own, Registrations, find_taken, list_offers, list_own
+from .border.core.channels import SERVICE, TOPIC, Channel, Others, Own, Registrations, find_taken, list_offers, list_own
 from .border.core.frames import STATIC, Frames
 from .border.core.header import encode_header
 from .border.core.outbox import Budget
@@ -86,7 +86,9 @@ class MasterBorder:
         self.wires: Dict[Wire, Optional[Feed]] = {}  # of others
         self.feeds_due = self.jobs_due = 0.0
         self.listener = listen()
-        self.rules = callers(Members.from_parameters(values), uri, AddressBook().have)
+        members = Members.from_parameters(values)
+        self.hosts = frozenset(host for one in members.robots if one.robot != self.robot for host in one.hosts)
+        self.rules = callers(members, uri, AddressBook().have)
         port = int(self.listener.getsockname()[1])
         self.api = SlaveApi(uri, port, partial(self.loop.post, self._on_shutdown), self._list_links)
         methods = {**self.api.methods(), OFFERS: LongPoll(self._tell_offers)}
@@ -208,7 +210,8 @@ class MasterBorder:
         if found is None:
             return  # its health is looked at elsewhere
         seen, claims = found
-        topics, services = (list_own(seen, table, NAME, claims) for table in (seen.publishers, seen.services))
+        others = Others(claims, self.hosts)
+        topics, services = (list_own(seen, table, NAME, others) for table in (seen.publishers, seen.services))
         if (topics, services, seen) == (self.topics, self.services, self.seen):
             return
         self.seen, self.topics, self.services = seen, topics, services

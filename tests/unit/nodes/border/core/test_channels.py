@@ -9,6 +9,7 @@ from rosfleet_multimaster.border.core.channels import (
     TOPIC,
     Channel,
     Offer,
+    Others,
     Registrations,
     find_taken,
     list_offers,
@@ -59,12 +60,12 @@ def test_services_have_names_of_their_own():
 
 def test_what_the_border_and_other_robots_have_is_not_offered():
     seen = Registrations(
-        {"/scan": ("/laser", "/master_border", "/foreign"), "/odom": ("/master_border",)},
+        {"/scan": ("/laser", "/master_border", "/foreign", "/unrecorded"), "/odom": ("/master_border",)},
         {"/reset": ("/laser",), "/foreign/reset": ("/foreign",)},
         {"/scan": "sensor_msgs/LaserScan"},
-        {"/foreign": "http://other:1/"},
+        {"/foreign": "http://stranger:1/", "/unrecorded": "http://Station-PC:2/", "/laser": "http://kobuki1-pc:3/"},
     )
-    others = {("/foreign", "http://other:1/")}
+    others = Others({("/foreign", "http://stranger:1/")}, {"station-pc"})
     topics, services = (list_own(seen, table, "/master_border", others) for table in (seen.publishers, seen.services))
     assert topics == {"/scan": ("/laser",)} and services == {"/reset": ("/laser",)}
     offers = list_offers([channel(True)], topics, services, seen.types, "/master_border")

@@ -796,7 +796,7 @@ def test_the_plan_of_a_hundred_exporting_robots_stays_small():
 # What crosses by the border
 
 
-def identical(frames=None, **changed):
+def identical(frames=None, provider="bundled", **changed):
     """Three robots, of which two are alike, and what each declares; `frames`: multimaster_frames of each robot."""
     entry = {"topics": ["/scan", "/cmd_vel"], "services": ["/reset"], "to": ["station"]}
     declared = {
@@ -809,6 +809,7 @@ def identical(frames=None, **changed):
         f"{robot}-pc": {
             "multimaster_common_network": "192.168.1.0/24",
             "multimaster_address": f"192.168.1.{number}",
+            "multimaster_provider": provider,
             **({} if entries is None else {"multimaster_exports": entries}),
             **({"multimaster_frames": frames[robot]} if robot in (frames or {}) else {}),
         }
@@ -843,6 +844,15 @@ def test_both_sides_of_a_channel_have_the_same_names():
     assert own.sync["station-pc"]["ignore_topics"] == ["/kobuki1/scan", "/kobuki1/cmd_vel"]
     assert own.sync["station-pc"]["ignore_services"] == ["/kobuki1/reset"]
     assert own.discovery["exports"] == []
+
+
+def test_a_border_runs_beside_upstreams_nodes_which_leave_it_alone():
+    plan = plan_module.fleet_plan(identical(provider="fkie_existing", station=None))
+    for computer in plan.computers.values():
+        assert "border" in computer.services and computer.border
+        assert "/master_border" in computer.sync["ignore_nodes"]
+    without = plan_module.fleet_plan(identical(provider="fkie_existing", kobuki1=[], kobuki2=[]))
+    assert not any("/master_border" in computer.sync["ignore_nodes"] for computer in without.computers.values())
 
 
 def test_without_such_an_entry_there_is_no_border():

@@ -9,6 +9,7 @@ have the two borders between them. Data cross both ways: what is published on th
 from typing import Any, Container, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ...protocol.filters import MAX_NAME, Pattern
+from ...protocol.members import host_of
 from ...protocol.messages import NodeKey
 from .frames import STATIC, STATIC_TYPE, Frames
 
@@ -106,11 +107,22 @@ class Registrations(NamedTuple):
 Own = Dict[str, Tuple[str, ...]]  # topic or service -> nodes of this robot
 
 
-def list_own(seen: Registrations, table: Mapping[str, Sequence[str]], own: str, others: Container[NodeKey]) -> Own:
-    """Return the nodes of this robot of each topic or service. `own`: the border itself; `others`: nodes of other robots."""
+class Others(NamedTuple):
+    """The nodes of other robots at the own roscore: those that master_sync has recorded, and those on their computers."""
+
+    claims: Container[NodeKey] = ()
+    hosts: Container[str] = ()  # multimaster_fkie's master_sync records nothing
+
+    def have(self, node: str, uri: str) -> bool:
+        """True for a node of another robot."""
+        return (node, uri) in self.claims or host_of(uri) in self.hosts
+
+
+def list_own(seen: Registrations, table: Mapping[str, Sequence[str]], own: str, others: Others) -> Own:
+    """Return the nodes of this robot of each topic or service. `own`: the border itself."""
     found = {}
     for name, nodes in table.items():
-        mine = tuple(node for node in nodes if node != own and (node, seen.node_uris.get(node, "")) not in others)
+        mine = tuple(node for node in nodes if node != own and not others.have(node, seen.node_uris.get(node, "")))
         if mine:
             found[name] = mine[:MOST_NODES]
     return found
