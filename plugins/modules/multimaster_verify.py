@@ -1572,7 +1572,7 @@ tunnel:
           elements: str
           sample: [10.77.0.2/32]
         heard:
-          description: Whether anything came from it within 4 s. Each computer sends something each 3 s.
+          description: Whether anything came from it within 9 s, in which it sends something three times, or tries a handshake again.
           returned: always
           type: bool
           sample: true

@@ -12,7 +12,8 @@ from .._process.commands import run, text
 
 INTERFACE = "multimaster0"
 MOST = 1000  # peers that are told
-LISTENS = 4.0  # seconds, more than from one keepalive to the next
+LISTENS = 9.0  # seconds at most: three keepalives, or a handshake that is tried again after 5 s
+LOOKS = 0.5  # seconds between two looks
 _KEY = re.compile(r"[A-Za-z0-9+/]{43}=")
 _NETWORK = re.compile(r"\d{1,3}(?:\.\d{1,3}){3}/\d{1,2}")
 _ENDPOINT = re.compile(r"\d{1,3}(?:\.\d{1,3}){3}:\d{1,5}")
@@ -21,10 +22,7 @@ _NUMBER = re.compile(r"\d{1,18}")
 
 def look(interface: str = INTERFACE) -> typing.Dict[str, typing.Any]:
     """Read the tunnel: whether it is up, its key and port, and its peers, with whether each was heard meanwhile."""
-    before = _read(interface, "transfer")
-    if before:
-        time.sleep(LISTENS)
-    after = _read(interface, "transfer")
+    heard = _listen(interface)
     key, port = _ask(interface, "public-key"), _ask(interface, "listen-port")
     ends, networks, times = (_read(interface, word) for word in ("endpoints", "allowed-ips", "latest-handshakes"))
     now = time.time()
@@ -34,7 +32,7 @@ def look(interface: str = INTERFACE) -> typing.Dict[str, typing.Any]:
             "endpoint": next(iter(_ENDPOINT.findall(ends.get(peer, ""))), ""),
             "networks": sorted(_NETWORK.findall(allowed))[:MOST],
             "handshake_age_s": _measure_age(times.get(peer, ""), now),
-            "heard": _count_received(before.get(peer, "")) < _count_received(after.get(peer, "")),
+            "heard": peer in heard,
             "beside": _list_beside(interface, allowed),
             "carrier_mtu": _measure_carrier(ends.get(peer, "")),
         }
@@ -48,6 +46,19 @@ def look(interface: str = INTERFACE) -> typing.Dict[str, typing.Any]:
         "mtu": _read_mtu(interface),
         "peers": peers[:MOST],
     }
+
+
+def _listen(interface: str) -> typing.Set[str]:
+    """Return the peers that something comes from, as soon as that is all of them."""
+    before = _read(interface, "transfer")
+    heard: typing.Set[str] = set()
+    for _look in range(int(LISTENS / LOOKS)):
+        if heard == before.keys():
+            break
+        time.sleep(LOOKS)
+        after = _read(interface, "transfer")
+        heard = {peer for peer in before if _count_received(before[peer]) < _count_received(after.get(peer, ""))}
+    return heard
 
 
 def _ask(interface: str, word: str) -> str:

@@ -159,7 +159,7 @@ def _evidence(case: Case) -> Parts:
     title="the tunnel between two computers is open",
     scope=MEMBER,
     about="with `multimaster_tunnel`",
-    expected="each is a peer of the other with its own key and its planned addresses, is heard within 4 s, and no other route leads there",
+    expected="each is a peer of the other with its own key and its planned addresses, is heard within 9 s, and no other route leads there",
     needs=lambda case: needs.list_tunnel_parts(case, case.observer.name, case.target),
     evidence=_evidence,
 )
@@ -176,5 +176,5 @@ def _judge_tunnel(case: Case) -> Judgement | None:
     if peer.beside:
         return Judgement(FAILED, "routes by the tunnel", f"others to {', '.join(peer.beside)}")
     age = "there was none" if peer.handshake_age_s is None else f"the last was {peer.handshake_age_s:.0f} s ago"
-    found = f"{'it is heard' if peer.heard else 'nothing in 4 s'}; of handshakes {age}"
-    return Judgement(OK if peer.heard else FAILED, "something from it within 4 s", found)
+    found = f"{'it is heard' if peer.heard else 'nothing in 9 s'}; of handshakes {age}"
+    return Judgement(OK if peer.heard else FAILED, "something from it within 9 s", found)

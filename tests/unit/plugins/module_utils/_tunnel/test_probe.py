@@ -68,6 +68,16 @@ def test_the_peers_are_told_with_what_was_heard(told):
     }
 
 
+@pytest.mark.parametrize(("later", "looks"), [(["1", "8"], 3), (["1"] * 11 + ["8"], 13), (["1"] * 30, 19), ([], 1)])
+def test_it_listens_until_each_was_heard(told, monkeypatch, later, looks):
+    """A handshake that was lost is tried again after 5 s."""
+    answers = iter([{ONE: "1\t5"}] + [{ONE: f"{count}\t5"} for count in later] if later else [{}])
+    asked = []
+    monkeypatch.setattr(probe, "_read", lambda interface, word: asked.append(word) or next(answers))
+    assert probe._listen("multimaster0") == ({ONE} if later[-1:] == ["8"] else set())
+    assert len(asked) == looks
+
+
 def test_the_private_key_is_not_asked_for(told):
     probe.look()
     assert not {"dump", "private-key", "preshared-keys"} & set(told[1])
