@@ -499,6 +499,12 @@ filters:
           returned: always
           type: int
           sample: 0
+    arp:
+      description: The family and the name of each table that drops ARP, whoever asks or answers.
+      returned: always
+      type: list
+      elements: str
+      sample: [arp filter]
 multicast_routing:
   description: What passes multicast on between interfaces.
   returned: with the part V(multicast_routing)

@@ -30,28 +30,23 @@ class UnknownRule(Exception):
 
 
 def filters() -> Words:
-    """Read the chains of IPv4. `readable` is false without nft, or without an answer in JSON."""
+    """Read the chains of IPv4 and ARP. `readable` is false without nft, or without an answer in JSON."""
     nft = shutil.which("nft", path="/usr/sbin:/usr/bin:/sbin:/bin")
     if nft is None:
-        return {"readable": False, "chains": []}
+        return {"readable": False, "chains": [], "arp": []}
     answer = run([nft, "-j", "list", "ruleset"], limit=10)
     try:
         if answer.status == 0:
-            return {"readable": True, "chains": chains(json.loads(answer.output.decode("utf-8")))}
+            ruleset = json.loads(answer.output.decode("utf-8"))
+            return {"readable": True, "chains": chains(ruleset), "arp": find_arp_filters(ruleset)}
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
         pass  # another form than this one
-    return {"readable": False, "chains": []}
+    return {"readable": False, "chains": [], "arp": []}
 
 
 def chains(ruleset: Words) -> typing.List[Words]:
     """The chains at HOOKS, in the order in which a packet meets them, out of the output of `nft -j list ruleset`."""
-    entries = ruleset["nftables"]
-    rules: Rules = {}
-    for entry in entries:
-        if "rule" in entry:
-            rule = entry["rule"]
-            rules.setdefault((rule["family"], rule["table"], rule["chain"]), []).append(rule["expr"])
-    bases = [entry["chain"] for entry in entries if entry.get("chain", {}).get("hook") in HOOKS]
+    bases, rules = _sort_entries(ruleset)
     made: typing.List[Words] = []
     for base in sorted(bases, key=lambda chain: int(chain.get("prio", 0))):
         if base["family"] not in ("ip", "inet") or base["table"] == OWN:
@@ -62,6 +57,41 @@ def chains(ruleset: Words) -> typing.List[Words]:
         table = f"{base['family']} {base['table']}"
         made.append({"hook": base["hook"], "table": table, "policy": policy, "rules": read.flat, "unread": read.unread})
     return [chain for chain in made if chain["rules"] or chain["unread"] or chain["policy"] != "accept"]
+
+
+def _sort_entries(ruleset: Words) -> typing.Tuple[typing.List[Words], Rules]:
+    """Return the chains at HOOKS, and the rules of each chain."""
+    entries = ruleset["nftables"]
+    rules: Rules = {}
+    for entry in entries:
+        if "rule" in entry:
+            rule = entry["rule"]
+            rules.setdefault((rule["family"], rule["table"], rule["chain"]), []).append(rule["expr"])
+    return [entry["chain"] for entry in entries if entry.get("chain", {}).get("hook") in HOOKS], rules
+
+
+def find_arp_filters(ruleset: Words) -> typing.List[str]:
+    """Find the tables that drop ARP, whoever asks or answers: a rule for some addresses alone may be meant so."""
+    bases, rules = _sort_entries(ruleset)
+    return sorted(
+        {
+            f"arp {base['table']}"
+            for base in bases
+            if base["family"] == "arp"
+            and (
+                base.get("policy") == "drop"
+                or any(map(_drops_all, rules.get(("arp", base["table"], base["name"]), ())))
+            )
+        }
+    )
+
+
+def _drops_all(words: typing.List[Words]) -> bool:
+    """Say if a rule drops all questions or all answers."""
+    kinds = {kind: value for word in words for kind, value in word.items()}
+    left = kinds.get("match", {}).get("left")
+    every = left in (None, {"payload": {"protocol": "arp", "field": "operation"}})
+    return "drop" in kinds and every and sum("match" in word for word in words) <= 1
 
 
 class _Reader:

@@ -108,7 +108,7 @@ def _list_silent_neighbours(case: Case, reporter: str, target: str) -> Parts:
     found = make_parts("network", network, "dead") | make_parts("computer", following, "off")
     for place in (reporter, following):
         found |= make_parts("link", place, "down", what=network) | make_parts("interface", place, "address", "prefix")
-        found |= make_parts("neighbour", place, "mute")
+        found |= make_parts("neighbour", place, "mute", "filter")
     beyond = _beyond(case, target)
     if not needs.is_in(case, reporter, beyond):  # or it has looked for the target in a network of its own
         found |= needs.route_parts(reporter, beyond)

@@ -88,8 +88,10 @@ def _link_parts(case: Case, one: str, other: str, mode: str, *network_modes: str
 
 
 def neighbours(case: Case, sender: str, target: str) -> Parts:
-    """List the ARP answers that a packet from one computer to the other needs. Its answer needs those of the way back."""
-    return frozenset(Part("neighbour", answers, "mute") for _asks, answers in _hops(case, sender, target))
+    """List what the ARP questions and answers need of a packet from one computer to the other. Its answer needs those of the way back."""
+    hops = list(_hops(case, sender, target))
+    mute = frozenset(Part("neighbour", answers, "mute") for _asks, answers in hops)
+    return mute | {Part("neighbour", place, "filter") for hop in hops for place in hop}
 
 
 def _hops(case: Case, one: str, other: str) -> Iterable[tuple[str, str]]:

@@ -274,6 +274,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: nft list tables; sysctl -a --pattern arp_ignore",
         cost=3.5,
     ),
+    ("neighbour", "filter"): Fault(
+        "a packet filter on {place} drops ARP, by which computers find each other: {what}",
+        "let it pass; see on {place}: nft list table {what}",
+        "on {place}: nft list table {what}",
+        what="arp filter",
+        read=ALWAYS,
+    ),
     ("neighbour", "fixed"): Fault(
         "on {place} somebody has set the hardware address of {what} by hand, and it is not that of {what}",
         "on {place}: ip neighbour flush nud permanent; see on {place}: ip neighbour show nud permanent",
@@ -907,6 +914,7 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     ("computer", "unmeasured"): (("link", "down"), ("interface", "address"), PORTS, *TUNNEL),
     ("set_up", "by_hand"): (("set_up", "others"),),
     ("set_up", "refused"): (("ros", "broken"),),
+    ("neighbour", "mute"): (("neighbour", "filter"),),
     ("roscore", "dead"): (("interface", "duplicate"),),  # the other computer refuses
     ("discovery", "dead"): (("roscore", "dead"), SEALED, LOOPING),
     # A node whose datagrams its own kernel refuses leaves the group, and tries again.

@@ -367,6 +367,27 @@ def _judge_neighbour(case: Case) -> Judgement | None:
 # Whether a neighbour answers, whatever its packet filters drop
 
 
+def _list_arp_filters(case: Case) -> tuple[str, ...]:
+    filters = case.observer.seen.filters
+    return filters.arp if filters else ()
+
+
+@Check(
+    title="its packet filter lets ARP pass",
+    about="where `nft` is there",
+    expected="no rule drops all questions for hardware addresses, or all answers; what is known from before hides it for a while",
+    needs=lambda case: make_parts("neighbour", case.observer.name, "filter"),
+    evidence=lambda case: make_parts(
+        "neighbour", case.observer.name, "filter", what=", ".join(_list_arp_filters(case))
+    ),
+)
+def _judge_arp_filter(case: Case) -> Judgement | None:
+    if case.observer.seen.filters is None or not case.observer.seen.filters.readable:
+        return None
+    found = ", ".join(_list_arp_filters(case))
+    return Judgement(FAILED if found else OK, "no packet filter that drops ARP", found or "none")
+
+
 def _arp_question(case: Case) -> tuple[str, str]:
     """Return the target's address on a network of the observer, and this network; two empty texts where it has none."""
     own, its = case.robots
@@ -378,7 +399,7 @@ def _arp_question(case: Case) -> tuple[str, str]:
 
 def _arp_needs(case: Case) -> Parts:
     one, other, network = case.observer.name, case.target, _arp_question(case)[1]
-    return needs.silent_parts(one, other, network) | make_parts("neighbour", other, "mute")
+    return needs.silent_parts(one, other, network) | make_parts("neighbour", other, "mute", "filter")
 
 
 @Check(

@@ -36,7 +36,8 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
         (NEXT, "link", ("down",)),
         (NEXT, "computer", ("off",)),
         (NEXT, "interface", ("address", "prefix")),
-        (NEXT, "neighbour", ("mute",)),
+        (AT, "neighbour", ("filter",)),
+        (NEXT, "neighbour", ("mute", "filter")),
         (BETWEEN, "network", ("dead",)),
     ),
     Stage.WIRE: (

@@ -639,6 +639,7 @@ class FilterChains:
 
     readable: bool = False
     chains: tuple[FilterChain, ...] = ()
+    arp: tuple[str, ...] = ()  # tables that drop ARP, whoever asks or answers
 
 
 # All

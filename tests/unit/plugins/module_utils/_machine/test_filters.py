@@ -14,11 +14,11 @@ HEAD = "add table ip t; "
 CHAIN = "add chain ip t c { type filter hook forward priority 0; policy drop; }; "
 
 
-def read(script, program="nft -f -"):
-    """What is read of the rules that a script makes."""
+def read(script, program="nft -f -", told=filters.chains):
+    """What is told of the rules that a script makes."""
     run = ["unshare", "--net", "sh", "-ec", f"{program}; nft -j list ruleset"]
     done = subprocess.run(run, input=script, capture_output=True, text=True, check=True)
-    return filters.chains(json.loads(done.stdout))
+    return told(json.loads(done.stdout))
 
 
 RULES = {
@@ -113,4 +113,26 @@ def test_masquerading_of_iptables():
 @pytest.mark.parametrize("output", [b"", b"[]", b"{}", b'{"nftables": [{"rule": {}}]}', b'{"nftables": 3}'])
 def test_a_strange_form_is_not_readable(output, monkeypatch):
     monkeypatch.setattr(filters, "run", lambda *_words, **_more: Answer(0, output, ""))
-    assert filters.filters() == {"readable": False, "chains": []}
+    assert filters.filters() == {"readable": False, "chains": [], "arp": []}
+
+
+ARP = {
+    "arp operation request drop": True,
+    "arp operation reply counter drop": True,
+    "log drop": True,
+    "arp saddr ip 10.0.0.9 drop": False,
+    "arp operation request arp daddr ip 10.0.0.9 drop": False,
+    "arp operation request accept": False,
+}
+
+
+@pytest.mark.parametrize("hook", ["input", "output"])
+@pytest.mark.parametrize("rule", ARP)
+def test_what_drops_arp_of_all_computers_is_found(rule, hook):
+    chain = f"add table arp t; add chain arp t c {{ type filter hook {hook} priority 0; }}; "
+    assert read(f"{chain}add rule arp t c {rule}", told=filters.find_arp_filters) == (["arp t"] if ARP[rule] else [])
+
+
+def test_a_policy_that_drops_arp_is_found():
+    chain = "add table arp t; add chain arp t c { type filter hook input priority 0; policy drop; }; "
+    assert read(chain, told=filters.find_arp_filters) == ["arp t"]

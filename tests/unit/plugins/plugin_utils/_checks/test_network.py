@@ -9,6 +9,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways im
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, OK, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     Claim,
+    FilterChains,
     ListMasters,
     Observation,
 )
@@ -113,6 +114,11 @@ def _fixed(seen):
     update(of(seen[ONE].probe.members, TWO), neighbour="02:00:00:00:00:77", neighbour_fixed=True)
 
 
+def _arp_filter(seen):
+    """The first computer asks nobody for hardware addresses, and knows those that have asked it."""
+    update(seen[ONE], filters=FilterChains(True, (), ("arp fault",)))
+
+
 def _large_lost(seen):
     """The network loses large packets, in both directions."""
     for one, other in ((ONE, TWO), (TWO, ONE)):
@@ -132,6 +138,7 @@ FAULTS = [
     (_small, "route", FAILED, "interface", ONE, "prefix"),
     (_another_has_it, "neighbour", WARNING, "interface", TWO, "duplicate"),
     (_fixed, "neighbour", WARNING, "neighbour", ONE, "fixed"),
+    (_arp_filter, "arp_filter", FAILED, "neighbour", ONE, "filter"),
     (_large_lost, "ping_large", WARNING, "network", "the common network", "large"),
     (_no_icmp, "ping_address", FAILED, "filter", TWO, "icmp in"),
 ]
