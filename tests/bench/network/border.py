@@ -3,14 +3,15 @@
 
 """The cost of the border: a topic that crosses by it, the same directly, and by topic_tools' relay and throttle, on two computers.
 
-    python tests/bench/network/border.py
+    python tests/bench/network/border.py [--fkie CHECKOUT]
 
-Prints a table: the age of messages where they arrive, and the share of a core that the border takes on each side. The link of 8 Mbit/s
+With a checkout of multimaster_fkie 1.3.2, its nodes run on both, in the place of the bundled ones. Prints a table: the age of messages where they arrive, and the share of a core that the border takes on each side. The link of 8 Mbit/s
 is made by the kernel's own shaping (tc, tbf); without it that row is missing, and the table says so.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 from pathlib import Path
@@ -19,13 +20,16 @@ ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests/bench")]
 
 import measures  # noqa: E402
+from machines.layout import Extra  # noqa: E402
 from machines.podman import LabError  # noqa: E402
 from setups.links import wait_until  # noqa: E402
 from subject import Lab, lab_of  # noqa: E402
+from systems import list_mounts  # noqa: E402
 
 HERE = Path(__file__).parent
 ROBOT, STATION = "kobuki1-pc", "station-pc"
 UNIT = "multimaster-border"
+PROVIDED = {"multimaster_provider": "fkie_existing", "multimaster_ros_setup": "/opt/interop/setup.bash"}
 SECONDS = 15
 #: title -> bytes of a message, messages a second of each topic, topics
 LOADS = {
@@ -107,9 +111,13 @@ def show(title: str, way: str, found: dict[str, float]) -> None:
 
 def main() -> int:
     """Exit status 1 where nothing could be measured."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--fkie", type=Path, help="a checkout of multimaster_fkie 1.3.2, whose nodes run")
+    fkie = parser.parse_args().fkie
+    extras = {host: Extra((), list_mounts(fkie)) for host in (ROBOT, STATION)} if fkie else {}
     try:
-        with lab_of("bench-border", HERE / "border", {}) as lab:
-            status, output = lab.play("site.yml")
+        with lab_of("bench-border", HERE / "border", extras) as lab:
+            status, output = lab.play("site.yml", variables=PROVIDED if fkie else None)
             if status:
                 raise LabError(f"site.yml has failed: {output[-600:]}")
             measure_all(lab)

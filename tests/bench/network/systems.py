@@ -48,11 +48,7 @@ UPSTREAM = System("upstream", "multimaster_fkie 1.3.2", roscore="existing", upst
 @contextlib.contextmanager
 def running(system: System, fkie: Path | None = None) -> Iterator[Lab]:
     """Two robots that exchange all."""
-    mounts = ()
-    if system.upstream:
-        messages = ROOT / "roles/nodes/files/python/fkie_multimaster_msgs"
-        places = {"/opt/fkie": fkie, "/opt/interop": INTEROP, "/opt/messages/fkie_multimaster_msgs": messages}
-        mounts = tuple(f"{source}:{target}" for target, source in places.items())
+    mounts = list_mounts(fkie) if system.upstream else ()
     with lab_of("bench-network", HERE / "inventory", {host: Extra(mounts=mounts) for host in ADDRESSES}) as lab:
         if system.roscore == "existing":
             for host in ADDRESSES:
@@ -68,6 +64,13 @@ def running(system: System, fkie: Path | None = None) -> Iterator[Lab]:
             lab, GIVER, GIVER
         )  # by its name, as the roscore: to multimaster_fkie, a node at another host is not the robot's
         yield lab
+
+
+def list_mounts(fkie: Path | None) -> tuple[str, ...]:
+    """What a computer sees of this machine to run the nodes of a checkout of multimaster_fkie."""
+    messages = ROOT / "roles/nodes/files/python/fkie_multimaster_msgs"
+    places = {"/opt/fkie": fkie, "/opt/interop": INTEROP, "/opt/messages/fkie_multimaster_msgs": messages}
+    return tuple(f"{source}:{target}" for target, source in places.items())
 
 
 def replace(lab: Lab, host: str) -> None:
