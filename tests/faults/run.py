@@ -254,7 +254,7 @@ def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         "--only", metavar="NAME", action="append", default=[], help="this fault (more than once: these)"
     )
-    parser.add_argument("--quick", action="store_true", help="only those that are part of make test")
+    parser.add_argument("--quick", action="store_true", help="only those of make test-long")
     parser.add_argument("--resume", action="store_true", help="leave out what has a result already")
     parser.add_argument(
         "--remedy", action="store_true", help="paste the command of the first finding, and verify again"
