@@ -12,6 +12,7 @@ import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
+from itertools import permutations
 from typing import NamedTuple
 
 from .._fleet.sentences import shorten_list
@@ -158,7 +159,8 @@ def predict(fleet: FleetPlan, infos: Mapping[str, facts.Info]) -> Prediction:
 
 def _pairs(fleet: FleetPlan, now: World, after: World) -> Iterator[Pair]:
     same = now == after  # as after every site.yml
-    for one, other, traffics in choose_ways(fleet.members):
+    declared = ((one, other, DECLARED) for one, other in permutations(fleet.members, 2))
+    for one, other, traffics in (*declared, *choose_ways(fleet.members)):
         for traffic in traffics:
             goal = traffic.find_goal(fleet, one, other)
             if goal is not None:
@@ -171,10 +173,8 @@ def _pairs(fleet: FleetPlan, now: World, after: World) -> Iterator[Pair]:
 def choose_ways(members: Sequence[Member]) -> Iterator[tuple[Member, Member, Sequence[Traffic]]]:
     """Yield the pairs that are tried, and their kinds of traffic: all of a small fleet.
 
-    In a large fleet: each computer to and from its own robot and the next robot, and a ping between each two robots. What is
-    declared between few is tried between all.
+    In a large fleet: each computer to and from its own robot and the next robot, and a ping between each two robots.
     """
-    yield from ((one, other, DECLARED) for one in members for other in members if one != other)
     if len(members) <= ALL:
         yield from ((one, other, TRAFFIC) for one in members for other in members if one != other)
         return

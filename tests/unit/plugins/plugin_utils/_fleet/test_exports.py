@@ -846,7 +846,7 @@ def test_both_sides_of_a_channel_have_the_same_names():
     assert own.discovery["exports"] == []
 
 
-def test_a_border_runs_beside_upstreams_nodes_which_leave_it_alone():
+def test_upstreams_nodes_leave_the_border_beside_them_alone():
     plan = plan_module.fleet_plan(identical(provider="fkie_existing", station=None))
     for computer in plan.computers.values():
         assert "border" in computer.services and computer.border
