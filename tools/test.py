@@ -201,7 +201,7 @@ UNIT = (f"--numprocesses={int(CORES) + 1}", "tests/unit")
 UNIT_CORES = 1.0
 
 #: Tests that assert times of tenths of a second: nothing runs beside them.
-TIMED = {"links", "data_flow"}
+TIMED = {"alone", "links", "data_flow"}
 
 #: Files of tests/systems and Molecule scenarios that are part of 'make test-long', since they take minutes. The demonstration
 #: of the multi-computer layout shows the same fleet in every run, but for its restart, its teardown, and a master on an inner

@@ -5,7 +5,9 @@
 
     python tests/bench/network/border.py [--fkie CHECKOUT]
 
-With a checkout of multimaster_fkie 1.3.2, its nodes run on both, in the place of the bundled ones. Prints a table: the age of messages where they arrive, and the share of a core that the border takes on each side. The link of 8 Mbit/s
+With a checkout of multimaster_fkie 1.3.2, its nodes run on both, in the place of the bundled ones.
+
+Prints a table: the age of messages where they arrive, and the share of a core that the border takes on each side. The link of 8 Mbit/s
 is made by the kernel's own shaping (tc, tbf); without it that row is missing, and the table says so.
 """
 

@@ -40,7 +40,8 @@ SECONDS = 120  # that the machine has
 # Each change as the robot's own programs make it: a new lease in the same network, and another wifi.
 CHANGES = {
     "another address": "/own/ip address flush dev first; /own/ip address add 192.168.30.77/24 dev first; /own/ip route replace default via 192.168.30.1",
-    "another network": "/own/ip link set first down; /own/ip link set second up; /own/ip address add 192.168.31.9/24 dev second; /own/ip route replace default via 192.168.31.1",
+    "another network": "/own/ip link set first down; /own/ip link set second up; /own/ip address add 192.168.31.9/24 dev second; "
+    "/own/ip route replace default via 192.168.31.1",
 }
 INIT = """\
 #!/bin/busybox sh
