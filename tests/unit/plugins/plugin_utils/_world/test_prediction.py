@@ -189,6 +189,6 @@ def test_a_port_that_only_some_need_is_tried_between_them(port):
     assert f"  {PORTS[port]:<22}" in prediction.render(found)
 
 
-def test_nobody_asks_for_the_time_or_a_border_where_none_is_declared():
+def test_undeclared_borders_and_sources_are_not_asked_for():
     assert {pair.traffic for pair in predicted(WORLD).pairs} == {traffic.name for traffic in prediction.TRAFFIC}
     assert not any(name in prediction.render(predicted(WORLD)) for name in PORTS.values())
