@@ -13,6 +13,7 @@ from pathlib import Path
 from machines import containers
 from machines.layout import hosts_of, read_inventory
 from machines.podman import ROOT, podman
+from proofs.proof import Computer
 from setups.links import wait_until
 
 NODES = Path(__file__).with_name("nodes")
@@ -45,6 +46,10 @@ class Lab:
         )
         assert not check or done.returncode == 0, f"{host}: {command}: {done.stdout}{done.stderr}"
         return done.stdout
+
+    def computer(self, host):
+        """Give a computer as the proofs take it."""
+        return Computer(host, ("podman", "exec", "-i", containers.container(self.name, host), "bash", "-lc"))
 
     def start(self, host, unit, command, script=None):
         """Start a program as a person would; `{script}` in its command is a copy of a file of lab/nodes."""

@@ -10,9 +10,8 @@ import re
 import time
 
 import pytest
-from machines import containers
 from machines.podman import ROOT
-from proofs.proof import Computer, table
+from proofs.proof import table
 from proofs.twins import tell_apart
 from setups.links import cut, mend, wait_until
 from subject import NODES
@@ -78,11 +77,7 @@ def test_what_is_meant_for_one_robot_comes_to_it_alone(lab):
 
 
 def test_all_of_four_robots_is_told_apart(lab):
-    computers = {
-        host: Computer(host, ("podman", "exec", "-i", containers.container(lab.name, host), "bash", "-lc"))
-        for host in (*ALL.values(), STATION)
-    }
-    results = list(tell_apart({robot: computers[host] for robot, host in ALL.items()}, computers[STATION]))
+    results = list(tell_apart({robot: lab.computer(host) for robot, host in ALL.items()}, lab.computer(STATION)))
     assert len(results) == 8 * len(ALL) + 1 and all(result.ok for result in results), table(results)
     assert not {"/reset", "/robot_description"} & set(lab.run(STATION, "rosservice list; rosparam list").split())
 

@@ -22,6 +22,8 @@ Words = typing.Dict[str, typing.Any]
 Rules = typing.Dict[typing.Tuple[str, str, str], typing.List[typing.List[Words]]]  # (family, table, chain) -> rules
 Reader = typing.Callable[[typing.Any], Words]
 VERDICTS = ("accept", "drop", "reject", "masquerade")
+_SILENT = ("counter", "log", "comment")  # words of a rule that decide nothing
+_OPERATION = {"payload": {"protocol": "arp", "field": "operation"}}
 ANSWERS = {"established", "related"}
 
 
@@ -73,25 +75,25 @@ def _sort_entries(ruleset: Words) -> typing.Tuple[typing.List[Words], Rules]:
 def find_arp_filters(ruleset: Words) -> typing.List[str]:
     """Find the tables that drop ARP, whoever asks or answers: a rule for some addresses alone may be meant so."""
     bases, rules = _sort_entries(ruleset)
-    return sorted(
-        {
-            f"arp {base['table']}"
-            for base in bases
-            if base["family"] == "arp"
-            and (
-                base.get("policy") == "drop"
-                or any(map(_drops_all, rules.get(("arp", base["table"], base["name"]), ())))
-            )
-        }
-    )
+    found = {
+        f"arp {base['table']}"
+        for base in bases
+        if base["family"] == "arp"
+        and _drops_all(rules.get(("arp", base["table"], base["name"]), []), base.get("policy", "accept"))
+    }
+    return sorted(found)
 
 
-def _drops_all(words: typing.List[Words]) -> bool:
-    """Say if a rule drops all questions or all answers."""
-    kinds = {kind: value for word in words for kind, value in word.items()}
-    left = kinds.get("match", {}).get("left")
-    every = left in (None, {"payload": {"protocol": "arp", "field": "operation"}})
-    return "drop" in kinds and every and sum("match" in word for word in words) <= 1
+def _drops_all(rules: typing.List[typing.List[Words]], policy: str) -> bool:
+    """Say if a chain drops all questions or all answers, with no rule before that could let some pass."""
+    for words in rules:
+        kinds = {kind for word in words for kind in word}
+        matches = [word["match"]["left"] for word in words if "match" in word]
+        if "drop" not in kinds and not kinds <= {"match", *_SILENT}:
+            return False
+        if "drop" in kinds and kinds <= {"drop", "match", *_SILENT} and all(left == _OPERATION for left in matches):
+            return True
+    return policy == "drop"
 
 
 class _Reader:
@@ -129,7 +131,7 @@ class _Reader:
                     raise UnknownRule
                 self.chain(value["target"], rule, depth + 1)
                 return
-            elif kind == "return" or kind not in ("counter", "log", "comment"):
+            elif kind == "return" or kind not in _SILENT:
                 raise UnknownRule
         # A rule without a verdict counts or logs.
 

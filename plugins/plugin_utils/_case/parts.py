@@ -276,8 +276,8 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("neighbour", "filter"): Fault(
         "a packet filter on {place} drops ARP, by which computers find each other: {what}",
-        "let it pass; see on {place}: nft list table {what}",
-        "on {place}: nft list table {what}",
+        "let it pass; see on {place}: nft list ruleset arp",
+        "on {place}: nft list ruleset arp",
         what="arp filter",
         read=ALWAYS,
     ),

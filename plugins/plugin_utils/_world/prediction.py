@@ -12,7 +12,7 @@ import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
-from itertools import permutations
+from itertools import chain, permutations
 from typing import NamedTuple
 
 from .._fleet.sentences import shorten_list
@@ -160,7 +160,7 @@ def predict(fleet: FleetPlan, infos: Mapping[str, facts.Info]) -> Prediction:
 def _pairs(fleet: FleetPlan, now: World, after: World) -> Iterator[Pair]:
     same = now == after  # as after every site.yml
     declared = ((one, other, DECLARED) for one, other in permutations(fleet.members, 2))
-    for one, other, traffics in (*declared, *choose_ways(fleet.members)):
+    for one, other, traffics in chain(choose_ways(fleet.members), declared):
         for traffic in traffics:
             goal = traffic.find_goal(fleet, one, other)
             if goal is not None:

@@ -87,6 +87,14 @@ def run(*words: str, folder: Path | None = None, text: str = "") -> str:
     return done.stdout
 
 
+def find_program(name: str) -> Path:
+    """Return the path of a program. Raises BenchError."""
+    path = shutil.which(name)
+    if path is None:
+        raise BenchError(f"{name} is missing: install it as said above")
+    return Path(path)
+
+
 def fetch_kernel(folder: Path) -> tuple[Path, Path]:
     """Fetch Debian's kernel; return it, and the folder of its modules."""
     name = re.findall(r"Depends: (linux-image-\S+)", run("apt-cache", "depends", KERNEL))[0]
@@ -136,14 +144,14 @@ def render_peers() -> dict[str, str]:
 def make_system(folder: Path, modules: list[Path]) -> Path:
     """Make the file system of the machine, which is in its memory."""
     system = folder / "system"
-    programs = [Path(run("which", name).strip()) for name in PROGRAMS]
+    programs = [find_program(name) for name in PROGRAMS]
     libraries = {Path(found) for path in programs for found in re.findall(r"(/\S+) \(0x", run("ldd", str(path)))}
     for path in (*programs, *libraries):
         target = system / (f"own/{path.name}" if path in programs else str(path)[1:])
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(path, target)
     (system / "bin").mkdir()
-    shutil.copy(run("which", "busybox").strip(), system / "bin" / "busybox")
+    shutil.copy(find_program("busybox"), system / "bin" / "busybox")
     for path in modules:
         shutil.copy(path, system)
     for name, text in render_peers().items():

@@ -87,7 +87,7 @@ class MasterBorder:
         self.feeds_due = self.jobs_due = 0.0
         self.listener = listen()
         members = Members.from_parameters(values)
-        self.hosts = frozenset(host for one in members.robots if one.robot != self.robot for host in one.hosts)
+        self.foreign_hosts = frozenset(host for one in members.robots if one.robot != self.robot for host in one.hosts)
         self.rules = callers(members, uri, AddressBook().have)
         port = int(self.listener.getsockname()[1])
         self.api = SlaveApi(uri, port, partial(self.loop.post, self._on_shutdown), self._list_links)
@@ -210,7 +210,7 @@ class MasterBorder:
         if found is None:
             return  # its health is looked at elsewhere
         seen, claims = found
-        others = Others(claims, self.hosts)
+        others = Others(claims, self.foreign_hosts)
         topics, services = (list_own(seen, table, NAME, others) for table in (seen.publishers, seen.services))
         if (topics, services, seen) == (self.topics, self.services, self.seen):
             return

@@ -123,6 +123,9 @@ ARP = {
     "arp saddr ip 10.0.0.9 drop": False,
     "arp operation request arp daddr ip 10.0.0.9 drop": False,
     "arp operation request accept": False,
+    "limit rate over 5/second drop": False,
+    "arp saddr ip 10.0.0.9 drop; add rule arp t c arp operation request drop": True,
+    "arp saddr ip 10.0.0.9 accept; add rule arp t c drop": False,
 }
 
 
@@ -133,6 +136,7 @@ def test_what_drops_arp_of_all_computers_is_found(rule, hook):
     assert read(f"{chain}add rule arp t c {rule}", told=filters.find_arp_filters) == (["arp t"] if ARP[rule] else [])
 
 
-def test_a_policy_that_drops_arp_is_found():
+@pytest.mark.parametrize(("rule", "found"), [("", ["arp t"]), ("add rule arp t c arp saddr ip 10.0.0.9 accept", [])])
+def test_a_policy_that_drops_arp_is_found(rule, found):
     chain = "add table arp t; add chain arp t c { type filter hook input priority 0; policy drop; }; "
-    assert read(chain, told=filters.find_arp_filters) == ["arp t"]
+    assert read(chain + rule, told=filters.find_arp_filters) == found

@@ -435,3 +435,9 @@ def test_an_interface_that_saves_power_is_suspected_of_a_loss(saves):
     assert (found.part[:3] == ("link", ONE, "power_save")) == (saves is True)
     assert (("link", ONE, "power_save") in named) == (saves is True)
     assert found.sure == "inferred"
+
+
+@pytest.mark.parametrize(("readable", "verdicts"), [(True, {OK}), (False, set())])
+def test_a_packet_filter_without_arp_is_good_where_it_is_read(readable, verdicts):
+    rows = evaluate(lambda seen: update(seen[ONE], filters=FilterChains(readable)))
+    assert {row.verdict for row in rows if row.check == "arp_filter"} == verdicts
