@@ -36,6 +36,7 @@ URI, OWN = "http://robot2:11311/", "http://own:11311/"
 NODE = Node("http://robot2:5000/", URI, "local")
 TRUE = State(URI, "robot2", 1.0, 1.0, {"/a": ("/one",)}, {}, {}, {"/a": "x/Y"}, {"/one": NODE})
 NOTHING = [[], [], []]
+WAIT = module.WAIT  # seconds, as in use
 ASK = write_rules(Filters({}).rules("robot2"), False)
 
 
@@ -111,8 +112,9 @@ def _following(monkeypatch, request):
 
 @pytest.fixture
 def unhurried(following, monkeypatch):
-    """The peer of this test answers, and a busy machine may take its time for that."""
+    """The peer of this test answers, and a busy machine may take its time for that: 0.1 s are early, as with a real wait."""
     monkeypatch.setattr(module, "TIMEOUT", 30.0)
+    monkeypatch.setattr(module, "WAIT", WAIT)
 
 
 def ok(body, head=""):
