@@ -207,6 +207,12 @@ def test_a_robot_that_changes_its_address_is_back_in_seconds(lab):
     assert_passes(lab)
 
 
+def test_a_tunnel_that_was_started_again_passes_at_once(lab):
+    """The others have sessions that it has lost. bob-pc notices that after 15 s."""
+    lab.run(ANA, "systemctl restart multimaster-tunnel")
+    assert_passes(lab)
+
+
 def test_a_changed_key_is_refused_until_it_is_asked_for(lab):
     before = {host: key_of(lab, host) for host in INSIDE}
     lab.run(BOB, "umask 077; wg genkey > /etc/wireguard/multimaster0.key")

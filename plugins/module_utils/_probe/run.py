@@ -9,6 +9,7 @@ from .._client.ros import Ros
 from .._module import actions, ends
 from .._module.module import Module, validate_options
 from .._module.problem import Problem
+from .._tunnel import probe as tunnel
 from .._verify import network, talker
 from . import ghosts
 from .options import Params, find_wrong_option
@@ -18,10 +19,12 @@ from .parts import Result, group, list_members, list_talkers, look
 def start_verification(module: Module) -> Result:
     """Look at the machine, start the listener, call the listeners of others, and start the talker. Raises Problem."""
     params = module.params
+    received = tunnel.count_received()
     # First: the listeners that start below are no part of the machine.
     machine = look_at_machine(params)
     multicast = None if module.check_mode else group(params, "start")
     result = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
+    tunnel.wait_for_sessions(received)  # what is measured then goes through it
     parts = {"multicast": multicast, "machine": machine}
     return dict(result, **{name: value for name, value in parts.items() if value is not None})
 

@@ -13,6 +13,8 @@ from .._process.commands import run, text
 INTERFACE = "multimaster0"
 MOST = 1000  # peers that are told
 LISTENS = 9.0  # seconds at most: three keepalives, or a handshake that is tried again after 5 s
+# Seconds that a session lasts without another handshake, and those after which its loss at the other end is noticed: 15 s, and a handshake.
+SESSION, NOTICED = 180.0, 17.0
 LOOKS = 0.5  # seconds between two looks
 _KEY = re.compile(r"[A-Za-z0-9+/]{43}=")
 _NETWORK = re.compile(r"\d{1,3}(?:\.\d{1,3}){3}/\d{1,2}")
@@ -22,7 +24,8 @@ _NUMBER = re.compile(r"\d{1,18}")
 
 def look(interface: str = INTERFACE) -> typing.Dict[str, typing.Any]:
     """Read the tunnel: whether it is up, its key and port, and its peers, with whether each was heard meanwhile."""
-    heard = _listen(interface)
+    before = count_received(interface)
+    heard = _listen(interface, before, before.keys(), LISTENS)
     key, port = _ask(interface, "public-key"), _ask(interface, "listen-port")
     ends, networks, times = (_read(interface, word) for word in ("endpoints", "allowed-ips", "latest-handshakes"))
     now = time.time()
@@ -48,16 +51,33 @@ def look(interface: str = INTERFACE) -> typing.Dict[str, typing.Any]:
     }
 
 
-def _listen(interface: str) -> typing.Set[str]:
-    """Return the peers that something comes from, as soon as that is all of them."""
-    before = _read(interface, "transfer")
+def wait_for_sessions(before: typing.Mapping[str, int], interface: str = INTERFACE) -> None:
+    """Wait until something has come from all with whom there was a handshake lately. `before`: count_received, some time ago.
+
+    The tunnel at the other end may have been started again. Who knows its endpoint notices that at once, and others when nothing answers.
+    """
+    now, times = time.time(), _read(interface, "latest-handshakes")
+    ages = {peer: _measure_age(times.get(peer, ""), now) for peer in before}
+    _listen(interface, before, {peer for peer, age in ages.items() if age is not None and age < SESSION}, NOTICED)
+
+
+def count_received(interface: str = INTERFACE) -> typing.Dict[str, int]:
+    """Count the bytes that have come from each peer: {public key: bytes}; empty where there is no tunnel."""
+    numbers = {peer: line.partition("\t")[0] for peer, line in _read(interface, "transfer").items()}
+    return {peer: int(number) if _NUMBER.fullmatch(number) else 0 for peer, number in numbers.items()}
+
+
+def _listen(
+    interface: str, before: typing.Mapping[str, int], wanted: typing.AbstractSet[str], limit: float
+) -> typing.Set[str]:
+    """Return the peers that something comes from, as soon as all that are wanted are among them."""
     heard: typing.Set[str] = set()
-    for _look in range(int(LISTENS / LOOKS)):
-        if heard == before.keys():
+    for _look in range(int(limit / LOOKS)):
+        if wanted <= heard:
             break
         time.sleep(LOOKS)
-        after = _read(interface, "transfer")
-        heard = {peer for peer in before if _count_received(before[peer]) < _count_received(after.get(peer, ""))}
+        after = count_received(interface)
+        heard = {peer for peer in before if before[peer] < after.get(peer, 0)}
     return heard
 
 
@@ -86,12 +106,6 @@ def _measure_carrier(endpoint: str) -> int:
 
 def _read_mtu(interface: str) -> int:
     number = text(f"/sys/class/net/{interface}/mtu").strip()
-    return int(number) if _NUMBER.fullmatch(number) else 0
-
-
-def _count_received(transfer: str) -> int:
-    """Read the bytes that came from a peer, the first of two numbers."""
-    number = transfer.partition("\t")[0]
     return int(number) if _NUMBER.fullmatch(number) else 0
 
 

@@ -74,7 +74,29 @@ def test_it_listens_until_each_was_heard(told, monkeypatch, later, looks):
     answers = iter([{ONE: "1\t5"}] + [{ONE: f"{count}\t5"} for count in later] if later else [{}])
     asked = []
     monkeypatch.setattr(probe, "_read", lambda interface, word: asked.append(word) or next(answers))
-    assert probe._listen("multimaster0") == ({ONE} if later[-1:] == ["8"] else set())
+    before = probe.count_received()
+    heard = probe._listen(probe.INTERFACE, before, before.keys(), probe.LISTENS)
+    assert heard == ({ONE} if later[-1:] == ["8"] else set()) and len(asked) == looks
+
+
+@pytest.mark.parametrize(
+    ("ages", "counts", "looks"),
+    [
+        (("5", "5"), ["1", "8", "9"], 2),
+        (("5", "0"), ["1"] * 40, 34),  # as long as the loss of a session may go unnoticed
+        (("5", "5"), ["1"] * 20 + ["8"], 21),
+        (("500", "0"), ["1"], 0),  # switched off since, or never there
+        (("0", "0"), [], 0),
+    ],
+)
+def test_it_waits_for_who_had_a_handshake_lately(told, monkeypatch, ages, counts, looks):
+    times = [f"{key}\t{1000 - int(age) if age != '0' else 0}" for key, age in zip((ONE, TWO), ages, strict=True)]
+    told[0]["latest-handshakes"] = "\n".join(times)
+    answers, asked = iter(counts), []
+    monkeypatch.setattr(
+        probe, "count_received", lambda interface: asked.append(1) or dict.fromkeys((ONE, TWO), int(next(answers)))
+    )
+    probe.wait_for_sessions({ONE: 1, TWO: 1})
     assert len(asked) == looks
 
 
