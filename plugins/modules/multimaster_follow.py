@@ -287,14 +287,15 @@ missed:
 counters:
   description:
     - Counters of packets that were given up which have grown meanwhile, 60 at most. They are those of C(/proc/net/snmp), C(/proc/net/netstat),
-      C(/proc/net/dev) and conntrack, and rules of nftables that drop or reject and count.
+      C(/proc/net/dev) and conntrack, rules of nftables that drop or reject and count, and the reasons for which the kernel has dropped
+      packets of IPv4 or ARP (C(skb:kfree_skb) in C(/sys/kernel/tracing), since Linux 5.17).
   returned: when O(action=collect)
   type: list
   elements: dict
   sample: [{counter: IpInHdrErrors, more: 3}]
   contains:
     counter:
-      description: The name of the counter, or the rule.
+      description: The name of the counter, the rule, or the reason as C(drop reason NETFILTER_DROP).
       returned: always
       type: str
       sample: IpInHdrErrors

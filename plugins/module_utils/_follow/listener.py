@@ -13,6 +13,7 @@ from .._machine.network import neighbours
 from .._process.background import admit, answer, remove_door
 from .capture import Capture, Tag, read_packets
 from .counters import find_growth, read_counters
+from .drops import DropReasons
 
 MOST = 500  # packets that are kept of each protocol: a flood of ARP hides no answer
 AT_ONCE = 200  # that are read in one turn
@@ -27,16 +28,18 @@ def serve(link: socket.socket, door: socket.socket, path: str, tag: Tag, lifetim
     seen: typing.List[Capture] = []
     counts: typing.Counter[str] = collections.Counter()  # of each protocol
     try:
-        while time.monotonic() < until:
-            ready = select.select([link, door], [], [], max(0.0, until - time.monotonic()))[0]
-            for found in read_packets(link, tag, AT_ONCE) if link in ready else ():
-                counts[found.protocol] += 1
-                if counts[found.protocol] <= MOST:
-                    seen.append(found)
-            if door in ready:
-                connection, _request = admit(door)
-                answer(connection, report(seen, sum(counts.values()) - len(seen), find_growth(before, read_counters())))
-                return
+        with DropReasons() as drops:
+            while time.monotonic() < until:
+                ready = select.select([link, door], [], [], max(0.0, until - time.monotonic()))[0]
+                for found in read_packets(link, tag, AT_ONCE) if link in ready else ():
+                    counts[found.protocol] += 1
+                    if counts[found.protocol] <= MOST:
+                        seen.append(found)
+                if door in ready:
+                    connection, _request = admit(door)
+                    grown = {**find_growth(before, read_counters()), **drops.read()}
+                    answer(connection, report(seen, sum(counts.values()) - len(seen), grown))
+                    return
     finally:
         remove_door(path)
 

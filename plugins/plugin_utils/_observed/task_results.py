@@ -59,7 +59,9 @@ FORMS = {
     "policy": re.compile(r"accept|drop"),
     "verdict": re.compile(r"accept|drop|reject"),
     "protocol": re.compile(r"tcp|udp|icmp|igmp|arp"),
-    "counter": re.compile(r"[A-Z][A-Za-z]{2,40}|conntrack [a-z_]+|[a-z0-9]+ (errors|drops) (in|out)"),
+    "counter": re.compile(
+        r"[A-Z][A-Za-z]{2,40}|conntrack [a-z_]+|drop reason [A-Z][A-Z0-9_]{1,60}|[a-z0-9]+ (errors|drops) (in|out)"
+    ),
 }
 #: a key of a result is a word of our modules, or a name of others
 KEY = re.compile(r"[a-z][a-z_]*")

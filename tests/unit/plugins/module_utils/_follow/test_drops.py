@@ -1,0 +1,104 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The reasons for which this kernel drops packets of 127.0.0.1, as its own tracefs tells them."""
+
+import json
+import os
+import socket
+import subprocess
+import threading
+import time
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._follow import drops, listener
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._follow.capture import Tag
+
+NO_SOCKET = "drop reason NO_SOCKET"
+SENT = 50  # far more than others on this machine send to closed ports meanwhile
+
+
+@pytest.fixture(scope="module")
+def tracefs(tmp_path_factory):
+    """The tracefs of this kernel, at a place of its own."""
+    place = tmp_path_factory.mktemp("tracefs")
+    mounted = subprocess.run(["mount", "-t", "tracefs", "tracefs", place], check=False, capture_output=True, text=True)
+    if mounted.returncode:
+        pytest.skip(f"no tracefs: {mounted.stderr.strip()}")
+    yield place
+    subprocess.run(["umount", place], check=True)
+
+
+def send_to_nobody():
+    """Send to a port that is closed, so the kernel drops what comes."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender, socket.socket(socket.AF_INET) as closed:
+        closed.bind(("127.0.0.1", 0))
+        for _number in range(SENT):
+            sender.sendto(b"x", closed.getsockname())
+    time.sleep(0.1)
+
+
+def wait_until(holds):
+    deadline = time.monotonic() + 10
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def list_instances(tracefs):
+    return sorted((tracefs / "instances").glob("rosfleet*"))
+
+
+def test_a_drop_has_its_reason_and_nothing_stays_on(tracefs):
+    send_to_nobody()
+    with drops.DropReasons(str(tracefs)) as reasons:
+        before = reasons.read()
+        send_to_nobody()
+        after = reasons.read()
+        (folder,) = list_instances(tracefs)
+        assert (folder / "events" / "skb" / "kfree_skb" / "enable").read_text().strip() == "1"
+        assert (tracefs / "events" / "skb" / "kfree_skb" / "enable").read_text().strip() == "0"  # that of all others
+    assert after[NO_SOCKET] >= SENT > before.get(NO_SOCKET, 0)
+    assert not [name for name in after if "NOT_SPECIFIED" in name] and not list_instances(tracefs)
+
+
+def test_what_a_killed_listener_left_is_taken_over(tracefs):
+    left = drops.DropReasons(str(tracefs))
+    left.__enter__()
+    send_to_nobody()
+    with drops.DropReasons(str(tracefs)) as reasons:
+        assert reasons.read().get(NO_SOCKET, 0) < SENT
+        send_to_nobody()
+        assert reasons.read()[NO_SOCKET] >= SENT
+    assert not list_instances(tracefs)
+
+
+def test_the_listener_tells_the_reasons(tracefs, monkeypatch, tmp_path):
+    monkeypatch.setattr(listener, "DropReasons", lambda: drops.DropReasons(str(tracefs)))
+    (link, other), path = socket.socketpair(), str(tmp_path / "door")
+    with link, other, socket.socket(socket.AF_UNIX) as door, socket.socket(socket.AF_UNIX) as visitor:
+        door.bind(path)
+        door.listen()
+        thread = threading.Thread(target=listener.serve, args=(link, door, path, Tag.from_run("test"), 20.0))
+        thread.start()
+        wait_until(lambda: list_instances(tracefs))
+        time.sleep(0.2)  # its last switch is on
+        send_to_nobody()
+        visitor.connect(path)
+        visitor.sendall(b"{}\n")
+        reply = json.loads(visitor.makefile().readline())
+        thread.join(20)
+    assert {one["counter"]: one["more"] for one in reply["counters"]}[NO_SOCKET] >= SENT
+    assert not list_instances(tracefs)
+
+
+def test_where_there_is_no_tracefs_there_are_no_reasons(tmp_path):
+    with drops.DropReasons(str(tmp_path)) as reasons:
+        assert reasons.read() == {}
+    assert os.listdir(tmp_path) == []
+
+
+def test_an_error_ends_it_as_well(tracefs):
+    with pytest.raises(ValueError, match="of the listener"), drops.DropReasons(str(tracefs)):
+        raise ValueError("of the listener")
+    assert not list_instances(tracefs)
