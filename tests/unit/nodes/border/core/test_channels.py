@@ -4,6 +4,8 @@
 """Channels: which names cross, by which names, and what is offered."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from rosfleet_multimaster.border.core.channels import (
     SERVICE,
     TOPIC,
@@ -102,3 +104,30 @@ def test_the_root_of_the_frames_is_one_more_publisher(others):
 def test_wrong_offers_are_refused(wrong):
     with pytest.raises(ValueError):
         read_offers(wrong)
+
+
+@pytest.mark.parametrize("odd", ["scan", "/a b", "/a\tb", "/a\n", "/\x1b[2J", "/\u202escan", "/\ud800"])
+def test_an_odd_name_is_left_out_as_the_sync_node_does(odd):
+    good = ["topic", "/kobuki1/scan", "sensor_msgs/LaserScan", ["/laser", odd]]
+    offers = [
+        ["topic", odd, "x/Y", ["/n"]],
+        ["topic", "/kobuki1/odom", f"x{odd[1:]} Y", []],
+        ["service", odd, "", []],
+        good,
+    ]
+    assert read_offers(offers) == [Offer(TOPIC, "/kobuki1/scan", "sensor_msgs/LaserScan", ("/laser",))]
+
+
+_texts = st.one_of(st.text(max_size=8), st.sampled_from([TOPIC, SERVICE, "/kobuki1/scan", "x/Y"]))
+
+
+@given(st.lists(st.tuples(_texts, _texts, _texts, st.lists(_texts, max_size=2)).map(list), max_size=3))
+def test_what_is_read_of_any_offers_is_visible(value):
+    try:
+        offers = read_offers(value)
+    except ValueError:
+        return
+    for offer in offers:
+        texts = (offer.name, offer.type, *offer.nodes)
+        assert all(text.isascii() and (text + "x").isprintable() and " " not in text for text in texts)
+        assert all(text.startswith("/") for text in (offer.name, *offer.nodes))

@@ -306,7 +306,7 @@ class Feed:
             return
         asked = (sink.wire.header or {}).get("md5sum", "*")
         if asked not in ("*", header["md5sum"]):
-            text = f"md5sum {plain(asked)} is asked for, and the publisher has {header['md5sum']}"
+            text = f"md5sum {plain(asked)} is asked for, and the publisher has {plain(header['md5sum'])}"
             sink.wire.say(encode_header({"error": text}))
             sink.wire.end("it asks for another definition of the messages")
             return

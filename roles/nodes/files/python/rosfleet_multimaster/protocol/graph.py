@@ -285,7 +285,7 @@ def parse(value: Any) -> State:
         types={
             topic: kind
             for topic, kind in _rows(value[7], 2, "topic types", "a topic")
-            if _VISIBLE.match(_text(kind, "a type"))
+            if VISIBLE.match(_text(kind, "a type"))
         },
         nodes={
             node: Node(_uri(where, "http://"), _text(origin, "an origin"), _text(locality, "a locality"))
@@ -303,8 +303,8 @@ def parse(value: Any) -> State:
     )
 
 
-_VISIBLE = re.compile(r"[!-~]{1,255}\Z")  # what types consist of, and URIs,
-_NAME = re.compile(r"/[!-~]{1,254}\Z")  # and names: others are left out, since one odd name must not stop an exchange
+VISIBLE = re.compile(r"[!-~]{1,255}\Z")  # what types consist of, and URIs,
+NAME = re.compile(r"/[!-~]{1,254}\Z")  # and names: others are left out, since one odd name must not stop an exchange
 
 
 def _rows(value: Any, width: int, what: str, name: str) -> List[Any]:
@@ -313,7 +313,7 @@ def _rows(value: Any, width: int, what: str, name: str) -> List[Any]:
         not isinstance(row, (list, tuple)) or len(row) != width for row in value
     ):
         raise InvalidDocument(f"its {what} are no array of arrays of {width}")
-    return [row for row in value if _NAME.match(_text(row[0], name))]
+    return [row for row in value if NAME.match(_text(row[0], name))]
 
 
 def _text(value: Any, what: str) -> str:
@@ -323,7 +323,7 @@ def _text(value: Any, what: str) -> str:
 
 
 def _uri(value: Any, scheme: str) -> Optional[str]:
-    return value if isinstance(value, str) and value.startswith(scheme) and _VISIBLE.match(value) else None
+    return value if isinstance(value, str) and value.startswith(scheme) and VISIBLE.match(value) else None
 
 
 def _endpoints(value: Any, what: str) -> Dict[str, Tuple[str, ...]]:
@@ -331,5 +331,5 @@ def _endpoints(value: Any, what: str) -> Dict[str, Tuple[str, ...]]:
     for name, nodes in _rows(value, 2, what, what):
         if not isinstance(nodes, (list, tuple)):
             raise InvalidDocument(f"the nodes of {what} are no array")
-        found[name] = tuple(node for node in nodes if _NAME.match(_text(node, "a node")))
+        found[name] = tuple(node for node in nodes if NAME.match(_text(node, "a node")))
     return found

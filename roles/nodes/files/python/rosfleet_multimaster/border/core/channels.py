@@ -9,6 +9,7 @@ have the two borders between them. Data cross both ways: what is published on th
 from typing import Any, Container, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ...protocol.filters import MAX_NAME, Pattern
+from ...protocol.graph import NAME, VISIBLE
 from ...protocol.members import host_of
 from ...protocol.messages import NodeKey
 from .frames import STATIC, STATIC_TYPE, Frames
@@ -146,10 +147,10 @@ def list_offers(
 
 
 def read_offers(value: Any) -> List[Offer]:
-    """Read the offers of another border. Raises ValueError."""
+    """Read the offers of another border, without those that have an odd name or type. Raises ValueError."""
     if not isinstance(value, list) or len(value) > MOST_OFFERS:
         raise ValueError(f"its offers are no list of at most {MOST_OFFERS}")
-    return [_read_offer(entry) for entry in value]
+    return [offer for offer in map(_read_offer, value) if NAME.match(offer.name) and VISIBLE.match(offer.type or "*")]
 
 
 def _read_offer(entry: Any) -> Offer:
@@ -164,7 +165,7 @@ def _read_offer(entry: Any) -> Offer:
     texts = (name, *nodes, *([type_name] if kind == TOPIC else []))
     if len(nodes) > MOST_NODES or not all(isinstance(text, str) and 0 < len(text) <= MAX_NAME for text in texts):
         raise ValueError(f"an offer has an empty or too long name, or more than {MOST_NODES} nodes")
-    return Offer(kind, name, type_name if kind == TOPIC else "", tuple(nodes))
+    return Offer(kind, name, type_name if kind == TOPIC else "", tuple(node for node in nodes if NAME.match(node)))
 
 
 def find_taken(channels: Sequence[Channel], offers: Iterable[Offer]) -> Dict[Tuple[str, str], Tuple[Offer, Channel]]:
