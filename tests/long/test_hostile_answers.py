@@ -31,7 +31,7 @@ VICTIM, PEER, ADDRESS = "kobuki1computer", "kobuki2computer", "192.168.1.229"
 UNITS = ("multimaster-discovery", "multimaster-sync")
 MOST = 128 * 1024  # kB that a node may have had at any time
 SECONDS = 25
-RATE, BURST = 20, 40  # answers of one master that are taken in a second, and at once: sync/core/pace.py
+RATE, BURST = 20, 40  # answers of one master that are taken in a second, and at once: edge/patience.py
 
 IDLE = f"""
 import socket, time, xmlrpc.client

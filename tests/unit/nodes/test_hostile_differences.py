@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from rosfleet_multimaster.discovery import state_feed
 from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster
 from rosfleet_multimaster.discovery.state_feed import StateFeed
+from rosfleet_multimaster.edge.patience import BURST, EARLY, RATE, WHOLE
 from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED, apply_difference
@@ -28,7 +29,6 @@ from rosfleet_multimaster.protocol.wire_filters import write_rules
 from rosfleet_multimaster.protocol.xml_rpc import STATE
 from rosfleet_multimaster.sync import fetcher
 from rosfleet_multimaster.sync import follower as module
-from rosfleet_multimaster.sync.core.pace import BURST, EARLY, RATE, WHOLE
 from rosfleet_multimaster.sync.core.sync import Fetch, Sync
 from rosfleet_multimaster.sync.follower import Answer, LocalNetworkCache, StateFilter
 

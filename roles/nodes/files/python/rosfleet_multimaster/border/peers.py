@@ -5,8 +5,9 @@
 import random
 from typing import Any, Callable, NamedTuple, Optional, Sequence
 
-from ..edge.clock import monotonic, sleep
+from ..edge.clock import monotonic, processor_time, sleep
 from ..edge.loop import start_thread
+from ..edge.patience import Pace
 from ..edge.rpc_client import SMALL, Rpc
 from .core.channels import Offer, read_offers
 
@@ -47,17 +48,20 @@ class Peer:
     def _follow(self, on_offers: Callable[[str, Optional[Offers], str], None]) -> None:
         number, revision, answered = 0, "", monotonic()
         rpc: Optional[Rpc] = None
+        pace = Pace()
         while True:
             host = self._hosts[number % len(self._hosts)]
             try:
                 wait = random.uniform(*WAIT) if revision else 0.0  # the first question is whether it is there
                 rpc = rpc or Rpc(f"http://{host}:{self._port}", wait + TIMEOUT, SMALL)
                 rpc.limit(wait + TIMEOUT)
-                before = revision
+                before, began, spent = revision, monotonic(), processor_time()
                 revision, port, entries = rpc.call(OFFERS, self._own_robot, revision, wait, read=read_answer)
                 answered = monotonic()
                 if revision != before:
                     on_offers(self.robot, Offers(host, port, entries), "")
+                early = revision == before and answered - began < wait / 2
+                sleep(max(0.0, pace.next(answered, processor_time() - spent, False, early) - monotonic()))
             except Exception as problem:  # any: the answers are another computer's
                 if rpc is not None:
                     rpc.close()

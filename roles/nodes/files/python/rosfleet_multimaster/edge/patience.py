@@ -1,10 +1,15 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A limit in time for calls that know none."""
+"""Patience with others: a limit in time for calls that know none, and a pace of questions to who answers them too fast."""
 
 import threading
 from typing import Any, Callable, List
 
+# Of a Pace
+BURST, RATE = 20, 20.0  # answers at once, and answers a second after these
+WHOLE = 20  # a whole state counts as so many answers
+SHARE = 4  # the pause after an answer, in times of the processor time that it took
+EARLY = 1.0  # seconds until the next question, if an answer without news came early
 _HANGING = 4  # jobs that may hang at once
 _hanging: List[threading.Thread] = []
 _lock = threading.Lock()  # of this list
@@ -38,3 +43,22 @@ def run_with_limit(seconds: float, job: Callable[[], Any]) -> Any:
             _hanging.append(thread)
         raise TimeoutError(f"no answer within {seconds:g} s")
     raise problems[0]
+
+
+class Pace:
+    """The pace of the questions to one computer for its changes, however fast it answers.
+
+    Free of clocks: times are arguments, in seconds of a clock that never steps.
+    """
+
+    def __init__(self) -> None:
+        self._left, self._at = float(BURST), 0.0
+
+    def next(self, now: float, took: float, whole: bool, early: bool) -> float:
+        """The time of the next question, after an answer. `took`: seconds of a processor for it.
+
+        `whole`: it was a whole state. `early`: it had no news, and did not wait for them.
+        """
+        self._left = min(BURST, self._left + (now - self._at) * RATE) - (WHOLE if whole else 1)
+        self._at = now
+        return now + max(-self._left / RATE, took * SHARE, EARLY if early else 0.0)

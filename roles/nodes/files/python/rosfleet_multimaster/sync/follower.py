@@ -8,6 +8,7 @@ from typing import Any, Callable, Dict, Optional
 from ..edge.addresses import addresses_of_all, network, networks
 from ..edge.clock import monotonic, processor_time
 from ..edge.loop import EndFlag, start_thread
+from ..edge.patience import Pace
 from ..edge.rpc_client import Rpc
 from ..protocol import json_text
 from ..protocol.differences import apply_difference, digest
@@ -15,7 +16,6 @@ from ..protocol.graph import InvalidDocument, State, parse
 from ..protocol.members import Members, Networks
 from ..protocol.wire_filters import write_rules
 from .core.limits import limit_state, size
-from .core.pace import Pace
 from .core.places import LocalNetwork, Places, names_to_resolve
 from .core.sync import Fetch
 

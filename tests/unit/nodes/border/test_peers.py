@@ -1,0 +1,109 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Other borders that answer as they like. Sockets on 127.0.0.1."""
+
+import contextlib
+import threading
+import time
+import xmlrpc.client
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+from rosfleet_multimaster.border import peers
+from rosfleet_multimaster.edge.patience import BURST, EARLY, RATE
+
+OFFERS = [["topic", "/kobuki1/scan", "sensor_msgs/LaserScan", ["/laser"]]]
+
+
+class Over(BaseException):
+    """The test is over. The thread of a peer lives as long as its program else."""
+
+
+class Border:
+    """A border that answers at once, with what `answer(number of the question)` says."""
+
+    def __init__(self, answer):
+        self.asked, self.ended, border = 0, False, self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+            disable_nagle_algorithm = True
+
+            def do_POST(self):
+                self.rfile.read(int(self.headers["Content-Length"]))
+                if border.ended:
+                    self.close_connection = True
+                    return
+                border.asked += 1
+                body = xmlrpc.client.dumps((answer(border.asked),), methodresponse=True).encode()
+                self.send_response(200)
+                self.send_header("Content-Length", str(len(body)))
+                self.end_headers()
+                self.wfile.write(body)
+
+            def log_message(self, *_arguments):
+                pass
+
+        self.server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self.server.daemon_threads, self.server.block_on_close = True, False
+        threading.Thread(target=self.server.serve_forever, args=(0.05,), daemon=True).start()
+
+
+@pytest.fixture(name="follow")
+def _follow(monkeypatch):
+    borders, threads, over = [], [], threading.Event()
+
+    def sleep(seconds):
+        if over.wait(seconds):
+            raise Over
+
+    def start_thread(_name, job):
+        def work():
+            with contextlib.suppress(Over):
+                job()
+
+        threads.append(threading.Thread(target=work))
+        threads[-1].start()
+
+    monkeypatch.setattr(peers, "sleep", sleep)
+    monkeypatch.setattr(peers, "start_thread", start_thread)
+
+    def follow(answer):
+        border, told = Border(answer), []
+        borders.append(border)
+        peer = peers.Peer("kobuki1", ["127.0.0.1"], border.server.server_address[1], "station")
+        peer.start(lambda _robot, offers, why: told.append(why or offers))
+        return border, told
+
+    yield follow
+    over.set()
+    for border in borders:
+        border.ended = True
+        border.server.shutdown()
+        border.server.server_close()
+    for thread in threads:
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("news", [True, False])
+def test_however_fast_a_border_answers_it_is_asked_at_the_pace(follow, news):
+    began = time.monotonic()
+    border, told = follow(lambda number: [f"r{number if news else 0}", 5000, OFFERS])
+    time.sleep(2.0)
+    asked, took = border.asked, time.monotonic() - began
+    assert 2 <= asked <= (BURST + RATE * took + 2 if news else 2 + took / EARLY)
+    assert len(told) <= asked if news else len(told) == 1
+
+
+@pytest.mark.parametrize("wrong", [None, 7, [], ["r", "x", []], [1, 2, []], ["r", 5000, [["node", "/a", "", []]]]])
+def test_a_wrong_answer_is_asked_again_and_told_of_nobody(follow, wrong):
+    """The right one after it counts."""
+    border, told = follow(lambda number: wrong if wrong is not None and number == 1 else ["r", 5000, OFFERS])
+    deadline = time.monotonic() + 10
+    while not told:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    assert told[0].port == 5000 and [offer.name for offer in told[0].entries] == ["/kobuki1/scan"]
+    assert border.asked >= (1 if wrong is None else 2)
