@@ -95,6 +95,7 @@ class Registrar:
         self._wanted: Dict[Key, str] = {}
         self._made: Dict[Key, str] = {}  # with their types, or the URI of the service
         self._busy, self._due, self._stale = False, 0.0, False
+        self._asked_at = self._rests_until = 0.0  # it asks half of the time at most, whatever others offer
 
     def want(self, wanted: Dict[Key, str]) -> None:
         """Say what is to be registered, with its type."""
@@ -115,11 +116,12 @@ class Registrar:
         """Register what is due; the time of the next call."""
         if self._busy or self._wanted == self._made:
             return None
-        if now < self._due:
-            return self._due
+        due = max(self._due, self._rests_until)
+        if now < due:
+            return due
         gone = [key for key in self._made if self._wanted.get(key) != self._made[key]]
         new = {key: kind for key, kind in self._wanted.items() if self._made.get(key) != kind}
-        self._busy = True
+        self._busy, self._asked_at = True, now
         calls = [
             *map(self._undo, gone),
             *((f"register{role}", name, what, self._uri) for (role, name), what in new.items()),
@@ -132,16 +134,17 @@ class Registrar:
         return f"unregister{role}", name, self._made[key] if role == PROVIDER else self._uri
 
     def _on_done(self, gone: List[Key], new: Dict[Key, str], answers: Any, problem: Optional[Exception]) -> None:
-        self._busy = False
+        now = monotonic()
+        self._busy, self._rests_until = False, now + (now - self._asked_at)
         if self._stale:
             self._stale = False
             return
         if answers is None:
-            self._due = monotonic() + RETRY
+            self._due = now + RETRY
             return
         for key in gone:
             self._made.pop(key, None)
         for key, answer in zip(new, answers[len(gone) :]):
             if answer is not None:
                 self._made[key] = new[key]
-        self._due = monotonic() + (RETRY if None in answers[len(gone) :] else 0.0)
+        self._due = now + (RETRY if None in answers[len(gone) :] else 0.0)
