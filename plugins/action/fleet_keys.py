@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,15 +33,17 @@ class ActionModule(ActionBase):
         given, path = self._task.args, Path(str(self._task.args["path"]))
         try:
             fleet = from_plain(FleetPlan, given["fleet"])
+            _check_place(task_vars or {}, path, fleet.computers)
             before = path.read_text(encoding="utf-8") if path.is_file() else ""
-            told = _read_told(task_vars or {}, str(given["told"]))
+            kept = tunnel.read_keys(before)
+            told = _read_told(task_vars or {}, str(given["told"]), kept)
             rotate = boolean(given.get("rotate", False))
-            keys = tunnel.join_keys(tunnel.read_keys(before), told, fleet.computers, rotate)
+            keys = tunnel.join_keys(kept, told, fleet.computers, rotate)
             after = tunnel.write_keys(keys)
             if after != before and not self._task.check_mode:
                 _replace(path, after)
         except (Mismatch, OSError, UnicodeDecodeError, tunnel.WrongKeys) as problem:
-            message = f"The keys of the tunnel ({quote(str(path), LINE)}): {problem}. Nothing was changed."
+            message = f"The keys of the tunnel ({quote(str(path), LINE)}): {problem}. No tunnel was changed."
             return {**result, "failed": True, "msg": plain(message, LINE)}
         missing = sorted(name for name, plan in fleet.computers.items() if plan.tunnel and name not in keys)
         warnings = [
@@ -57,15 +60,41 @@ class ActionModule(ActionBase):
         }
 
 
-def _read_told(variables: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Return the key that each computer of the run has told of itself."""
+def _read_told(variables: Mapping[str, Any], name: str, kept: Mapping[str, str]) -> dict[str, Any]:
+    """Return the key that each computer of the run has told of itself: one that waits, where it is the kept one already."""
     hosts = variables.get("ansible_play_hosts_all", ())
     results = {host: find_result(variables["hostvars"][host], name) for host in hosts}
-    return {host: found["public_key"] for host, found in results.items() if found and "public_key" in found}
+    answers = {host: found for host, found in results.items() if found and "public_key" in found}
+    waiting = {host: found.get("waiting_key") for host, found in answers.items()}
+    return {
+        host: kept[host] if host in kept and waiting[host] == kept[host] else found["public_key"]
+        for host, found in answers.items()
+    }
+
+
+def _check_place(variables: Mapping[str, Any], path: Path, computers: Iterable[str]) -> None:
+    """Refuse a place beside the inventory where there is none, or several. Raises tunnel.WrongKeys."""
+    hosts = variables.get("hostvars", {})
+    places = {str(hosts[name].get("inventory_dir")) for name in computers if name in hosts}
+    if str(path.parent) in places and (len(places) > 1 or "None" in places):
+        found = "no folder of an inventory" if places == {"None"} else f"inventories in {', '.join(sorted(places))}"
+        raise tunnel.WrongKeys(
+            f"found {found}; expected one, since all runs need the same keys: say in tunnel_keys_file where they are"
+        )
 
 
 def _replace(path: Path, content: str) -> None:
-    """Replace a file in one step. Raises OSError."""
-    neighbour = path.with_name(f".{path.name}.new")
-    neighbour.write_text(content, encoding="utf-8")
-    os.replace(neighbour, path)
+    """Replace a file in one step; a link stays one, and so do the permissions. Raises OSError."""
+    path = path.resolve()
+    with tempfile.NamedTemporaryFile(
+        "w", encoding="utf-8", dir=path.parent, prefix=f".{path.name}.", delete=False
+    ) as neighbour:
+        try:
+            os.chmod(neighbour.name, path.stat().st_mode & 0o7777 if path.exists() else 0o644)
+            neighbour.write(content)
+            neighbour.flush()
+            os.fsync(neighbour.fileno())
+            os.replace(neighbour.name, path)
+        except OSError:
+            os.unlink(neighbour.name)
+            raise

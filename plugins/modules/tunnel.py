@@ -11,6 +11,8 @@ description:
     M(rosfleet.multimaster.managed_services) starts it again.
   - With O(confirm_within), the tunnel is up by copies of the new files first. They are written when the controller has reached the computer
     over a new connection; else the unit starts again by the files of before. Ansible may reach a robot by the tunnel itself.
+  - Takes a key that M(rosfleet.multimaster.tunnel_key) has made into use where the files name its public half, and removes all keys
+    of the tunnel with the last file. An interface or a table that somebody has removed under the running unit is made again.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
   - rosfleet.multimaster.confirmation
@@ -98,7 +100,9 @@ from ..module_utils._tunnel.run import OPTIONS, Tunnel
 
 def main() -> None:
     """Bring the tunnel to its plan."""
-    run_module(OPTIONS, lambda module, memory: Tunnel(module.params), "tunnel", "peers of the tunnel")
+    run_module(
+        OPTIONS, lambda module, memory: Tunnel(module.params, memory is not None), "tunnel", "peers of the tunnel"
+    )
 
 
 if __name__ == "__main__":

@@ -9,14 +9,12 @@ short_description: Make the key of a computer in the tunnel, and tell its public
 version_added: "1.0.0"
 description:
   - Makes a private key of WireGuard on a computer that has none. The key stays there, and no answer and no difference shows it.
+  - A new key waits in a file beside the one in use, whose name ends in C(.next). M(rosfleet.multimaster.tunnel) takes it into use with
+    the tunnel that was confirmed, and removes all keys with the tunnel.
   - A file that others than root may read is refused, since somebody may know the key.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
 options:
-  wanted:
-    description: Whether a key is to be there, for example V(false) to remove it.
-    type: bool
-    default: true
   rotate:
     description: Whether a new key takes the place of one that is there, for example V(true) after a computer was lost and found.
     type: bool
@@ -39,17 +37,22 @@ EXAMPLES = r"""
 - name: Make the key of this computer
   rosfleet.multimaster.tunnel_key:
 
-- name: Remove it
+- name: Make another one, which is used from the next run of tunnel on
   rosfleet.multimaster.tunnel_key:
-    wanted: false
+    rotate: true
 """
 
 RETURN = r"""
 public_key:
-  description: The public half of the key. Empty in check mode where it would be new, and with O(wanted=false).
+  description: The public half of the key. Empty in check mode where it would be new, or where wg is not installed yet.
   returned: success
   type: str
   sample: gkP4R9BW/LAS3o72Pgyd9RV5/Y+44cDLYXHuIXhbnQY=
+waiting_key:
+  description: The public half of a key that waits beside the one in use, as after a rotation that broke off; empty where there is none.
+  returned: success
+  type: str
+  sample: ""
 msg:
   description: One sentence on what was done, or on what prevents it.
   returned: always
@@ -62,8 +65,8 @@ from ..module_utils._tunnel.key import OPTIONS, TunnelKey
 
 
 def main() -> None:
-    """Make the key, or remove it."""
-    run_module(OPTIONS, lambda module, memory: TunnelKey(module.params))
+    """Make the key."""
+    run_module(OPTIONS, lambda module, memory: TunnelKey(module.params, module.check_mode))
 
 
 if __name__ == "__main__":

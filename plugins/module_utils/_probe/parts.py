@@ -200,7 +200,7 @@ PARTS = (
     Part(
         "tunnel",
         lambda params, ros, deadline: tunnel.look(),
-        {"up": None, "public_key": "", "port": 0, "time_s": None, "mtu": 0, "peers": []},
+        {"up": None, "guarded": None, "public_key": "", "port": 0, "time_s": None, "mtu": 0, "peers": []},
     ),
     Part("changes", lambda params, ros, deadline: changes.changes(), [], on_router=True),
     Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], on_router=True),

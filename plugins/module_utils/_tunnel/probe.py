@@ -11,6 +11,7 @@ from .._machine import network
 from .._process.commands import run, text
 
 INTERFACE = "multimaster0"
+TABLE = "rosfleet_tunnel"  # of nftables: it drops what comes in the name of a robot beside the tunnel
 MOST = 1000  # peers that are told
 LISTENS = 9.0  # seconds at most: three keepalives, or a handshake that is tried again after 5 s
 # Seconds that a session lasts without another handshake, and those after which its loss at the other end is noticed: 15 s, and a handshake.
@@ -43,6 +44,7 @@ def look(interface: str = INTERFACE) -> typing.Dict[str, typing.Any]:
     ]
     return {
         "up": _KEY.fullmatch(key) is not None,
+        "guarded": run(["nft", "list", "table", "inet", TABLE]).status == 0,
         "public_key": key if _KEY.fullmatch(key) else "",
         "port": int(port) if _NUMBER.fullmatch(port) else 0,
         "time_s": round(now, 1),

@@ -3,11 +3,13 @@
 
 """One run of the concern tunnel: its files, tried under the dead-man's switch before they are written.
 
-On trial, the tunnel is up by copies of the new files in a folder of /run. Without a confirmation its unit starts again by the files of
-before. The run that confirms writes the files, and the unit starts by them.
+On trial, the tunnel is up by copies of the new files in a folder of /run, and by a new key that waits beside the one in use. Without a
+confirmation its unit starts again by the files and the key of before. The run that confirms writes the files and takes the key into use,
+and the unit starts by them. All keys go with the last file.
 """
 
 import os
+import re
 import shutil
 import typing
 
@@ -17,9 +19,9 @@ from .._machine import systemd
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem, unreadable
 from .._process import commands
-from .probe import INTERFACE
+from . import key
+from .probe import INTERFACE, TABLE
 
-TABLE = "rosfleet_tunnel"
 UNIT = "multimaster-tunnel.service"
 FOLDER = "/run/rosfleet-multimaster/tunnel-on-trial"
 OPTIONS = {
@@ -35,6 +37,7 @@ _TRIAL = (
 )
 _END = ["ip", "link", "delete", "dev", INTERFACE]
 _OPEN = ["nft", "delete", "table", "inet", TABLE]
+_PUBLIC = re.compile(r"^# PublicKey = (\S+)$", re.M)  # in the configuration, of the computer itself
 
 
 class Tunnel(file_bundle.ManagedFiles):
@@ -42,9 +45,24 @@ class Tunnel(file_bundle.ManagedFiles):
 
     memory: typing.Mapping[str, typing.Any] = {}
 
-    def __init__(self, options: typing.Mapping[str, typing.Any], folder: str = FOLDER) -> None:
+    def __init__(
+        self,
+        options: typing.Mapping[str, typing.Any],
+        confirms: bool = False,
+        folder: str = FOLDER,
+        path: str = key.KEY,
+    ) -> None:
+        """`confirms`: an earlier run has the tunnel up by these files already. `path`: of the private key."""
         super().__init__({**options, "bundle": "tunnel", "brief": []})
-        self.folder = folder
+        self.confirms, self.folder, self.path = confirms, folder, path
+        self._left = [] if options["files"] else key.list_keys(path)
+        self._lost = not self.changed and bool(options["files"]) and not confirms and self._has_lost()
+        self.changed = self.changed or bool(self._left) or self._lost
+
+    def _has_lost(self) -> bool:
+        """Say if somebody has taken the interface, or the table that guards it, from under the unit."""
+        shown = ["ip", "link", "show", "dev", INTERFACE], ["nft", "list", "table", "inet", TABLE]
+        return _runs() and any(commands.run(argv).status != 0 for argv in shown)
 
     @property
     def runtime_changes(self) -> bool:
@@ -57,8 +75,7 @@ class Tunnel(file_bundle.ManagedFiles):
 
     def undo_commands(self) -> typing.List[typing.List[str]]:
         """Return what brings the tunnel of before back: the unit by its own files, or none."""
-        runs = systemd.states([UNIT], ("ActiveState",))[0].get("ActiveState") == "active"
-        return [_END, ["systemctl", "restart", UNIT] if runs else _OPEN, ["rm", "-rf", self.folder]]
+        return [_END, ["systemctl", "restart", UNIT] if _runs() else _OPEN, ["rm", "-rf", self.folder]]
 
     def apply_runtime(self) -> None:
         """Bring the tunnel up by the new files, or end it where there are none. Raises Problem."""
@@ -66,11 +83,12 @@ class Tunnel(file_bundle.ManagedFiles):
         if not self.options["files"]:
             commands.run(_OPEN)
             return
+        used = self.path + key.NEXT if self._waits() else self.path
         try:
             atomic.make_folders(self.folder)
             for entry in self.options["files"]:
                 here, name = os.path.split(entry["path"])
-                text = entry["content"].replace(f"{here}/", f"{self.folder}/")
+                text = entry["content"].replace(f"{here}/", f"{self.folder}/").replace(self.path, used)
                 atomic.write_by_rename(os.path.join(self.folder, name), text.encode(), 0o600)
         except OSError as problem:
             raise Problem(f"{unreadable(problem)} The tunnel is as it was before.") from problem
@@ -83,5 +101,29 @@ class Tunnel(file_bundle.ManagedFiles):
 
     def apply(self) -> None:
         """Write the files, by which the unit of the tunnel is then started. Raises Problem."""
+        if self._lost:
+            commands.run(["systemctl", "restart", UNIT], limit=_LIMIT)
+        waits = self.changed and bool(self.options["files"]) and self._waits()
         super().apply()
+        try:
+            if waits:
+                os.rename(self.path + key.NEXT, self.path)
+            for path in self._left:
+                os.unlink(path)
+        except OSError as problem:
+            raise Problem(
+                f"{unreadable(problem)} The files of the tunnel are as planned; run the play again."
+            ) from problem
+        if self.changed and not self.options["files"]:  # its unit cannot end it without them
+            commands.run(_END)
+            commands.run(_OPEN)
         shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _waits(self) -> bool:
+        """Say if the key that waits is the one of the new configuration. Raises Problem."""
+        planned = {found for entry in self.options["files"] for found in _PUBLIC.findall(entry["content"])}
+        return os.path.lexists(self.path + key.NEXT) and key.publish(self.path + key.NEXT) in planned
+
+
+def _runs() -> bool:
+    return systemd.states([UNIT], ("ActiveState",))[0].get("ActiveState") == "active"

@@ -48,6 +48,20 @@ def _judge_own_tunnel(case: Case) -> Judgement | None:
     return Judgement(FAILED if small else OK, expected, f"one that takes {small} at most" if small else "as planned")
 
 
+@Check(
+    title="its tunnel is guarded",
+    about="with `multimaster_tunnel`",
+    expected="nftables has the table that drops what comes in the name of a robot beside the tunnel",
+    needs=lambda case: make_parts("tunnel", case.observer.name, "open"),
+    evidence=lambda case: make_parts("tunnel", case.observer.name, "open"),
+)
+def _judge_guard(case: Case) -> Judgement | None:
+    seen = case.probe.tunnel
+    if case.observer.plan.tunnel is None or not seen.up or seen.guarded is None:
+        return None
+    return Judgement(OK if seen.guarded else FAILED, "its table", "as planned" if seen.guarded else "none")
+
+
 # Between two computers
 
 LATE = 120.0  # seconds; more than from the first answer of a computer to the last

@@ -122,15 +122,20 @@ def find_wrong_tunnel(fleet: Fleet) -> list[str]:
 
 def _find_wrong_places(fleet: Fleet) -> Iterator[tuple[bool, str]]:
     """Yield what is wrong with the computers in a tunnel: whether it is so, and the sentence."""
-    network = fleet.variables.common_network
+    given, network = fleet.variables, fleet.variables.common_network
     inside = [computer for computer in fleet.computers if computer.common_address]
     ends = {computer.name: computer.variables.endpoint for computer in inside}
-    yield from _find_unreachable(ends, fleet.variables.tunnel_hub)
+    yield from _find_unreachable(ends, given.tunnel_hub)
     within = [name for name, end in ends.items() if end and end in network]
     yield (
         bool(within),
         f"multimaster_endpoint of {shorten_list(within)} is in the tunnel itself ({network}); expected the address in the network that carries "
         "the tunnel",
+    )
+    yield from _find_wrong_endpoints(fleet, {name: end for name, end in ends.items() if end})
+    yield (
+        given.tunnel_port == given.multicast_port,
+        f"multimaster_tunnel_port is {given.tunnel_port}, the port of discovery; expected another one, such as 51820",
     )
     sealed = [computer.name for computer in inside if computer.sealed]
     yield (
@@ -141,6 +146,24 @@ def _find_wrong_places(fleet: Fleet) -> Iterator[tuple[bool, str]]:
     yield (
         bool(devices),
         f"the gateway of {shorten_list(devices)} is no computer of the inventory; expected one that has a key",
+    )
+
+
+def _find_wrong_endpoints(fleet: Fleet, ends: Mapping[str, IPv4Address]) -> Iterator[tuple[bool, str]]:
+    """Yield what is wrong with addresses at which computers are reached from outside."""
+    twice = sorted(end for end in set(ends.values()) if list(ends.values()).count(end) > 1)
+    yield (
+        bool(twice),
+        f"multimaster_endpoint is {shorten_list(map(str, twice))} on {shorten_list(name for name, end in ends.items() if end in twice)}; expected "
+        "an address for each computer, since all tunnels have one port",
+    )
+    within = [
+        name for name, end in ends.items() if any(end in robot.network for robot in fleet.robots if robot.gateway)
+    ]
+    yield (
+        bool(within),
+        f"multimaster_endpoint of {shorten_list(within)} is in the own network of a robot, which is reached by the tunnel; expected the address "
+        "in the network that carries the tunnel",
     )
 
 

@@ -73,7 +73,12 @@ def address(value: Any) -> IPv4Address:
 
 def endpoint(value: Any) -> IPv4Address | None:
     """Read the IPv4 address of one computer; `none` for a computer whose address changes."""
-    return None if value == "none" else address(value)
+    if value == "none":
+        return None
+    end = address(value)
+    if any(end in network for network in NOBODYS):
+        raise UnexpectedValue("the IPv4 address of one computer, such as 192.168.1.229")
+    return end
 
 
 class SealedComputer(NamedTuple):

@@ -217,6 +217,7 @@ class Tunnel:
     peers: tuple[Peer, ...] = ()
     routes: tuple[Route, ...] = ()  # to the networks behind other computers
     hub: bool | None = field(default=None, metadata=notation(left_out=True))  # it passes packets on between its peers
+    behind: IPv4Network | None = field(default=None, metadata=notation(left_out=True))  # the own network of a gateway
 
     def find_carrier(self, address: IPv4Address) -> str:
         """Return the peer to which packets for an address go: the computer itself, or the hub. Empty for none."""

@@ -299,6 +299,7 @@ def _tunnel(fleet: Fleet, robot: Robot, computer: Computer) -> model.Tunnel | No
         peers=tuple(_list_peers(fleet, computer)),
         routes=_network_routes(fleet, robot, computer),
         hub=computer == fleet.hub or None,
+        behind=next(iter(_list_own_networks(robot, computer)[1:]), None),
     )
 
 

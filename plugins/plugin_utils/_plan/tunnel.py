@@ -60,17 +60,22 @@ table inet {table} {{
   chain prerouting {{
     type filter hook prerouting priority raw; policy accept;
     iifname != {{ "{interface}", "lo" }} ip saddr {{ {networks} }} drop
-  }}
+{behind}  }}
 }}
 """
 
 
+# Nor can it send in the name of a computer behind the gateway: those packets come in where the route to them leads.
+_BEHIND = '    iifname != {{ "{interface}", "lo" }} ip saddr {network} fib saddr . iif oif missing drop\n'
+
+
 def is_key(text: object) -> bool:
-    """Say if a text is a public key: 32 bytes in base64 (wg(8))."""
+    """Say if a text is a public key: 32 bytes in base64, in the one spelling that wg(8) takes."""
     try:
-        return isinstance(text, str) and len(text) == 44 and len(base64.b64decode(text, validate=True)) == 32
+        key = base64.b64decode(text, validate=True) if isinstance(text, str) else b""
     except (binascii.Error, ValueError):
         return False
+    return len(key) == 32 and base64.b64encode(key).decode() == text
 
 
 def render_tunnel(tunnel: Tunnel | None, keys: Mapping[str, str]) -> list[dict[str, str]]:
@@ -101,7 +106,8 @@ def render_tunnel(tunnel: Tunnel | None, keys: Mapping[str, str]) -> list[dict[s
         if is_key(keys.get(peer.computer))
     )
     own = [IPv4Network(tunnel.address), *(network for peer in tunnel.peers for network in peer.networks)]
-    guard = _FILTER.format(table=TABLE, interface=INTERFACE, networks=", ".join(map(str, own)))
+    behind = _BEHIND.format(interface=INTERFACE, network=tunnel.behind) if tunnel.behind else ""
+    guard = _FILTER.format(table=TABLE, interface=INTERFACE, networks=", ".join(map(str, own)), behind=behind)
     return [
         {"path": FILTER, "content": _HEADER + guard, "mode": "0644"},
         {"path": CONFIGURATION, "content": _HEADER + text + peers, "mode": "0600"},
@@ -143,6 +149,17 @@ def find_tunnel_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterato
             f"{plan.computer}: {tunnel.address} is already on {quote(found)}, and multimaster_tunnel is 'wireguard'; expected nobody else's tunnel "
             "with this address: end that one, or set multimaster_tunnel to 'none' and use it as it is (docs/operate/hostile_networks.md)."
         )
+    beside = [
+        f"{entry['address']}/{entry['prefix']} on {quote(of['name'])}"
+        for of in info["interfaces"]
+        for entry in of["addresses"]
+        if of["name"] != INTERFACE and entry["address"] != str(tunnel.address) and _overlaps(entry, tunnel.network)
+    ]
+    if beside:
+        yield (
+            f"{plan.computer}: {', '.join(beside)} is in the network of the tunnel, {tunnel.network}; expected no other interface there, since packets "
+            "for robots would leave by it beside the tunnel: give one of the two another network."
+        )
     if not info["tunnel"]["device"] and not info["tunnel"]["kernel"]:
         yield (
             f"{plan.computer}: the kernel has no WireGuard, and there is no /dev/net/tun, as in some containers; expected one of the two for the "
@@ -153,6 +170,13 @@ def find_tunnel_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterato
             f"{plan.computer}: systemd has no CAP_NET_ADMIN, as in some containers; expected it for multimaster-tunnel.service: give the "
             "container this capability."
         )
+
+
+def _overlaps(entry: Mapping[str, Any], network: IPv4Network) -> bool:
+    """Say if the network of an address of an interface overlaps another one."""
+    if entry.get("family", "inet") != "inet":
+        return False
+    return IPv4Network(f"{entry['address']}/{entry['prefix']}", strict=False).overlaps(network)
 
 
 # The keys of all computers, as they are kept beside the inventory

@@ -41,7 +41,7 @@ def _clock(monkeypatch):
     return clock
 
 
-def test_offers_that_change_all_the_time_leave_the_roscore_half_of_its_time(clock):
+def test_the_roscore_has_half_of_its_time_for_others(clock):
     roscore, worker = FakeRoscore(), Worker()
     registrar = Registrar(roscore, "http://10.0.0.1:11911/", worker)
     number, busy = 0, 0.0
@@ -57,7 +57,7 @@ def test_offers_that_change_all_the_time_leave_the_roscore_half_of_its_time(cloc
     assert 0.4 * 10.0 < busy <= 0.5 * 10.0 + TAKES
 
 
-def test_one_change_is_registered_at_once_and_the_next_after_a_rest(clock):
+def test_one_change_is_registered_at_once(clock):
     roscore, worker = FakeRoscore(), Worker()
     registrar = Registrar(roscore, "http://10.0.0.1:11911/", worker)
     registrar.want({(PUBLISHER, "/scan"): "x/Y"})

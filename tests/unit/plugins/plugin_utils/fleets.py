@@ -72,6 +72,7 @@ def plan(robots=2, computers=1, exports=None, **variables):
             **shared,
             "multimaster_address": f"192.168.{1 + n // 200}.{1 + n % 200}",
             "multimaster_master": f"{host.partition('computer')[0]}computer",
+            **({"multimaster_endpoint": f"172.16.0.{1 + n}"} if "multimaster_tunnel" in variables else {}),
             **({} if exports is None else {"multimaster_exports": exports.get(host.partition("computer")[0], [])}),
         }
         for n, host in enumerate(names)

@@ -27,9 +27,16 @@ class Wg:
         return Answer(0, b"public of " + given, "")
 
     def bring(self, **options):
-        made = key.TunnelKey({"wanted": True, "rotate": False, "path": str(self.path), **options})
+        made = key.TunnelKey({"rotate": False, "path": str(self.path), **options})
         made.apply()
         return made
+
+    @property
+    def next(self):
+        return self.path.with_name(self.path.name + key.NEXT)
+
+    def take_into_use(self):
+        self.next.rename(self.path)
 
 
 @pytest.fixture(name="wg")
@@ -39,24 +46,56 @@ def fixture_wg(tmp_path, monkeypatch):
 
 def test_a_key_is_made_once_and_closed_to_others(wg):
     first = wg.bring()
-    assert first.changed and first.result() == {"public_key": "public of private1"}
-    assert wg.path.stat().st_mode & 0o777 == 0o600 and wg.path.parent.stat().st_mode & 0o777 == 0o700
-    again = wg.bring()
-    assert not again.changed and again.result() == first.result() and wg.made == 1
-    assert "private" not in first.summary(False) + again.summary(True)
+    assert first.changed and first.result() == {"public_key": "public of private1", "waiting_key": ""}
+    assert wg.next.stat().st_mode & 0o777 == 0o600 and wg.path.parent.stat().st_mode & 0o777 == 0o700
+    for _time in range(2):
+        again = wg.bring()
+        assert not again.changed and again.result() == first.result() and wg.made == 1
+        assert "private" not in first.summary(False) + again.summary(True)
+        if wg.next.exists():
+            wg.take_into_use()
 
 
 def test_a_plan_alone_makes_no_key(wg):
-    planned = key.TunnelKey({"wanted": True, "rotate": False, "path": str(wg.path)})
-    assert planned.changed and planned.result() == {"public_key": ""} and not wg.path.exists() and not wg.made
+    planned = key.TunnelKey({"rotate": False, "path": str(wg.path)})
+    assert planned.changed and not wg.path.parent.exists() and not wg.made
+    assert planned.result() == {"public_key": "", "waiting_key": ""}
 
 
-def test_a_rotation_makes_another_one_and_a_removal_none(wg):
+def test_a_rotation_leaves_the_key_that_is_in_use(wg):
     wg.bring()
-    assert wg.bring(rotate=True).result() == {"public_key": "public of private2"}
-    gone = wg.bring(wanted=False)
-    assert gone.changed and not wg.path.exists() and gone.result() == {"public_key": ""}
-    assert not wg.bring(wanted=False).changed
+    wg.take_into_use()
+    assert wg.bring(rotate=True).result() == {"public_key": "public of private2", "waiting_key": ""}
+    assert wg.path.read_text() == "private1\n"
+    broken_off = wg.bring()
+    assert not broken_off.changed
+    assert broken_off.result() == {"public_key": "public of private1", "waiting_key": "public of private2"}
+
+
+def test_a_damaged_key_can_be_rotated(wg):
+    wg.bring()
+    wg.take_into_use()
+    wg.path.write_text("")
+    wg.path.chmod(0o600)
+    wg.broken = ""
+    assert wg.bring(rotate=True).result()["public_key"] == "public of private2"
+
+
+def test_before_wg_is_installed_a_plan_knows_no_key(wg, monkeypatch):
+    wg.bring()
+    monkeypatch.setattr(key.shutil, "which", lambda program: None)
+    wg.broken = "pubkey"
+    planned = key.TunnelKey({"rotate": False, "path": str(wg.path)}, check_mode=True)
+    assert not planned.changed and planned.result()["public_key"] == ""
+
+
+def test_all_files_with_a_key_are_listed(wg):
+    wg.bring()
+    wg.bring(rotate=True)
+    left = wg.path.with_name(wg.path.name + ".rosfleet-new-7")
+    left.write_text("private8\n")
+    wg.path.symlink_to("nowhere")
+    assert sorted(key.list_keys(str(wg.path))) == sorted(map(str, (wg.path, wg.next, left)))
 
 
 @pytest.mark.parametrize("make", ["open", "link", "folder"])

@@ -16,6 +16,7 @@ GOOD = {
     "endpoints": f"{ONE}\t192.168.28.24:51820\n{TWO}\t(none)",
     "allowed-ips": f"{ONE}\t10.77.0.24/32 192.168.29.0/24\n{TWO}\t(none)",
     "latest-handshakes": f"{ONE}\t990\n{TWO}\t0",
+    probe.TABLE: "table inet rosfleet_tunnel { }",
 }
 
 
@@ -47,7 +48,7 @@ def fixture_told(monkeypatch):
 def test_the_peers_are_told_with_what_was_heard(told):
     found = probe.look()
     one, two = found.pop("peers")
-    assert found == {"up": True, "public_key": OWN, "port": 51820, "time_s": 1000.0, "mtu": 1420}
+    assert found == {"up": True, "guarded": True, "public_key": OWN, "port": 51820, "time_s": 1000.0, "mtu": 1420}
     assert one == {
         "public_key": ONE,
         "endpoint": "192.168.28.24:51820",
@@ -107,7 +108,15 @@ def test_the_private_key_is_not_asked_for(told):
 
 def test_without_a_tunnel_there_is_nothing(told):
     told[0].clear()
-    assert probe.look() == {"up": False, "public_key": "", "port": 0, "time_s": 1000.0, "mtu": 1420, "peers": []}
+    assert probe.look() == {
+        "up": False,
+        "guarded": False,
+        "public_key": "",
+        "port": 0,
+        "time_s": 1000.0,
+        "mtu": 1420,
+        "peers": [],
+    }
 
 
 @pytest.mark.parametrize(

@@ -17,19 +17,20 @@ def fixture_make(tmp_path, monkeypatch):
 
     def answer(argv, limit=0, **_more):
         asked.append(list(argv))
+        if argv == ["wg", "pubkey"]:
+            return Answer(0, b"public-of-" + _more["given"], "")
         return Answer(1, b"", "RTNETLINK answers: no") if argv[0] in wrong else Answer(0, b"", "")
 
     monkeypatch.setattr(tunnel.commands, "run", answer)
     states = [{"ActiveState": "active"}]
     monkeypatch.setattr(tunnel.systemd, "states", lambda units, properties: states)
 
-    def make(*names):
-        files = [
-            {"path": f"{tmp_path}/etc/{name}", "content": f"PreUp = nft -f {tmp_path}/etc/x.nft\n", "mode": "0600"}
-            for name in names
-        ]
+    def make(*names, confirms=False, more=""):
+        text = f"PreUp = nft -f {tmp_path}/etc/x.nft\n{more}"
+        files = [{"path": f"{tmp_path}/etc/{name}", "content": text, "mode": "0600"} for name in names]
         entries = [{**file, "owner": None, "group": None, "validate": []} for file in files]
-        return tunnel.Tunnel({"files": entries, "records": str(tmp_path / "records")}, str(tmp_path / "trial"))
+        options = {"files": entries, "records": str(tmp_path / "records")}
+        return tunnel.Tunnel(options, confirms, str(tmp_path / "trial"), str(tmp_path / "x.key"))
 
     make.asked, make.wrong, make.states = asked, wrong, states
     return make
@@ -46,9 +47,24 @@ def test_on_trial_the_copies_are_up_and_no_file_is_written(make, tmp_path):
 
 def test_what_was_confirmed_is_written_and_the_trial_is_gone(make, tmp_path):
     make("multimaster0.conf").apply_runtime()
-    make("multimaster0.conf").apply()
+    make("multimaster0.conf", confirms=True).apply()
     assert (tmp_path / "etc" / "multimaster0.conf").exists() and not (tmp_path / "trial").exists()
     assert not make("multimaster0.conf").runtime_changes
+
+
+def test_a_new_key_is_in_use_when_it_was_confirmed_and_not_before(make, tmp_path):
+    used, waits = tmp_path / "x.key", tmp_path / "x.key.next"
+    used.write_text("one")
+    waits.write_text("two")
+    conf = tmp_path / "trial" / "multimaster0.conf"
+    other, new = (f"# PublicKey = {public}\nPostUp = key {used}\n" for public in ("public-of-one", "public-of-two"))
+    make("multimaster0.conf", more=other).apply_runtime()
+    assert f"key {used}\n" in conf.read_text()
+    make("multimaster0.conf", more=new).apply_runtime()
+    assert f"key {waits}\n" in conf.read_text() and used.read_text() == "one"
+    make("multimaster0.conf", more=new, confirms=True).apply()
+    assert used.read_text() == "two" and not waits.exists()
+    assert f"key {used}\n" in (tmp_path / "etc" / "multimaster0.conf").read_text()
 
 
 @pytest.mark.parametrize(("state", "back"), [("active", "restart"), ("inactive", "delete")])
@@ -63,6 +79,31 @@ def test_without_files_the_tunnel_ends(make, tmp_path):
     make.asked.clear()
     make().apply_runtime()
     assert [argv[0] for argv in make.asked] == ["ip", "nft"] and not (tmp_path / "trial").exists()
+
+
+def test_the_end_of_a_tunnel_ends_all_of_it(make, tmp_path):
+    """Also without a switch: the unit cannot end it when its files are gone. All keys go with it, as they are."""
+    make("multimaster0.conf").apply()
+    for name in ("x.key", "x.key.next", "x.key.rosfleet-new-7"):
+        (tmp_path / name).write_text("private\n")
+    make.asked.clear()
+    make(confirms=True).apply()
+    assert [argv[:3] for argv in make.asked] == [["ip", "link", "delete"], ["nft", "delete", "table"]]
+    assert not list(tmp_path.glob("x.key*")) and not make().changed
+
+
+@pytest.mark.parametrize("gone", ["ip", "nft"])
+def test_what_somebody_has_removed_under_the_unit_is_made_again(make, gone):
+    make("multimaster0.conf").apply()
+    assert not make("multimaster0.conf").changed
+    make.wrong.add(gone)
+    run = make("multimaster0.conf")
+    assert run.changed and run.runtime_changes
+    make.asked.clear()
+    run.apply()
+    assert ["systemctl", "restart", "multimaster-tunnel.service"] in make.asked
+    make.states[0]["ActiveState"] = "inactive"
+    assert not make("multimaster0.conf").changed  # its service is started anyway
 
 
 def test_a_tunnel_that_does_not_come_up_is_a_sentence(make):

@@ -20,6 +20,7 @@ def tunnels(fleet):
     return {
         name: SeenTunnel(
             up=True,
+            guarded=True,
             public_key=name,
             port=51820,
             time_s=5000.0,
@@ -47,7 +48,6 @@ def tell(change=lambda seen: None):
         multimaster_tunnel="wireguard",
         multimaster_transport="unicast",
         multimaster_firewall="fleet",
-        multimaster_endpoint="172.16.0.1",
     )
 
     def seen_so(seen):
@@ -128,6 +128,10 @@ def killed(seen):
         update(peer(seen, name, TWO), heard=False)
 
 
+def flush(seen):
+    update(seen[TWO].probe.tunnel, guarded=False)
+
+
 @pytest.mark.parametrize(
     ("change", "part"),
     [
@@ -143,6 +147,7 @@ def killed(seen):
         (without_peer, ("tunnel", ONE, "peer")),
         (ended, ("tunnel", TWO, "ended")),
         (killed, ("tunnel", TWO, "ended")),
+        (flush, ("tunnel", TWO, "open")),
     ],
 )
 def test_each_fault_of_a_tunnel_is_named_once(change, part):

@@ -63,11 +63,11 @@ def test_new_machines_reach_neighbours_before_site_yml():
 def test_a_tunnel_that_is_not_there_yet_is_used_after_site_yml():
     """Before it, no computer has an address in the common network; then every robot reaches every other one."""
     plan = fig12(
+        {name: {"multimaster_endpoint": f"172.16.0.{n}"} for n, name in enumerate(("tibi", "dabo", "kobuki"), 1)},
         routers=(),
         multimaster_tunnel="wireguard",
         multimaster_transport="unicast",
         multimaster_firewall="fleet",
-        multimaster_endpoint="172.16.0.1",
     )
     seen = {}
     for name, machine in make_world(plan).machines.items():
