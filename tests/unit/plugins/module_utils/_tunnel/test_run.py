@@ -52,7 +52,7 @@ def test_what_was_confirmed_is_written_and_the_trial_is_gone(make, tmp_path):
     assert not make("multimaster0.conf").runtime_changes
 
 
-def test_a_new_key_is_in_use_when_it_was_confirmed_and_not_before(make, tmp_path):
+def test_a_new_key_is_in_use_only_when_it_was_confirmed(make, tmp_path):
     used, waits = tmp_path / "x.key", tmp_path / "x.key.next"
     used.write_text("one")
     waits.write_text("two")
