@@ -21,15 +21,10 @@ from rosfleet_multimaster.border.core.frames import DEFINITION, MD5SUM, STATIC_T
 from rosfleet_multimaster.border.core.header import encode_header
 from rosfleet_multimaster.edge.clock import monotonic
 
-from tests.unit.nodes.border.ends import SUM, End, Publisher, message, text, tree
+from tests.unit.nodes.border.ends import SUM, End, Publisher, free_port, message, text, tree
 from tests.unit.nodes.running_sync import Roscore, serve
 
 NODES = pathlib.Path(__file__).resolve().parents[3] / "roles/nodes/files/python"
-
-
-def free_port():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
 
 
 def wait_for(condition, seconds=15.0):

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The ends of connections of TCPROS, as nodes have them: publishers and listeners with real sockets."""
 
+import contextlib
+import random
 import socket
 import struct
 
@@ -16,6 +18,14 @@ HEADER = {
     "md5sum": SUM,
     "message_definition": "string data",
 }
+
+
+def free_port():
+    """A port that no connection of this machine gets by chance, so a program can have it again (ip_local_port_range of ip(7))."""
+    while True:
+        port = random.randrange(15000, 30000)
+        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
+            return port
 
 
 def message(body):

@@ -12,6 +12,7 @@ import time
 import pytest
 from rosfleet_multimaster.border.core.header import MAX_HEADER, encode_header
 from rosfleet_multimaster.border.core.outbox import Budget
+from rosfleet_multimaster.border.dial import Dialers
 from rosfleet_multimaster.border.feed import Feed, Origin
 from rosfleet_multimaster.border.wire import Wire
 from rosfleet_multimaster.edge.clock import monotonic
@@ -27,7 +28,9 @@ class Running:
     def __init__(self, of_one=False):
         self.loop, self.due = Loop(), 0.0
         self.change = None  # of the frames
-        self.feed = Feed(self.loop, Workers(self.loop, 2), LimitedLog(), Budget(), "/chatter", self.request, of_one)
+        self.feed = Feed(
+            self.loop, Dialers(Workers(self.loop, 2)), LimitedLog(), Budget(), "/chatter", self.request, of_one
+        )
         self.thread = threading.Thread(target=self.loop.run, args=(self.tick,))
         self.thread.start()
 
@@ -171,17 +174,18 @@ def test_who_asks_for_another_definition_gets_an_error(running):
         wrong.next()
 
 
-def test_a_publisher_of_another_definition_is_left_out(running):
+def test_each_listener_hears_those_with_its_own_definition(running):
+    """Whoever comes first shuts nobody out, with a wrong definition or a newer one."""
     one, other = Publisher(), Publisher()
-    running.aim(one)
-    listener = running.listen()
-    source = one.accept()
-    assert listener.header()["md5sum"] == SUM
     running.aim(one, other)
-    stranger = other.accept(md5sum="c" * 32)
-    stranger.say(message(b"wrong"))
-    source.say(message(b"right"))
-    assert listener.next() == message(b"right")
+    listener, stranger = running.listen(md5sum=SUM), running.listen(md5sum="c" * 32)
+    far = other.accept(md5sum="c" * 32)
+    assert stranger.header()["md5sum"] == "c" * 32
+    near = one.accept()
+    assert listener.header()["md5sum"] == SUM
+    far.say(message(b"other"))
+    near.say(message(b"right"))
+    assert listener.next() == message(b"right") and stranger.next() == message(b"other")
 
 
 def test_a_publisher_with_another_definition_than_before(running):

@@ -5,19 +5,20 @@
 `python3 -m rosfleet_multimaster.master_border --parameters FILE.json`
 """
 
+import contextlib
 import os
 from functools import partial
-from typing import Any, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from .border import diagnostics
 from .border.board import OfferBoard
-from .border.calls import splice
+from .border.calls import CallCounts, splice
 from .border.core import report
 from .border.core.channels import SERVICE, TOPIC, Channel, Others, Own, Registrations, find_taken, list_offers, list_own
 from .border.core.frames import STATIC, Frames
 from .border.core.header import encode_header
 from .border.core.outbox import Budget
-from .border.dial import dial_border, dial_node, dial_service, listen
+from .border.dial import Dialers, dial_border, dial_node, dial_service, listen
 from .border.feed import Dial, Feed, Fields, Link, Origin
 from .border.node import PROVIDER, PUBLISHER, SUBSCRIBER, Registrar, SlaveApi
 from .border.peers import OFFERS, Offers, Peer
@@ -27,12 +28,13 @@ from .edge import local_roscore
 from .edge.addresses import find_own_host, local_hosts
 from .edge.clock import monotonic
 from .edge.display import PUBLISH, Display
-from .edge.loop import Count, DirectRunner, Loop, RecurringJob, Workers
+from .edge.loop import DirectRunner, Loop, RecurringJob, Workers
 from .edge.process import program
 from .edge.process.systemd import notify
 from .edge.roscore import Roscore
 from .edge.rpc_server import LongPoll, RefusedCall
 from .protocol import imports, metrics, parameters
+from .protocol.filters import MAX_NAME
 from .protocol.members import Members
 from .protocol.messages import Diagnosis
 from .protocol.plain_text import plain, quote
@@ -43,12 +45,21 @@ NAME = "/master_border"
 BEAT = 0.1  # seconds between two looks at what is due, at most
 STATUS = 5.0  # seconds between two lines of status
 READ, READ_WHOLE = 0.2, 1.0  # seconds between two looks at the own roscore: one that tells its changes, and any other
-MOST_WIRES, MOST_NEW = 1000, 100  # connections of others, and those without a header
-MOST_CALLS = 200  # connections of clients of services
+MOST_WIRES, MOST_NEW = 1000, 200  # connections of others, and those without a header
+# Of one address, and those that nobody but this computer may have
+MOST_WIRES_OF_ONE, MOST_NEW_OF_ONE, RESERVED = 400, 50, 100
 FRESH = 1.0  # seconds that the own addresses are kept
 LONGEST_WAIT = 60.0  # seconds that another border may wait for news
 # Fields of a header between two borders: whose it is, and the node whose messages it wants.
 ROBOT, NODE = "rosfleet_border", "rosfleet_publisher"
+
+
+class Provider(NamedTuple):
+    """How the provider of a service is reached, or the border that has it."""
+
+    dial: Dial
+    place: str  # a URI
+    name: str  # of the service there
 
 
 class AddressBook:
@@ -70,31 +81,31 @@ class MasterBorder:
 
     def __init__(self, values: Mapping[str, Any], roscore: Roscore, uri: str) -> None:
         """`uri`: that the roscore calls itself."""
-        self.loop, self.limited, self.budget = Loop(), program.LimitedLog(), Budget()
+        self.loop, self.limited, self.budget, self.addresses = Loop(), program.LimitedLog(), Budget(), AddressBook()
         self.robot, self.roscore = values["robot"], roscore
         self.channels = [Channel.from_entry(entry) for entry in values["channels"]]
         self.peers = {channel.peer: channel for channel in self.channels}
         self.board = OfferBoard()
-        self.seen = Registrations()
+        self.seen, self.was_read = Registrations(), False
         self.topics: Own = {}
         self.services: Own = {}
-        self.calls: Dict[str, Tuple[Dial, str]] = {}  # service of others -> how their border is reached, its name there
-        self.calling = Count()
+        self.calls: Dict[str, Provider] = {}  # service of others -> how their border is reached
+        self.calling = CallCounts()
         self.offers: Dict[str, Offers] = {}
         self.given: Dict[Tuple[str, str, Optional[Frames]], Feed] = {}  # topic, node and frames -> for other borders
         self.taken: Dict[str, Feed] = {}  # topic -> for listeners of this robot
         self.wires: Dict[Wire, Optional[Feed]] = {}  # of others
-        self.feeds_due = self.jobs_due = 0.0
+        self.feeds_due = self.jobs_due = self.listens_at = 0.0
         self.listener = listen()
         members = Members.from_parameters(values)
         self.foreign_hosts = frozenset(host for one in members.robots if one.robot != self.robot for host in one.hosts)
-        self.rules = callers(members, uri, AddressBook().have)
+        self.rules = callers(members, uri, self.addresses.have)
         port = int(self.listener.getsockname()[1])
         self.api = SlaveApi(uri, port, partial(self.loop.post, self._on_shutdown), self._list_links)
         methods = {**self.api.methods(), OFFERS: LongPoll(self._tell_offers)}
         self.server = serve("", values["port"], methods, self._on_malformed, self.rules)
         self.uri = f"http://{find_own_host()}:{values['port']}/"
-        self.dialers = Workers(self.loop, 8)
+        self.dialers = Dialers(Workers(self.loop, 8))
         calls = Workers(self.loop, 1)  # everything that is asked of the own roscore
         self.registrar = Registrar(roscore, self.uri, calls)
         identity = local_roscore.Identity()
@@ -136,6 +147,9 @@ class MasterBorder:
     def _tick(self, now: float) -> float:
         """One pass: messages come and go in it, and what is due is done, which is not asked for with each message."""
         if now >= self.jobs_due:
+            if self.listens_at and now >= self.listens_at:
+                self.listens_at = 0.0
+                self.loop.watch(self.listener, self._accept)
             jobs = (self.health, self.reads, self.registrar, self.states, self.looks)
             due = [job.tick(now) for job in jobs]
             self.jobs_due = min([now + BEAT, *(time for time in due if time is not None)])
@@ -188,7 +202,12 @@ class MasterBorder:
 
     def _read(self) -> Tuple[Registrations, imports.Claims]:
         view = self.graph.read(self._list_unknown)
-        if view.publishers is not self.last.publishers or view.services is not self.last.services:
+        last, uris = self.last, (view.node_uris, view.service_uris)
+        same = view.publishers is last.publishers and view.services is last.services
+        if not same or uris != (
+            last.node_uris,
+            last.service_uris,
+        ):  # a node of another robot that was started again has another URI
             (record,) = self.roscore.ask(("getParam", imports.IMPORTS))  # an import is a registration as well
             self.claims = imports.read(record).claims
         self.last = Registrations(view.publishers, view.services, view.types, view.node_uris, view.service_uris)
@@ -210,9 +229,11 @@ class MasterBorder:
         if found is None:
             return  # its health is looked at elsewhere
         seen, claims = found
+        self.was_read = True
         others = Others(claims, self.foreign_hosts)
         topics, services = (list_own(seen, table, NAME, others) for table in (seen.publishers, seen.services))
         if (topics, services, seen) == (self.topics, self.services, self.seen):
+            self._register()
             return
         self.seen, self.topics, self.services = seen, topics, services
         for robot in self.peers:
@@ -233,8 +254,9 @@ class MasterBorder:
         wanted = {(PUBLISHER, topic): kind for topic, kind in self.api.published.items()}
         wanted.update({(SUBSCRIBER, topic): kind for topic, kind in self.api.subscribed.items()})
         uri = f"rosrpc://{find_own_host()}:{self.api.port}"
-        # A roscore keeps one provider: one of this robot is never replaced.
-        wanted.update({(PROVIDER, service): uri for service in self.calls if service not in self.services})
+        # A roscore keeps one provider: one of this robot is never replaced, so they have to be known.
+        others = self.calls if self.was_read else {}
+        wanted.update({(PROVIDER, service): uri for service in others if service not in self.services})
         self.registrar.want(wanted)
 
     # Other borders
@@ -245,7 +267,7 @@ class MasterBorder:
             raise RefusedCall(f"{OFFERS} takes a robot, a revision (text) and a wait (seconds)")
         if not self._is_peer(robot, address):
             raise RefusedCall("no channel leads there")
-        seconds = min(max(float(wait), 0.0), LONGEST_WAIT) if may_wait else 0.0
+        seconds = min(max(0.0, float(wait)), LONGEST_WAIT) if may_wait else 0.0  # in this order: not a number is 0
         found = self.board.wait(robot, revision, seconds)
         if found is None:
             raise RefusedCall("the own roscore has not been read yet")
@@ -275,12 +297,12 @@ class MasterBorder:
             place = (known.host, known.port)
             dial = partial(dial_border, place)
             for (kind, local), (offer, channel) in find_taken(channels, known.entries).items():
+                uri = f"http://{known.host}:{channel.port}/"
                 if kind == SERVICE:
-                    self.calls.setdefault(local, (dial, offer.name))
+                    self.calls.setdefault(local, Provider(dial, uri, offer.name))
                 elif local not in own:  # this node publishes that itself
                     published.setdefault(local, offer.type)
                     change = None if channel.inner_frames is None else channel.inner_frames.take_off
-                    uri = f"http://{known.host}:{channel.port}/"
                     for node in offer.nodes:
                         origin = Origin(dial, uri, self._ask_border(offer.name, node), change)
                         sources.setdefault(local, {})[offer.name, node, place] = origin
@@ -290,7 +312,7 @@ class MasterBorder:
         for topic in published:
             if topic not in self.taken:
                 self.taken[topic] = self._make_feed(topic)
-            self.taken[topic].aim(sources[topic])
+            self.taken[topic].aim(sources.get(topic, {}))
         self._register()
 
     def _ask_border(self, name: str, node: str) -> Fields:
@@ -307,13 +329,17 @@ class MasterBorder:
     def _accept(self) -> None:
         try:
             connection, (address, _port) = self.listener.accept()
-        except OSError:
+        except BlockingIOError:
             return
-        new = sum(wire.header is None for wire in self.wires)
-        objection = self.rules.objection(address, connection.getsockname()[0])
-        if objection or len(self.wires) >= MOST_WIRES or new >= MOST_NEW:
+        except OSError as problem:  # no more files: the connection stays, and would wake the loop all the time
+            self.limited.say("warning", "accept", f"no connection can be taken: {problem.strerror}")
+            self.loop.forget(self.listener)
+            self.listens_at = monotonic() + BEAT
+            return
+        objection = self.rules.objection(address, connection.getsockname()[0]) or self._find_excess(address)
+        if objection:
             connection.close()
-            self._on_malformed(address, objection or "too many connections at once")
+            self._on_malformed(address, objection)
             return
         try:
             wire = Wire(self.loop, connection, self.budget, self._greet, None, self._on_gone)
@@ -322,6 +348,17 @@ class MasterBorder:
             return
         self.wires[wire] = None
         self._request_feeds(monotonic() + PATIENCE)
+
+    def _find_excess(self, address: str) -> str:
+        """Say that there are too many connections of one address, or of all; empty where there are not. This computer has a reserve."""
+        new = [wire.address for wire in self.wires if wire.header is None]
+        if self.addresses.have(address):
+            return "too many connections at once" if len(self.wires) >= MOST_WIRES else ""
+        its_own = sum(wire.address == address for wire in self.wires)
+        if its_own >= MOST_WIRES_OF_ONE or new.count(address) >= MOST_NEW_OF_ONE:
+            return "too many connections of this computer at once"
+        full = len(self.wires) >= MOST_WIRES - RESERVED or len(new) >= MOST_NEW
+        return "too many connections at once" if full else ""
 
     def _end_silent(self, now: float) -> None:
         for wire in [wire for wire in self.wires if wire.header is None and now - wire.since > PATIENCE]:
@@ -339,14 +376,14 @@ class MasterBorder:
         if robot is None and self.diagnostics is not None and topic == diagnostics.TOPIC:
             feed = self.diagnostics.feed
         elif robot is None:
-            feed = self.taken.get(topic)
+            feed = None if wire.address in self.foreign_hosts else self.taken.get(topic)
         else:
             feed, rate = self._find_given(wire, robot, topic, header.get(NODE, ""))
         if feed is None:
             _refuse(wire, f"{plain(topic)} is not published here")
             return
         self.wires[wire] = feed
-        wire.header = {name: header[name] for name in ("callerid", "md5sum") if name in header}  # it may be long
+        wire.header = {name: header[name][:MAX_NAME] for name in ("callerid", "md5sum") if name in header}
         feed.add(wire, {"callerid": NAME, "topic": topic}, rate)
         self._register()
 
@@ -382,34 +419,50 @@ class MasterBorder:
     def _pass_call(self, wire: Wire, header: Fields) -> None:
         """Connect a client with the provider of its service, or with the border that has it."""
         service, robot = header["service"], header.get(ROBOT)
-        found = self.calls.get(service) if robot is None else self._find_provider(wire, robot, service)
-        if found is None or self.calling.value >= MOST_CALLS:
-            _refuse(wire, f"{plain(service)} is not provided here" if found is None else "too many calls at once")
+        own = None if wire.address in self.foreign_hosts else self.calls.get(service)  # each robot has its own border
+        found = own if robot is None else self._find_provider(wire, robot, service)
+        if found is None:
+            _refuse(wire, f"{plain(service)} is not provided here")
             return
-        dial, name = found
-        fields = {**header, "callerid": NAME, "service": name}
+        parties = (found.place,) if self.addresses.have(wire.address) else (found.place, wire.address)
+        if not self.calling.have_room(parties):
+            _refuse(wire, "too many calls at once")
+            return
+        fields = {**header, "callerid": NAME, "service": found.name}
         fields.pop(ROBOT, None)
         self.wires.pop(wire)
         connection, rest = wire.detach()
         first = encode_header({**fields, ROBOT: self.robot} if robot is None else fields) + rest
-        self.calling.add()
-        self.dialers.submit(dial, partial(self._on_provider, connection, first))
+        self.calling.add(parties)
+        self.dialers.submit(found.place, found.dial, partial(self._on_dialed, connection, first, parties, service))
 
-    def _find_provider(self, wire: Wire, robot: str, name: str) -> Optional[Tuple[Dial, str]]:
-        """Return how the provider of a service is reached that another border wants, and its name here."""
+    def _find_provider(self, wire: Wire, robot: str, name: str) -> Optional[Provider]:
+        """Return how the provider of a service is reached that another border wants."""
         for channel in self._list_channels(robot, wire.address):
             service = channel.find_local(SERVICE, name)
             if service is not None and service in self.services:
-                return partial(dial_service, self.seen.service_uris.get(service, "")), service
+                uri = self.seen.service_uris.get(service, "")
+                return Provider(partial(dial_service, uri), uri, service)
         return None
 
-    def _on_provider(self, client: Any, first: bytes, provider: Any, problem: Optional[Exception]) -> None:
-        done = partial(self.calling.add, -1)
-        if provider is None:
-            client.close()
-            done()
-        else:
-            splice(client, provider, first, done)
+    def _on_dialed(
+        self,
+        client: Any,
+        first: bytes,
+        parties: Tuple[str, ...],
+        service: str,
+        provider: Any,
+        problem: Optional[Exception],
+    ) -> None:
+        if provider is not None:
+            splice(client, provider, first, partial(self.loop.post, self.calling.remove, parties))
+            return
+        text = f"{plain(service)} cannot be reached: {quote(problem)}"
+        self.limited.say("warning", f"service {parties[0]}", text)
+        with contextlib.suppress(OSError):
+            client.send(encode_header({"error": text}))
+        client.close()
+        self.calling.remove(parties)
 
     def _on_gone(self, wire: Wire, why: str) -> None:
         feed = self.wires.pop(wire, None)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rosfleet_multimaster.border.core.messages import MessageReader
-from rosfleet_multimaster.border.core.outbox import QUEUE, Budget, Outbox, Throttle
+from rosfleet_multimaster.border.core.outbox import LATCHED, QUEUE, Budget, Outbox, Throttle
 
 
 def message(body):
@@ -61,8 +61,9 @@ def test_only_the_newest_waits():
 class Payer:
     """A connection with an outbox."""
 
-    def __init__(self, budget, progress=0.0):
+    def __init__(self, budget, progress=0.0, address=""):
         self.outbox, self.progress, self.budget = Outbox(budget), progress, budget
+        self.address = address or f"10.0.0.{len(budget.payers)}"
         self.shrink = self.outbox.drop_all
         budget.payers.add(self)
 
@@ -93,6 +94,25 @@ def test_the_fullest_pays_for_all():
     large.outbox.close()
     small.outbox.add(bytes(900))
     assert small.outbox.dropped == 0
+
+
+def test_many_connections_of_one_computer_pay_as_one():
+    budget = Budget(1000)
+    many, one = [Payer(budget, address="10.9.9.9") for _number in range(9)], Payer(budget)
+    for payer in many:
+        payer.outbox.add(bytes(100))
+    one.outbox.add(bytes(300))
+    assert one.outbox.dropped == 0 and sum(payer.outbox.dropped for payer in many) == 2
+
+
+def test_what_is_kept_for_who_comes_later_is_bounded():
+    budget, third = Budget(), bytes(LATCHED // 3)
+    assert all(budget.latch(None, third) for _publisher in range(3))
+    assert not budget.latch(None, third) and not budget.latch(
+        third, bytes(LATCHED)
+    )  # so the last one has none any more
+    assert budget.latch(None, third) and not budget.latch(None, third)
+    assert budget.latch(third, None) and budget.latch(None, third)
 
 
 def test_who_reads_nothing_for_longest_ends_at_last():

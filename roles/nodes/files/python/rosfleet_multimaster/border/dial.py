@@ -7,11 +7,67 @@ To connect may block.
 
 import socket
 import urllib.parse
-from typing import Tuple
+from collections import Counter, deque
+from functools import partial
+from typing import Any, Callable, Deque, Dict, Optional, Tuple
 
+from ..edge.loop import Workers
 from ..edge.rpc_client import SMALL, Rpc
 
 SECONDS = 5.0  # for each question and each connection
+AT_ONCE = 2  # connections that are being made to one place
+MOST = 300  # connections to one place for topics
+
+Job = Callable[[], socket.socket]
+Done = Callable[[Any, Optional[Exception]], None]
+
+
+class Dialers:
+    """Has connections made in threads, a few at a time for each place. So one that does not answer holds nobody up but itself.
+
+    Used in the loop alone.
+    """
+
+    def __init__(self, workers: Workers) -> None:
+        self._workers = workers
+        self._waiting: Dict[str, Deque[Tuple[Job, Done]]] = {}
+        self._busy: Counter[str] = Counter()
+        self._held: Counter[str] = Counter()
+
+    def is_full(self, place: str) -> bool:
+        """True where no more connections to a place are to be made for topics."""
+        return self._held[place] >= MOST
+
+    def hold(self, place: str) -> None:
+        """Count a connection for a topic."""
+        self._held[place] += 1
+
+    def release(self, place: str) -> None:
+        """A connection for a topic has ended."""
+        self._held[place] -= 1
+        if not self._held[place]:
+            del self._held[place]
+
+    def submit(self, place: str, job: Job, done: Done) -> None:
+        """Make a connection to a place, then call `done(connection, exception)` in the loop."""
+        self._waiting.setdefault(place, deque()).append((job, done))
+        self._start(place)
+
+    def _start(self, place: str) -> None:
+        waiting = self._waiting.get(place)
+        while waiting and self._busy[place] < AT_ONCE:
+            job, done = waiting.popleft()
+            self._busy[place] += 1
+            self._workers.submit(job, partial(self._on_done, place, done))
+        if not waiting:
+            self._waiting.pop(place, None)
+
+    def _on_done(self, place: str, done: Done, connection: Any, problem: Optional[Exception]) -> None:
+        self._busy[place] -= 1
+        if not self._busy[place]:
+            del self._busy[place]
+        self._start(place)
+        done(connection, problem)
 
 
 def dial_node(uri: str, own: str, topic: str) -> socket.socket:

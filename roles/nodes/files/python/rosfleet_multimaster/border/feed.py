@@ -9,13 +9,14 @@ from functools import partial
 from typing import Any, Callable, Dict, Hashable, List, Mapping, NamedTuple, Optional, Tuple
 
 from ..edge.clock import monotonic
-from ..edge.loop import Loop, Workers
+from ..edge.loop import Loop
 from ..edge.process import program
 from ..protocol.plain_text import plain
 from .core.definition import DefinitionError
 from .core.frames import Change, FramesError, Rewrite, make_rewrite
 from .core.header import encode_header
 from .core.outbox import Budget, Throttle
+from .dial import Dialers
 from .wire import PATIENCE, Wire
 
 AGAIN = (0.2, 5.0)  # seconds until a publisher that does not answer is asked again: at first, and at most
@@ -60,6 +61,11 @@ class _Source:
         self.retry_at = 0.0
 
     @property
+    def is_awaited(self) -> bool:
+        """True if it is asked, and has not answered yet."""
+        return self.dialing or (self.wire is not None and self.header is None)
+
+    @property
     def is_latched(self) -> bool:
         """True if its last message is for who comes later."""
         return (self.header or {}).get("latching") == "1"
@@ -83,7 +89,7 @@ class Feed:
     def __init__(
         self,
         loop: Loop,
-        workers: Workers,
+        dialers: Dialers,
         limited: program.LimitedLog,
         budget: Budget,
         title: str,
@@ -94,7 +100,7 @@ class Feed:
 
         `of_one`: there is one publisher, and with its connection those of the listeners end, which ask again.
         """
-        self._loop, self._workers, self._limited, self._title = loop, workers, limited, title
+        self._loop, self._dialers, self._limited, self._title = loop, dialers, limited, title
         self._budget, self._request_tick, self._of_one = budget, request_tick, of_one
         self._sources: Dict[Hashable, _Source] = {}
         self._sinks: Dict[Wire, _Sink] = {}
@@ -177,6 +183,8 @@ class Feed:
                 self._close(source)
             elif source.wire is not None and source.header is None and now - source.wire.since > PATIENCE:
                 source.wire.end("no header came")
+            elif source.wire is not None and source.wire.is_stalled(now):
+                source.wire.end("a message has begun and does not go on")
             elif source.wire is None and not source.dialing:
                 if now >= source.retry_at:
                     self._dial(source)
@@ -192,8 +200,11 @@ class Feed:
     # Publishers
 
     def _dial(self, source: _Source) -> None:
+        if self._dialers.is_full(source.origin.uri):
+            self._fail(source, f"too many connections to {source.origin.uri} are open")
+            return
         source.dialing = True
-        self._workers.submit(source.origin.dial, partial(self._on_dial, source))
+        self._dialers.submit(source.origin.uri, source.origin.dial, partial(self._on_dial, source))
 
     def _on_dial(self, source: _Source, connection: Any, problem: Optional[Exception]) -> None:
         source.dialing = False
@@ -215,18 +226,13 @@ class Feed:
                 connection.close()
                 self._fail(source, str(gone))
                 return
+            self._dialers.hold(source.origin.uri)
             source.wire.say(encode_header(source.origin.question))
 
     def _on_header(self, source: _Source, wire: Wire) -> None:
         header = wire.header or {}
         if "error" in header or not header.get("md5sum"):
             wire.end(f"it says {plain(header.get('error') or 'no md5sum')}")
-            return
-        first = self._find_header()
-        if first is not None and first["md5sum"] != header["md5sum"]:
-            wire.end(
-                f"its messages are of another definition ({plain(header.get('type', ''))}) than those of another publisher"
-            )
             return
         source.problem = ""
         if source.origin.change is not None:
@@ -236,9 +242,10 @@ class Feed:
                 source.problem = f"its frames cannot be renamed: {plain(problem)}"
                 wire.end(source.problem)
                 return
-        source.header, source.failures = header, 0
+        source.header = header
+        known = {each["md5sum"] for each in self._list_headers()}
         for sink in list(self._sinks.values()):
-            if sink.md5sum not in ("", header["md5sum"]):
+            if sink.md5sum and sink.md5sum not in known:
                 sink.wire.end("the publisher has another definition of the messages now")
             else:
                 self._open(sink)
@@ -256,19 +263,31 @@ class Feed:
                 return
             if not message:
                 return
+        source.failures = 0
         self.messages += 1
         self.size += len(message)
         if source.is_latched:
-            source.latched = message
+            self._latch(source, message)
         now = monotonic()
         for sink in list(self._sinks.values()):
-            if sink.md5sum:
+            if sink.md5sum == source.header["md5sum"]:
                 self._send(sink, message, now)
 
+    def _latch(self, source: _Source, message: Optional[bytes]) -> None:
+        is_kept = self._budget.latch(source.latched, message)
+        source.latched = message if is_kept else None
+        if not is_kept:
+            text = f"{self._title}: the last message of a latched publisher is not kept for who comes later; there are too many such bytes"
+            self._limited.say("warning", f"latched {self._title}", text)
+
     def _on_end(self, source: _Source, wire: Wire, why: str) -> None:
+        self._dialers.release(source.origin.uri)
         had, source.header = source.header, None
+        if had is not None and monotonic() - wire.since > PATIENCE:
+            source.failures = 0  # one that ends right after its header is asked ever later
         self.dropped += wire.count_skipped()
-        source.wire = source.latched = None
+        self._latch(source, None)
+        source.wire = None
         if why:
             self._fail(source, why)
         if had is not None and self._of_one:
@@ -295,26 +314,36 @@ class Feed:
         if sink.throttle.due is not None:
             self._request_tick(sink.throttle.due)
 
-    def _find_header(self) -> Optional[Fields]:
-        own = None if self._own is None else self._own[0]
-        return own or next((source.header for source in self._sources.values() if source.header is not None), None)
+    def _list_headers(self) -> List[Fields]:
+        """List the headers of all who publish now. Two may have another definition, as two robots with other versions."""
+        own = [] if self._own is None else [self._own[0]]
+        return own + [source.header for source in self._sources.values() if source.header is not None]
 
     def _open(self, sink: _Sink) -> None:
         """Give somebody who listens its header, as soon as there is one, and what was latched."""
-        header = self._find_header()
-        if sink.md5sum or header is None:
+        header = None if sink.md5sum else self._choose_header(sink)
+        if header is None:
             return
-        asked = (sink.wire.header or {}).get("md5sum", "*")
-        if asked not in ("*", header["md5sum"]):
-            text = f"md5sum {plain(asked)} is asked for, and the publisher has {plain(header['md5sum'])}"
-            sink.wire.say(encode_header({"error": text}))
-            sink.wire.end("it asks for another definition of the messages")
-            return
-        latching = self._own is not None or any(of.is_latched for of in self._sources.values())
+        same = [
+            of for of in self._sources.values() if of.header is not None and of.header["md5sum"] == header["md5sum"]
+        ]
+        latching = self._own is not None or any(of.is_latched for of in same)
         names = ("type", "md5sum", "message_definition")
         fields = {name: header[name] for name in names if name in header}
         sink.wire.say(encode_header({**fields, **sink.answer, "latching": "1" if latching else "0"}))
         sink.md5sum = header["md5sum"]
         latched = [] if self._own is None else [self._own[1]]
-        for message in (*latched, *(of.latched for of in self._sources.values() if of.latched is not None)):
+        for message in (*latched, *(of.latched for of in same if of.latched is not None)):
             self._send(sink, message, monotonic())
+
+    def _choose_header(self, sink: _Sink) -> Optional[Fields]:
+        """Return the header of a publisher with the definition that somebody asks for; None where there is none yet, or it is sent away."""
+        headers = self._list_headers()
+        asked = (sink.wire.header or {}).get("md5sum", "*")
+        found = next((each for each in headers if asked in ("*", each["md5sum"])), None)
+        # One that has not said its definition yet may have this one.
+        if found is None and headers and not any(source.is_awaited for source in self._sources.values()):
+            text = f"md5sum {plain(asked)} is asked for, and the publisher has {plain(headers[0]['md5sum'])}"
+            sink.wire.say(encode_header({"error": text}))
+            sink.wire.end("it asks for another definition of the messages")
+        return found

@@ -25,6 +25,13 @@ _ALIVE = {socket.TCP_KEEPIDLE: 4, socket.TCP_KEEPINTVL: 2, socket.TCP_KEEPCNT: 3
 _numbers = itertools.count(1)
 
 
+def keep_alive(connection: socket.socket) -> None:
+    """Have the kernel end a connection whose other end has gone without a word. Raises OSError."""
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in _ALIVE.items():
+        connection.setsockopt(socket.IPPROTO_TCP, option, value)
+
+
 class Wire:
     """One connection. What comes, and its end, are told by callbacks in the loop."""
 
@@ -44,7 +51,7 @@ class Wire:
         self.title = f"TCPROS connection on port {connection.getsockname()[1]} to [{address}:{port} on socket {connection.fileno()}]"
         self.header: Optional[Dict[str, str]] = None  # of the other end
         self.outbox, self.ended = Outbox(budget), False
-        self.since = self.progress = monotonic()
+        self.since = self.progress = self._came = monotonic()
         self._budget = budget
         self._loop, self._connection = loop, connection
         self._on_header, self._on_message, self._on_end = on_header, on_message, on_end
@@ -53,9 +60,7 @@ class Wire:
         self._watched = False  # for being writable
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for option, value in _ALIVE.items():
-            connection.setsockopt(socket.IPPROTO_TCP, option, value)
+        keep_alive(connection)
         loop.watch(connection, self._on_ready)
         budget.payers.add(self)
 
@@ -73,6 +78,10 @@ class Wire:
     def is_stuck(self) -> bool:
         """True if nothing of what is being sent has left for long."""
         return self.outbox.is_sending and monotonic() - self.progress > SILENCE
+
+    def is_stalled(self, now: float) -> bool:
+        """True if a message is there in part, and nothing more of it has come for long."""
+        return self._counted > 0 and now - self._came > SILENCE
 
     def shrink(self) -> None:
         """Hold less, since all connections hold too much."""
@@ -149,6 +158,10 @@ class Wire:
         if not data:
             self.end("it was closed")
             return
+        if self.header is not None and self._on_message is None:
+            self.end("it sends more than its header")
+            return
+        self._came = monotonic()
         self._reader.feed(data)
         while not self.ended:
             message = self._reader.take()

@@ -123,7 +123,11 @@ def list_own(seen: Registrations, table: Mapping[str, Sequence[str]], own: str, 
     """Return the nodes of this robot of each topic or service. `own`: the border itself."""
     found = {}
     for name, nodes in table.items():
-        mine = tuple(node for node in nodes if node != own and not others.have(node, seen.node_uris.get(node, "")))
+        mine = tuple(
+            node
+            for node in nodes
+            if node != own and NAME.match(node) and not others.have(node, seen.node_uris.get(node, ""))
+        )
         if mine:
             found[name] = mine[:MOST_NODES]
     return found
@@ -143,14 +147,20 @@ def list_offers(
                 name = channel.find_name(kind, local)
                 if name is not None and (kind == SERVICE or local in types) and (kind, name) not in found:
                     found[kind, name] = Offer(kind, name, types.get(local, "") if kind == TOPIC else "", nodes)
-    return sorted(found.values())[:MOST_OFFERS]
+    return sorted(filter(_is_good, found.values()))[:MOST_OFFERS]
 
 
 def read_offers(value: Any) -> List[Offer]:
     """Read the offers of another border, without those that have an odd name or type. Raises ValueError."""
     if not isinstance(value, list) or len(value) > MOST_OFFERS:
         raise ValueError(f"its offers are no list of at most {MOST_OFFERS}")
-    return [offer for offer in map(_read_offer, value) if NAME.match(offer.name) and VISIBLE.match(offer.type or "*")]
+    return list(filter(_is_good, map(_read_offer, value)))
+
+
+def _is_good(offer: Offer) -> bool:
+    """Say if an offer has nodes, and a name and a type that a roscore is to have."""
+    good_name = NAME.match(offer.name) and len(offer.name) <= MAX_NAME
+    return bool(offer.nodes and good_name and VISIBLE.match(offer.type or "*"))
 
 
 def _read_offer(entry: Any) -> Offer:

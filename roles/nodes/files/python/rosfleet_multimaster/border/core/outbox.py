@@ -7,12 +7,14 @@ from typing import Deque, Dict, List, Optional, Protocol, Set, Tuple
 
 BATCH = 1 << 16  # bytes of small messages that leave together
 QUEUE = (100, 4 << 20)  # messages and bytes that wait for one connection
+LATCHED = 128 << 20  # bytes of messages that are kept for who comes later
 ALL = 32 << 20  # bytes that all connections together hold: what waits, what is being sent, and what is being read
 
 
 class Payer(Protocol):
     """A connection, as the budget sees it."""
 
+    address: str  # of the other end
     progress: float  # when bytes of what is being sent have left it for the last time
 
     @property
@@ -37,12 +39,13 @@ class Payer(Protocol):
 class Budget:
     """The bytes that all connections may hold together. A message counts once, however many hold it.
 
-    Beyond the limit those that read nothing for long end, then the fullest loses what waits and what is being read, then the one that reads
-    nothing for longest ends.
+    Beyond the limit those that read nothing for long end, then the fullest of the computer that has most loses what waits and what is being
+    read, then the one that reads nothing for longest ends.
     """
 
     def __init__(self, limit: int = ALL) -> None:
         self._limit, self.used = limit, 0
+        self._latched = 0
         self.payers: Set[Payer] = set()
         self._held: Dict[int, Tuple[bytes, int]] = {}  # identity of a message -> the message, by how many it is held
 
@@ -62,11 +65,22 @@ class Budget:
             del self._held[id(message)]
             self.change(-len(message))
 
+    def latch(self, before: Optional[bytes], message: Optional[bytes]) -> bool:
+        """Keep a message for who comes later in the place of another one; False where all of these are too many bytes, and neither is kept."""
+        self._latched -= len(before or b"")
+        if self._latched + len(message or b"") > LATCHED:
+            return False
+        self._latched += len(message or b"")
+        return True
+
     def change(self, size: int) -> None:
         """Count bytes besides; below 0 they are given back."""
         self.used += size
         while size > 0 and self.used > self._limit:
-            fullest = max(self.payers, key=lambda payer: payer.size, default=None)
+            held: Dict[str, int] = {}  # by address: many connections of one computer are one
+            for payer in self.payers:
+                held[payer.address] = held.get(payer.address, 0) + payer.size
+            fullest = max(self.payers, key=lambda payer: (held[payer.address], payer.size), default=None)
             slowest = min(filter(_is_sending, self.payers), key=lambda payer: payer.progress, default=None)
             if fullest is not None and fullest.size and not (slowest and slowest.is_stuck):
                 fullest.shrink()

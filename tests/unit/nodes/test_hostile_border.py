@@ -1,0 +1,257 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A border as a process, with a good robot and a hostile one beside it: what the hostile one does harms nobody but itself.
+
+The computers are addresses of the loopback network: the border 127.0.0.1, the hostile robot 127.0.0.2, the good one 127.0.0.3.
+"""
+
+import contextlib
+import json
+import os
+import pathlib
+import socket
+import subprocess
+import sys
+import threading
+import time
+import xmlrpc.client
+
+import pytest
+from rosfleet_multimaster.border.core.header import encode_header
+from rosfleet_multimaster.edge.rpc_server import RpcServer
+
+from tests.unit.nodes.border.ends import HEADER, SUM, End, free_port, message
+from tests.unit.nodes.running_sync import Roscore
+
+NODES = pathlib.Path(__file__).resolve().parents[3] / "roles/nodes/files/python"
+HERE, BAD, GOOD, THIRD = "127.0.0.1", "127.0.0.2", "127.0.0.3", "127.0.0.4"
+
+
+def wait_for(condition, seconds=15.0):
+    until = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+class Peer:
+    """The border of another robot, which offers and serves as the test says."""
+
+    def __init__(self, name, address):
+        self.name, self.address, self.revision, self.offers = name, address, 0, []
+        self.asked = []  # headers of connections
+        self.data = socket.create_server((address, 0), backlog=200)
+        self.server = RpcServer(address, 0, {"rosfleetOffers": self.tell}, lambda *_why: None)
+
+    def tell(self, _robot, revision, wait):
+        until = time.monotonic() + min(wait, 1.0) * bool(revision)
+        while f"r{self.revision}" == revision and time.monotonic() < until:
+            time.sleep(0.05)
+        return [f"r{self.revision}", self.data.getsockname()[1], self.offers]
+
+    def offer(self, *offers):
+        self.offers, self.revision = [list(offer) for offer in offers], self.revision + 1
+
+    def serve(self, talk):
+        """Answer each connection with a header, and do something with it in a thread."""
+
+        def one(connection):
+            with contextlib.suppress(OSError, EOFError):
+                end = End(connection)
+                self.asked.append(end.header())
+                end.say(encode_header(HEADER))
+                talk(end)
+
+        def run():
+            with contextlib.suppress(OSError):
+                while True:
+                    threading.Thread(target=one, args=(self.data.accept()[0],), daemon=True).start()
+
+        threading.Thread(target=run, daemon=True).start()
+
+    def channel(self):
+        empty = dict.fromkeys(("base", "frames", "world", "root"), "")
+        names = {"topics": ["/*"], "services": ["/*"], "as": f"/{self.name}"}
+        place = {"peer": self.name, "hosts": [self.address], "port": self.server.server_address[1]}
+        return {**place, **names, **empty, "inner": False, "rate": 0, "newest": False}
+
+    def member(self):
+        own = {"robot": self.name, "name": self.name, "uris": [f"http://{self.address}:11311"], "rpc_port": 11611}
+        return {**own, "addresses": [self.address], "hosts": [self.address]}
+
+
+def talk_for_ever(end):
+    while True:
+        end.say(message(b"data"))
+        time.sleep(0.02)
+
+
+class Station:
+    """The border, and connections to it."""
+
+    def __init__(self, folder):
+        self.roscore, self.peers = Roscore(), (Peer("bad", BAD), Peer("good", GOOD))
+        self.port = free_port()
+        third = Peer("third", THIRD)
+        values = {"robot": "station", "port": self.port, "channels": [peer.channel() for peer in self.peers]}
+        members = {"members": [peer.member() for peer in (*self.peers, third)], "strangers": "ignore"}
+        path = folder / "border.json"
+        path.write_text(json.dumps({**values, **members, "diagnostics": False}))
+        environment = {
+            **{"PYTHONPATH": str(NODES), "ROS_MASTER_URI": self.roscore.uri, "ROS_IP": HERE},
+            "PATH": os.environ["PATH"],
+        }
+        self.bad, self.good = self.peers
+        self.good.offer(["topic", "/good/scan", "x/Y", ["/laser"]], ["service", "/good/reset", "", ["/base"]])
+        self.good.serve(talk_for_ever)
+        words = [sys.executable, "-m", "rosfleet_multimaster.master_border", "--parameters", str(path)]
+        self.process = subprocess.Popen(words, env=environment)
+        wait_for(lambda: {"/good/scan", "/good/reset"} <= self.names())
+        self.data = self.api.requestTopic("/x", "/good/scan", [["TCPROS"]])[2][2]
+
+    @property
+    def api(self):
+        return xmlrpc.client.ServerProxy(f"http://{HERE}:{self.port}/")
+
+    def names(self):
+        """The topics and services of the border at its roscore."""
+        tables = (self.roscore.tables[role].items() for role in ("Publisher", "Service"))
+        return {name for table in tables for name, nodes in table if "/master_border" in nodes}
+
+    def offer(self, *offers):
+        self.bad.offer(*offers, ["topic", "/bad/last", "x/Y", ["/n"]])
+        wait_for(lambda: "/bad/last" in self.names())
+
+    def connect(self, source=HERE, **fields):
+        connection = socket.create_connection((HERE, self.data), 10, (source, 0))
+        end = End(connection)
+        if fields:
+            end.say(encode_header({"callerid": "/x", "md5sum": SUM, "type": "x/Y", **fields}))
+        return end
+
+    def hears(self, seconds=3.0, source=HERE):
+        """Say if a listener of the good robot's topic has a message in time."""
+        try:
+            end = self.connect(source, topic="/good/scan")
+            end.connection.settimeout(seconds)
+            return "error" not in end.header() and end.next() == message(b"data")
+        except (OSError, EOFError):
+            return False
+
+    def measure_load(self, seconds=1.0):
+        """The share of a core that the border takes."""
+
+        def spent():
+            words = pathlib.Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+            return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+        before = spent()
+        time.sleep(seconds)
+        return (spent() - before) / seconds
+
+    def end(self):
+        assert self.process.poll() is None, "it has lived through all of it"
+        self.process.terminate()
+        self.process.wait(10)
+        self.roscore.server.stop()
+        for peer in self.peers:
+            peer.data.close()
+            peer.server.stop()
+
+
+@pytest.fixture
+def station(tmp_path):
+    found = Station(tmp_path)
+    yield found
+    found.end()
+
+
+ODD = {
+    "no nodes": ["topic", "/bad/x", "x/Y", []],
+    "odd nodes": ["topic", "/bad/x", "x/Y", ["n", "/a b"]],
+    "no provider": ["service", "/bad/x", "", []],
+}
+
+
+@pytest.mark.parametrize("offer", ODD.values(), ids=list(ODD))
+def test_an_odd_offer_is_left_out_alone(station, offer):
+    station.offer(offer)
+    assert "/bad/x" not in station.names() and station.hears()
+
+
+def test_an_odd_wait_is_none(station):
+    body = xmlrpc.client.dumps(("bad", "", 0.0), "rosfleetOffers").replace("0.0", "nan")
+    head = f"POST / HTTP/1.1\r\nHost: x\r\nContent-Type: text/xml\r\nContent-Length: {len(body)}\r\n\r\n"
+    for _time in range(3):
+        with socket.create_connection((HERE, station.port), 10, (BAD, 0)) as connection:
+            connection.sendall((head + body).encode())
+            connection.settimeout(5)
+            assert connection.recv(100).startswith(b"HTTP/1.1")
+    assert station.measure_load() < 0.5
+
+
+def test_silent_connections_of_one_computer_shut_nobody_out(station):
+    silent = [socket.create_connection((HERE, station.data), 10, (BAD, 0)) for _number in range(120)]
+    assert station.hears()
+    for connection in silent:
+        connection.close()
+
+
+def test_a_port_that_does_not_answer_holds_nobody_up(station):
+    """Its queue is full, so the kernel drops what comes. One listener wants forty publishers there."""
+    station.bad.data.close()
+    station.bad.data = socket.create_server((BAD, 0), backlog=0)
+    waiting = []
+    for _number in range(4):
+        waiting.append(socket.socket())
+        waiting[-1].setblocking(False)
+        waiting[-1].connect_ex(station.bad.data.getsockname())
+    station.offer(["topic", "/bad/x", "x/Y", [f"/n{number}" for number in range(40)]])
+    station.connect(topic="/bad/x")
+    time.sleep(0.5)
+    assert station.hears() and station.hears()
+    for connection in waiting:
+        connection.close()
+
+
+def test_a_listener_that_talks_is_sent_away(station):
+    end = station.connect(topic="/good/scan")
+    assert "error" not in end.header()
+    with pytest.raises(OSError):
+        while True:
+            end.say(bytes(1 << 16))
+    assert station.hears()
+
+
+def test_calls_of_one_robot_leave_room_for_others(station):
+    station.offer(["service", "/bad/reset", "", ["/base"]])
+    station.bad.serve(lambda _end: time.sleep(60))
+    local = [station.connect(service="/bad/reset") for _number in range(60)]
+    answers = [call.header() for call in local]
+    assert sum("too many" in answer.get("error", "") for answer in answers) == 10
+    assert "error" not in station.connect(service="/good/reset").header()
+
+
+def test_a_robot_without_a_channel_hears_and_calls_nobody(station):
+    assert not station.hears(source=THIRD)
+    end = station.connect(THIRD, service="/good/reset")
+    assert "not provided here" in end.header()["error"] and not station.good.asked
+
+
+def test_a_call_without_a_provider_gets_a_sentence(station):
+    station.offer(["service", "/bad/reset", "", ["/base"]])
+    station.bad.data.close()
+    answer = station.connect(service="/bad/reset").connection.recv(1000)
+    assert b"error=/bad/reset cannot be reached" in answer
+
+
+def test_long_fields_of_listeners_are_not_kept(station):
+    def memory():
+        lines = pathlib.Path(f"/proc/{station.process.pid}/status").read_text()
+        return int(lines.partition("VmRSS:")[2].split()[0]) >> 10
+
+    before = memory()
+    ends = [station.connect(topic="/good/scan", callerid="/\u4e00" + "x" * 200_000) for _number in range(60)]
+    assert all("error" not in end.header() for end in ends)
+    assert memory() - before < 30
