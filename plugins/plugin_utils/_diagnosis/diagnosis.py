@@ -412,9 +412,10 @@ def _add_clock_offset(entry: Finding) -> Finding:
     return replace(entry, part=parts[0], rivals=tuple(parts[1:]))
 
 
-def _importance(entry: Finding) -> tuple[int, bool, int, Part]:
-    """Order findings: the serious ones first; of these what a value shows; of these what most follows from."""
-    return SERIOUS.index(entry.verdict), not entry.proof, -len(entry.rows) - len(entry.proof), entry.part
+def _importance(entry: Finding) -> tuple[int, bool, bool, int, Part]:
+    """Order findings: the serious ones first; of these what is so now; of these what a value shows; of these what most follows from."""
+    was = entry.verdict == WARNING and entry.part.mode == "restarting"  # within the last ten minutes, and it runs again
+    return SERIOUS.index(entry.verdict), was, not entry.proof, -len(entry.rows) - len(entry.proof), entry.part
 
 
 def _merge(group: Sequence[Finding]) -> Finding:

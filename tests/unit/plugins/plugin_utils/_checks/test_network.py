@@ -441,3 +441,13 @@ def test_an_interface_that_saves_power_is_suspected_of_a_loss(saves):
 def test_a_packet_filter_without_arp_is_good_where_it_is_read(readable, verdicts):
     rows = evaluate(lambda seen: update(seen[ONE], filters=FilterChains(readable)))
     assert {row.verdict for row in rows if row.check == "arp_filter"} == verdicts
+
+
+def test_what_is_lost_now_comes_before_what_was_started_again():
+    """A service that has ended some minutes ago and runs again is shown by its value, and breaks nothing any more."""
+
+    def change(seen):
+        _large_lost(seen)
+        update(seen[ONE].probe.services[1], restarts=3, age_s=100.0)
+
+    assert [kind for kind, *_place in parts(diagnosed(change))] == ["network", "service"]
