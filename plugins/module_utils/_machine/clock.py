@@ -36,7 +36,14 @@ _SERVERS = re.compile(r"\s*(?:server|servers|pool|peer|refclock|local|initstepsl
 # The package's own files of timesyncd (systemd's in /usr/lib, and what is commented out) are nobody's configuration. Who has
 # installed ntpd or openntpd has chosen it, with whatever servers.
 DIALECTS = (
-    Dialect(UNIT, ("/etc/chrony/conf.d/*.conf", "/etc/chrony/sources.d/*.sources"), _SERVERS),
+    Dialect(UNIT, ("/etc/chrony/conf.d/*.conf", "/etc/chrony/sources.d/*.sources"), re.compile(r"\s*[^\s#!;%].*")),
+    # Another configuration than that of the package, which the collection's would replace.
+    Dialect(UNIT, ("/etc/default/chrony",), re.compile(r"\s*DAEMON_OPTS\s*=.*[\s\"']-f.*")),
+    Dialect(
+        UNIT,
+        (f"/etc/systemd/system/{UNIT}.d/*.conf", f"/run/systemd/system/{UNIT}.d/*.conf"),
+        re.compile(r"\s*ExecStart\s*=\s*\S.*"),
+    ),
     Dialect(
         "systemd-timesyncd.service",
         (
@@ -58,8 +65,9 @@ _PROPERTIES = ("Id", "LoadState", "UnitFileState", "ActiveState", "StateChangeTi
 
 def clock(root: str = "/") -> typing.Dict[str, typing.Any]:
     """Read who may set the clock, whether chrony is there, the time services that somebody has configured, and whom they follow."""
-    states = systemd.states([dialect.service for dialect in DIALECTS], _PROPERTIES)
-    loaded = {dialect.service: state for dialect, state in zip(DIALECTS, states) if state.get("LoadState") == "loaded"}
+    services = list(dict.fromkeys(dialect.service for dialect in DIALECTS))
+    states = systemd.states(services, _PROPERTIES)
+    loaded = {service: state for service, state in zip(services, states) if state.get("LoadState") == "loaded"}
     return {
         "chronyd": CHRONYD if os.access(os.path.join(root, CHRONYD[1:]), os.X_OK) else "",
         "enabled": loaded.get(UNIT, {}).get("UnitFileState") == "enabled",
@@ -87,7 +95,7 @@ def _others(root: str, loaded: typing.Collection[str]) -> typing.Iterator[typing
 def _lines(root: str, dialect: Dialect) -> typing.Iterator[typing.Dict[str, str]]:
     """Yield the lines of a service that name a source of time; those of chrony's own file, if somebody has edited it."""
     paths = [path for pattern in dialect.files for path in sorted(glob.glob(os.path.join(root, pattern[1:])))]
-    if dialect.service == UNIT:
+    if dialect == DIALECTS[0]:
         used, packaged = (text(os.path.join(root, path[1:])) for path in _STOCK)
         paths += [os.path.join(root, _STOCK[0][1:])] if used != packaged else []
     for path in paths:

@@ -86,8 +86,11 @@ def list_clock_packages(clock: Clock | None) -> tuple[str, ...]:
 
 
 def _list_others(clock: Clock, machine: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """List the time services that somebody has configured. That of chrony goes on at the source, and is its own time there."""
-    return [other for other in machine["others"] if not (clock.server is None and other["service"] == UNIT)]
+    """List the time services that somebody has configured. What chrony's own file includes goes on at the source, and is its own time there."""
+    own = [
+        other for other in machine["others"] if other["service"] == UNIT and other["file"].startswith("/etc/chrony/")
+    ]
+    return [other for other in machine["others"] if clock.server is not None or other not in own]
 
 
 def list_clock_warnings(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:

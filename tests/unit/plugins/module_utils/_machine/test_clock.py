@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 STOCK = "pool 2.debian.pool.ntp.org iburst\n"
+DROP_IN = "etc/systemd/system/chrony.service.d/lab.conf"
 CHRONY = {"etc/chrony/chrony.conf": STOCK, "usr/share/chrony/chrony.conf": STOCK}
 
 
@@ -39,7 +40,16 @@ def fixture_found(tmp_path, monkeypatch):
         (("chrony.service",), {**CHRONY, "etc/chrony/chrony.conf": "server 192.0.2.1\n"}, ["server 192.0.2.1"]),
         (("chrony.service",), {**CHRONY, "etc/chrony/chrony.conf": "# x\n"}, ["not as its package has it"]),
         (("chrony.service",), {**CHRONY, "etc/chrony/sources.d/a.sources": "server a\n"}, ["server a"]),
-        (("chrony.service",), {**CHRONY, "etc/chrony/conf.d/a.conf": "# nothing\nmaxslewrate 500\n"}, []),
+        (("chrony.service",), {**CHRONY, "etc/chrony/conf.d/a.conf": "# nothing\n"}, []),
+        (("chrony.service",), {**CHRONY, "etc/chrony/conf.d/a.conf": "# x\nmaxslewrate 500\n"}, ["maxslewrate 500"]),
+        (("chrony.service",), {**CHRONY, "etc/default/chrony": 'DAEMON_OPTS="-F 1"\n'}, []),
+        (
+            ("chrony.service",),
+            {**CHRONY, "etc/default/chrony": 'DAEMON_OPTS="-F 1 -f /x"\n'},
+            ['DAEMON_OPTS="-F 1 -f /x"'],
+        ),
+        (("chrony.service",), {**CHRONY, DROP_IN: "[Service]\nNice=-5\n"}, []),
+        (("chrony.service",), {**CHRONY, DROP_IN: "[Service]\nExecStart=\nExecStart=/x\n"}, ["ExecStart=/x"]),
         # While chrony reads our file, its own is nobody's.
         (("chrony.service",), {**CHRONY, "etc/chrony/chrony.conf": "server a\n", clock.OURS[0][1:]: "x\n"}, []),
         (("systemd-timesyncd.service",), {"etc/systemd/timesyncd.conf": "[Time]\n#NTP=\n"}, []),

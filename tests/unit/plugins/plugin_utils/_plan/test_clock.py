@@ -13,7 +13,7 @@ from fleets import fig12, plan, sealed
 
 NOTHING = {"chronyd": "", "enabled": False, "settable": True, "others": [], "restart_due": False, "sources": []}
 OTHERS = {
-    service: [{"service": service, "file": "/etc/x.conf", "line": "server 192.0.2.1"}]
+    service: [{"service": service, "file": "/etc/chrony/x.conf", "line": "server 192.0.2.1"}]
     for service in ("chrony.service", "ntpsec.service", "systemd-timesyncd.service")
 }
 
@@ -115,4 +115,15 @@ def test_what_somebody_has_configured_stays(computer, service, kept):
     planned, warnings = look(computer, others=OTHERS[service])
     assert bool(planned.kept) is kept
     assert bool(clock.render_clock(planned)) is not kept and bool(clock.list_clock_packages(planned)) is not kept
-    assert [service in line and "/etc/x.conf" in line for line in warnings] == [True] * kept
+    assert [service in line and "/etc/chrony/x.conf" in line for line in warnings] == [True] * kept
+
+
+def test_a_source_with_another_file_than_its_own_is_kept():
+    """The collection's would not include that one."""
+    other = {
+        "service": "chrony.service",
+        "file": "/etc/default/chrony",
+        "line": 'DAEMON_OPTS="-F 1 -f /etc/chrony/lab.conf"',
+    }
+    planned, warnings = look("tibi-nav", others=[other])
+    assert planned.kept == "chrony.service" and not clock.render_clock(planned) and "/etc/default/chrony" in warnings[0]
