@@ -150,7 +150,10 @@ class Catalogue:
     def _remedied(self, fault: Fault) -> str:
         """Do what the finding says, and verify again: is it still there?"""
         before = json.loads((WORK / f"{fault.name}.report.json").read_text())
-        told = before["findings"][0]["remedy"]
+        first = before["findings"][0]
+        told = first["remedy"]
+        if first["sure"] == "inferred":
+            return f"{remedy.WORDS}: look: {told}"  # it says where to look, and advises no change
         steps = remedy.steps(told)
         for step in steps:
             wrong = self._pasted(step)
