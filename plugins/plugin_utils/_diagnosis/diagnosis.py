@@ -252,6 +252,11 @@ class _Diagnosis:
         if end is None:
             return suspects
         chosen = end.choose(filter(self._is_possible, suspects))
+        both = (row.observer, row.target), (row.target, row.observer)
+        # What got through between the two clears what lets nothing through, where another part is left.
+        chosen = (
+            frozenset(part for part in chosen if not any(self._count_needs(*pair)[part] for pair in both)) or chosen
+        )
         for part in chosen:
             self.shown[part].append(end)
         return chosen
