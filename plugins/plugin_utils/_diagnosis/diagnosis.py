@@ -146,7 +146,7 @@ class _Diagnosis:
             or case.ways.seal(check.evidence(case))
             or shown
         ):
-            for part in evidence:
+            for part in sorted(evidence):  # a set of texts has another order in each run
                 self._finding(part).proof.append(row)
         else:
             self.open.append((row, told or case.ways.seal((check.suspects or check.needs)(case))))
