@@ -229,11 +229,10 @@ class MasterBorder:
         if found is None:
             return  # its health is looked at elsewhere
         seen, claims = found
-        self.was_read = True
+        is_first, self.was_read = not self.was_read, True
         others = Others(claims, self.foreign_hosts)
         topics, services = (list_own(seen, table, NAME, others) for table in (seen.publishers, seen.services))
-        if (topics, services, seen) == (self.topics, self.services, self.seen):
-            self._register()
+        if (topics, services, seen) == (self.topics, self.services, self.seen) and not is_first:
             return
         self.seen, self.topics, self.services = seen, topics, services
         for robot in self.peers:
