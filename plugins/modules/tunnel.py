@@ -95,14 +95,12 @@ msg:
 """
 
 from ..module_utils._changes.module import run_module
-from ..module_utils._tunnel.run import OPTIONS, Tunnel
+from ..module_utils._tunnel.run import OPTIONS, make_run
 
 
 def main() -> None:
     """Bring the tunnel to its plan."""
-    run_module(
-        OPTIONS, lambda module, memory: Tunnel(module.params, memory is not None), "tunnel", "peers of the tunnel"
-    )
+    run_module(OPTIONS, make_run, "tunnel", "peers of the tunnel")
 
 
 if __name__ == "__main__":

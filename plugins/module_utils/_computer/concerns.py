@@ -35,12 +35,7 @@ CONCERNS = (
     Concern(
         "firewall", firewall.OPTIONS, lambda module, memory: firewall.Run(module.params, memory), "packet filter rules"
     ),
-    Concern(
-        "tunnel",
-        tunnel.OPTIONS,
-        lambda module, memory: tunnel.Tunnel(module.params, memory is not None),
-        "peers of the tunnel",
-    ),
+    Concern("tunnel", tunnel.OPTIONS, tunnel.make_run, "peers of the tunnel"),
     Concern("hosts_entries", hosts.OPTIONS, lambda module, memory: hosts.Run(module.params, module.backup_local)),
     _PACKAGES._replace(fixed={"keep": True}),
     Concern("managed_files", file_bundle.OPTIONS, lambda module, memory: file_bundle.ManagedFiles(module.params)),

@@ -125,5 +125,10 @@ class Tunnel(file_bundle.ManagedFiles):
         return os.path.lexists(self.path + key.NEXT) and key.publish(self.path + key.NEXT) in planned
 
 
+def make_run(module: typing.Any, memory: typing.Any) -> Tunnel:
+    """Make the run of a module; `memory`: that of an earlier run, which this one confirms."""
+    return Tunnel(module.params, memory is not None)
+
+
 def _runs() -> bool:
     return systemd.states([UNIT], ("ActiveState",))[0].get("ActiveState") == "active"
