@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -19,6 +17,7 @@ from ..plugin_utils._fleet.plain_text import LINE, plain, quote
 from ..plugin_utils._observed.task_results import find_result
 from ..plugin_utils._plan import tunnel
 from ..plugin_utils._plan.model import FleetPlan
+from . import fleet_report
 
 
 class ActionModule(ActionBase):
@@ -73,7 +72,7 @@ def _read_told(variables: Mapping[str, Any], name: str, kept: Mapping[str, str])
 
 
 def _check_place(variables: Mapping[str, Any], path: Path, computers: Iterable[str]) -> None:
-    """Refuse a place beside the inventory where there is none, or several. Raises tunnel.WrongKeys."""
+    """Refuse the folder of the inventory as the place of the file, if there are several inventories, or none. Raises tunnel.WrongKeys."""
     hosts = variables.get("hostvars", {})
     places = {str(hosts[name].get("inventory_dir")) for name in computers if name in hosts}
     if str(path.parent) in places and (len(places) > 1 or "None" in places):
@@ -86,15 +85,4 @@ def _check_place(variables: Mapping[str, Any], path: Path, computers: Iterable[s
 def _replace(path: Path, content: str) -> None:
     """Replace a file in one step; a link stays one, and so do the permissions. Raises OSError."""
     path = path.resolve()
-    with tempfile.NamedTemporaryFile(
-        "w", encoding="utf-8", dir=path.parent, prefix=f".{path.name}.", delete=False
-    ) as neighbour:
-        try:
-            os.chmod(neighbour.name, path.stat().st_mode & 0o7777 if path.exists() else 0o644)
-            neighbour.write(content)
-            neighbour.flush()
-            os.fsync(neighbour.fileno())
-            os.replace(neighbour.name, path)
-        except OSError:
-            os.unlink(neighbour.name)
-            raise
+    fleet_report.write(str(path), content, path.stat().st_mode & 0o7777 if path.exists() else fleet_report.NAMED_MODE)

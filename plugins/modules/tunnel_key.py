@@ -49,7 +49,7 @@ public_key:
   type: str
   sample: gkP4R9BW/LAS3o72Pgyd9RV5/Y+44cDLYXHuIXhbnQY=
 waiting_key:
-  description: The public half of a key that waits beside the one in use, as after a rotation that broke off; empty where there is none.
+  description: The public half of a second key, which a rotation that broke off has left beside the one in use; empty without one.
   returned: success
   type: str
   sample: ""

@@ -35,8 +35,9 @@ class Dialect(typing.NamedTuple):
 _SERVERS = re.compile(r"\s*(?:server|servers|pool|peer|refclock|local|initstepslew)\b.*", re.IGNORECASE)
 # The package's own files of timesyncd (systemd's in /usr/lib, and what is commented out) are nobody's configuration. Who has
 # installed ntpd or openntpd has chosen it, with whatever servers.
+_CHRONY = Dialect(UNIT, ("/etc/chrony/conf.d/*.conf", "/etc/chrony/sources.d/*.sources"), re.compile(r"\s*[^\s#!;%].*"))
 DIALECTS = (
-    Dialect(UNIT, ("/etc/chrony/conf.d/*.conf", "/etc/chrony/sources.d/*.sources"), re.compile(r"\s*[^\s#!;%].*")),
+    _CHRONY,
     # Another configuration than that of the package, which the collection's would replace.
     Dialect(UNIT, ("/etc/default/chrony",), re.compile(r"\s*DAEMON_OPTS\s*=.*[\s\"']-f.*")),
     Dialect(
@@ -95,7 +96,7 @@ def _others(root: str, loaded: typing.Collection[str]) -> typing.Iterator[typing
 def _lines(root: str, dialect: Dialect) -> typing.Iterator[typing.Dict[str, str]]:
     """Yield the lines of a service that name a source of time; those of chrony's own file, if somebody has edited it."""
     paths = [path for pattern in dialect.files for path in sorted(glob.glob(os.path.join(root, pattern[1:])))]
-    if dialect == DIALECTS[0]:
+    if dialect is _CHRONY:
         used, packaged = (text(os.path.join(root, path[1:])) for path in _STOCK)
         paths += [os.path.join(root, _STOCK[0][1:])] if used != packaged else []
     for path in paths:

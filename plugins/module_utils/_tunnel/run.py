@@ -54,10 +54,11 @@ class Tunnel(file_bundle.ManagedFiles):
     ) -> None:
         """`confirms`: an earlier run has the tunnel up by these files already. `path`: of the private key."""
         super().__init__({**options, "bundle": "tunnel", "brief": []})
-        self.confirms, self.folder, self.path = confirms, folder, path
+        self.folder, self.path = folder, path
         self._left = [] if options["files"] else key.list_keys(path)
+        self._waits = bool(options["files"]) and self._is_next_planned()
         self._lost = not self.changed and bool(options["files"]) and not confirms and self._has_lost()
-        self.changed = self.changed or bool(self._left) or self._lost
+        self.changed = self.changed or bool(self._left) or self._waits or self._lost
 
     def _has_lost(self) -> bool:
         """Say if somebody has taken the interface, or the table that guards it, from under the unit."""
@@ -83,7 +84,7 @@ class Tunnel(file_bundle.ManagedFiles):
         if not self.options["files"]:
             commands.run(_OPEN)
             return
-        used = self.path + key.NEXT if self._waits() else self.path
+        used = self.path + key.NEXT if self._waits else self.path
         try:
             atomic.make_folders(self.folder)
             for entry in self.options["files"]:
@@ -101,12 +102,11 @@ class Tunnel(file_bundle.ManagedFiles):
 
     def apply(self) -> None:
         """Write the files, by which the unit of the tunnel is then started. Raises Problem."""
-        if self._lost:
-            commands.run(["systemctl", "restart", UNIT], limit=_LIMIT)
-        waits = self.changed and bool(self.options["files"]) and self._waits()
+        if self._lost and commands.run(["systemctl", "restart", UNIT], limit=_LIMIT).status != 0:
+            raise Problem(f"{UNIT} cannot be started again: look at systemctl status {UNIT}.")
         super().apply()
         try:
-            if waits:
+            if self._waits:
                 os.rename(self.path + key.NEXT, self.path)
             for path in self._left:
                 os.unlink(path)
@@ -119,7 +119,7 @@ class Tunnel(file_bundle.ManagedFiles):
             commands.run(_OPEN)
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def _waits(self) -> bool:
+    def _is_next_planned(self) -> bool:
         """Say if the key that waits is the one of the new configuration. Raises Problem."""
         planned = {found for entry in self.options["files"] for found in _PUBLIC.findall(entry["content"])}
         return os.path.lexists(self.path + key.NEXT) and key.publish(self.path + key.NEXT) in planned

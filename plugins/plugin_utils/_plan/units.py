@@ -371,7 +371,7 @@ ExecStart={python} {path} __name:={node}
 ExecStartPost={wait} --service /{node}/{service}
 TimeoutStartSec=150
 RestartSec=1"""
-# 1000 connections of others, 320 for XML-RPC, two for each of 400 calls, and 300 to each of the other borders.
+# 1000 connections of others, 320 for XML-RPC, two for each of 200 calls, and 300 to each of the other borders.
 _BORDER = UnitLines("", f"LimitNOFILE=16384\n{_NOTIFYING}")
 _UPSTREAM = {"discovery": UnitLines(_PART_OF, _WATCHED), "sync": UnitLines(_PART_OF, _WATCHED), "border": _BORDER}
 

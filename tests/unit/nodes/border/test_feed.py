@@ -175,7 +175,7 @@ def test_who_asks_for_another_definition_gets_an_error(running):
 
 
 def test_each_listener_hears_those_with_its_own_definition(running):
-    """Whoever comes first shuts nobody out, with a wrong definition or a newer one."""
+    """The first publisher may have a wrong definition, or a newer one. Listeners of the others are served all the same."""
     one, other = Publisher(), Publisher()
     running.aim(one, other)
     listener, stranger = running.listen(md5sum=SUM), running.listen(md5sum="c" * 32)
@@ -186,6 +186,19 @@ def test_each_listener_hears_those_with_its_own_definition(running):
     far.say(message(b"other"))
     near.say(message(b"right"))
     assert listener.next() == message(b"right") and stranger.next() == message(b"other")
+
+
+def test_a_publisher_of_another_definition_is_left_out(running):
+    one, other = Publisher(), Publisher()
+    running.aim(one)
+    listener = running.listen()
+    source = one.accept()
+    assert listener.header()["md5sum"] == SUM
+    running.aim(one, other)
+    stranger = other.accept(md5sum="c" * 32)
+    stranger.say(message(b"wrong"))
+    source.say(message(b"right"))
+    assert listener.next() == message(b"right")
 
 
 def test_a_publisher_with_another_definition_than_before(running):

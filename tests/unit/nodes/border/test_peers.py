@@ -5,12 +5,13 @@
 import contextlib
 import threading
 import time
-import xmlrpc.client
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 from rosfleet_multimaster.border import peers
 from rosfleet_multimaster.edge.patience import BURST, EARLY, RATE
+from rosfleet_multimaster.edge.rpc_server import RefusedCall
+
+from tests.unit.nodes.running_sync import serve
 
 OFFERS = [["topic", "/kobuki1/scan", "sensor_msgs/LaserScan", ["/laser"]]]
 
@@ -23,30 +24,15 @@ class Border:
     """A border that answers at once, with what `answer(number of the question)` says."""
 
     def __init__(self, answer):
-        self.asked, self.ended, border = 0, False, self
+        self.asked, self.ended, self._answer = 0, False, answer
+        self.server, _uri = serve({peers.OFFERS: self._tell})
+        self.port = self.server.server_address[1]
 
-        class Handler(BaseHTTPRequestHandler):
-            protocol_version = "HTTP/1.1"
-            disable_nagle_algorithm = True
-
-            def do_POST(self):
-                self.rfile.read(int(self.headers["Content-Length"]))
-                if border.ended:
-                    self.close_connection = True
-                    return
-                border.asked += 1
-                body = xmlrpc.client.dumps((answer(border.asked),), methodresponse=True).encode()
-                self.send_response(200)
-                self.send_header("Content-Length", str(len(body)))
-                self.end_headers()
-                self.wfile.write(body)
-
-            def log_message(self, *_arguments):
-                pass
-
-        self.server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self.server.daemon_threads, self.server.block_on_close = True, False
-        threading.Thread(target=self.server.serve_forever, args=(0.05,), daemon=True).start()
+    def _tell(self, _robot, _revision, _wait):
+        if self.ended:
+            raise RefusedCall("the test is over")
+        self.asked += 1
+        return self._answer(self.asked)
 
 
 @pytest.fixture(name="follow")
@@ -71,7 +57,7 @@ def _follow(monkeypatch):
     def follow(answer):
         border, told = Border(answer), []
         borders.append(border)
-        peer = peers.Peer("kobuki1", ["127.0.0.1"], border.server.server_address[1], "station")
+        peer = peers.Peer("kobuki1", ["127.0.0.1"], border.port, "station")
         peer.start(lambda _robot, offers, why: told.append(why or offers))
         return border, told
 
@@ -79,11 +65,11 @@ def _follow(monkeypatch):
     over.set()
     for border in borders:
         border.ended = True
-        border.server.shutdown()
-        border.server.server_close()
     for thread in threads:
         thread.join(10)
         assert not thread.is_alive()
+    for border in borders:
+        border.server.stop()
 
 
 @pytest.mark.slow

@@ -311,7 +311,7 @@ class MasterBorder:
         for topic in published:
             if topic not in self.taken:
                 self.taken[topic] = self._make_feed(topic)
-            self.taken[topic].aim(sources.get(topic, {}))
+            self.taken[topic].aim(sources[topic])
         self._register()
 
     def _ask_border(self, name: str, node: str) -> Fields:

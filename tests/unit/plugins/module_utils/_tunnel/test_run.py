@@ -74,6 +74,24 @@ def test_the_way_back_is_the_unit_with_its_own_files(make, state, back):
     assert first[:3] == ["ip", "link", "delete"] and back in second and last[0] == "rm"
 
 
+def test_a_run_that_ended_before_it_took_the_key_is_completed(make, tmp_path):
+    """The files are as planned, and the key still waits: without it the tunnel would not start."""
+    waits, more = tmp_path / "x.key.next", {"more": "# PublicKey = public-of-two\n"}
+    make("multimaster0.conf", **more).apply()
+    waits.write_text("two")
+    assert make("multimaster0.conf", **more).runtime_changes
+    make("multimaster0.conf", **more).apply()
+    assert (tmp_path / "x.key").read_text() == "two" and not waits.exists()
+    assert not make("multimaster0.conf", **more).changed
+
+
+def test_a_tunnel_that_cannot_be_made_again_is_a_sentence(make):
+    make("multimaster0.conf").apply()
+    make.wrong.update(("ip", "systemctl"))
+    with pytest.raises(Problem, match="cannot be started again: look at systemctl status"):
+        make("multimaster0.conf").apply()
+
+
 def test_without_files_the_tunnel_ends(make, tmp_path):
     make("multimaster0.conf").apply()
     make.asked.clear()

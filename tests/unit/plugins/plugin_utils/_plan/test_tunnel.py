@@ -225,6 +225,24 @@ def test_the_machine_is_asked_before_anything_changes(interface, kernel, device,
     assert names.count(tunnel.INTERFACE) == 1 and tunnel.add_interface(fleet().computers[ARM], info) is info
 
 
+@pytest.mark.parametrize(
+    ("address", "prefix", "family", "is_wrong"),
+    [
+        ("10.77.0.5", 24, "inet", True),
+        ("10.0.0.1", 8, "inet", True),
+        ("10.78.0.5", 24, "inet", False),
+        ("fd00::1", 64, "inet6", False),
+    ],
+)
+def test_no_other_interface_is_in_the_network_of_the_tunnel(address, prefix, family, is_wrong):
+    """Packets for robots would leave by it, in the clear."""
+    eth1 = {"name": "eth1", "addresses": [{"address": address, "prefix": prefix, "family": family}]}
+    info = {"interfaces": [*FOUND["interfaces"], eth1], "tunnel": {"kernel": True, "device": True}}
+    info["systemd"] = {"net_admin": True}
+    problems = list(tunnel.find_tunnel_problems(fleet().computers[ANA], info))
+    assert [f"{address}/{prefix} on eth1 is in the network" in problem for problem in problems] == [True] * is_wrong
+
+
 def join(kept, told, rotate=False):
     return tunnel.join_keys(kept, told, fleet().computers, rotate)
 

@@ -337,7 +337,7 @@ class Feed:
             self._send(sink, message, monotonic())
 
     def _choose_header(self, sink: _Sink) -> Optional[Fields]:
-        """Return the header of a publisher with the definition that somebody asks for; None where there is none yet, or it is sent away."""
+        """Return the header of a publisher with the definition that a listener asks for; None without one. A listener that none can serve is sent away."""
         headers = self._list_headers()
         asked = (sink.wire.header or {}).get("md5sum", "*")
         found = next((each for each in headers if asked in ("*", each["md5sum"])), None)
