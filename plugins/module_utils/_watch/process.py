@@ -6,6 +6,7 @@ It hears the heartbeats of discovery on a raw socket, which gives copies of data
 the group: a join would tell a switch with IGMP snooping what the switch had forgotten, and hide what is looked for.
 """
 
+import math
 import queue
 import select
 import socket
@@ -20,6 +21,7 @@ from .watch import Watch
 
 LOOK = 3.0  # seconds between two looks at the parts of this computer
 TURN = 0.5  # seconds between two searches for silent computers
+SLOWEST = 15.0  # seconds until a loss is told, also where a look hangs
 RECORD = 24  # bytes of a heartbeat
 MARK = b"R"
 
@@ -34,11 +36,11 @@ def read_rate(found: Datagram) -> typing.Optional[float]:
 
 
 def look_for_ever(targets: Targets, results: typing.Any) -> None:
-    """Put into a queue what each look at the parts of this computer reads."""
+    """Put into a queue when each look at the parts of this computer began, and what it has read."""
     before = LastLook(time.monotonic(), time.time())
     while True:
         began = time.monotonic()
-        results.put(read_all(targets, before))
+        results.put((began, read_all(targets, before)))
         time.sleep(max(0.0, began + LOOK - time.monotonic()))
 
 
@@ -51,20 +53,26 @@ def serve(raw: socket.socket, door: socket.socket, path: str, targets: Targets, 
     threading.Thread(target=look_for_ever, args=(targets, results), daemon=True).start()
     until = watch.began + lifetime
     waiting: typing.List[Visitor] = []
+    alarm = math.inf  # when the first loss was found that nobody was told
     try:
         while time.monotonic() < until:
             ready = select.select([raw, door], [], [], TURN)[0]
             _hear(watch, raw, port, targets, sources)
-            lost = watch.beat(time.monotonic(), time.time())
+            lost, looked = watch.beat(time.monotonic(), time.time()), -math.inf
             while not results.empty():
-                lost = watch.read(time.time(), results.get()) or lost
+                looked, values = results.get()
+                lost = watch.read(time.time(), values) or lost
+            alarm = min(alarm, time.monotonic()) if lost else alarm
             if door in ready:
                 connection, request = admit(door)
                 if request.get("do") == "end":
                     waiting.append((connection, 0.0))
                     return
                 waiting.append((connection, watch.began + float(request.get("until", 0))))
-            waiting = _reply(watch, waiting, lost)
+            # Not at once: what is nearer to the reason may show only in a look that began after the loss.
+            tell = looked >= alarm or time.monotonic() > alarm + SLOWEST
+            alarm = math.inf if tell and waiting else alarm
+            waiting = _reply(watch, waiting, tell)
     finally:
         remove_door(path)
         _reply(watch, waiting, True)
@@ -80,10 +88,10 @@ def _hear(watch: Watch, raw: socket.socket, port: int, targets: Targets, sources
             watch.hear(time.monotonic(), kind, sources[source], rate)
 
 
-def _reply(watch: Watch, waiting: typing.List[Visitor], lost: bool) -> typing.List[Visitor]:
-    """Answer those who have waited long enough, or all after a loss; return the others."""
+def _reply(watch: Watch, waiting: typing.List[Visitor], tell: bool) -> typing.List[Visitor]:
+    """Answer those who have waited long enough, or all where a loss is to be told; return the others."""
     now = time.monotonic()
     for connection, until in waiting:
-        if lost or now >= until:
+        if tell or now >= until:
             answer(connection, watch.report(now))
-    return [(connection, until) for connection, until in waiting if not lost and now < until]
+    return [(connection, until) for connection, until in waiting if not tell and now < until]

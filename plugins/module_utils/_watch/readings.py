@@ -112,6 +112,7 @@ class LastLook:
     def __init__(self, now: float, wall: float) -> None:
         self._ahead = wall - now
         self._processes: typing.Dict[str, str] = {}
+        self._states: typing.Dict[str, str] = {}
 
     def clock(self, now: float, wall: float) -> str:
         """Say if the clock was stepped since the last look, beside the time that has passed."""
@@ -120,6 +121,9 @@ class LastLook:
 
     def service(self, unit: str, state: str, process: str) -> str:
         """Say if a unit is active, or was started again since the last look."""
+        last, self._states[unit] = self._states.get(unit), state
+        if state == "deactivating" and state != last:
+            return "active"  # it was told to stop: the next look shows where it ends, or that it was started again
         if state != "active":
             return state or "not there"
         before, self._processes[unit] = self._processes.get(unit, process), process

@@ -77,6 +77,24 @@ def test_a_silent_master_and_a_lost_route_are_told_with_the_time(two):
         heart.wait()
 
 
+@pytest.mark.slow
+def test_losses_of_one_moment_are_told_together(two):
+    """The second one is the nearer to the reason; who asked hears both, and does not wait until the end of the round."""
+    one = two.hosts[0]
+    one.run("ip", "route", "add", "10.9.0.0/16", "via", two.hosts[1].address)
+    before = one.run("sysctl", "-n", "net.ipv4.ip_forward").strip()
+    watch(two, action="start", destinations=["10.9.0.0/16"], lifetime=60, settings=["net.ipv4.ip_forward"])
+    watch(two, action="collect", until=4)
+    fault = one.popen(
+        "sh", "-c", f"ip route del 10.9.0.0/16; sleep 2.5; sysctl -w net.ipv4.ip_forward={1 - int(before)}"
+    )
+    told = watch(two, action="collect", until=50)
+    fault.wait()
+    watch(two, action="stop")
+    assert lost(told) == {("route", "10.9.0.0/16"), ("setting", "net.ipv4.ip_forward")}, told
+    assert told["seconds"] < 40
+
+
 def test_it_ends_by_itself(two):
     one = two.hosts[0]
     watch(two, action="start", lifetime=1)

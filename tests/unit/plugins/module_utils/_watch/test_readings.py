@@ -60,6 +60,8 @@ def test_the_clock_and_services_are_compared_with_the_last_look():
     assert before.service("a", "active", "8") == "active"
     assert before.service("a", "failed", "0") == "failed"
     assert before.service("b", "", "") == "not there"
+    found = [before.service("c", state, "9") for state in ("active", "deactivating", "deactivating", "inactive")]
+    assert found == ["active", "active", "deactivating", "inactive"]  # it is lost where it ends, or does not end
 
 
 def packet(body, port=11511, destination="226.0.0.0"):
