@@ -59,12 +59,17 @@ class ManagedFiles(ModuleRun):
         self.restarts = bool((options.get("reload") or {}).get("restart"))
         self.reloaded = self._to_reload(options.get("reload") or {})
         self.unread = False  # its files are as planned, and it could not be reloaded
+        if self.reloaded:  # until that is done, also for the next run where this one fails or is killed
+            self.plan.intent["pending"] = self.plan.after["pending"] = [self.reloaded]
         self.changed = self.files.changed or bool(self.reloaded)
 
     def _to_reload(self, reload: typing.Mapping[str, typing.Any]) -> str:
         """The service that is to read its files again, empty for none."""
         touched = [file.path for file in self.plan.writes] + self.plan.removals
-        due = reload and (reload["due"] or any(path.startswith(reload["folder"]) for path in touched))
+        pending = self.files.remembered.get("pending", [])
+        due = reload and (
+            reload["due"] or reload["service"] in pending or any(path.startswith(reload["folder"]) for path in touched)
+        )
         return str(reload["service"]) if due else ""
 
     @property
@@ -107,6 +112,7 @@ class ManagedFiles(ModuleRun):
             raise transaction.StepFailure(problem.cause, problem.left, " ".join(sentences)) from problem.cause
         if self.reloaded:
             self._reload()
+            self.files.forget_pending()
 
     def _reload(self) -> None:
         # The files may be drop-ins of the unit, so systemd reads units before a restart.

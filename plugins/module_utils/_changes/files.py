@@ -6,11 +6,13 @@
 A bundle's record holds for each path the fingerprint of what was written (`written`) and, while a run is at work, of
 what it is about to write (`writing`). It is saved before the first change, so a run that is killed leaves nothing on
 the machine that the next run does not know of. A path with `writing` alone is owned if it holds that content.
+`pending` names the service that has yet to read them again.
 
 Root acts only in folders that root alone can change. Elsewhere it does not even remove its own files: a link in the
 place of a folder would lead it to another folder.
 """
 
+import contextlib
 import hashlib
 import os
 import pathlib
@@ -557,8 +559,12 @@ class FileBundle:
         if self.changed:
             begin = [intent(self.record, self.plan.intent, self.remembered, RECORD_RESTORE_FAILURE)]
             begin += steps(self.plan, self.machine)
-        after = self.plan.after if any(self.plan.after.values()) else {}
-        return [*begin, *others, outcome(self.record, after)]
+        return [*begin, *others, outcome(self.record, _worth_saving(self.plan.after))]
+
+    def forget_pending(self) -> None:
+        """Save that what was pending after the steps is done. Where that fails, the next run does it once more."""
+        with contextlib.suppress(OSError):
+            self.record.save(_worth_saving({**self.plan.after, "pending": []}))
 
     @property
     def places(self) -> typing.List[str]:
@@ -568,6 +574,11 @@ class FileBundle:
     def differences(self, brief: typing.Iterable[str] = ()) -> typing.List[typing.Dict[str, str]]:
         """The `diff` of a module, see the function `differences`."""
         return differences(self.plan, self.machine, brief)
+
+
+def _worth_saving(after: Data) -> Data:
+    """The data of a record, empty where it has nothing to say."""
+    return after if any(after.values()) else {}
 
 
 # The difference

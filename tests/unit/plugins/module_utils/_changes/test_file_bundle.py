@@ -112,6 +112,41 @@ def test_a_service_that_is_not_reloaded_is_a_sentence(machine, systemctl):
     assert run.failure(problem.value) == {"changed": True} and "a" in machine.state()
 
 
+@pytest.mark.parametrize("files", [{"a": "A"}, {}], ids=["written", "removed"])
+def test_a_failed_reload_is_done_by_the_next_run(machine, systemctl, files):
+    """What was said once must not be forgotten: the files are right by then, and the service still has the old ones."""
+    told, run_command = systemctl
+    if not files:
+        machine.apply({"a": "A"})
+    reload = {"service": "x.service", "folder": str(machine.root), "due": False}
+    run_command.status = 1
+    with pytest.raises(Problem):
+        machine.run(files, reload=reload).apply()
+    run_command.status = 0
+    assert machine.run(files, reload=reload).result()["reloaded"] == "x.service"  # as check mode shows it
+    told.clear()
+    again = machine.run(files, reload=reload)
+    again.apply()
+    assert again.changed and told == [["systemctl", "reload", "x.service"]]
+    assert not machine.run(files, reload=reload).changed
+    assert bool(list(machine.root.parent.glob("records/*"))) == bool(files)  # no record is left of what is gone
+
+
+def test_a_run_killed_before_the_reload_is_ended_by_the_next_one(machine, monkeypatch):
+    reload = {"service": "x.service", "folder": str(machine.root), "due": False}
+
+    class Killed(BaseException):
+        pass
+
+    def kill(argv, limit):
+        raise Killed
+
+    monkeypatch.setattr(commands, "run", kill)
+    with pytest.raises(Killed):
+        machine.run({"a": "A"}, reload=reload).apply()
+    assert machine.run({"a": "A"}, reload=reload).result()["reloaded"] == "x.service"
+
+
 def test_a_content_that_its_command_refuses_is_a_sentence(machine):
     command = ["sh", "-c", "if grep -q bad; then echo 'line 1:'; echo no >&2; exit 1; fi"]
     run = machine.run({"a": "good", "b": "bad"}, validate=command)
