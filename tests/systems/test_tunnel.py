@@ -35,7 +35,8 @@ BY_HAND = (
 )
 UNDO = """nft delete table inet fault 2> /dev/null; ip link set eth0 mtu 1500
 ip route del 10.77.0.24 dev eth0 2> /dev/null; systemctl restart multimaster-tunnel"""
-LEFT = "ls -d /etc/rosfleet-multimaster /etc/wireguard/* 2> /dev/null; ip -o link show multimaster0 2> /dev/null; nft list tables | grep rosfleet"
+LEFT = """ls -d /etc/rosfleet-multimaster /etc/wireguard/* /etc/systemd/system/nftables.service.d 2> /dev/null
+ip -o link show multimaster0 2> /dev/null; nft list tables | grep rosfleet"""
 
 
 @pytest.fixture(scope="module")
@@ -136,6 +137,15 @@ def test_nobody_below_can_send_in_the_name_of_a_robot(lab, host, at, claims):
         assert "timed out" in attack()
     finally:
         lab.run(host, "nft list table inet rosfleet_tunnel > /dev/null 2>&1 || systemctl restart multimaster-tunnel")
+
+
+def test_the_guard_is_there_whatever_becomes_of_nftables_service(lab):
+    """It flushes all tables each time; nothing of ours runs in between."""
+    for deed in ("start", "restart", "reload", "stop"):
+        lab.run(ANA, f"nft add table inet fault && systemctl {deed} nftables")
+        tables = lab.run(ANA, "nft list tables")
+        assert "rosfleet_tunnel" in tables and "fault" not in tables, deed
+    lab.run(ANA, "systemctl daemon-reload && systemctl is-active multimaster-tunnel")
 
 
 def run_by_hand(lab, **arguments):

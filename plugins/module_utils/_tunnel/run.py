@@ -105,6 +105,8 @@ class Tunnel(file_bundle.ManagedFiles):
         if self._lost and commands.run(["systemctl", "restart", UNIT], limit=_LIMIT).status != 0:
             raise Problem(f"{UNIT} cannot be started again: look at systemctl status {UNIT}.")
         super().apply()
+        if any("/nftables.service.d/" in place for place in self.files.places):
+            commands.run(["systemctl", "daemon-reload"])
         try:
             if self._waits:
                 os.rename(self.path + key.NEXT, self.path)

@@ -21,6 +21,7 @@ from .model import ComputerPlan, Tunnel
 INTERFACE = "multimaster0"
 CONFIGURATION = f"{units.CONFIGURATION}/{INTERFACE}.conf"
 FILTER = f"{units.CONFIGURATION}/{INTERFACE}.nft"
+GUARD = "/etc/systemd/system/nftables.service.d/rosfleet-multimaster-tunnel.conf"
 # Made by the module tunnel_key; a unit test compares the two.
 KEY = f"/etc/wireguard/{INTERFACE}.key"
 TABLE = "rosfleet_tunnel"
@@ -63,8 +64,13 @@ table inet {table} {{
 {behind}  }}
 }}
 """
-
-
+# nftables.service flushes all tables when it starts, reloads or stops. "-": nft(8) says why in the journal, and it goes on.
+_GUARD = """\
+[Service]
+ExecStartPost=-/usr/sbin/nft -f {filter}
+ExecReload=-/usr/sbin/nft -f {filter}
+ExecStopPost=-/usr/sbin/nft -f {filter}
+"""
 # Nor can it send in the name of a computer behind the gateway: those packets come in where the route to them leads.
 _BEHIND = '    iifname != {{ "{interface}", "lo" }} ip saddr {network} fib saddr . iif oif missing drop\n'
 
@@ -111,6 +117,7 @@ def render_tunnel(tunnel: Tunnel | None, keys: Mapping[str, str]) -> list[dict[s
     return [
         {"path": FILTER, "content": _HEADER + guard, "mode": "0644"},
         {"path": CONFIGURATION, "content": _HEADER + text + peers, "mode": "0600"},
+        {"path": GUARD, "content": _HEADER + _GUARD.format(filter=FILTER), "mode": "0644"},
     ]
 
 

@@ -124,6 +124,14 @@ def test_what_somebody_has_removed_under_the_unit_is_made_again(make, gone):
     assert not make("multimaster0.conf").changed  # its service is started anyway
 
 
+def test_systemd_reads_the_drop_in_when_it_comes_and_goes(make):
+    name, read = "nftables.service.d/x.conf", ["systemctl", "daemon-reload"]
+    for names, told in (((name,), True), ((name,), False), ((), True)):
+        make.asked.clear()
+        make(*names).apply()
+        assert (read in make.asked) == told
+
+
 def test_a_tunnel_that_does_not_come_up_is_a_sentence(make):
     make.wrong.add("systemd-run")
     with pytest.raises(Problem, match="does not come up .*is as it was before"):
