@@ -11,7 +11,7 @@ name: tunnel_files
 short_description: The files of the tunnel on a computer
 version_added: "1.0.0"
 description:
-  - Renders the configuration of WireGuard without a private key, and the rules against packets that come beside the tunnel.
+  - Renders the configuration of WireGuard without a private key, the rules against packets that come beside the tunnel, and the drop-in that loads them again when nftables.service starts or stops.
   - Without a plan there is nothing to render, so the list is empty.
 author:
   - rosfleet contributors (@rosfleet)
@@ -36,7 +36,7 @@ EXAMPLES = r"""
 
 RETURN = r"""
 _value:
-  description: The option O(rosfleet.multimaster.managed_files#module:files), two files or none.
+  description: The option O(rosfleet.multimaster.managed_files#module:files), three files or none.
   type: list
   elements: dict
 """

@@ -12,7 +12,7 @@
       - tibi-arm: nft ...
     parts: [filter icmp in, filter icmp]     # kind and mode of plugin_utils/_case/parts.py; each of them is right
     at: [tibi-arm]               # the places, of which one is named
-    quick: true                  # it is part of `make test`, beside drawn ones: kinds that are not drawn
+    quick: true                  # it is part of `make test-long`, beside drawn ones: kinds that are not drawn
 
 In a command `<tibi-arm>` is the address of a computer, `<tibi-gate.common>` that in the common network, `<group>` and `<port>`
 are those of discovery.

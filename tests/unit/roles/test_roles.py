@@ -46,6 +46,12 @@ def test_every_role_has_the_same_parts(role):
             assert option["description"]
 
 
+def test_the_role_services_takes_every_service_of_a_plan():
+    options = read(next(role for role in ROLES if role.name == "services") / "meta/argument_specs.yml")
+    choices = options["argument_specs"]["main"]["options"]["services_list"]["choices"]
+    assert sorted(choices) == sorted((*units.OTHERS, *units.NODES))
+
+
 # What a role takes of another one: as the default of an option, so it can be seen.
 HANDED_ON = {"environment_digest", "nodes_digest", "nodes_code_digest", "tunnel_digest"}
 TOGETHER = "computer"  # this role hands over what the others have
