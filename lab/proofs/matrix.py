@@ -16,6 +16,7 @@ import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 from proofs.proof import NODES, Computer, Result
 
@@ -29,6 +30,7 @@ class Matrix:
     names: tuple[str, ...]
     topic: frozenset[tuple[str, str]]
     service: frozenset[tuple[str, str]]
+    lacks: tuple[str, ...] = ()  # what was missing of a topic, in words
 
     @property
     def pairs(self) -> int:
@@ -64,6 +66,7 @@ class Matrix:
             f"  topics heard directly: {len(self.topic)} of {self.pairs}; services called: {len(self.service)} of {self.pairs}"
             "   (+ both, t only the topic, s only the service, - neither)"
         )
+        lines += [f"  {words}" for words in self.lacks]
         return "\n".join(lines)
 
 
@@ -71,7 +74,7 @@ def everybody(computers: Sequence[Computer]) -> Matrix:
     """Start a node on every computer, wait until each has tried all others, and end them."""
     through = threading.Barrier(len(computers))
 
-    def try_others(here: Computer) -> dict[str, list[str]]:
+    def try_others(here: Computer) -> dict[str, Any]:
         others = " ".join(computer.name for computer in computers if computer is not here)
         with here.start_program(f"python3 - {here.name} {others}", NODES / "programs/everybody.py") as output:
             found = json.loads(output.readline() or "{}")
@@ -86,5 +89,10 @@ def everybody(computers: Sequence[Computer]) -> Matrix:
         *(
             frozenset((here, there) for here, kinds in found.items() for there in kinds.get(kind, []))
             for kind in ("topic", "service")
+        ),
+        tuple(
+            f"{here} has of the topic of {there}: {why}"
+            for here, kinds in found.items()
+            for there, why in kinds.get("lacks", {}).items()
         ),
     )

@@ -54,17 +54,26 @@ for other in others:
     rospy.Subscriber(name(other), String, lambda message, other=other: heard.update({other: message.data}))
     threading.Thread(target=call, args=(other,), daemon=True).start()
 
+
+def reached():
+    """Whom this node has heard and called by now, and why others are not among those who were heard."""
+    connected = connections()
+    lacks = {
+        other: "not connected" if other in heard else "not heard"
+        for other in others
+        if heard.get(other) != other or (name(other), other) not in connected
+    }
+    return {
+        "topic": [other for other in others if other not in lacks],
+        "service": [other for other in others if called.get(other) == other],
+        "lacks": lacks,
+    }
+
+
 deadline = time.monotonic() + PATIENCE
-while time.monotonic() < deadline and not len(heard) == len(called) == len(others):
+found = reached()
+while time.monotonic() < deadline and not len(found["topic"]) == len(found["service"]) == len(others):
     time.sleep(0.2)
-connected = connections()
-print(
-    json.dumps(
-        {
-            "topic": [other for other in others if heard.get(other) == other and (name(other), other) in connected],
-            "service": [other for other in others if called.get(other) == other],
-        }
-    ),
-    flush=True,
-)
+    found = reached()
+print(json.dumps(found), flush=True)
 rospy.spin()  # the others may not be through
