@@ -16,7 +16,7 @@ import typing
 
 from .._multicast.packets import Datagram, read_copies
 from .._process.background import admit, answer, remove_door
-from .readings import LastLook, Targets, read_all
+from .readings import LastLook, Targets, both_clocks, read_all
 from .watch import Watch
 
 LOOK = 3.0  # seconds between two looks at the parts of this computer
@@ -37,7 +37,7 @@ def read_rate(found: Datagram) -> typing.Optional[float]:
 
 def look_for_ever(targets: Targets, results: typing.Any) -> None:
     """Put into a queue when each look at the parts of this computer began, and what it has read."""
-    before = LastLook(time.monotonic(), time.time())
+    before = LastLook(*both_clocks())
     while True:
         began = time.monotonic()
         results.put((began, read_all(targets, before)))
