@@ -15,7 +15,7 @@ import typing
 
 from .._changes import atomic, file_bundle
 from .._changes.record import RECORDS
-from .._machine import systemd
+from .._machine import ports, systemd
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem, unreadable
 from .._process import commands
@@ -37,6 +37,7 @@ _TRIAL = (
 )
 _END = ["ip", "link", "delete", "dev", INTERFACE]
 _OPEN = ["nft", "delete", "table", "inet", TABLE]
+_PORT = re.compile(r"^ListenPort = (\d+)$", re.M)
 _PUBLIC = re.compile(r"^# PublicKey = (\S+)$", re.M)  # in the configuration, of the computer itself
 
 
@@ -96,9 +97,13 @@ class Tunnel(file_bundle.ManagedFiles):
         answer = commands.run([*_TRIAL, f"{self.folder}/{INTERFACE}.conf"], limit=_LIMIT)
         if answer.status != 0:
             reason = quote(answer.last_error, LINE) or f"status {answer.status}"
-            raise Problem(
-                f"The tunnel does not come up ({reason}), and is as it was before: look at what wg-quick says."
-            )
+            remedy = "".join(map(_free, self._find_holders())) or "look at what wg-quick says."
+            raise Problem(f"The tunnel does not come up ({reason}), and is as it was before: {remedy}")
+
+    def _find_holders(self) -> typing.List[typing.Dict[str, typing.Any]]:
+        """Find who else has the port of the tunnel."""
+        planned = [int(found) for entry in self.options["files"] for found in _PORT.findall(entry["content"])]
+        return ports.holders({"protocol": "udp", "port": port} for port in planned)[:1]
 
     def apply(self) -> None:
         """Write the files, by which the unit of the tunnel is then started. Raises Problem."""
@@ -130,6 +135,14 @@ class Tunnel(file_bundle.ManagedFiles):
 def make_run(module: typing.Any, memory: typing.Any) -> Tunnel:
     """Make the run of a module; `memory`: that of an earlier run, which this one confirms."""
     return Tunnel(module.params, memory is not None)
+
+
+def _free(holder: typing.Mapping[str, typing.Any]) -> str:
+    """What to do about the holder of the port. A socket without a process is the kernel's, as of another WireGuard."""
+    who = (
+        f"{quote(holder['command'], LINE)} (pid {holder['pid']})" if holder["pid"] else "another interface of WireGuard"
+    )
+    return f"UDP port {holder['port']} is held by {who}; stop that one, or give the tunnel another multimaster_tunnel_port."
 
 
 def _runs() -> bool:

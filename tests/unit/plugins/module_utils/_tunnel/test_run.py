@@ -3,6 +3,9 @@
 
 """The tunnel under the dead-man's switch: tried by copies of its files, and written only then."""
 
+import os
+import socket
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
@@ -136,6 +139,15 @@ def test_a_tunnel_that_does_not_come_up_is_a_sentence(make):
     make.wrong.add("systemd-run")
     with pytest.raises(Problem, match="does not come up .*is as it was before"):
         make("multimaster0.conf").apply_runtime()
+
+
+def test_who_has_the_port_of_the_tunnel_is_named(make):
+    make.wrong.add("systemd-run")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("", 0))
+        port = taken.getsockname()[1]
+        with pytest.raises(Problem, match=rf"UDP port {port} is held by .*\(pid {os.getpid()}\); stop that one, or"):
+            make("multimaster0.conf", more=f"ListenPort = {port}\n").apply_runtime()
 
 
 def test_it_means_the_planned_tunnel():
