@@ -7,6 +7,7 @@ The filter lets through what this run has sent, its answers, the ICMP errors, an
 nothing, and the socket needs no promiscuous mode: a packet with the hardware address of another computer is not its business.
 """
 
+import contextlib
 import ctypes
 import hashlib
 import socket
@@ -19,14 +20,18 @@ ANY_PROTOCOL = 3  # ETH_P_ALL of linux/if_ether.h: only such a socket is shown w
 IPV4, ARP = 0x0800, 0x0806
 ICMP, TCP, UDP = 1, 6, 17
 SO_ATTACH_FILTER = 26  # asm-generic/socket.h
-OUTGOING = 4  # PACKET_OUTGOING of linux/if_packet.h
+FOR_OTHERS, OUTGOING = 3, 4  # PACKET_OTHERHOST and PACKET_OUTGOING of linux/if_packet.h
+SOL_PACKET, PACKET_STATISTICS = 263, 6  # packet(7): two numbers, of all packets and of those without room
+SO_RCVBUFFORCE = 33  # asm-generic/socket.h
+ROOM = 4 << 20  # bytes for packets that wait; a flood of ARP comes while rules are read
 WITH_HEADER = (1, 772)  # ARPHRD_ETHER and ARPHRD_LOOPBACK of linux/if_arp.h: interfaces with a header of Ethernet
 ETHERNET = 14  # bytes of that header
 ARP_OF_IPV4 = 28  # bytes of an ARP message about IPv4 (RFC 826)
 MOST_WAITING = 10_000  # packets that wait in a socket
 SNAP = 192  # bytes of a packet that are read
 SYN, RST, ACK = 0x02, 0x04, 0x10  # flags of TCP (RFC 9293)
-ERRORS = (3, 5, 11, 12)  # types of ICMP that quote a packet (RFC 792)
+# Types of ICMP that quote a packet which was given up (RFC 792). The one of a redirect goes on.
+ERRORS = (3, 11, 12)
 REQUEST, ANSWER, ERROR = "request", "answer", "error"
 
 # Offsets of linux/filter.h: what the kernel knows of a packet, and its network header, whatever stands before it
@@ -127,11 +132,19 @@ def open_socket(tag: Tag) -> socket.socket:
         link.setsockopt(
             socket.SOL_SOCKET, SO_ATTACH_FILTER, struct.pack("HP", len(program) // 8, ctypes.addressof(code))
         )
+        with contextlib.suppress(OSError):  # without CAP_NET_ADMIN
+            link.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, ROOM)
         drain(link)
+        count_lost(link)
     except OSError:
         link.close()
         raise
     return link
+
+
+def count_lost(link: socket.socket) -> int:
+    """Count the packets for which the socket had no room since the last call."""
+    return int(struct.unpack("II", link.getsockopt(SOL_PACKET, PACKET_STATISTICS, 8))[1])
 
 
 def drain(link: socket.socket) -> None:
@@ -153,6 +166,8 @@ def read_packets(link: socket.socket, tag: Tag, most: int) -> typing.Iterator[Ca
             data, (interface, protocol, kind, hardware, _sender) = link.recvfrom(SNAP)
         except OSError:
             return
+        if kind == FOR_OTHERS:  # somebody else has set an interface to promiscuous mode
+            continue
         header = ETHERNET if hardware in WITH_HEADER else 0
         macs = (write_mac(data[6:12]), write_mac(data[:6])) if header else ("", "")
         found = read_packet(tag, protocol, data[header:], macs)

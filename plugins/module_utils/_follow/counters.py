@@ -135,5 +135,5 @@ def read_saved(lines: str) -> Counters:
 
 
 def find_growth(before: Counters, after: Counters) -> Counters:
-    """Return what has grown, and by how much."""
-    return {name: value - before.get(name, 0) for name, value in after.items() if value > before.get(name, 0)}
+    """Return what has grown, and by how much. What was not read before may have grown in its whole life."""
+    return {name: value - before[name] for name, value in after.items() if value > before.get(name, value)}

@@ -28,7 +28,8 @@ class DropReasons:
     """Counts the drops of a time by their reasons. Where tracefs is not there, or not for us, there are none."""
 
     def __init__(self, tracefs: str = TRACEFS) -> None:
-        self._folder = os.path.join(tracefs, INSTANCE % os.stat(NAMESPACE).st_ino)
+        namespace = os.stat(NAMESPACE).st_ino if os.path.exists(NAMESPACE) else 0
+        self._folder = os.path.join(tracefs, INSTANCE % namespace)
 
     def __enter__(self) -> "DropReasons":
         self._remove()  # a listener that was killed may have left it

@@ -11,41 +11,71 @@ import typing
 
 from .._machine.network import neighbours
 from .._process.background import admit, answer, remove_door
-from .capture import Capture, Tag, read_packets
-from .counters import find_growth, read_counters
+from .capture import Capture, Tag, count_lost, read_packets
+from .counters import Counters, find_growth, read_counters
 from .drops import DropReasons
 
-MOST = 500  # packets that are kept of each protocol: a flood of ARP hides no answer
+# Packets that are kept of each protocol, and of one source among them: neither a flood of ARP nor one stranger hides an answer.
+MOST, MOST_OF_ONE = 1000, 200
 AT_ONCE = 200  # that are read in one turn
+LAST_TURNS = 100  # of those that wait in the end
 MOST_COUNTERS = 60
 
 Reply = typing.Dict[str, typing.Any]
 
 
-def serve(link: socket.socket, door: socket.socket, path: str, tag: Tag, lifetime: float) -> None:
-    """See packets until the time is over, or a visitor asks for them."""
-    until, before = time.monotonic() + lifetime, read_counters()
-    seen: typing.List[Capture] = []
-    counts: typing.Counter[str] = collections.Counter()  # of each protocol
+class Packets:
+    """The packets that were seen, and how many more there were."""
+
+    def __init__(self) -> None:
+        self.kept: typing.List[Capture] = []
+        self.missed = 0
+        self._counts: typing.Counter[typing.Tuple[str, ...]] = collections.Counter()
+
+    def take(self, found: Capture) -> None:
+        """Take a packet."""
+        places = (found.protocol,), (found.protocol, found.reporter or found.source)
+        if self._counts[places[0]] < MOST and self._counts[places[1]] < MOST_OF_ONE:
+            self._counts.update(places)
+            self.kept.append(found)
+        else:
+            self.missed += 1
+
+
+def serve(link: socket.socket, door: socket.socket, path: str, tag: Tag, lifetime: float, before: Counters) -> None:
+    """See packets until the time is over, or a visitor asks for them. `before`: the counters at the start."""
+    packets = Packets()
     try:
         with DropReasons() as drops:
-            while time.monotonic() < until:
-                ready = select.select([link, door], [], [], max(0.0, until - time.monotonic()))[0]
-                for found in read_packets(link, tag, AT_ONCE) if link in ready else ():
-                    counts[found.protocol] += 1
-                    if counts[found.protocol] <= MOST:
-                        seen.append(found)
-                if door in ready:
-                    connection, _request = admit(door)
-                    grown = {**find_growth(before, read_counters()), **drops.read()}
-                    answer(connection, report(seen, sum(counts.values()) - len(seen), grown))
-                    return
+            connection = _listen(link, door, tag, packets, time.monotonic() + lifetime)
+            if connection is None:
+                return
+            grown = {**find_growth(before, read_counters()), **drops.read()}
     finally:
         remove_door(path)
+    for _turn in range(LAST_TURNS):
+        for found in read_packets(link, tag, AT_ONCE):
+            packets.take(found)
+    # Nothing is left of it here by now: who asks may begin another one.
+    answer(connection, report(packets.kept, packets.missed + count_lost(link), grown))
+
+
+def _listen(
+    link: socket.socket, door: socket.socket, tag: Tag, packets: Packets, until: float
+) -> typing.Optional[socket.socket]:
+    """Take packets until a visitor comes; returns its connection, None after the time."""
+    while time.monotonic() < until:
+        ready = select.select([link, door], [], [], max(0.0, until - time.monotonic()))[0]
+        for found in read_packets(link, tag, AT_ONCE) if link in ready else ():
+            packets.take(found)
+        if door in ready:
+            return admit(door)[0]
+    return None
 
 
 def report(seen: typing.Sequence[Capture], missed: int, grown: typing.Dict[str, int]) -> Reply:
     """Return what was seen, as the module returns it."""
-    counters = [{"counter": name, "more": more} for name, more in sorted(grown.items())[:MOST_COUNTERS]]
+    named = sorted(grown.items(), key=lambda item: (not item[0].startswith("rule of "), item))  # rules say most
+    counters = [{"counter": name, "more": more} for name, more in named[:MOST_COUNTERS]]
     fixed = [hardware for hardware, by_hand in neighbours().values() if by_hand]
     return {"seen": [dict(one._asdict()) for one in seen], "missed": missed, "counters": counters, "fixed": fixed}

@@ -12,6 +12,7 @@ from .._module.module import Module
 from .._process.background import Visit, end_others, find_wrong_value, leave, open_door, path_of
 from .._process.deadlines import call_all
 from .capture import Tag, open_socket
+from .counters import read_counters
 from .listener import serve
 from .sender import Probe, SendResult, send
 
@@ -19,7 +20,7 @@ KIND = "follow"  # of the doors of listeners
 MOST_PROBES = 16
 LARGEST = 1500  # bytes of an echo request
 SETTLE = 8.0  # seconds for all probes of this computer
-ANSWER = 10.0  # seconds for a listener to count once more, and to reply
+ANSWER = 20.0  # seconds for a listener to count once more, and to reply
 
 Params = typing.Dict[str, typing.Any]
 Result = typing.Dict[str, typing.Any]
@@ -57,12 +58,13 @@ def start_listener(module: Module) -> Result:
     tag, path = Tag.from_run(params["run"], ports), path_of(KIND, params["run"])
     try:
         end_others(KIND)
+        before = read_counters()
         link = open_socket(tag)
         door = open_door(path)
     except OSError as error:
         more = "; it needs root, so set become: true" if isinstance(error, PermissionError) else ""
         ends.fail(module, msg=f"Cannot see the packets of this computer: {error.strerror or error}{more}.")
-    leave(lambda: serve(link, door, path, tag, params["lifetime"]), (link, door), "multimaster_follow")
+    leave(lambda: serve(link, door, path, tag, params["lifetime"], before), (link, door), "multimaster_follow")
     return {"msg": f"The listener lives for {params['lifetime']} s at most."}
 
 

@@ -10,10 +10,12 @@ import socket
 import struct
 import typing
 
+from .._machine.network import interfaces, route_to
 from .._machine.outcomes import Outcome, classify_error
 from .._multicast.packets import echo_request
 from .capture import Tag
 
+IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3  # linux/in.h, as ip(7) explains them
 PATIENCE = 2.5  # seconds for a connection: time for a second SYN
 TIMES = 3  # datagrams and echo requests of each probe
 TTL = 20  # of datagrams to the group, as the discovery nodes send
@@ -43,10 +45,23 @@ def send(tag: Tag, probe: Probe) -> SendResult:
         return SendResult(probe["number"], *classify_error(problem))
 
 
+def _fit(probe: Probe) -> int:
+    """As many bytes as the interface carries: the first look has sent no more. Raises OSError."""
+    mtus = {interface.name: interface.mtu for interface in interfaces()} if probe["size"] else {}
+    return min(probe["size"], mtus.get(route_to(probe["address"]).device or "") or probe["size"]) if mtus else 0
+
+
 def _send_echo(tag: Tag, probe: Probe) -> SendResult:
-    with socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_ICMP) as link:
+    size = _fit(probe)
+    try:
+        link = socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_ICMP)
+    except PermissionError as problem:  # no CAP_NET_RAW, as in some containers: nothing was tried
+        return SendResult(probe["number"], Outcome.FAILED, problem.errno)
+    with link:
+        if size:  # it goes out as it is, or not at all
+            link.setsockopt(socket.IPPROTO_IP, IP_MTU_DISCOVER, IP_PMTUDISC_PROBE)
         for _unused in range(TIMES):
-            link.sendto(echo_request(tag.identifier, probe["number"], probe["size"]), (probe["address"], 0))
+            link.sendto(echo_request(tag.identifier, probe["number"], size), (probe["address"], 0))
     return SendResult(probe["number"], Outcome.NO_ANSWER)  # the answer is seen by the listener
 
 

@@ -129,7 +129,9 @@ class _Diagnosis:
         self.places: dict[tuple[str, ...], list[Part]] = defaultdict(list)  # what was read to be broken, by place
         self.cleared: dict[tuple[str, str], Counter[Part]] = {}
         self.open: list[tuple[Row, Parts]] = []
-        self.ends = find_ends(verification)
+        self.ends = [
+            replace(end, sign=None) if self._is_disproved(end.sign) else end for end in find_ends(verification)
+        ]
         self.shown: dict[Part, list[SeenEnd]] = defaultdict(list)  # what packets have shown at the place of a part
         for row in rows:
             self._read(row)
@@ -261,12 +263,18 @@ class _Diagnosis:
             self.shown[part].append(end)
         return chosen
 
+    def _is_disproved(self, sign: Part | None) -> bool:
+        """Say if a setting that was read right is blamed by a counter of the whole machine, which spoofed packets count up, too."""
+        return sign is not None and sign.kind == "reverse_path" and self._is_cleared(sign)
+
+    def _is_cleared(self, part: Part) -> bool:
+        return any(self._count_needs(place, place)[part] for place in part.places)
+
     def _is_possible(self, part: Part) -> bool:
         """Say if a part may be broken by what was read at its own place: a setting that is right, or a filter without a rule."""
         if part in self.broken:
             return True
-        is_cleared = any(self._count_needs(place, place)[part] for place in part.places)
-        return not is_cleared and self._doubt(part) in (0.0, UNREAD)
+        return not self._is_cleared(part) and self._doubt(part) in (0.0, UNREAD)
 
     def _list_computers(self, one: str, other: str) -> set[str]:
         """Name the planned computers on the way between two."""

@@ -69,7 +69,7 @@ def find_ends(verification: Verification) -> list[SeenEnd]:
     chart = Map(
         hosts={mac: name for name, one in verification.run.items() for mac in one.macs},
         name_at=verification.ways.name_at,
-        listening=frozenset(name for name, look in looks.items() if look.packets),
+        listening=frozenset(name for name, look in looks.items() if look.packets and not look.packets.missed),
         networks=_name_networks(links.values()),
     )
     routes = {number: list(dict.fromkeys(place for place, _network in own)) for number, own in links.items()}

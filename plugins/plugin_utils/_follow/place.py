@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
 
+from .._case.errors import list_own_parts
 from .._case.packet_filters import GROUP
 from .._fleet.sentences import shorten_list
 from .._observed.outcomes import Outcome
@@ -49,7 +50,8 @@ class Stage(enum.Enum):
     MUTE = "mute"  # the connection opens, and a question in it gets no answer
     CUT = "cut"  # the connection opens, and the other computer does not confirm a question in it
     REPORTED = "reported"  # a computer reports by ICMP why it passes them on no more
-    UNSEEN = "unseen"  # they leave for a computer that did not listen
+    CIRCLE = "circle"  # they come back to a computer that has passed them on before
+    UNSEEN = "unseen"  # nobody could see it: a computer there did not listen, or has missed packets
     ARRIVED = "arrived"  # they arrive, and so does the answer
 
 
@@ -109,7 +111,7 @@ class Map:
 
     hosts: Mapping[str, str]  # hardware address -> computer
     name_at: Callable[[str], str]  # IPv4 address -> computer, empty for one of no computer
-    listening: frozenset[str]
+    listening: frozenset[str]  # and have missed no packet, so what they did not see was not there
     networks: Mapping[tuple[str, str], str] = field(default_factory=dict)  # (computer, the next one) -> planned network
 
 
@@ -139,6 +141,8 @@ class _Walk:
             return False
         if one.protocol == "tcp":
             return one.sequence in connections
+        if one.kind == ERROR and one.destination != self.probe.address:  # somebody has made it up
+            return False
         if one.kind == ERROR and one.number < 0:  # it quotes too little to have the number
             return self._is_from_port(one)
         return one.number == self.probe.number
@@ -149,19 +153,38 @@ class _Walk:
         first = self._list(self.probe.sender, REQUEST, outgoing=True)
         there = replace(there, first_ttl=first[0].ttl if first else 0)
         report = next((one for one in self.own.get(self.probe.sender, ()) if one.kind == ERROR), None)
-        if report and (report.icmp_type, report.icmp_code) != CLOSED_PORT:
-            at = self.chart.name_at(report.reporter) or report.reporter
-            return replace(there, stage=Stage.REPORTED, at=at, next="", last=report)
-        if there.stage != Stage.ARRIVED or self.probe.protocol == "udp" or report:
+        if report and (report.icmp_type, report.icmp_code) == CLOSED_PORT:
             return there
+        place = (
+            there if there.stage != Stage.ARRIVED or self.probe.protocol == "udp" else self._find_answer(there, route)
+        )
+        if report is None or (place.answer and place.stage == Stage.ARRIVED):
+            return place
+        at = self.chart.name_at(report.reporter) or report.reporter
+        return replace(there, stage=Stage.REPORTED, at=at, next="", last=report)
+
+    def _find_answer(self, there: Place, route: Sequence[str]) -> Place:
+        """Find the place of the answer to what has arrived."""
         if not self._list(self.probe.target, ANSWER, outgoing=True):
-            return replace(there, stage=Stage.TARGET, at=self.probe.target)
+            return replace(there, stage=self._unless_blind(self.probe.target, Stage.TARGET), at=self.probe.target)
         back = replace(self._walk(ANSWER, route[::-1]), answer=True, first_ttl=there.first_ttl)
         if back.stage == Stage.ARRIVED and self.sent and self.sent.data in (Outcome.NO_ANSWER, Outcome.RESET):
             if self.sent.unconfirmed:
                 return replace(back, stage=Stage.CUT, at=self.probe.sender, next=self.probe.target, answer=False)
             return replace(back, stage=Stage.MUTE, at=self.probe.target)
         return back
+
+    def _unless_blind(self, at: str, stage: Stage) -> Stage:
+        """A computer that did not listen, or has missed packets, shows nothing by what it did not see."""
+        return stage if at in self.chart.listening else Stage.UNSEEN
+
+    def _start(self) -> Stage:
+        """The stage of packets that nobody saw leave their sender. An errno of its kernel is evidence without a listener."""
+        if self.sent and list_own_parts(self.sent.outcome, self.probe.sender, self.probe.traffic):
+            return Stage.SOURCE
+        if self.sent is None or self.sent.outcome in (Outcome.NOT_TRIED, Outcome.FAILED):  # it has sent none, maybe
+            return Stage.UNSEEN
+        return self._unless_blind(self.probe.sender, Stage.SOURCE)
 
     def _list(self, host: str, kind: str, outgoing: bool) -> list[Capture]:
         """List the packets of a kind at a computer."""
@@ -171,6 +194,7 @@ class _Walk:
         """Walk from the first computer of the route to the last one."""
         at, end = route[0], route[-1]
         came: list[Capture] = []
+        passed = {at}
         following = dict(pairwise(route))
         for _hop in range(MOST_HOPS):
             last = came[-1] if came else None
@@ -179,11 +203,14 @@ class _Walk:
             if not left:
                 asked = self._find_question(at, route)
                 if asked:
-                    return replace(place, stage=Stage.ASKED, asked=asked, next=self.chart.name_at(asked) or place.next)
-                return replace(place, stage=Stage.HOP if came else Stage.SOURCE)
+                    stage, to = self._unless_blind(at, Stage.ASKED), self.chart.name_at(asked) or place.next
+                    return replace(place, stage=stage, asked=asked, next=to)
+                # The first one of an answer is there, or it was not walked.
+                return replace(place, stage=self._unless_blind(at, Stage.HOP) if came else self._start())
             place = replace(place, last=left[-1])
-            to = self._find_receiver(left[-1], place.next)
+            to = self._find_receiver(left[-1], place.next, kind)
             came = self._list(to, kind, outgoing=False)
+            came = [one for one in came if one.interface == came[-1].interface]  # a bridge shows each packet twice
             self.hops.append(self._make_hop(at, to, left[-1], came))
             if not to:
                 return replace(place, stage=Stage.STRANGER)
@@ -192,8 +219,11 @@ class _Walk:
                 return replace(place, stage=lost, next=to)
             if to == end:
                 return replace(place, stage=Stage.ARRIVED, at=to, next="", last=came[-1], times=len(came))
+            if to in passed:
+                return replace(place, stage=Stage.CIRCLE, at=to, next="", last=came[-1], times=len(came))
+            passed.add(to)
             at = to
-        return replace(place, stage=Stage.HOP)
+        return replace(place, stage=Stage.UNSEEN)
 
     def _make_hop(self, at: str, to: str, left: Capture, came: Sequence[Capture]) -> Hop:
         return Hop(
@@ -208,9 +238,19 @@ class _Walk:
             came=came[-1].interface if came else "",
         )
 
-    def _find_receiver(self, left: Capture, planned: str) -> str:
-        """Name the computer for which a packet left; a group and an interface without hardware addresses name none."""
-        return self.chart.hosts.get(left.target_mac, "") if ONE_HOST.fullmatch(left.target_mac) else planned
+    def _find_receiver(self, left: Capture, planned: str, kind: str) -> str:
+        """Name the computer for which a packet left; a group and an interface without hardware addresses name none.
+
+        A hardware address that nobody told may be that of the planned one all the same: a bridge translates it, and the packet came
+        in for an own one, or the computer was not asked.
+        """
+        if not ONE_HOST.fullmatch(left.target_mac):
+            return planned
+        came = self._list(planned, kind, outgoing=False)
+        is_planned = planned not in self.chart.listening or any(
+            self.chart.hosts.get(one.target_mac) == planned for one in came
+        )
+        return self.chart.hosts.get(left.target_mac, planned if is_planned else "")
 
     def _find_question(self, host: str, route: Sequence[str]) -> str:
         """Return the address for which a computer asked in vain, of those on the way: programs ask for others, too."""
@@ -247,6 +287,7 @@ SENTENCES: Mapping[Stage, str] = {
     Stage.MUTE: "open at {at}, and a question in them gets no answer",
     Stage.CUT: "open, and {next} does not confirm a question in them",
     Stage.REPORTED: "end at {at}, which reports ICMP type {type}, code {code}",
+    Stage.CIRCLE: "come back to {at}{interface}, which has passed them on before",
 }
 
 

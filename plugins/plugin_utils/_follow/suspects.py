@@ -63,6 +63,7 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
         (AT, "route", ()),
         (AT, "setting", ("icmp_all",)),
     ),
+    Stage.CIRCLE: ((AT, "route", ()),),
     Stage.MUTE: ((AT, "roscore", ("hung",)), (AT, "discovery", ("hung",))),
     Stage.REPORTED: (
         (AT, "filter", ("forward", "in", "", "pair")),
@@ -74,6 +75,7 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
 }
 
 RULE = "rule of "  # begins the name of a rule among the counters
+OWN_CHAIN = re.compile(r"rule of \S+ [^ :]*(?:input|output)[^ :]*:", re.IGNORECASE)
 EXCEEDED = 11  # the type of ICMP for a time to live that is used up (RFC 792)
 SHORT = 32  # a packet that begins with less has a time to live that somebody has set
 
@@ -139,20 +141,27 @@ def _ends_life(place: Place, _packets: SeenPackets) -> bool:
     return place.last is not None and not place.last.outgoing and place.last.ttl == 1
 
 
-def _counts_reverse_path(_place: Place, packets: SeenPackets) -> bool:
-    return "TcpExtIPReversePathFilter" in packets.counter_names
+def _list_counted(place: Place, packets: SeenPackets) -> list[str]:
+    """List the counters that have grown by all packets of the probe; one that has counted some counts those of others."""
+    return [one.counter for one in packets.counters if one.more >= max(1, place.times)]
+
+
+def _counts_reverse_path(place: Place, packets: SeenPackets) -> bool:
+    return "TcpExtIPReversePathFilter" in _list_counted(place, packets)
 
 
 def _counts_rule(place: Place, packets: SeenPackets) -> bool:
     """Say if a rule that drops or rejects has counted them all. At their target it must name them: broadcasts are dropped there, too."""
     named = re.compile(rf"\b{place.probe.port or place.probe.protocol}\b")
-    counted = [one.counter for one in packets.counters if RULE in one.counter and one.more >= max(1, place.times)]
-    return any(place.stage == Stage.HOP or named.search(rule) for rule in counted)
+    counted = [counter for counter in _list_counted(place, packets) if RULE in counter]
+    if place.stage == Stage.HOP:  # a rule for packets to or from the gateway itself is none for those that it passes on
+        return any(not OWN_CHAIN.search(rule) for rule in counted)
+    return any(map(named.search, counted))
 
 
 def _counts_full_queue(place: Place, packets: SeenPackets) -> bool:
     """Say if a program takes no connections any more, so its queue is full (listen(2)). ListenDrops also counts answers without a way."""
-    return bool(_name_program(place)) and "TcpExtListenOverflows" in packets.counter_names
+    return bool(_name_program(place)) and "TcpExtListenOverflows" in _list_counted(place, packets)
 
 
 def _name_program(place: Place) -> str:

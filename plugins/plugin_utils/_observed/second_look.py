@@ -96,11 +96,6 @@ class SeenPackets:
     counters: tuple[Counter, ...] = ()
     fixed: tuple[str, ...] = ()  # hardware addresses that were set by hand
 
-    @property
-    def counter_names(self) -> frozenset[str]:
-        """The names of the counters that have grown."""
-        return frozenset(one.counter for one in self.counters)
-
 
 @dataclass(frozen=True)
 class SecondLook:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, TypeVar
 
@@ -24,6 +25,7 @@ from .second_look import FollowPlan, SecondLook, SeenPackets, SentProbes
 
 T = TypeVar("T")
 LONGEST_TEXT = 500  # characters of one text of a robot
+MOST_CAPTURES = 5000  # packets of one computer: more than a listener of ours keeps, of all protocols
 
 #: texts that stand without quotes, by the key of a result: lines of `ip` for policy_routing.py, and words of our modules
 FORMS = {
@@ -152,6 +154,8 @@ def read_second_look(
         return None
     sent = read_result(SentProbes, variables, tasks.get("sent", ""), "sent", names) or SentProbes()
     packets = read_result(SeenPackets, variables, tasks.get("followed", ""), "seen", names)
+    if packets and len(packets.seen) > MOST_CAPTURES:  # no listener of ours keeps so many
+        packets = replace(packets, seen=packets.seen[:MOST_CAPTURES], missed=len(packets.seen))
     return SecondLook(tuple(probe for probe in plan.probes if probe.sender == host), sent.sent, packets)
 
 

@@ -78,11 +78,13 @@ def test_what_a_killed_listener_left_is_taken_over(tracefs):
 
 def test_the_listener_tells_the_reasons(tracefs, monkeypatch, tmp_path):
     monkeypatch.setattr(listener, "DropReasons", lambda: drops.DropReasons(str(tracefs)))
+    monkeypatch.setattr(listener, "count_lost", lambda link: 0)  # it is no packet socket
     (link, other), path = socket.socketpair(), str(tmp_path / "door")
     with link, other, socket.socket(socket.AF_UNIX) as door, socket.socket(socket.AF_UNIX) as visitor:
+        link.setblocking(False)
         door.bind(path)
         door.listen()
-        thread = threading.Thread(target=listener.serve, args=(link, door, path, Tag.from_run("test"), 20.0))
+        thread = threading.Thread(target=listener.serve, args=(link, door, path, Tag.from_run("test"), 20.0, {}))
         thread.start()
         wait_until(lambda: any(is_on(folder) for folder in list_instances(tracefs)))
         send_to_nobody()

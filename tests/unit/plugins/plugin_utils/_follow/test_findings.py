@@ -29,8 +29,11 @@ from fleets import diagnose, fig12, mac, observed, parts, update, wall
 GATE = "tibi-visio"
 
 
-def follow(fleet, seen):
-    """The second look at a fleet in which the packets of each probe come in at a gateway, and end there."""
+def follow(fleet, seen, missed=()):
+    """The second look at a fleet in which the packets of each probe come in at a gateway, and end there.
+
+    `missed`: computers that have missed packets.
+    """
     verification = Verification(CHECKS, fleet, seen)
     probes = choose_probes(verification, list_unshown(verification))
     captures = {name: [] for name in seen}
@@ -52,7 +55,8 @@ def follow(fleet, seen):
     for name in list_listeners(verification, probes):
         own = tuple(probe for probe in probes if probe.sender == name)
         sent = tuple(SentProbe(probe.number, Outcome.NO_ANSWER, source_port=4000) for probe in own)
-        update(seen[name], second_look=SecondLook(own, sent, SeenPackets(tuple(captures[name]))))
+        packets = SeenPackets(tuple(captures[name]), missed=int(name in missed))
+        update(seen[name], second_look=SecondLook(own, sent, packets))
     return probes
 
 
@@ -103,3 +107,16 @@ def test_where_packets_end_is_the_finding_or_what_it_leaves(filters, part):
     assert way.at == GATE == way.hops[-1].receiver and way.words == first.followed[0].words
     assert [hop.network for hop in way.hops if hop.receiver == GATE][0] in ("the common network", "the network of tibi")
     assert (first.followed[0].words in first.sentence()) == (part[0] == "way")
+
+
+def test_a_computer_that_missed_packets_is_not_blamed():
+    """A flood hides what it saw, so nothing is located there, and what is inferred stays as it was."""
+    fleet = fig12()
+    seen = observed(fleet)
+    wall(seen)
+    for observation in seen.values():
+        update(observation, filters=None)
+    before = diagnose(fleet, seen).findings[0]
+    follow(fleet, seen, missed=tuple(seen))
+    after = diagnose(fleet, seen)
+    assert after.findings[0].part == before.part and {one.sure for one in after.findings} == {INFERRED}

@@ -147,6 +147,54 @@ def test_a_computer_that_did_not_listen_is_no_place():
     assert not found.is_fault
 
 
+@pytest.mark.parametrize("outcome", [Outcome.NO_ANSWER, Outcome.FAILED, Outcome.NOT_TRIED])
+def test_a_sender_that_did_not_listen_or_send_is_no_place(outcome):
+    nothing, sent = {name: [] for name in ROUTE}, SentProbe(3, outcome, source_port=4000)
+    others = ["gate", "two"] if outcome == Outcome.NO_ANSWER else ROUTE
+    assert find(nothing, sent=sent, listening=others).stage == Stage.UNSEEN
+    refused = SentProbe(3, Outcome.NOT_PERMITTED)  # the errno of its kernel needs no listener
+    assert find(nothing, sent=refused, listening=others).stage == Stage.SOURCE
+
+
+def test_a_target_that_missed_packets_is_no_place():
+    assert find(cross("request", ROUTE)).stage == Stage.TARGET
+    assert find(cross("request", ROUTE), listening=["one", "gate"]).stage == Stage.UNSEEN
+
+
+def test_an_unknown_hardware_address_may_be_that_of_the_planned_one():
+    """A bridge translates it, or the computer that has it was not asked."""
+    seen = cross("request", ROUTE)
+    seen["gate"] = [seen["gate"][0], capture(True, "request", "02:00:00:00:00:99")]
+    assert where(find(seen))[:2] == (Stage.TARGET, "two")
+    flooded = {**seen, "two": [capture(False, "request", "02:00:00:00:00:99")]}  # by a switch that knows nobody with it
+    assert find(flooded).stage == Stage.STRANGER
+    chart = replace(CHART, hosts={mac: name for mac, name in CHART.hosts.items() if name != "gate"})
+    lost = {"one": [capture(True, "request", MACS["gate"])], "two": []}
+    looks = {name: SecondLook(packets=SeenPackets(tuple(packets))) for name, packets in lost.items()}
+    looks["one"] = replace(looks["one"], probes=(PING,), sent=(SentProbe(3, Outcome.NO_ANSWER),))
+    (found,) = place.locate(looks, replace(chart, listening=frozenset(lost)), {3: ROUTE})
+    assert (found.stage, found.next) == (Stage.UNSEEN, "gate")
+
+
+def test_a_report_about_packets_that_were_answered_ends_nothing():
+    there, back = cross("request", ROUTE), cross("answer", ROUTE[::-1])
+    seen = join(there, back)
+    seen["one"].append(capture(False, "error", icmp_type=11, icmp_code=0, reporter="10.0.1.254"))
+    assert find(seen).stage == Stage.ARRIVED
+    lost = cross("request", ["one", "gate"])
+    report = capture(False, "error", icmp_type=3, icmp_code=13, reporter="10.0.1.254")
+    lost["one"].append(replace(report, destination="10.0.2.9"))
+    assert find(lost).stage == Stage.HOP  # it quotes a packet to another address
+    lost["one"].append(report)
+    assert find(lost).stage == Stage.REPORTED
+
+
+def test_a_bridge_shows_each_packet_twice_and_counts_once():
+    seen = cross("request", ["one", "gate"])
+    seen["gate"] = [replace(one, interface=name) for one in seen["gate"] for name in ("port", "bridge")]
+    assert find(seen).times == 1
+
+
 def test_a_closed_port_shows_that_a_datagram_has_arrived():
     seen = cross("request", ROUTE, BEAT)
     seen["one"].append(capture(False, "error", probe=BEAT, icmp_type=3, icmp_code=3, reporter="10.0.2.1"))
@@ -162,7 +210,9 @@ def test_without_a_hardware_address_the_plan_names_the_next(mac):
 
 def test_packets_that_turn_round_come_to_an_end():
     seen = {name: [capture(False, "request"), capture(True, "request", MACS["one"])] for name in ROUTE}
-    assert find(seen).stage == Stage.HOP
+    found = find(seen)
+    assert found.stage == Stage.CIRCLE and "come back to one" in place.describe_place(found, CHART)
+    assert suspects.is_consistent(Part("route", "one", "circle"), found)
 
 
 # What place, errno and counters show together
@@ -217,6 +267,15 @@ def test_a_rule_that_drops_something_else_is_no_evidence():
     assert show(find(twice), '"rule of filter FORWARD: drop"') is None  # it has counted one of two
     target = find(cross("request", ROUTE, CALL), CALL)
     assert show(target, '"rule of filter INPUT: pkttype broadcast drop"') is None
+
+
+def test_a_counter_of_others_is_no_evidence():
+    twice = join(cross("request", ["one", "gate"]), cross("request", ["one", "gate"]))
+    assert show(find(twice), "TcpExtIPReversePathFilter") is None  # it has counted one of two
+    hop = find(cross("request", ["one", "gate"]))
+    for chain in ("INPUT", "ufw-before-output", "filter_INPUT_POLICIES"):
+        assert show(hop, f'"rule of filter {chain}: pkttype broadcast drop"') is None
+    assert show(hop, '"rule of filter DOCKER-USER: input_guard drop"') == Part("filter", "gate", "forward")
 
 
 def test_the_last_hop_of_a_life_at_its_target_is_no_fault():
