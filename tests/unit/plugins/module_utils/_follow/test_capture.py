@@ -88,3 +88,23 @@ def test_an_answer_of_arp_tells_who_has_an_address():
         "02:00:00:00:00:99",
         "10.0.0.1",
     )
+
+
+def test_a_redirect_gives_no_packet_up():
+    """The router that sends it has passed the packet on."""
+    assert read(ipv4(1, struct.pack("!BBHI", 5, 1, 0, 0) + ipv4(6, syn()[:8]), source="10.0.0.254")) is None
+
+
+def test_a_packet_for_another_computer_has_not_come_in():
+    """An interface in promiscuous mode, as a port of a bridge or while tcpdump runs, shows it."""
+
+    class Link:
+        def __init__(self, kind):
+            self.packets = [(bytes(14) + ipv4(6, syn()), ("eth0", capture.IPV4, kind, 1, b""))]
+
+        def recvfrom(self, _size):
+            if not self.packets:
+                raise BlockingIOError
+            return self.packets.pop()
+
+    assert [len(list(capture.read_packets(Link(kind), TAG, 9))) for kind in (0, capture.FOR_OTHERS)] == [1, 0]
