@@ -139,8 +139,8 @@ sent:
       sample: 0
     outcome:
       description:
-        - The outcome as one word, as RV(rosfleet.multimaster.multimaster_verify#module:members) has it, for example V(refused). Echo
-          requests and datagrams that were sent have V(no_answer).
+        - The outcome as one word, as RV(rosfleet.multimaster.multimaster_verify#module:members) has it, for example V(refused).
+          Datagrams that were sent have V(no_answer).
       returned: always
       type: str
       sample: no_answer

@@ -8,15 +8,17 @@ A connection is an ordinary one, since rules for users, connections and states m
 
 import socket
 import struct
+import time
 import typing
 
 from .._machine.network import interfaces, route_to
 from .._machine.outcomes import Outcome, classify_error
-from .._multicast.packets import echo_request
-from .capture import Tag
+from .._multicast.packets import echo, echo_request
+from .capture import SNAP, Tag
 
 IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3  # linux/in.h, as ip(7) explains them
 PATIENCE = 2.5  # seconds for a connection: time for a second SYN
+HEARING = 1.5  # seconds for the answers to echo requests
 TIMES = 3  # datagrams and echo requests of each probe
 TTL = 20  # of datagrams to the group, as the discovery nodes send
 ASKED = b"HEAD / HTTP/1.0\r\n\r\n"  # a question that every server of XML-RPC answers, be it with an error
@@ -62,7 +64,21 @@ def _send_echo(tag: Tag, probe: Probe) -> SendResult:
             link.setsockopt(socket.IPPROTO_IP, IP_MTU_DISCOVER, IP_PMTUDISC_PROBE)
         for _unused in range(TIMES):
             link.sendto(echo_request(tag.identifier, probe["number"], size), (probe["address"], 0))
-    return SendResult(probe["number"], Outcome.NO_ANSWER)  # the answer is seen by the listener
+        return SendResult(probe["number"], _hear(link, tag, probe["number"]))
+
+
+def _hear(link: socket.socket, tag: Tag, number: int) -> Outcome:
+    """Say if an answer reaches a program here: the listener sees it before the packet filter of this computer does."""
+    deadline = time.monotonic() + HEARING
+    while time.monotonic() < deadline:
+        link.settimeout(max(0.001, deadline - time.monotonic()))
+        try:
+            found = echo(link.recv(SNAP), tag.identifier)
+        except socket.timeout:
+            break
+        if found is not None and found.sequence == number and found.outcome == Outcome.ANSWERED:
+            return Outcome.ANSWERED
+    return Outcome.NO_ANSWER
 
 
 def _send_datagram(tag: Tag, probe: Probe) -> SendResult:

@@ -27,7 +27,10 @@ NAMED = 6  # counters that a sentence names
 REQUEST, ANSWER, ERROR, ARP = "request", "answer", "error", "arp"
 ONE_HOST = re.compile(r"[0-9a-f][02468ace](:[0-9a-f]{2}){5}")  # a hardware address of no group
 LARGE = "large"  # the traffic of an echo request as large as the usual MTU
-CLOSED_PORT = 3, 3  # type and code of ICMP (RFC 792): the datagram has arrived
+CLOSED_PORT = (
+    3,
+    3,
+)  # type and code of ICMP (RFC 792): the datagram has arrived. For a connection, a packet filter says so.
 
 
 class Trip(NamedTuple):
@@ -47,6 +50,7 @@ class Stage(enum.Enum):
     STRANGER = "stranger"  # they leave for a hardware address that no computer of the fleet has
     HOP = "hop"  # they come in at a computer that is to pass them on, and do not leave it
     TARGET = "target"  # they come in at their target, and it does not answer
+    WITHHELD = "withheld"  # their answers come in at the sender, and its program does not get them
     MUTE = "mute"  # the connection opens, and a question in it gets no answer
     CUT = "cut"  # the connection opens, and the other computer does not confirm a question in it
     REPORTED = "reported"  # a computer reports by ICMP why it passes them on no more
@@ -139,10 +143,12 @@ class _Walk:
     def _is_own(self, one: Capture, connections: set[int]) -> bool:
         if one.protocol != self.probe.protocol:
             return False
+        if (
+            one.kind == ERROR and one.destination != self.probe.address
+        ):  # it quotes an answer, or somebody has made it up
+            return False
         if one.protocol == "tcp":
             return one.sequence in connections
-        if one.kind == ERROR and one.destination != self.probe.address:  # somebody has made it up
-            return False
         if one.kind == ERROR and one.number < 0:  # it quotes too little to have the number
             return self._is_from_port(one)
         return one.number == self.probe.number
@@ -153,12 +159,12 @@ class _Walk:
         first = self._list(self.probe.sender, REQUEST, outgoing=True)
         there = replace(there, first_ttl=first[0].ttl if first else 0)
         report = next((one for one in self.own.get(self.probe.sender, ()) if one.kind == ERROR), None)
-        if report and (report.icmp_type, report.icmp_code) == CLOSED_PORT:
+        if report and self.probe.protocol == "udp" and (report.icmp_type, report.icmp_code) == CLOSED_PORT:
             return there
         place = (
             there if there.stage != Stage.ARRIVED or self.probe.protocol == "udp" else self._find_answer(there, route)
         )
-        if report is None or (place.answer and place.stage == Stage.ARRIVED):
+        if report is None or (place.answer and place.stage in (Stage.ARRIVED, Stage.WITHHELD)):
             return place
         at = self.chart.name_at(report.reporter) or report.reporter
         return replace(there, stage=Stage.REPORTED, at=at, next="", last=report)
@@ -168,6 +174,8 @@ class _Walk:
         if not self._list(self.probe.target, ANSWER, outgoing=True):
             return replace(there, stage=self._unless_blind(self.probe.target, Stage.TARGET), at=self.probe.target)
         back = replace(self._walk(ANSWER, route[::-1]), answer=True, first_ttl=there.first_ttl)
+        if back.stage == Stage.ARRIVED and self.sent and self.sent.outcome == Outcome.NO_ANSWER:
+            return replace(back, stage=Stage.WITHHELD)
         if back.stage == Stage.ARRIVED and self.sent and self.sent.data in (Outcome.NO_ANSWER, Outcome.RESET):
             if self.sent.unconfirmed:
                 return replace(back, stage=Stage.CUT, at=self.probe.sender, next=self.probe.target, answer=False)
@@ -284,6 +292,7 @@ SENTENCES: Mapping[Stage, str] = {
     Stage.STRANGER: "left {at}{interface} for{mac}, which no computer of the fleet has{expected}",
     Stage.HOP: "came in at {at}{interface}, and did not leave it",
     Stage.TARGET: "came in at {at}{interface}, which sent no answer",
+    Stage.WITHHELD: "came in at {at}{interface}, and no program there got them",
     Stage.MUTE: "open at {at}, and a question in them gets no answer",
     Stage.CUT: "open, and {next} does not confirm a question in them",
     Stage.REPORTED: "end at {at}, which reports ICMP type {type}, code {code}",

@@ -63,6 +63,8 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
         (AT, "route", ()),
         (AT, "setting", ("icmp_all",)),
     ),
+    # The listener sees a packet before the packet filter of its computer.
+    Stage.WITHHELD: ((AT, "filter", ("in", "", "changed", "pair")), (AT, "reverse_path", ())),
     Stage.CIRCLE: ((AT, "route", ()),),
     Stage.MUTE: ((AT, "roscore", ("hung",)), (AT, "discovery", ("hung",))),
     Stage.REPORTED: (
@@ -189,7 +191,11 @@ SIGNS = (
     ),
     Sign((Stage.REPORTED,), _began_short, _make_lifetime),
     Sign((Stage.HOP,), _ends_life, _make_lifetime),
-    Sign((Stage.HOP, Stage.TARGET), _counts_reverse_path, lambda place: Part("reverse_path", place.at, "strict")),
+    Sign(
+        (Stage.HOP, Stage.TARGET, Stage.WITHHELD),
+        _counts_reverse_path,
+        lambda place: Part("reverse_path", place.at, "strict"),
+    ),
     Sign((Stage.HOP,), _counts_rule, lambda place: Part("filter", place.at, "forward")),
     Sign((Stage.TARGET,), _counts_rule, lambda place: Part("filter", place.at, f"{_name_traffic(place)} in")),
     Sign((Stage.TARGET,), _counts_full_queue, lambda place: Part(_name_program(place), place.at, "hung")),

@@ -75,7 +75,7 @@ def test_each_kind_of_packet_is_seen_at_both_ends(three):
     ]
     sent, (here, there, beside) = follow(three, probes)
     assert [(entry["number"], entry["outcome"]) for entry in sent[0]] == [
-        (0, "no_answer"), (1, "no_answer"), (2, "refused"), (3, "no_answer"),
+        (0, "answered"), (1, "answered"), (2, "refused"), (3, "no_answer"),
     ]  # fmt: skip
     for number, protocol, length in ((0, "icmp", 28), (1, "icmp", 1400), (3, "udp", 33)):
         left = seen(here, number=number, outgoing=True, kind="request")

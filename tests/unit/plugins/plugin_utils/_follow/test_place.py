@@ -69,8 +69,14 @@ def where(found):
 
 @pytest.mark.parametrize("probe", [PING, CALL], ids=["ping", "connection"])
 def test_packets_are_walked_there_and_back(probe):
-    there, back = cross("request", ROUTE, probe), cross("answer", ROUTE[::-1], probe)
-    assert where(find(join(there, back), probe)) == (Stage.ARRIVED, "one", "", True)
+    seen = join(cross("request", ROUTE, probe), cross("answer", ROUTE[::-1], probe))
+    for outcome in (Outcome.ANSWERED, Outcome.OPEN, Outcome.REFUSED):
+        assert where(find(seen, probe, SentProbe(3, outcome, source_port=4000))) == (Stage.ARRIVED, "one", "", True)
+    kept = find(seen, probe)  # the program that has sent them got no answer, which came in all the same
+    assert where(kept) == (Stage.WITHHELD, "one", "", True)
+    assert place.describe_place(kept, CHART).endswith("came in at one on eth0, and no program there got them")
+    assert suspects.is_consistent(Part("filter", "one", "rpc in"), kept)
+    assert not suspects.is_consistent(Part("filter", "two", "rpc in"), kept)
 
 
 @pytest.mark.parametrize("probe", [PING, CALL, BEAT], ids=["ping", "connection", "datagram"])
@@ -180,13 +186,28 @@ def test_a_report_about_packets_that_were_answered_ends_nothing():
     there, back = cross("request", ROUTE), cross("answer", ROUTE[::-1])
     seen = join(there, back)
     seen["one"].append(capture(False, "error", icmp_type=11, icmp_code=0, reporter="10.0.1.254"))
-    assert find(seen).stage == Stage.ARRIVED
+    assert find(seen, sent=SentProbe(3, Outcome.ANSWERED)).stage == Stage.ARRIVED
+    assert find(seen).stage == Stage.WITHHELD
     lost = cross("request", ["one", "gate"])
     report = capture(False, "error", icmp_type=3, icmp_code=13, reporter="10.0.1.254")
     lost["one"].append(replace(report, destination="10.0.2.9"))
     assert find(lost).stage == Stage.HOP  # it quotes a packet to another address
     lost["one"].append(report)
     assert find(lost).stage == Stage.REPORTED
+
+
+def test_a_sender_that_rejects_the_answers_withholds_them():
+    """Its own ICMP errors are about the answers, and go out."""
+    seen = join(cross("request", ROUTE, CALL), cross("answer", ROUTE[::-1], CALL))
+    own = capture(True, "error", probe=CALL, icmp_type=3, icmp_code=3, reporter="10.0.1.1")
+    seen["one"].append(replace(own, source="10.0.2.1", destination="10.0.1.1"))
+    assert where(find(seen, CALL)) == (Stage.WITHHELD, "one", "", True)
+
+
+def test_a_connection_that_is_rejected_ends_there():
+    seen = cross("request", ROUTE, CALL)
+    seen["one"].append(capture(False, "error", probe=CALL, icmp_type=3, icmp_code=3, reporter="10.0.2.1"))
+    assert where(find(seen, CALL))[:2] == (Stage.REPORTED, "two")
 
 
 def test_a_bridge_shows_each_packet_twice_and_counts_once():
