@@ -308,14 +308,15 @@ def test_a_broken_off_run_is_taken_back_by_the_next_one(fleet):
 
 
 KILLED = """
-import os, signal
+import os, signal, subprocess
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import run as routes
 options = {"routes": [%(route)s], "backends": {}, "on_conflict": "replace", "root": "/", "records": "/var/lib/rosfleet-multimaster"}
 run = routes.Run(options)
-deadman.Switch("routes").arm("word", 1, run.undo_commands(), run.undo_files(), run.memory)
+deadman.Switch("routes").arm("word", %(within)d, run.undo_commands(), run.undo_files(), run.memory)
 if %(half)s:
     run.apply_runtime()
+subprocess.run(["ip", "route", "show", "default"])  # here: another command may come after the switch has rung
 os.kill(os.getpid(), signal.SIGKILL)
 """
 
@@ -324,12 +325,12 @@ os.kill(os.getpid(), signal.SIGKILL)
 def test_the_module_is_killed(fleet, half):
     before = fleet.state(INNER)
     full = dict(WRONG, device=None, metric=None, table=254, source=None, on_link=False, type="unicast", backend="auto")
-    program = KILLED % {"route": full, "half": half}
-    fleet.run(INNER, f"PYTHONPATH={ANSIBLE}:{COLLECTIONS} python3 -B -", stdin=program, check=False)
-    assert ("192.168.11.99" in fleet.run(INNER, "ip route show default")) == half
+    program = KILLED % {"route": full, "half": half, "within": WITHIN}
+    said = fleet.run(INNER, f"PYTHONPATH={ANSIBLE}:{COLLECTIONS} python3 -B -", stdin=program, check=False)
+    assert "default via" in said and ("192.168.11.99" in said) == half, said
     fleet.eventually(INNER, "ls /run/rosfleet-multimaster/rollback-routes", "rolled_back")
     output = fleet.module(INNER, "routes", routes=[DEFAULT], confirm_within=ENOUGH)
-    assert "not confirmed within 1 s, were taken back." in output and '"changed": false' in output, output
+    assert f"not confirmed within {WITHIN} s, were taken back." in output and '"changed": false' in output, output
     assert fleet.state(INNER) == before
 
 
