@@ -38,11 +38,18 @@ def begin(lab, host, role, folders):
     lab.start(host, role, f"python3 {{script}} {role} {COUNT} {' '.join(folders)}", "programs/first_words.py")
 
 
+def read_arrivals(lab):
+    """What the hearer has printed."""
+    return {text for _time, text in lab.output(HEARER, "hear")}
+
+
 def losses(lab, *folders):
     """(when it was said, on which topics) -> how many messages did not arrive, and of how many topics."""
     lab.wait_until_ready(SPEAKER, "say")
-    time.sleep(1)  # what is under way arrives
-    arrived = {text for _time, text in lab.output(HEARER, "hear")}
+    arrived, before = read_arrivals(lab), None
+    while arrived != before:  # some are under way, longer on a busy machine
+        time.sleep(1)
+        arrived, before = read_arrivals(lab), arrived
     found = {}
     for when in ("early", "rested"):
         for folder in folders:

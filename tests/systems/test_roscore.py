@@ -113,7 +113,7 @@ def test_what_the_nodes_have_still_works(nodes):
     assert "alpha" in nodes.run(FIRST, "timeout 20 rostopic echo -n 1 /alpha/out")
     assert "success: True" in nodes.run(FIRST, "rosservice call /alpha/serve").replace('"', "")
     nodes.run(FIRST, "timeout 20 rostopic pub -1 /alpha/in std_msgs/String hello")
-    assert "heard hello" in nodes.run(FIRST, "cat /run/alpha.out")
+    nodes.run(FIRST, "timeout 20 bash -c 'until grep -q \"heard hello\" /run/alpha.out; do sleep 0.1; done'")
 
 
 def test_a_restart_of_the_service_is_no_loss_either(nodes):
