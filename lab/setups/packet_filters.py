@@ -99,7 +99,9 @@ class FilterLab(Lab):
     def echo(self, host):
         """Let something on a robot answer everybody."""
         unit = "systemd-run --quiet --collect --unit echo python3 /run/echo.py"
-        self.run(host, f"cat >/run/echo.py; systemctl stop echo 2>/dev/null; {unit}", stdin=ECHOES)
+        # systemd-run returns before the program has its ports: the one of TCP is the last.
+        there = f"timeout 30 bash -c 'until ss -Hltn sport = :{ECHO} | grep -q .; do sleep 0.1; done'"
+        self.run(host, f"cat >/run/echo.py; systemctl stop echo 2>/dev/null; {unit} && {there}", stdin=ECHOES)
 
     def cold_boot(self, *hosts):
         """Boot computers; they come back with other hardware addresses, which everybody learns at once."""

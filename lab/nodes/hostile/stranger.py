@@ -42,9 +42,10 @@ def open_ports(address):
         poll = select.poll()
         for number in waiting:
             poll.register(number, select.POLLOUT)
-        end = time.monotonic() + PATIENCE
-        while waiting and time.monotonic() < end:
-            for number, _event in poll.poll(max(0, end - time.monotonic()) * 1000):
+        end, rest = time.monotonic() + PATIENCE, PATIENCE
+        while waiting and rest:  # the last look is after the end: on a busy machine it may be the first one, too
+            rest = max(0, end - time.monotonic())
+            for number, _event in poll.poll(rest * 1000):
                 sock, port = waiting.pop(number)
                 poll.unregister(number)
                 if sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) == 0:
