@@ -29,7 +29,7 @@ from pathlib import Path
 from machines import image
 from machines.layout import Host
 from machines.managers import list_masked_units
-from machines.podman import CHECKOUT, WORK, LabError, configuration, list_labelled, podman
+from machines.podman import CHECKOUT, LOCK, WORK, LabError, configuration, hold, list_labelled, podman
 from machines.signals import defer_signals, exit_on_signals
 
 # Labels of containers and networks.
@@ -65,12 +65,17 @@ def _network(lab: str, cidr: str) -> str:
 
 def ssh_key() -> Path:
     """The lab's own ssh key, made at first use."""
-    key = WORK / "id_ed25519"
-    if not key.exists():
-        WORK.mkdir(parents=True, exist_ok=True)
-        subprocess.run(
-            ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", "rosfleet-lab", "-f", str(key)], check=True
-        )
+    key, draft = WORK / "id_ed25519", WORK / "draft_ed25519"
+    halves = [(path.with_suffix(".pub"), path) for path in (draft, key)]  # the key last: who sees it finds both
+    with hold(LOCK):
+        if not key.exists():
+            for path in halves[0]:
+                path.unlink(missing_ok=True)  # of a run that was killed; ssh-keygen would ask
+            subprocess.run(
+                ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", "rosfleet-lab", "-f", str(draft)], check=True
+            )
+            for new, path in zip(*halves, strict=True):
+                new.rename(path)
     return key
 
 

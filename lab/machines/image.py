@@ -12,8 +12,6 @@ Each checkout has names of its own for the images that it uses. So podman itself
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import hashlib
 import json
 import os
@@ -21,11 +19,11 @@ import shlex
 import shutil
 import subprocess
 import time
-from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-from machines.podman import CHECKOUT, ROOT, LabError, podman
+from machines.podman import CHECKOUT, ROOT, LabError, hold, podman
 
 NAME = "localhost/rosfleet-lab"
 SUITE = "bookworm"
@@ -181,13 +179,9 @@ def _forget_old(kind: str) -> None:
         archive.unlink()
 
 
-@contextlib.contextmanager
-def _alone() -> Iterator[None]:
+def _alone() -> AbstractContextManager[None]:
     """One checkout at a time builds, names and removes images."""
-    cache().mkdir(parents=True, exist_ok=True)
-    with (cache() / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
+    return hold(cache() / "lock")
 
 
 def _tags() -> list[str]:

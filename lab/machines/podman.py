@@ -10,12 +10,14 @@ the lab finds out and writes a configuration for podman, unless CONTAINERS_CONF 
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import json
 import os
 import resource
 import shutil
 import subprocess
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,7 @@ from machines.signals import defer_signals
 
 ROOT = Path(__file__).resolve().parents[2]
 WORK = ROOT / ".work" / "lab"
+LOCK = WORK / ".lock"  # of the files that all labs of this checkout have in common
 CHECKOUT = hashlib.sha256(str(ROOT).encode()).hexdigest()[:4]  # stands for this checkout in names
 
 
@@ -49,6 +52,15 @@ def configuration() -> str:
     return "\n".join(lines) + "\n"
 
 
+@contextlib.contextmanager
+def hold(lock: Path) -> Iterator[None]:
+    """Hold the lock of this file: nobody else does, in this process or in another one."""
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    with lock.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
 @cache
 def environment() -> dict[str, str]:
     """The environment of every podman command."""
@@ -56,9 +68,11 @@ def environment() -> dict[str, str]:
         return dict(os.environ)
     path = WORK / "containers.conf"
     text = configuration()
-    if not path.exists() or path.read_text() != text:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
+    with hold(LOCK):
+        if not path.exists() or path.read_text() != text:
+            draft = path.with_suffix(".new")
+            draft.write_text(text)
+            draft.rename(path)  # the podman of another lab may read it now
     return {**os.environ, "CONTAINERS_CONF": str(path)}
 
 
