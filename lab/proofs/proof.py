@@ -18,9 +18,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TextIO
 
+from proofs.busy import Busy
+
 NODES = pathlib.Path(__file__).parents[1] / "nodes"
-# A registration crosses within a second; rospy's command-line tools take a few to start.
+# A registration crosses within a second; rospy's command-line tools take a few to start, and more on a busy machine (Slack).
 PATIENCE = 20.0
+# Seconds by which a limit is longer, for what has been measured since a moment of the steady clock; see busy.py.
+Slack = Callable[[float], float]
 # Pairs that are tried at the same time: most of it is waiting for command-line tools to start.
 AT_ONCE = 4
 
@@ -98,13 +102,20 @@ class Result:
     found: str
 
 
-def wait_for(look: Callable[[], str], wanted: Callable[[str], bool], seconds: float = PATIENCE) -> tuple[bool, str]:
-    """Look until it is as wanted; returns whether it was, and what was last seen."""
-    deadline = time.monotonic() + seconds
+def wait_for(
+    look: Callable[[], str], wanted: Callable[[str], bool], seconds: float = PATIENCE, slack: Slack | None = None
+) -> tuple[bool, str]:
+    """Look until it is as wanted; returns whether it was, and what was last seen. With `slack`, it is longer on a busy machine."""
+    began = time.monotonic()
+    deadline = began + seconds
     while True:
         seen = look()
-        if wanted(seen) or time.monotonic() > deadline:
-            return wanted(seen), seen.strip()
+        if wanted(seen):
+            return True, seen.strip()
+        if time.monotonic() > deadline:
+            if slack is None:
+                return False, seen.strip()
+            deadline, slack = deadline + slack(began), None
         time.sleep(0.2)
 
 
@@ -114,20 +125,21 @@ def prove(computers: Sequence[Computer], tell: Callable[[str], None]) -> list[Re
     def pair(both: tuple[Computer, Computer]) -> list[Result]:
         here, there = both
         tell(f"{here.name} -> {there.name}: topic, connection, service, action, parameter, end of a publisher")
-        return list(_pair(here, there))
+        return list(_pair(here, there, busy.slack))
 
-    with ThreadPoolExecutor(max_workers=AT_ONCE) as pool:
+    with Busy() as busy, ThreadPoolExecutor(max_workers=AT_ONCE) as pool:
         return [result for results in pool.map(pair, itertools.permutations(computers, 2)) for result in results]
 
 
-def _pair(here: Computer, there: Computer) -> Iterator[Result]:
+def _pair(here: Computer, there: Computer, slack: Slack) -> Iterator[Result]:
+    began = time.monotonic()
     whom = f"{here.name} -> {there.name}"
     name = f"{here.label}_to_{there.label}"  # pairs are tried at the same time, and names of nodes are unique
     topic = f"/{name}/test"
     with here.start_program(f"rostopic pub -r 5 {topic} std_msgs/Int32 1"):
-        ok, seen = wait_for(lambda: there.run("rostopic list"), lambda text: topic in text.split())
+        ok, seen = wait_for(lambda: there.run("rostopic list"), lambda text: topic in text.split(), slack=slack)
         yield Result("rostopic list shows the topic", whom, ok, "listed" if ok else f"only {seen.split()}")
-        seen = there.run(f"timeout 20 rostopic echo -n 1 {topic}")
+        seen = there.run(f"timeout {PATIENCE + slack(began):.1f} rostopic echo -n 1 {topic}")
         yield Result(
             "rostopic echo prints the message", whom, seen.split() == ["data:", "1", "---"], " ".join(seen.split())
         )
@@ -138,6 +150,7 @@ def _pair(here: Computer, there: Computer) -> Iterator[Result]:
                     f"(http://{here.name}:" in text.partition("Subscribers:")[0]
                     and f"(http://{there.name}:" in text.partition("Subscribers:")[2]
                 ),
+                slack=slack,
             )
             yield Result("rostopic info shows a direct connection", whom, ok, " ".join(seen.split()))
         yield Result(
@@ -145,10 +158,14 @@ def _pair(here: Computer, there: Computer) -> Iterator[Result]:
             whom,
             *_run_and_find(there, "rosmsg show fkie_multimaster_msgs/MasterState", "string state"),
         )
-    ok, seen = wait_for(lambda: there.run("rostopic list"), lambda text: bool(text) and topic not in text.split())
+    ok, seen = wait_for(
+        lambda: there.run("rostopic list"), lambda text: bool(text) and topic not in text.split(), slack=slack
+    )
     yield Result("the topic goes with its publisher", whom, ok, "gone" if ok else "still listed")
     with here.start_program(f"python3 - {name}_server", NODES / "programs/service_server.py"):
-        ok, seen = wait_for(lambda: there.run(f"rosservice call /{name}_server/where"), lambda text: here.name in text)
+        ok, seen = wait_for(
+            lambda: there.run(f"rosservice call /{name}_server/where"), lambda text: here.name in text, slack=slack
+        )
         yield Result("a service is called", whom, ok, " ".join(seen.split()))
     with here.start_program(f"python3 - {name}_action", NODES / "programs/action_server.py"):
         seen = there.run(f"python3 - /{name}_action/double", NODES / "programs/action_client.py", seconds=100)
