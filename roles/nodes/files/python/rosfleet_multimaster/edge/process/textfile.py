@@ -27,7 +27,7 @@ def write(path: str, text: str) -> None:
             os.fchmod(file.fileno(), 0o644)  # whatever the umask of the service is
             file.write(text)
         os.rename(draft, path)
-    except OSError:
+    except BaseException:  # also SystemExit: a signal may end the program here
         remove(draft)
         raise
 
