@@ -16,6 +16,7 @@ import time
 PERIOD = 0.25  # seconds between two samples
 WORK = 0.02  # seconds of processor time of a sample
 WITHIN_A_LIMIT = 1.5  # seconds of processor time within what a limit is for; the rest of it is waiting
+TOLD = 0.1  # seconds that are worth a line: a demonstration has its limits, too
 MOST = 5.0  # seconds by which a limit is longer at most
 
 
@@ -47,5 +48,6 @@ class Busy:
         samples = [slowness for at, slowness in self._samples if at >= since]
         slowness = sum(samples) / len(samples) if samples else 1.0
         more = min(max(0.0, slowness - 1.0) * WITHIN_A_LIMIT, MOST)
-        print(f"limits are {more:.2f} s longer: the machine took {slowness:.1f} times as long as when it has time")
+        if more >= TOLD:
+            print(f"limits are {more:.2f} s longer: the machine took {slowness:.1f} times as long as when it has time")
         return more
