@@ -141,10 +141,10 @@ class FilterLab(Lab):
             words = json.dumps([[protocol, *packet] for packet in packets])
             self.run(STRANGER, f"python3 /run/forger.py eth0 {mac} {HEARS}", stdin=words)
             own = [place for place in self.list_own_places(host) if place != "::1"]
-            self.run(host, f"python3 /run/self_talker.py eth0 {HEARS} {' '.join(own)}; sleep 0.5")
-            return self.run(host, "cat /run/hearer.out").splitlines()[1:]
+            self.run(host, f"python3 /run/self_talker.py eth0 {HEARS} {' '.join(own)}; sleep 0.5")  # they come in
         finally:
-            self.stop(host, "hearer")
+            self.stop(host, "hearer")  # it first prints all that came
+        return self.run(host, "cat /run/hearer.out").splitlines()[1:]
 
     def list_own_places(self, host):
         """The addresses of a robot, and the groups at which it waits."""

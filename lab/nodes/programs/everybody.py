@@ -55,7 +55,7 @@ for other in others:
     threading.Thread(target=call, args=(other,), daemon=True).start()
 
 
-def reached():
+def list_reached():
     """Whom this node has heard and called by now, and why others are not among those who were heard."""
     connected = connections()
     lacks = {
@@ -71,9 +71,9 @@ def reached():
 
 
 deadline = time.monotonic() + PATIENCE
-found = reached()
+found = list_reached()
 while time.monotonic() < deadline and not len(found["topic"]) == len(found["service"]) == len(others):
     time.sleep(0.2)
-    found = reached()
+    found = list_reached()
 print(json.dumps(found), flush=True)
 rospy.spin()  # the others may not be through
