@@ -126,9 +126,9 @@ class Space:
             try:
                 assert process.stdout.readline() == "listens\n"
                 yield heard
-                time.sleep(0.3)
+                time.sleep(0.3)  # for what the kernel still has under way
             finally:
-                process.terminate()
+                process.terminate()  # it prints what it has yet to read
             heard += process.stdout.read().splitlines()
 
 
