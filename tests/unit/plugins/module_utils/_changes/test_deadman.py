@@ -25,13 +25,19 @@ HOUR = 3600
 
 
 class ShellTimer:
-    """A timer made of a shell that sleeps."""
+    """A timer made of a shell that sleeps. It rings before its time where the test says so."""
 
     def __init__(self):
-        self.running = {}
+        self.running, self.commands = {}, {}
+
+    def ring(self, unit):
+        """Run the command now. A timer that was stopped does not ring."""
+        assert self.running[unit].poll() is None
+        self.start(unit, 0, self.commands[unit])
 
     def start(self, unit, seconds, argv):
         self.stop(unit)
+        self.commands[unit] = argv
         words = ["sh", "-c", 'sleep "$0"; exec "$@"', str(seconds), *argv]
         self.running[unit] = subprocess.Popen(words, start_new_session=True)
 
@@ -71,14 +77,15 @@ def writes(path, text):
 # The switch
 
 
-def test_what_nobody_confirms_is_taken_back_in_order(switch, tmp_path):
+def test_what_nobody_confirms_is_taken_back_in_order(switch, timer, tmp_path):
     place = tmp_path / "a place's name"
     switch.arm(
-        "t", 0.2, [writes(place, "a "), ["false"], ["no-such-command", "x"], writes(place, "'b\"")], memory={"k": 1}
+        "t", HOUR, [writes(place, "a "), ["false"], ["no-such-command", "x"], writes(place, "'b\"")], memory={"k": 1}
     )
     assert switch.look("t") == "armed"
     assert switch.look("u") == switch.look("") == "other"
     assert (switch.state()["token"], switch.state()["memory"]) == ("t", {"k": 1})
+    timer.ring(switch.unit)
     becomes(place, "a 'b\"")
     assert [switch.look("t"), switch.look("u")] == ["rolled_back", "earlier"]
     assert switch.failures() == ["false", "no-such-command x"]
@@ -103,12 +110,13 @@ def test_files_come_back_with_their_permissions(switch, tmp_path):
     assert (switch.look("t"), switch.failures()) == ("rolled_back", [])
 
 
-def test_what_is_released_stays(switch, tmp_path):
+def test_what_is_released_stays(switch, timer, tmp_path):
     place = tmp_path / "place"
-    switch.arm("t", 0.3, [writes(place, "x")])
+    switch.arm("t", HOUR, [writes(place, "x")])
     assert switch.release()
     assert switch.look("t") == "confirmed"
-    time.sleep(0.5)
+    assert not timer.running
+    subprocess.run(timer.commands[switch.unit], check=True)  # as a timer does that rings in the same moment
     assert not place.exists()
     switch.roll_back_now()  # the boot part failed
     assert (place.read_text(), switch.look("t")) == ("x", "rolled_back")
@@ -166,13 +174,16 @@ def test_without_systemd_the_sentence_says_what_to_do(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_an_armed_switch_is_replaced_whole(switch, tmp_path):
+def test_an_armed_switch_is_replaced_whole(switch, timer, tmp_path):
     place = tmp_path / "place"
-    switch.arm("t", 0.3, [writes(place, "first")])
+    switch.arm("t", HOUR, [writes(place, "first")])
+    first = timer.running[switch.unit]
     switch.arm("u", HOUR, [writes(place, "second")])
-    time.sleep(0.5)
+    assert first.poll() is not None, "its timer rings no more"
     assert not place.exists()
     assert (switch.look("t"), switch.look("u")) == ("other", "armed")
+    timer.ring(switch.unit)
+    becomes(place, "second")
 
 
 def die_at_call(step, *names):
@@ -383,12 +394,13 @@ def test_where_there_is_no_connection_the_second_run_confirms(play):
     assert play.state() == ("new", "new after old")
 
 
-def test_unconfirmed_in_time(play, tmp_path):
-    play(confirm_within=0.2, confirmation="t")
+def test_unconfirmed_in_time(play, switch, timer, tmp_path):
+    play(confirm_within=HOUR, confirmation="t")
+    timer.ring(switch.unit)
     becomes(tmp_path / "runtime", "old")
     late = play(confirmation="t")
     assert late.msg == (
-        "The test values were not confirmed over a new connection within 0 s, so the machine has taken them back and is as "
+        "The test values were not confirmed over a new connection within 3600 s, so the machine has taken them back and is as "
         "it was before: correct what is planned for this host, or reach it by a way that does not depend on it."
     )
     assert (late.failed, late.rolled_back, play.state(), play.clean()) == (True, True, ("old", "old"), True)
