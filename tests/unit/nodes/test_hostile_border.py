@@ -198,6 +198,12 @@ def test_silent_connections_of_one_computer_shut_nobody_out(station):
         connection.close()
 
 
+def count_dials(port):
+    """How many connections to a port of the hostile robot have no answer yet (state 2 of /proc/net/tcp)."""
+    rows = [line.split() for line in pathlib.Path("/proc/net/tcp").read_text().splitlines()]
+    return sum(row[2:4] == [f"0200007F:{port:04X}", "02"] for row in rows)
+
+
 def test_a_port_that_does_not_answer_holds_nobody_up(station):
     """Its queue is full, so the kernel drops what comes. One listener wants forty publishers there."""
     station.bad.data.close()
@@ -208,9 +214,13 @@ def test_a_port_that_does_not_answer_holds_nobody_up(station):
         waiting[-1].setblocking(False)
         waiting[-1].connect_ex(station.bad.data.getsockname())
     station.offer(["topic", "/bad/x", "x/Y", [f"/n{number}" for number in range(40)]])
-    station.connect(topic="/bad/x")
-    time.sleep(0.5)
+    port = station.bad.data.getsockname()[1]
+    own = count_dials(port)
+    listener = station.connect(topic="/bad/x")  # held: it would leave at once, and want nothing
+    wait_for(lambda: count_dials(port) > own)
     assert station.hears() and station.hears()
+    assert count_dials(port) > own, "it has waited there all the time"
+    listener.close()
     for connection in waiting:
         connection.close()
 
