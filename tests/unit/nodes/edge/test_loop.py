@@ -13,8 +13,14 @@ from rosfleet_multimaster.edge.loop import DirectRunner, Loop, RecurringJob, Wor
 def test_the_loop_runs_what_workers_and_threads_hand_it():
     loop, seen = Loop(), []
     workers = Workers(loop, 2)
-    workers.submit(lambda: 6 * 7, lambda result, problem: seen.append((result, problem, threading.current_thread())))
-    workers.submit(lambda: 1 / 0, lambda result, problem: (seen.append(type(problem)), loop.post(loop.stop)))
+
+    def note(what):
+        seen.append(what)
+        if len(seen) == 2:  # either worker may be the later one
+            loop.stop()
+
+    workers.submit(lambda: 6 * 7, lambda result, problem: note((result, problem, threading.current_thread())))
+    workers.submit(lambda: 1 / 0, lambda result, problem: note(type(problem)))
     loop.run(lambda now: now + 5.0)
     assert (42, None, threading.main_thread()) in seen and ZeroDivisionError in seen
 
@@ -104,8 +110,8 @@ def _systemd(tmp_path, monkeypatch):
 def test_a_loop_that_has_nothing_to_do_feeds_the_watchdog(systemd):
     loop = Loop()
     turning = threading.Thread(target=loop.run, args=(lambda now: now + 60.0,))
+    began = time.monotonic()  # before the first word, which this thread may see late
     turning.start()
-    began = time.monotonic()
     assert [systemd.recv(100) for _count in range(8)] == [b"WATCHDOG=1"] * 8
     assert 0.6 < time.monotonic() - began < 4.0, "each 0.1 s, and not at each pass"
     loop.stop()
@@ -113,13 +119,13 @@ def test_a_loop_that_has_nothing_to_do_feeds_the_watchdog(systemd):
 
 
 def test_a_loop_that_hangs_feeds_nothing_whatever_its_workers_do(systemd):
-    loop, free = Loop(), threading.Event()
+    loop, hangs, free = Loop(), threading.Event(), threading.Event()
     workers = Workers(loop, 2)
     turning = threading.Thread(target=loop.run, args=(lambda now: now + 0.01,))
     turning.start()
     systemd.recv(100)
-    loop.post(free.wait, 10.0)
-    time.sleep(0.2)
+    loop.post(lambda: (hangs.set(), free.wait(10.0)))
+    assert hangs.wait(10.0), "what it says from now on is no word from before"
     systemd.setblocking(False)
     while True:
         try:

@@ -10,6 +10,7 @@ import types
 import pytest
 from rosfleet_multimaster.roscore import changes as module
 from rosfleet_multimaster.roscore.core.registry import Registry
+from running_sync import until
 
 NODE = ["node", "/a", "http://robot:1/"]
 PUBLISHER = ["publisher", "/chatter", "/a", "http://robot:1/", True]
@@ -86,8 +87,8 @@ def test_a_refused_import_is_told_once_and_left_out_of_the_whole():
 def test_a_caller_that_waits_hears_at_once():
     roscore = Roscore()
     timer = threading.Timer(0.2, roscore.change, [NODE])
-    timer.start()
     began = time.monotonic()
+    timer.start()
     assert roscore.ask(wait=30) == ["now", 1, False, [NODE]]
     assert 0.1 < time.monotonic() - began < 1.0
 
@@ -114,15 +115,16 @@ def test_a_caller_that_is_gone_frees_its_place(monkeypatch):
 
 def test_few_wait_at_once_and_others_are_still_answered():
     roscore = Roscore()
-    threads = [threading.Thread(target=roscore.ask, kwargs={"wait": 1}) for _number in range(module.WAITING)]
+    threads = [threading.Thread(target=roscore.ask, kwargs={"wait": 30}) for _number in range(module.WAITING)]
     for thread in threads:
         thread.start()
-    time.sleep(0.2)
+    until(lambda: roscore.feed._waiting == module.WAITING)
     assert roscore.feed.answer("/me", "now", 0, 30)[0] == -1
     assert roscore.ask("")[2] is True
+    roscore.change(NODE)  # so they end
     for thread in threads:
         thread.join()
-    assert roscore.ask(wait=0.01)[3] == []
+    assert roscore.ask(revision=1, wait=0.01)[3] == []
 
 
 def test_programs_of_other_computers_are_not_told():

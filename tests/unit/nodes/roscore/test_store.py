@@ -242,9 +242,8 @@ def test_the_thread_syncs_and_writes_anew(tmp_path, monkeypatch):
     for count in range(1, 500):
         roscore.change(count)
         time.sleep(0.0005)
-    for _try in range(100):
-        if os.path.getsize(tmp_path / store_format.FILE) < 6000:
-            break
+    until = time.monotonic() + 60
+    while os.path.getsize(tmp_path / store_format.FILE) >= 6000 and time.monotonic() < until:
         time.sleep(0.05)
     assert os.path.getsize(tmp_path / store_format.FILE) < 6000
     assert vars(store.read(str(tmp_path)).registry) == state(499)
@@ -390,15 +389,13 @@ def test_its_thread_never_ends(tmp_path, monkeypatch, caplog):
         return False
 
     monkeypatch.setattr(store.store_format, "is_renewal_due", is_renewal_due)
-    for count in range(1, 200):
+    until, count = time.monotonic() + 60, 0
+    while failures and time.monotonic() < until:  # the thread looks only when something has changed
+        count += 1
         roscore.change(count)
         time.sleep(0.005)
-        if not failures:
-            break
     assert not failures
-    for _try in range(400):
-        if roscore.store._file is not None:
-            break
+    while roscore.store._file is None and time.monotonic() < until:
         time.sleep(0.01)
     roscore.change(500)
     assert store.read(str(tmp_path)).registry.parameters == {"count": 500}

@@ -9,9 +9,14 @@ import time
 
 import pytest
 from rosfleet_multimaster.edge.process import children as module
+from running_sync import until
 
 SLEEPS = [sys.executable, "-c", "import time; time.sleep(60)"]
-DEAF = [sys.executable, "-c", "import signal, time; signal.signal(15, signal.SIG_IGN); print('deaf'); time.sleep(60)"]
+DEAF = [
+    sys.executable,
+    "-c",
+    "import signal, time; signal.signal(15, signal.SIG_IGN); print('deaf', flush=True); time.sleep(60)",
+]
 
 
 def test_a_program_runs_until_it_is_ended_and_can_start_again():
@@ -35,9 +40,10 @@ def test_a_program_that_ends_by_itself_runs_no_more():
 
 
 def test_a_program_that_does_not_want_to_end_is_killed():
-    child = module.Child(print)
+    lines = []
+    child = module.Child(lines.append)
     child.start(DEAF)
-    time.sleep(0.5)
+    until(lambda: lines == ["deaf"])
     child.end(0.2)
     assert child._process.returncode == -signal.SIGKILL, "it is no zombie"
 

@@ -3,6 +3,7 @@
 
 """The listener, over real sockets: talkers that are there, that come later, that are older ones, and that are none."""
 
+import contextlib
 import threading
 import time
 
@@ -45,12 +46,26 @@ def test_a_talker_is_heard_also_one_that_comes_later(made, master):
     }
 
 
+@contextlib.contextmanager
+def listening(listener):
+    """It listens until the test has seen what it is about."""
+    thread = threading.Thread(target=listener.run, args=(time.monotonic() + 20,))
+    thread.start()
+    try:
+        yield
+    finally:
+        listener._done.set()
+        thread.join(20)
+    assert not thread.is_alive()
+
+
 def test_an_older_talker_does_not_count_and_a_newer_one_does(made, master):
     roscore, uri = master
     with talking(uri, "/older", ONE, "yesterday one"):
         until(lambda: roscore.of(ONE))
         listener = Listener(made, "listener", {ONE: "run one"})
-        listener.run(time.monotonic() + 0.5)
+        with listening(listener):
+            until(lambda: ONE in listener.heard)
         assert listener.heard[ONE]["text"] == "yesterday one"
         with talking(uri, "/newer", ONE, "run one"):
             until(lambda: len(roscore.of(ONE)) == 2)
@@ -63,7 +78,8 @@ def test_who_does_not_answer_is_asked_again_and_named(made, master):
     roscore, uri = master
     roscore.publishers[ONE] = {"/gone": "http://127.0.0.1:9/"}
     listener = Listener(made, "listener", {ONE: "run one"})
-    listener.run(time.monotonic() + 0.3)
+    with listening(listener):
+        until(lambda: ONE in listener.errors)
     assert listener.heard == {} and listener.errors[ONE].startswith("http://127.0.0.1:9/: ")
 
 

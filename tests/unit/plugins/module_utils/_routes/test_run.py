@@ -6,6 +6,7 @@
 import json
 import os
 import random
+import select
 import shutil
 import subprocess
 import sys
@@ -151,17 +152,20 @@ class Computer:
         return {str(p.relative_to(self.root)): p.read_text() for p in self.root.rglob("*") if p.is_file()}
 
     def watch(self):
+        """Have `ip monitor` watch. It does when it has seen a route that comes and goes."""
         self.monitor = subprocess.Popen([*self.enter, "ip", "monitor", "route"], stdout=subprocess.PIPE, text=True)
-        time.sleep(0.2)
+        while not select.select([self.monitor.stdout], [], [], 0.05)[0]:
+            self.ip("route add 203.0.113.78 dev eth0")
+            self.ip("route delete 203.0.113.78 dev eth0")
 
     def seen(self):
-        """What `ip monitor` has seen, without the routes of the kernel."""
+        """What `ip monitor` has seen, without the routes of the kernel and those of `watch`."""
         self.ip("route add 203.0.113.77 dev eth0")  # the end of what is to be seen
         lines = []
         for line in self.monitor.stdout:
             if "203.0.113.77" in line:
                 break
-            if "table local" not in line:  # which the kernel keeps by itself
+            if "table local" not in line and "203.0.113.78" not in line:  # the first the kernel keeps by itself
                 lines.append(line.strip())
         self.monitor.kill()
         self.monitor.wait()
