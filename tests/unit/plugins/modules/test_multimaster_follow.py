@@ -30,7 +30,7 @@ def three(tmp_path):
     network.end()
 
 
-def follow(network, probes, lifetime=20):
+def follow(network, probes, lifetime=60):
     """Listen everywhere, send, and return what each computer sent and saw."""
     options = [{"run": "test", "name": host.name, "probes": probes} for host in network.hosts]
 

@@ -14,9 +14,11 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[5]
 GIVER = ROOT / "lab" / "nodes" / "programs" / "giver.py"
-sys.path.insert(0, str(ROOT / "lab"))
+sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "roles/nodes/files/python")]  # ends.py needs the second
 
 import subject  # noqa: E402
+
+from tests.unit.nodes.border.ends import free_port  # noqa: E402
 
 # Ports that a program of the lab or of a test listens at, and datagrams are sent from, by the way they are written.
 FIXED = re.compile(r'(?:\bPORT\b.* = .*?|^ +"|from: )(\d{5})\b', re.MULTILINE)
@@ -55,9 +57,7 @@ class Lab(subject.Lab):
 @pytest.mark.slow
 def test_a_giver_that_is_ready_is_connected_to(giver, tmp_path):
     for number in range(20):
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            port = free.getsockname()[1]
-        path = tmp_path / str(number)
+        port, path = free_port(), tmp_path / str(number)
         Lab(giver(port, path), path).wait_until_ready("here", "giver")
         socket.create_connection(("127.0.0.1", port)).close()
 

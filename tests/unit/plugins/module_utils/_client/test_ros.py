@@ -28,7 +28,7 @@ def test_program_runs_in_the_environment_of_the_file(ros):
 def test_program_that_never_ends_is_ended(ros):
     made, command = ros
     command("rostopic", "")
-    output, error = made.run_python("echo begun; while :; do sleep 0.1; done", 0.5, "")
+    output, error = made.run_python("echo begun; while :; do sleep 0.1; done", 2.0, "")
     assert output == "begun\n" and "the Python of ROS printed nothing within" in error
 
 

@@ -66,8 +66,9 @@ STRANGE = {
 
 @pytest.mark.parametrize("case", STRANGE)
 def test_what_strangers_send_is_a_sentence(case, monkeypatch):
-    monkeypatch.setattr(tcpros, "CALL", 0.3)
     first, second, expected = STRANGE[case]
+    if expected == "no answer within":  # the others come in time
+        monkeypatch.setattr(tcpros, "CALL", 0.3)
     with provider(first, second) as uri:
         with pytest.raises(OSError, match=expected):
             call(uri)

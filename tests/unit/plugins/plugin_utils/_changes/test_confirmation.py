@@ -46,11 +46,11 @@ class Keepless(Kept):
 def play(monkeypatch):
     """Run the action against a machine that answers so; returns the result, the runs' options and the connection."""
     monkeypatch.setattr(confirmation, "PAUSE", 0.01)
-    monkeypatch.setattr(confirmation, "GRACE", 0.3)
     monkeypatch.setattr(confirmation.ConnectionBase, "reset", lambda self: pytest.fail("this one warns"))
     Keepless.reset = confirmation.ConnectionBase.reset
 
-    def play(*answers, kind=Kept, transport="ssh", check=False, tmpdir=None, confirm_within=0.2, **args):
+    def play(*answers, kind=Kept, transport="ssh", check=False, tmpdir=None, confirm_within=0.2, grace=20.0, **args):
+        monkeypatch.setattr(confirmation, "GRACE", grace)  # short where the test is about its end
         task = Task()
         task.action, task.async_val = "rosfleet.multimaster.sysctl", 0
         task.args = {"settings": [], "confirm_within": confirm_within, **args}
@@ -108,7 +108,7 @@ def test_a_connection_that_is_kept_is_left_again(play):
 
 
 def test_a_connection_that_is_never_left(play):
-    result, runs, connection = play(UNCONFIRMED, *[SAME] * 1000)
+    result, runs, connection = play(UNCONFIRMED, *[SAME] * 1000, grace=0.3)
     assert result["failed"] and "every connection was the one from before the change" in result["msg"]
     result, runs, connection = play(UNCONFIRMED, SAME, TAKEN_BACK)
     assert result == TAKEN_BACK
@@ -133,7 +133,7 @@ def test_the_first_answer_is_lost(play):
 
 def test_the_machine_never_comes_back(play):
     started = time.monotonic()
-    result, runs, connection = play(UNCONFIRMED, *[REFUSED] * 1000)
+    result, runs, connection = play(UNCONFIRMED, *[REFUSED] * 1000, grace=0.3)
     assert result["failed"] and 0.5 <= time.monotonic() - started < 5
     assert result["msg"] == (
         "The settings may have cut the machine off, which was to take them back after 0.2 s by itself, but the controller has "
@@ -146,7 +146,7 @@ def test_a_machine_that_is_not_there_is_unreachable(play):
     """It is given as long as a gateway before it may need to come back."""
     started = time.monotonic()
     with pytest.raises(AnsibleConnectionFailure) as raised:
-        play(*[REFUSED] * 1000)
+        play(*[REFUSED] * 1000, grace=0.3)
     assert raised.value is REFUSED and 0.5 <= time.monotonic() - started < 5
     result, runs, connection = play(REFUSED, REFUSED, UNCONFIRMED, CONFIRMED)
     assert result["unconfirmed"] is False
@@ -166,7 +166,7 @@ def test_a_machine_that_was_reached_before_in_the_task(play):
 def test_ssh_that_hangs_is_given_up(play):
     """Nothing arrives any more, so TCP would wait for hours."""
     started = time.monotonic()
-    result, runs, connection = play(60.0, UNCONFIRMED, TAKEN_BACK)
+    result, runs, connection = play(60.0, UNCONFIRMED, TAKEN_BACK, grace=0.3)
     assert time.monotonic() - started < 5
     assert len(runs) >= 2 and connection.resets >= 1
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
