@@ -30,12 +30,16 @@ from rosfleet_multimaster.protocol.parameters import Settings
 from rosfleet_multimaster.protocol.plain_text import is_plain
 from rosfleet_multimaster.protocol.xml_rpc import STATE as STATE_BYTES
 from rosfleet_multimaster.protocol.xml_rpc import DocumentTooLarge, loads, unpack
+from running_sync import until
 
 # Queues
 
 
 class Running:
-    """A loop in a thread of its own, which notes when it was ticked."""
+    """A loop in a thread of its own, which notes when it was ticked: in seconds of this process's processor time.
+
+    What keeps it from the interpreter's lock takes as much of that, and other programs take nothing of it.
+    """
 
     def __init__(self, period=0.01):
         self.loop, self.ticks = Loop(), []
@@ -43,7 +47,7 @@ class Running:
         self.thread.start()
 
     def tick(self, now, period):
-        self.ticks.append(now)
+        self.ticks.append(time.process_time())
         return now + period
 
     def longest_pause(self):
@@ -264,7 +268,7 @@ def test_a_hostile_argument_is_a_fault_in_few_words(server, caplog, arguments, a
     time.sleep(0.1)
     assert monotonic() - started < 15.0
     assert caplog.text == "", "no traceback that anybody can ask for"
-    assert server.running.longest_pause() < 2.0
+    assert server.running.longest_pause() < 1.0
 
 
 def test_a_request_of_one_byte_a_second_is_ended(server, monkeypatch):
@@ -357,7 +361,7 @@ def test_idle_connections_of_many_leave_room_for_members():
     """The attack of the review: eight addresses with eight idle connections each. A member is served meanwhile."""
     with fleet_server(strangers="allow") as made:
         idle = [made.connect(f"127.0.2.{number}") for number in range(8) for _count in range(8)]
-        time.sleep(0.3)
+        until(lambda: len(made.server._open) + len(made.malformed) == len(idle))
         assert len(made.server._open) == rpc_server._MAX_CONNECTIONS // 2
         assert b"200 OK" not in asked(made, "127.0.2.9")
         for source in ("127.0.0.10", "127.0.5.7", "127.0.0.1"):
@@ -425,7 +429,7 @@ def test_costly_filters_in_parallel_do_not_stop_the_loop(server):
     command = [sys.executable, "-c", ASK, server.uri]
     asked = subprocess.run(command, input=json.dumps(COSTLY), stdout=subprocess.PIPE, text=True, timeout=60, check=True)
     assert int(asked.stdout) > 0
-    assert server.running.longest_pause() < 2.0
+    assert server.running.longest_pause() < 1.0
     assert server.answers()
 
 
@@ -433,8 +437,11 @@ def test_costly_filters_in_parallel_do_not_stop_the_loop(server):
 
 
 @contextlib.contextmanager
-def answering(*parts, pause=0.0):
-    """A server that sends these bytes, whatever it is asked, as often as it is asked; the URI."""
+def answering(*parts, pause=0.0, gate=None):
+    """A server that sends these bytes, whatever it is asked, as often as it is asked; the URI.
+
+    After each part it makes a pause. Where there is a gate, it first waits for that.
+    """
 
     def serve():
         with contextlib.suppress(OSError):
@@ -444,6 +451,8 @@ def answering(*parts, pause=0.0):
                     connection.recv(65536)
                     for part in parts:
                         connection.sendall(part)
+                        if gate is not None:
+                            gate.wait(20)
                         time.sleep(pause)
                     connection.shutdown(socket.SHUT_WR)  # a close beside unread bytes would take back what was sent
                     connection.settimeout(2.0)
@@ -502,7 +511,7 @@ def test_a_hostile_answer_is_a_failure_like_any_other(answer):
 
 def test_one_large_answer_is_held_and_small_ones_do_not_wait():
     large, small = response("<value>" + " " * (2 << 20) + "</value>"), response("<value>a</value>")
-    half, results = len(large) // 2, []
+    half, results, gate = len(large) // 2, [], threading.Event()
 
     def ask(uri):
         try:
@@ -511,15 +520,16 @@ def test_one_large_answer_is_held_and_small_ones_do_not_wait():
             results.append(str(problem))
 
     with contextlib.ExitStack() as stack:
-        slow = [stack.enter_context(answering(ok(large[:half]), large[half:], pause=0.5)) for _count in range(12)]
+        parts = ok(large[:half]), large[half:]
+        slow = [stack.enter_context(answering(*parts, pause=0.5, gate=gate)) for _count in range(12)]
         quick = stack.enter_context(answering(ok(small)))
         asking = [threading.Thread(target=ask, args=(uri,)) for uri in slow]
         for thread in asking:
             thread.start()
-        time.sleep(0.5)
-        started = monotonic()
+        until(rpc_client._large.locked)
         assert Rpc(quick, 5.0, STATE_BYTES).call("masterInfo") == "a"
-        assert monotonic() - started < 0.5
+        assert rpc_client._large.locked(), "the large one is held meanwhile: half of it has yet to come"
+        gate.set()
         for thread in asking:
             thread.join(20)
     read = results.count(2 << 20)
