@@ -26,9 +26,14 @@ def test_each_news_of_a_master_is_looked_at_for_a_loss(lab):
     lab.listed = []
     lab.start()
     until(lambda: lab.program.finder.listed_once)
-    lab.program.disconnector.look = lambda now: seen.append(is_online(lab))
     news = [True, False, True]
-    lab.program.loop.post(lambda: [lab.changed(lab.other.announced(online)) for online in news])  # in one pass
+
+    def tell():  # in the loop, where the look after the list is over; and all in one pass
+        lab.program.disconnector.look = lambda now: seen.append(is_online(lab))
+        for online in news:
+            lab.changed(lab.other.announced(online))
+
+    lab.program.loop.post(tell)
     until(lambda: len(seen) >= len(news))
     assert seen[: len(news)] == news
 
