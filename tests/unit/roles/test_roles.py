@@ -143,3 +143,12 @@ def test_a_robots_program_answers_by_the_collections_door(path, local):
             assert local or short in ON_THE_CONTROLLER, f"{path.name}: {module}"
         else:
             assert (actions / f"{short}.py").exists(), f"{path.name}: {module}"
+
+
+def test_no_label_that_marks_packets_is_in_the_name_of_a_node():
+    """A stranger reads the names of talkers at any roscore, and could forge what is followed."""
+    folder = next(role for role in ROLES if role.name == "verify") / "tasks"
+    agreed = [task for task in tasks_of(read(folder / "main.yml")) if task.get("no_log")]
+    (secret,) = [name for task in agreed for name in task["ansible.builtin.set_fact"]]
+    (follow,) = read(folder / "follow.yml")
+    assert follow["module_defaults"]["rosfleet.multimaster.multimaster_follow"]["run"] == f"{{{{ {secret} }}}}"
