@@ -19,7 +19,8 @@ ATTEMPTS = 8  # so often: then a count comes back through 30 % loss in both dire
 SILENT = 10.0  # seconds after which a helper that is no longer heard is not waited for
 TELLS = 3  # times that a helper introduces itself, or says that it is done, because any datagram can be lost
 ANSWERS = 40  # answers per second and computer; more would be a flood of another program
-SOURCES = 4096  # (address, port, interface) kept; more would be a flood of another program
+SOURCES = 4096  # kept of each peer, and of all strangers together; more would be a flood of another program
+ANY_PORT = 0  # a stranger counts by its address: its ports are no sources of their own
 PORTS = 8  # ports of one address to which a helper introduces itself
 
 
@@ -74,6 +75,22 @@ class Peer:
         self.accounts: typing.Dict[str, Account] = {}  # BEFORE, DURING or AFTER -> its latest one
 
 
+class Counts(typing.Dict[typing.Any, typing.Any]):
+    """Counts by source. Each peer has places of its own, and all strangers together: nobody takes the place of another."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.places: typing.Dict[str, int] = {}  # the name of a peer, empty for strangers -> places taken or asked for
+
+    def has_place(self, key: typing.Any, peer: typing.Optional[Peer]) -> bool:
+        """Say if a source is counted."""
+        if key in self:
+            return True
+        owner = peer.name if peer else ""
+        self.places[owner] = self.places.get(owner, 0) + 1
+        return self.places[owner] <= SOURCES
+
+
 class Helper:
     """A helper without its sockets.
 
@@ -86,10 +103,9 @@ class Helper:
             address: Peer(name, address) for address, name in settings.computers.items() if address != settings.address
         }
         self.aliases: typing.Dict[str, Peer] = {}  # other source addresses of a peer, behind address translation
-        # (address, port, interface) -> [probes, datagrams] on the group
-        self.heard: typing.Dict[typing.Tuple[str, int, str], typing.List[int]] = {}
-        self.heard_unicast: typing.Dict[Address, int] = {}  # probes to this computer itself
-        self.callers: typing.Dict[str, int] = {}  # address -> empty datagrams to this computer itself, from any source
+        self.heard = Counts()  # (address, port, interface) -> [probes, datagrams] on the group
+        self.heard_unicast = Counts()  # address and port -> probes to this computer itself
+        self.callers = Counts()  # address -> empty datagrams to this computer itself, from any source
         self.telling: typing.Dict[Address, int] = {}  # destination -> introductions that are still to be sent
         self.budget = (0, 0)  # (second, answers given in it)
         self.sent = 0
@@ -109,16 +125,18 @@ class Helper:
         if address in self.settings.own or destination not in (group, self.settings.address):
             return []
         peer = self._peer_at(address)
+        # Anybody can send in the name of a peer, but not with the seal of its messages.
+        own = peer is not None and source == peer.control
         if destination == group:
-            key = source + (interface,)
-            if key in self.heard or len(self.heard) < SOURCES:
+            key = (address, source[1] if peer else ANY_PORT, interface)
+            if own or self.heard.has_place(key, peer):
                 counts = self.heard.setdefault(key, [0, 0])
                 counts[0] += not length
                 counts[1] += 1
         elif not length:
-            if address in self.callers or len(self.callers) < SOURCES:
+            if self.callers.has_place(address, peer):
                 self.callers[address] = self.callers.get(address, 0) + 1
-            if peer and (source in self.heard_unicast or len(self.heard_unicast) < SOURCES):
+            if own or (peer and self.heard_unicast.has_place(source, peer)):
                 self.heard_unicast[source] = self.heard_unicast.get(source, 0) + 1
         if peer is None or length:
             return []

@@ -135,6 +135,31 @@ def test_who_has_called_is_known_by_address():
     assert len(air.helpers[0].callers) == m.SOURCES
 
 
+@pytest.mark.parametrize(
+    "sources",
+    [
+        [("10.1.0.1", port) for port in range(1, 3 * m.SOURCES)],
+        [(f"10.{number >> 8}.{number & 255}.1", 1) for number in range(256, 256 + 3 * m.SOURCES)],
+        [("10.0.0.3", port) for port in range(1, 3 * m.SOURCES)],  # in the name of a member
+        [("10.0.0.2", port) for port in range(1, 3 * m.SOURCES)],  # in the name of the one that is to be heard
+    ],
+    ids=["ports", "addresses", "member", "same"],
+)
+def test_no_flood_takes_the_place_of_a_member(sources):
+    air = Air(3)
+    first = air.helpers[0]
+    for destination in ("226.0.0.0", "10.0.0.1"):
+        for source in sources:
+            first.datagram(0.0, source, destination, "eth0", 0)
+    air.run(2)
+    result, other, _third = air.measure([0, 1, 2])
+    assert result["missing"] == result["unanswered"] == [] and result["heard"] == ["c1", "c2"]
+    assert result["udp"][0]["heard"] >= 10
+    entry = other["udp"][0]  # c0 as c1 sees it: c0 has told what it heard
+    assert entry["heard_by"] and entry["unicast"] and entry["loss"] == 0
+    assert all(len(counts) <= m.SOURCES + 6 for counts in (first.heard, first.heard_unicast, first.callers))
+
+
 def test_offset_of_clocks_an_hour_apart():
     air = Air(3, clocks=[0, 3600, -3600])
     air.run(1)
@@ -222,7 +247,9 @@ def test_strangers_are_counted_and_never_answered():
     for port in range(10000):
         assert one.datagram(0, ("10.0.0.66", port), "226.0.0.0", "eth0", 0) == []
         assert one.message(0, 0, ("10.0.0.66", port), b"x" * 60) == []
-    assert one.result()["unexpected"] == [{"address": "10.0.0.66", "interface": "eth0", "datagrams": m.SOURCES}]
+    # All are told, and they are one source: their ports fill no places.
+    assert one.result()["unexpected"] == [{"address": "10.0.0.66", "interface": "eth0", "datagrams": 10000}]
+    assert len(one.heard) == 1
     assert one.result()["heard"] == []
 
 
