@@ -13,9 +13,13 @@ from urllib.parse import urlsplit
 from .._client.listener import listener_of
 from .._client.ros import Ros
 from .._machine.outcomes import Outcome, connect
+from .._process.deadlines import call_all
 from .._verify.talker import node_of
 
 CONNECT = 2.0  # seconds
+# Any caller of the roscore can register such names, with any URIs: so many are looked at, and for so long.
+MOST = 50
+LONGEST = 10.0  # seconds for all together, and again to unregister those that have ended
 UNREGISTER = ("unregisterPublisher", "unregisterSubscriber")
 
 
@@ -25,20 +29,27 @@ def end_ghosts(ros: Ros, computer: str) -> typing.List[str]:
     ended: typing.Dict[str, str] = {}  # node -> URI
     try:
         tables = ros.ask("getSystemState")[:2]
-        for node in sorted({node for table in tables for _topic, nodes in table for node in nodes if own.match(node)}):
-            uri = str(ros.ask("lookupNode", node))
-            if _has_ended(uri):
-                ended[node] = uri
-        for method, table in zip(UNREGISTER, tables):
-            for topic, nodes in table:
-                for node in ended.keys() & set(nodes):
-                    ros.ask(method, topic, ended[node], caller=node)
+        nodes = sorted({node for table in tables for _topic, nodes in table for node in nodes if own.match(node)})
+        found = call_all(lambda node: _find_ended(ros, node), nodes[:MOST], LONGEST, lambda node: "")
+        ended = {node: uri for node, uri in zip(nodes, found) if uri}
+        calls = [
+            (method, topic, node)
+            for method, table in zip(UNREGISTER, tables)
+            for topic, nodes in table
+            for node in sorted(ended.keys() & set(nodes))
+        ]
+        call_all(lambda call: ros.ask(*call[:2], ended[call[2]], caller=call[2]), calls, LONGEST, lambda call: None)
     except (OSError, ValueError, TypeError):
         pass
     return list(ended)
 
 
-def _has_ended(uri: str) -> bool:
-    """Return True if no program listens there. A program that does not answer may be busy."""
-    parsed = urlsplit(uri)
-    return connect(parsed.hostname or "", parsed.port or 0, CONNECT).outcome == Outcome.REFUSED
+def _find_ended(ros: Ros, node: str) -> str:
+    """Return the URI of a node if no program listens there, else an empty text. A program that does not answer may be busy."""
+    try:
+        uri = str(ros.ask("lookupNode", node))
+        parsed = urlsplit(uri)
+        outcome = connect(parsed.hostname or "", parsed.port or 0, CONNECT).outcome
+    except (OSError, ValueError):  # it has just gone, or its URI is none
+        return ""
+    return uri if outcome == Outcome.REFUSED else ""

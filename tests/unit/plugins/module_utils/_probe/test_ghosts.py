@@ -4,9 +4,11 @@
 """Registrations that killed talkers and listeners leave in a roscore, over real sockets."""
 
 import socket
+import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Connection, Outcome
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe import ghosts
 from talking import Roscore, served, talking, until
 
@@ -68,3 +70,40 @@ def test_a_talker_that_lives_stays_and_a_killed_one_goes(master):
 def test_without_a_roscore_nothing_is_done(ros, closed):
     ros[0].uri = closed
     assert ghosts.end_ghosts(ros[0], "a") == []
+
+
+def test_uris_that_lead_nowhere_are_tried_at_the_same_time(master, closed, monkeypatch):
+    """Any caller of the roscore can register them, each costs a connection that nobody answers."""
+    made, roscore = master
+    tried = []
+
+    def wait(address, port, patience):
+        tried.append(address)
+        time.sleep(0.2)
+        return Connection(Outcome.REFUSED if address == "127.0.0.1" else Outcome.NO_ANSWER, None, None, "")
+
+    monkeypatch.setattr(ghosts, "connect", wait)
+    for number in range(300):
+        name = f"/multimaster_verify_talker_a_x{number:03}"
+        roscore.registerPublisher(name, f"{TOPIC}/{number}", node.TYPE, f"http://10.255.0.{number % 250}:1/")
+    roscore.registerPublisher(TALKER, TOPIC, node.TYPE, closed)
+    began = time.monotonic()
+    assert ghosts.end_ghosts(made, "a") == [TALKER]
+    assert len(tried) == ghosts.MOST and time.monotonic() - began < 0.2 * ghosts.MOST / 2
+
+
+def test_what_never_answers_ends_at_the_limit(master, closed, monkeypatch):
+    made, roscore = master
+    monkeypatch.setattr(ghosts, "LONGEST", 0.5)
+    monkeypatch.setattr(ghosts, "connect", lambda *_unused: time.sleep(5))
+    roscore.registerPublisher(TALKER, TOPIC, node.TYPE, closed)
+    began = time.monotonic()
+    assert ghosts.end_ghosts(made, "a") == [] and time.monotonic() - began < 4
+
+
+@pytest.mark.parametrize("uri", ["http://[x/", "http://x:99999/"])
+def test_a_uri_that_is_none_hides_no_ghost(master, closed, uri):
+    made, roscore = master
+    roscore.registerPublisher(TALKER, TOPIC, node.TYPE, closed)
+    roscore.registerPublisher(f"{TALKER}a", f"{TOPIC}b", node.TYPE, uri)
+    assert ghosts.end_ghosts(made, "a") == [TALKER] and roscore.of(TOPIC) == []
