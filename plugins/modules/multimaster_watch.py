@@ -15,7 +15,7 @@ description:
   - Some faults need minutes. An example is a switch with IGMP snooping and without a querier, which forgets a group after
     about 260 seconds.
   - It takes several tasks. O(action=start) leaves a process behind on the computer, each O(action=collect) asks it, and
-    O(action=stop) ends it. The process ends by itself after O(lifetime).
+    O(action=stop) ends it. The process ends by itself after O(lifetime), and where nobody has asked it for ten minutes.
   - It joins no group, opens no port for others and sends nothing but a TCP connection every three seconds to each master.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.probe
@@ -143,6 +143,7 @@ events:
       description:
         - V(group) for heartbeats on the group and V(master) for those by any way, then V(membership), V(address),
           V(link), V(route), V(setting), V(service), V(port), V(hosts) and V(clock).
+        - V(readings) for the looks at all of them but the heartbeats: where a look fails, or none has ended for 15 seconds.
       returned: always
       type: str
       sample: group

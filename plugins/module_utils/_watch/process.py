@@ -16,12 +16,14 @@ import typing
 
 from .._multicast.packets import Datagram, read_copies
 from .._process.background import admit, answer, remove_door
-from .readings import LastLook, Targets, both_clocks, read_all
-from .watch import Watch
+from .readings import LastLook, Targets, Values, both_clocks, read_all
+from .watch import GOOD, Watch
 
 LOOK = 3.0  # seconds between two looks at the parts of this computer
 TURN = 0.5  # seconds between two searches for silent computers
-SLOWEST = 15.0  # seconds until a loss is told, also where a look hangs
+SLOWEST = 15.0  # seconds until a loss is told, and after which a look hangs
+ABANDONED = 600.0  # seconds without a visitor, two of the longest rounds of the controller, after which it has vanished
+READINGS = "readings", "readings"  # the kind and name of what says if the other values are read at all
 RECORD = 24  # bytes of a heartbeat
 MARK = b"R"
 
@@ -35,32 +37,58 @@ def read_rate(found: Datagram) -> typing.Optional[float]:
     return record[2] / 10 if len(record) == found.length == RECORD and record[:1] == MARK else None
 
 
+def look_once(targets: Targets, before: LastLook) -> Values:
+    """Read all parts. An error is a value as well: without one, the values of before would count for ever."""
+    try:
+        return {**read_all(targets, before), READINGS: GOOD[READINGS[0]]}
+    except Exception as problem:
+        return {READINGS: str(problem) or type(problem).__name__}
+
+
 def look_for_ever(targets: Targets, results: typing.Any) -> None:
     """Put into a queue when each look at the parts of this computer began, and what it has read."""
     before = LastLook(*both_clocks())
     while True:
         began = time.monotonic()
-        results.put((began, read_all(targets, before)))
+        results.put((began, look_once(targets, before)))
         time.sleep(max(0.0, began + LOOK - time.monotonic()))
 
 
+class Looks:
+    """The looks, in a thread: a command that hangs must not make others look silent."""
+
+    def __init__(self, targets: Targets, now: float) -> None:
+        self.results: typing.Any = queue.Queue()
+        self.turn, self.waited = now, 0.0  # the time of the last turn, and the seconds since a look has ended
+        threading.Thread(target=look_for_ever, args=(targets, self.results), daemon=True).start()
+
+    def take(self, now: float) -> typing.List[typing.Tuple[float, Values]]:
+        """Return the looks that have ended, or that none does."""
+        # A process that is held up as a whole has missed no look, so each turn counts for little.
+        self.waited, self.turn = self.waited + min(now - self.turn, 2 * TURN), now
+        found = []
+        while not self.results.empty():
+            found.append(self.results.get())
+            self.waited = 0.0
+        if self.waited > SLOWEST:  # nothing that is nearer to the reason will come
+            found.append((now, {READINGS: f"no look has ended for {SLOWEST:g} s"}))
+        return found
+
+
 def serve(raw: socket.socket, door: socket.socket, path: str, targets: Targets, port: int, lifetime: float) -> None:
-    """Watch until the lifetime is over, or a visitor ends it."""
+    """Watch until the lifetime is over, a visitor ends it, or none comes any more."""
     sources = {address: computer for computer, address, _port in targets.masters if address not in targets.addresses}
     watch = Watch(time.monotonic(), time.time())
-    # In a thread: a command that hangs must not make others look silent.
-    results: typing.Any = queue.Queue()
-    threading.Thread(target=look_for_ever, args=(targets, results), daemon=True).start()
-    until = watch.began + lifetime
+    looks, visited = Looks(targets, watch.began), watch.began  # a visitor is there until it has its answer
     waiting: typing.List[Visitor] = []
     alarm = math.inf  # when the first loss was found that nobody was told
     try:
-        while time.monotonic() < until:
+        while time.monotonic() < min(watch.began + lifetime, visited + ABANDONED):
             ready = select.select([raw, door], [], [], TURN)[0]
             _hear(watch, raw, port, targets, sources)
             lost, looked = watch.beat(time.monotonic(), time.time()), -math.inf
-            while not results.empty():
-                looked, values = results.get()
+            for began, values in looks.take(time.monotonic()):
+                looked = began
                 lost = watch.read(time.time(), values) or lost
             alarm = min(alarm, time.monotonic()) if lost else alarm
             if door in ready:
@@ -69,6 +97,7 @@ def serve(raw: socket.socket, door: socket.socket, path: str, targets: Targets, 
                     waiting.append((connection, 0.0))
                     return
                 waiting.append((connection, watch.began + float(request.get("until", 0))))
+                visited = min(max(waiting[-1][1], time.monotonic()), time.monotonic() + ABANDONED)
             # Not at once: what is nearer to the reason may show only in a look that began after the loss.
             tell = looked >= alarm or time.monotonic() > alarm + SLOWEST
             alarm = math.inf if tell and waiting else alarm

@@ -24,6 +24,7 @@ GOOD = {
     "service": "active",
     "port": "open",
     "clock": "steady",
+    "readings": "read",
 }  # kind -> the value that counts, whatever the first one was
 
 Key = typing.Tuple[str, str]  # kind and name

@@ -28,6 +28,7 @@ GROUP, MASTER = "group", "master"
 # Kind -> the sentence of a loss. The kinds that are nearest to the reason stand first.
 SENTENCES = {
     "computer": "{observer} does not answer: {found}",
+    "readings": "{observer} cannot look at its own parts: {found}",
     "link": "the link {name} of {observer} is {found}, and was {expected}",
     "address": "the address {name} of {observer} is {found}, and was on {expected}",
     "service": "{name} on {observer}: {found}",

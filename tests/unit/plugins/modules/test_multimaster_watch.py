@@ -59,7 +59,8 @@ def test_a_silent_master_and_a_lost_route_are_told_with_the_time(two):
     assert lost(quiet) == {
         ("port", host.name) for host in two.hosts
     }  # nobody listens there: lost from the first look on
-    assert quiet["watched"] == 2 + 2 + 1 + 3 + 1 + 1 + 1  # heartbeats, ports, route, interface, setting, hosts, clock
+    # heartbeats, ports, route, interface, setting, hosts, clock, readings
+    assert quiet["watched"] == 2 + 2 + 1 + 3 + 1 + 1 + 1 + 1
     hearts[1].kill()
     stopped = time.time()
     one.run("ip", "route", "del", "10.9.0.0/16")

@@ -125,3 +125,14 @@ def test_every_kind_has_a_sentence_without_gaps():
         text = progress.describe_event("pc", event(kind, "name", 3.0))
         assert "{" not in text
         assert "pc" in text
+
+
+def test_a_computer_that_reads_nothing_any_more_is_named():
+    text = loss(
+        ("a", event("readings", "readings", 3.0, expected="read", found="no look")), ("a", event("group", "b", 4.0))
+    )
+    assert "a cannot look at its own parts: no look; 1 more losses" in text
+
+
+def test_all_kinds_that_have_one_good_value_have_a_sentence():
+    assert set(watch.GOOD) <= set(progress.SENTENCES)
