@@ -268,9 +268,7 @@ def start_watch(module: Module) -> Result:
         raw = open_copies(params["port"])
         door = open_door(path)
     except OSError as error:
-        why = error.strerror or error
-        more = "; it needs root, so set become: true" if isinstance(error, PermissionError) else ""
-        ends.fail(module, msg=f"Cannot watch the heartbeats on port {params['port']}: {why}{more}.")
+        ends.fail(module, msg=f"Cannot watch the heartbeats on port {params['port']}: {_explain(error)}.")
     sockets = raw, door
     leave(lambda: serve(raw, door, path, wanted, params["port"], params["lifetime"]), sockets, "multimaster_watch")
     return {"msg": f"The watch lives for {params['lifetime']} s at most."}
@@ -298,8 +296,15 @@ def collect_losses(module: Module) -> Result:
 
 def stop_watches(module: Module) -> Result:
     """End every watch of this computer."""
-    end_others(KIND)
+    try:
+        end_others(KIND)
+    except OSError as error:
+        ends.fail(module, msg=f"Cannot end the watches of this computer: {_explain(error)}.")
     return {"msg": "No watch lives here."}
+
+
+def _explain(error: OSError) -> str:
+    return f"{error.strerror or error}{'; it needs root, so set become: true' if isinstance(error, PermissionError) else ''}"
 
 
 ACTIONS = {"start": start_watch, "collect": collect_losses, "stop": stop_watches}

@@ -6,6 +6,7 @@ A request is one JSON line, and so is the reply. The folder of the doors is root
 """
 
 import contextlib
+import errno
 import glob
 import hashlib
 import json
@@ -14,12 +15,16 @@ import re
 import signal
 import socket
 import syslog
+import time
 import typing
 
 from .._module.plain_text import LINE, plain, quote
 
 FOLDER = "/run/rosfleet-multimaster"
 LONGEST_LINE = 1 << 24  # bytes of a request or reply; the files of the nodes are half a megabyte
+ENDING = 5.0  # seconds that a process has to end, and to put its door away
+PAUSE = 0.02  # seconds between two looks whether it has
+RIVALS = 3  # tasks of one run that begin at the same time on a computer; the last one stays
 
 Line = typing.Dict[str, typing.Any]
 
@@ -86,7 +91,20 @@ def path_of(kind: str, run: str) -> str:
 
 
 def open_door(path: str) -> socket.socket:
-    """Open a door for root only. Raises OSError."""
+    """Open a door for root only. A process that another task of the same run has just left behind ends. Raises OSError."""
+    for _rival in range(RIVALS):
+        try:
+            return _bind(path)
+        except FileNotFoundError:
+            pass  # the last one that has ended has just removed the folder
+        except OSError as problem:
+            if problem.errno != errno.EADDRINUSE:
+                raise
+            _end_one(path)
+    return _bind(path)
+
+
+def _bind(path: str) -> socket.socket:
     os.makedirs(os.path.dirname(path), 0o755, exist_ok=True)
     door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     before = os.umask(0o177)
@@ -152,14 +170,32 @@ class Visit:
 
 
 def end_others(kind: str) -> None:
-    """End each older process of a kind through its door, and remove doors without a process."""
+    """End each older process of a kind through its door, and remove doors without a process. Raises OSError."""
     for path in glob.glob(os.path.join(FOLDER, f"{kind}-*.sock")):
-        try:
-            Visit(path, {"do": "end"}).reply(5)
-        except ConnectionRefusedError:
-            remove_door(path)
-        except FileNotFoundError:
-            pass  # it has just ended by itself
+        _end_one(path)
+
+
+def _end_one(path: str) -> None:
+    """End the process of a door, and wait until the door is gone, so that a new one has its place. Raises OSError."""
+    door = _identify(path)
+    try:
+        Visit(path, {"do": "end"}).reply(ENDING)
+    except ConnectionRefusedError:
+        remove_door(path)
+    except (FileNotFoundError, BrokenPipeError, ConnectionResetError):
+        pass  # it is just ending by itself
+    deadline = time.monotonic() + ENDING
+    while door and door == _identify(path) and time.monotonic() < deadline:
+        time.sleep(PAUSE)
+
+
+def _identify(path: str) -> typing.Optional[typing.Tuple[int, int]]:
+    """Return what tells a door from another one at the same path; None where there is none."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_ino, found.st_ctime_ns
 
 
 def _line(connection: socket.socket) -> str:
