@@ -1529,7 +1529,7 @@ tunnel:
       type: bool
       sample: true
     guarded:
-      description: Whether its table of nftables is there, which drops what comes in the name of a robot beside the tunnel; null as before.
+      description: Whether its table of nftables drops what comes in the name of a robot beside the tunnel; null as before.
       returned: always
       type: bool
       sample: true

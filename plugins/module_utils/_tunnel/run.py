@@ -20,7 +20,7 @@ from .._module.plain_text import LINE, quote
 from .._module.problem import Problem, unreadable
 from .._process import commands
 from . import key
-from .probe import INTERFACE, TABLE
+from .probe import INTERFACE, LISTING, TABLE, is_guard
 
 UNIT = "multimaster-tunnel.service"
 FOLDER = "/run/rosfleet-multimaster/tunnel-on-trial"
@@ -37,6 +37,7 @@ _TRIAL = (
 )
 _END = ["ip", "link", "delete", "dev", INTERFACE]
 _OPEN = ["nft", "delete", "table", "inet", TABLE]
+_READ = "daemon-reload"  # pending in the record until systemd has read the drop-in of nftables.service
 _PORT = re.compile(r"^ListenPort = (\d+)$", re.M)
 _PUBLIC = re.compile(r"^# PublicKey = (\S+)$", re.M)  # in the configuration, of the computer itself
 
@@ -59,17 +60,30 @@ class Tunnel(file_bundle.ManagedFiles):
         self._left = [] if options["files"] else key.list_keys(path)
         self._waits = bool(options["files"]) and self._is_next_planned()
         self._lost = not self.changed and bool(options["files"]) and not confirms and self._has_lost()
-        self.changed = self.changed or bool(self._left) or self._waits or self._lost
+        self._becomes_another = self.changed or bool(self._left) or self._waits or self._lost
+        self._is_unread = self._expect_reading()
+        self.changed = self._becomes_another or self._is_unread
 
     def _has_lost(self) -> bool:
-        """Say if somebody has taken the interface, or the table that guards it, from under the unit."""
-        shown = ["ip", "link", "show", "dev", INTERFACE], ["nft", "list", "table", "inet", TABLE]
-        return _runs() and any(commands.run(argv).status != 0 for argv in shown)
+        """Say if somebody has taken the interface, or the rules that guard it, from under the unit."""
+        if not _runs():
+            return False
+        shown = commands.run(["ip", "link", "show", "dev", INTERFACE])
+        return shown.status != 0 or not is_guard(commands.run(LISTING))
+
+    def _expect_reading(self) -> bool:
+        """Say if systemd is to read its units again: for this run, or for an earlier one that was killed before that."""
+        touched = [file.path for file in self.plan.writes] + self.plan.removals
+        pending = _READ in self.files.remembered.get("pending", [])
+        if not pending and not any("/nftables.service.d/" in path for path in touched):
+            return False
+        self.plan.intent["pending"] = self.plan.after["pending"] = [_READ]
+        return True
 
     @property
     def runtime_changes(self) -> bool:
         """Say if the tunnel is to be another one."""
-        return self.changed
+        return self._becomes_another
 
     def result(self) -> typing.Dict[str, typing.Any]:
         """The return values beside `changed`, `msg` and `diff`."""
@@ -110,8 +124,6 @@ class Tunnel(file_bundle.ManagedFiles):
         if self._lost and commands.run(["systemctl", "restart", UNIT], limit=_LIMIT).status != 0:
             raise Problem(f"{UNIT} cannot be started again: look at systemctl status {UNIT}.")
         super().apply()
-        if any("/nftables.service.d/" in place for place in self.files.places):
-            commands.run(["systemctl", "daemon-reload"])
         try:
             if self._waits:
                 os.rename(self.path + key.NEXT, self.path)
@@ -121,10 +133,24 @@ class Tunnel(file_bundle.ManagedFiles):
             raise Problem(
                 f"{unreadable(problem)} The files of the tunnel are as planned; run the play again."
             ) from problem
-        if self.changed and not self.options["files"]:  # its unit cannot end it without them
+        if self._becomes_another and not self.options["files"]:  # its unit cannot end it without them
             commands.run(_END)
             commands.run(_OPEN)
         shutil.rmtree(self.folder, ignore_errors=True)
+        if self._is_unread:
+            self._read_units()
+
+    def _read_units(self) -> None:
+        """Let systemd read the drop-in. Until it has, the next run does it. Raises Problem."""
+        answer = commands.run(["systemctl", "daemon-reload"], limit=_LIMIT)
+        if answer.status != 0:
+            self.unread = True
+            reason = quote(answer.last_error, LINE) or f"status {answer.status}"
+            raise Problem(
+                f"The files of the tunnel are as planned, but systemd does not read its units again ({reason}), so a start of nftables.service "
+                "would leave the tunnel without its guard: look at what systemctl daemon-reload says, and run the play again."
+            )
+        self.files.forget_pending()
 
     def _is_next_planned(self) -> bool:
         """Say if the key that waits is the one of the new configuration. Raises Problem."""

@@ -12,6 +12,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.comm
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._tunnel import run as tunnel
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import tunnel as planned
 
+DROP_IN, READ = "nftables.service.d/x.conf", ["systemctl", "daemon-reload"]
+
 
 @pytest.fixture(name="make")
 def fixture_make(tmp_path, monkeypatch):
@@ -22,7 +24,9 @@ def fixture_make(tmp_path, monkeypatch):
         asked.append(list(argv))
         if argv == ["wg", "pubkey"]:
             return Answer(0, b"public-of-" + _more["given"], "")
-        return Answer(1, b"", "RTNETLINK answers: no") if argv[0] in wrong else Answer(0, b"", "")
+        if wrong & {argv[0], argv[-1]}:
+            return Answer(1, b"", "RTNETLINK answers: no")
+        return Answer(0, make.listing if argv == tunnel.LISTING else b"", "")
 
     monkeypatch.setattr(tunnel.commands, "run", answer)
     states = [{"ActiveState": "active"}]
@@ -36,6 +40,7 @@ def fixture_make(tmp_path, monkeypatch):
         return tunnel.Tunnel(options, confirms, str(tmp_path / "trial"), str(tmp_path / "x.key"))
 
     make.asked, make.wrong, make.states = asked, wrong, states
+    make.listing = b'\t\tiifname != { "lo", "multimaster0" } ip saddr { 10.77.0.1 } drop\n'
     return make
 
 
@@ -127,12 +132,53 @@ def test_what_somebody_has_removed_under_the_unit_is_made_again(make, gone):
     assert not make("multimaster0.conf").changed  # its service is started anyway
 
 
+def test_a_table_that_somebody_has_flushed_is_made_again(make):
+    make("multimaster0.conf").apply()
+    assert not make("multimaster0.conf").changed
+    make.listing = b"table inet rosfleet_tunnel {\n\tchain prerouting {\n\t}\n}\n"
+    assert make("multimaster0.conf").runtime_changes
+
+
 def test_systemd_reads_the_drop_in_when_it_comes_and_goes(make):
-    name, read = "nftables.service.d/x.conf", ["systemctl", "daemon-reload"]
-    for names, told in (((name,), True), ((name,), False), ((), True)):
+    for names, told in (((DROP_IN,), True), ((DROP_IN,), False), ((), True)):
         make.asked.clear()
         make(*names).apply()
-        assert (read in make.asked) == told
+        assert (READ in make.asked) == told
+
+
+@pytest.mark.parametrize("names", [(DROP_IN,), ()])
+def test_a_reading_that_fails_is_made_up_for_by_the_next_run(make, names, tmp_path):
+    if not names:
+        make(DROP_IN).apply()
+    make.wrong.add("daemon-reload")
+    run = make(*names)
+    with pytest.raises(Problem, match=r"does not read its units again .* run the play again") as problem:
+        run.apply()
+    assert run.failure(problem.value) == {"changed": True}
+    make.wrong.clear()
+    again = make(*names)
+    assert again.changed and not again.runtime_changes  # the tunnel itself goes on
+    make.asked.clear()
+    again.apply()
+    assert READ in make.asked and not make(*names).changed
+    assert names or not (tmp_path / "records").exists()
+
+
+def test_a_run_that_is_killed_before_the_reading_is_completed(make, monkeypatch):
+    class Killed(BaseException):
+        pass
+
+    def kill(tree, ignore_errors):
+        raise Killed
+
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        patch.setattr(tunnel.shutil, "rmtree", kill)
+        make(DROP_IN).apply()
+    assert READ not in make.asked
+    again = make(DROP_IN)
+    assert again.changed and not again.plan.writes
+    again.apply()
+    assert READ in make.asked and not make(DROP_IN).changed
 
 
 def test_a_tunnel_that_does_not_come_up_is_a_sentence(make):
