@@ -36,7 +36,12 @@ class ActionModule(ActionBase):
         if machine.get("failed"):
             result.update(failed=True, msg=preflight.explain_failure(plan.computer, machine, __version__))
             return result
-        comparison = preflight.compare(plan, machine)
+        try:
+            comparison = preflight.compare(plan, machine)
+        # The door takes an answer by its types: keys may be missing in it, and a text may be no version or address.
+        except (AttributeError, LookupError, TypeError, ValueError) as problem:
+            result.update(failed=True, msg=plain(preflight.explain_strange_answer(plan.computer, problem), LINE))
+            return result
         problems = [plain(text, LINE) for text in comparison.problems]
         result.update(changed=False, warnings=[plain(text, LINE) for text in comparison.warnings])
         if problems and boolean(self._task.args.get("refuse", True)):

@@ -7,6 +7,7 @@ The same answers come from a real robot in tests/systems/test_hostile_robot.py.
 """
 
 import copy
+import functools
 import json
 import random
 import sys
@@ -26,6 +27,7 @@ from ansible_collections.rosfleet.multimaster.plugins.action import (
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers import answer
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes.robot_action import answer_of
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_world
 
 HERE = Path(__file__).parent
@@ -42,7 +44,76 @@ SEEDS = [pytest.param(seed, marks=[pytest.mark.costly] if seed >= 60 else []) fo
 SHAPED = ["texts", "numbers", "types", "less", "more"]
 HOSTILE, HONEST = "kobuki", "tibi-nav"
 PLAN = worlds.fig12()
-INFOS = {name: worlds.info_of(machine) for name, machine in make_world(PLAN).machines.items() if name in PLAN.computers}
+#: what each machine answers beside its networks
+REST = {
+    "hostname": "kobuki",
+    "python": "3.11.2",
+    "systemd": {"running": True, "version": 252, "net_admin": True},
+    "multicast_routing": {"smcrouted": "/usr/sbin/smcrouted", "others": []},
+    "ros": {
+        "problem": "",
+        "found": [],
+        "chosen": {
+            "kind": "debian",
+            "setup": "",
+            "distro": "debian",
+            "python": "/usr/bin/python3",
+            "python_version": "3.11.2",
+            "environment": {"PATH": "/usr/bin"},
+            "for_root": {"PATH": "/usr/bin"},
+            "left_out": [],
+            "missing": [],
+            "commands": {"roscore": "/usr/bin/roscore"},
+            "nodes": [
+                {"package": node.package, "executable": node.executable, "path": "/opt/x", "problem": "", "lacks": []}
+                for node in providers.nodes_to_look_for("fkie_existing")
+            ],
+        },
+    },
+    "packages": [{"name": "smcroute", "installed": "2.5", "candidate": "2.5", "ours": False}],
+    "clock": {
+        "chronyd": "/usr/sbin/chronyd",
+        "enabled": False,
+        "settable": True,
+        "others": [{"service": "ntpsec.service", "file": "/etc/ntpsec/ntp.conf", "line": "server 192.0.2.1"}],
+        "restart_due": False,
+        "sources": [],
+    },
+    "tunnel": {"kernel": True, "device": True},
+    "folders": [],
+    "ways": [],
+    "ports": [
+        {
+            "protocol": "tcp",
+            "port": 11311,
+            "pid": 812,
+            "command": "rosmaster",
+            "user": "robot",
+            "unit": "",
+            "container": False,
+        }
+    ],
+    "exports": [
+        {
+            "file": "/root/.bashrc",
+            "line": 3,
+            "variable": "ROS_IP",
+            "value": "10.0.0.1",
+            "text": "export ROS_IP=10.0.0.1",
+        }
+    ],
+    "sshd": {
+        "installed": True,
+        "includes_drop_ins": False,
+        "other_setenv": [{"file": "/x", "line": 1, "text": "SetEnv A=b", "match": False}],
+    },
+    "problems": [],
+}
+INFOS = {
+    name: {**worlds.info_of(machine), **REST}
+    for name, machine in make_world(PLAN).machines.items()
+    if name in PLAN.computers
+}
 SEEN = fleets.observed(fleets.fig12())
 WATCHED = {
     "changed": False,
@@ -96,6 +167,46 @@ def test_a_look_at_a_machine(seed):
     result = acted(fleet_check, plan=to_plain(PLAN.computers[HOSTILE]), machine=found, refuse=drawn.random() < 0.5)
     json.dumps(result)
     assert not result.get("failed") or HOSTILE in result["msg"]
+
+
+def change_each_part(info):
+    """The answer without each of its parts, then with null and with another text there."""
+    for path in list(hostile_answers.places(info)):
+        for new in (None, "a text"):
+            changed = copy.deepcopy(info)
+            hostile_answers.replace_at(changed, path, lambda _old, new=new: new)
+            yield changed
+        changed = copy.deepcopy(info)
+        place = functools.reduce(lambda value, key: value[key], path[:-1], changed)
+        del place[path[-1]]
+        yield changed
+
+
+@pytest.mark.parametrize(
+    "variables",
+    [
+        {"multimaster_clock": "tibi-nav"},
+        {"multimaster_provider": "fkie_existing"},
+        {"multimaster_provider": "fkie_apt"},
+    ],
+    ids=lambda variables: "-".join(variables.values()),
+)
+def test_each_part_of_a_look_may_be_missing(variables):
+    plan = to_plain(worlds.fig12(**variables).computers[HOSTILE])
+    true = answer.check_answer(json.dumps(INFOS[HOSTILE]), answer_of("multimaster_info")).result
+    assert not acted(fleet_check, plan=plan, machine=true, refuse=False).get("failed")
+    failed = 0
+    for info in change_each_part(INFOS[HOSTILE]):
+        try:
+            found = answer.check_answer(json.dumps(info), answer_of("multimaster_info")).result
+        except answer.StrangeAnswer:
+            continue
+        result = acted(fleet_check, plan=plan, machine=found, refuse=False)
+        assert not result.get("failed") or result["msg"].startswith(f"{HOSTILE}: what its machine has answered")
+        failed += bool(result.get("failed"))
+    assert failed > 20
+    empty = acted(fleet_check, plan=plan, machine={**true, "clock": {}}, refuse=False)
+    assert "multimaster_clock" not in variables or 'found no "others"; expected' in empty["msg"]
 
 
 @pytest.mark.parametrize("seed", SEEDS)

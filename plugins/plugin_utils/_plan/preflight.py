@@ -131,6 +131,15 @@ def explain_failure(computer: str, failed: Mapping[str, Any], version: str) -> s
     )
 
 
+def explain_strange_answer(computer: str, problem: Exception) -> str:
+    """Say that an answer has the documented types, and still not what multimaster_info finds on a machine."""
+    found = f"no {quote(problem.args[0])}" if isinstance(problem, KeyError) and problem.args else quote(problem, LINE)
+    return (
+        f"{computer}: what its machine has answered to multimaster_info cannot be compared with the plan: found {found}; expected what the "
+        "documentation of this module says. Something else than the module answers there: look at this computer before you trust it."
+    )
+
+
 def _find_broken_ros(plan: ComputerPlan, info: Mapping[str, Any]) -> str:
     """Say why nodes of the ROS that is there cannot start; empty where they can, and where the import was not tried."""
     chosen = None if plan.is_router else (info.get("ros") or {}).get("chosen")
