@@ -125,9 +125,18 @@ class Helper:
         if address in self.settings.own or destination not in (group, self.settings.address):
             return []
         peer = self._peer_at(address)
+        self._count(source, interface if destination == group else "", length, peer)
+        if peer is None or length:
+            return []
+        peer.seen, peer.control = now, peer.control or source
+        return self._introduce(source)
+
+    def _count(self, source: Address, interface: str, length: int, peer: typing.Optional[Peer]) -> None:
+        """Count a datagram to the group at an interface, or to this computer itself (no interface)."""
+        address = source[0]
         # Anybody can send in the name of a peer, but not with the seal of its messages.
         own = peer is not None and source == peer.control
-        if destination == group:
+        if interface:
             key = (address, source[1] if peer else ANY_PORT, interface)
             if own or self.heard.has_place(key, peer):
                 counts = self.heard.setdefault(key, [0, 0])
@@ -138,10 +147,6 @@ class Helper:
                 self.callers[address] = self.callers.get(address, 0) + 1
             if own or (peer and self.heard_unicast.has_place(source, peer)):
                 self.heard_unicast[source] = self.heard_unicast.get(source, 0) + 1
-        if peer is None or length:
-            return []
-        peer.seen, peer.control = now, peer.control or source
-        return self._introduce(source)
 
     def message(self, now: float, wall: float, source: Address, data: bytes) -> Datagrams:
         """Take in a datagram that came to the socket on which helpers speak with each other."""

@@ -16,7 +16,7 @@ import typing
 
 from .._multicast.packets import Datagram, read_copies
 from .._process.background import admit, answer, remove_door
-from .readings import LastLook, Targets, Values, both_clocks, read_all
+from .readings import LastLook, Targets, Values, read_all, read_clocks
 from .watch import GOOD, Watch
 
 LOOK = 3.0  # seconds between two looks at the parts of this computer
@@ -47,7 +47,7 @@ def look_once(targets: Targets, before: LastLook) -> Values:
 
 def look_for_ever(targets: Targets, results: typing.Any) -> None:
     """Put into a queue when each look at the parts of this computer began, and what it has read."""
-    before = LastLook(*both_clocks())
+    before = LastLook(*read_clocks())
     while True:
         began = time.monotonic()
         results.put((began, look_once(targets, before)))

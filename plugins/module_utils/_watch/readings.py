@@ -45,11 +45,11 @@ def read_all(targets: Targets, before: "LastLook") -> Values:
     values.update(services(targets.services, before))
     values.update(ports(targets.masters))
     values["hosts", "/etc/hosts"] = _sum("/etc/hosts")
-    values["clock", "clock"] = before.clock(*both_clocks())
+    values["clock", "clock"] = before.clock(*read_clocks())
     return values
 
 
-def both_clocks(
+def read_clocks(
     monotonic: typing.Callable[[], float] = time.monotonic, wall: typing.Callable[[], float] = time.time
 ) -> typing.Tuple[float, float]:
     """Read both clocks of one moment: where this process was held up between the two, a busy machine is no step of the clock."""

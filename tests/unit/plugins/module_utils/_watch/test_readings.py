@@ -64,9 +64,9 @@ def test_the_clock_and_services_are_compared_with_the_last_look():
     assert found == ["active", "active", "deactivating", "inactive"]  # it is lost where it ends, or does not end
 
 
-def test_a_process_that_is_held_up_reads_both_clocks_again():
+def test_a_process_that_is_held_up_reads_read_clocks_again():
     monotonic = iter((1.0, 1.4, 2.0, 2.001))  # 0.4 s pass between the two clocks of the first try
-    assert readings.both_clocks(lambda: next(monotonic), iter((100.0, 101.4)).__next__) == (2.0, 101.4)
+    assert readings.read_clocks(lambda: next(monotonic), iter((100.0, 101.4)).__next__) == (2.0, 101.4)
 
 
 def packet(body, port=11511, destination="226.0.0.0"):

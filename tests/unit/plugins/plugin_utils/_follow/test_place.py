@@ -167,7 +167,7 @@ def test_a_target_that_missed_packets_is_no_place():
     assert find(cross("request", ROUTE), listening=["one", "gate"]).stage == Stage.UNSEEN
 
 
-def test_an_unknown_hardware_address_may_be_that_of_the_planned_one():
+def test_an_unknown_mac_may_be_that_of_the_planned_computer():
     """A bridge translates it, or the computer that has it was not asked."""
     seen = cross("request", ROUTE)
     seen["gate"] = [seen["gate"][0], capture(True, "request", "02:00:00:00:00:99")]
