@@ -89,7 +89,7 @@ def collect_packets(module: Module) -> Result:
     if not reply:
         ends.fail(
             module,
-            msg=f"No listener of the run {module.params['run']!r} lives on this computer: its task with action=listen did not run, "
+            msg="No listener of this run lives on this computer: its task with action=listen did not run, "
             "or its lifetime was over.",
         )
     return dict(reply, msg=f"Saw {len(reply['seen'])} packets.")

@@ -125,28 +125,29 @@ class Helper:
         if address in self.settings.own or destination not in (group, self.settings.address):
             return []
         peer = self._peer_at(address)
-        self._count(source, interface if destination == group else "", length, peer)
+        if destination == group:
+            self._count_on_group(source, peer, interface, length)
+        elif not length:
+            self._count_here(source, peer)
         if peer is None or length:
             return []
         peer.seen, peer.control = now, peer.control or source
         return self._introduce(source)
 
-    def _count(self, source: Address, interface: str, length: int, peer: typing.Optional[Peer]) -> None:
-        """Count a datagram to the group at an interface, or to this computer itself (no interface)."""
-        address = source[0]
-        # Anybody can send in the name of a peer, but not with the seal of its messages.
-        own = peer is not None and source == peer.control
-        if interface:
-            key = (address, source[1] if peer else ANY_PORT, interface)
-            if own or self.heard.has_place(key, peer):
-                counts = self.heard.setdefault(key, [0, 0])
-                counts[0] += not length
-                counts[1] += 1
-        elif not length:
-            if self.callers.has_place(address, peer):
-                self.callers[address] = self.callers.get(address, 0) + 1
-            if own or (peer and self.heard_unicast.has_place(source, peer)):
-                self.heard_unicast[source] = self.heard_unicast.get(source, 0) + 1
+    # Anybody can send in the name of a peer, but not with the seal of its messages: what comes from there always counts.
+
+    def _count_on_group(self, source: Address, peer: typing.Optional[Peer], interface: str, length: int) -> None:
+        key = (source[0], source[1] if peer else ANY_PORT, interface)
+        if self.heard.has_place(key, peer) or (peer and source == peer.control):
+            counts = self.heard.setdefault(key, [0, 0])
+            counts[0] += not length
+            counts[1] += 1
+
+    def _count_here(self, source: Address, peer: typing.Optional[Peer]) -> None:
+        if self.callers.has_place(source[0], peer):
+            self.callers[source[0]] = self.callers.get(source[0], 0) + 1
+        if peer and (self.heard_unicast.has_place(source, peer) or source == peer.control):
+            self.heard_unicast[source] = self.heard_unicast.get(source, 0) + 1
 
     def message(self, now: float, wall: float, source: Address, data: bytes) -> Datagrams:
         """Take in a datagram that came to the socket on which helpers speak with each other."""

@@ -149,4 +149,4 @@ def test_a_listener_ends_by_itself_and_says_so(three):
         assert time.monotonic() < deadline
         time.sleep(0.1)
     answer = three.run_module(one, "multimaster_follow", {**options, "action": "collect"}, True)
-    assert "No listener of the run 'test' lives on this computer" in answer["msg"]
+    assert "No listener of this run lives on this computer" in answer["msg"]
