@@ -143,7 +143,7 @@ events:
       description:
         - V(group) for heartbeats on the group and V(master) for those by any way, then V(membership), V(address),
           V(link), V(route), V(setting), V(service), V(port), V(hosts) and V(clock).
-        - V(readings) for the looks at all of them but the heartbeats: where a look fails, or none has ended for 15 seconds.
+        - V(readings) for the looks at all of them but the heartbeats, where a look fails, or none has ended for 15 seconds.
       returned: always
       type: str
       sample: group
