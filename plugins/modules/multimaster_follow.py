@@ -12,7 +12,7 @@ description:
   - It takes three tasks. With O(action=listen), a listener is left running. With O(action=send), the computer sends its
     O(probes). With O(action=collect), the listener tells what it saw, and ends. Use the C(linear) strategy (the default), so that a
     task is through on every computer before the next one begins.
-  - A listener sees packets of this O(run), ICMP errors and ARP messages alone, 1000 of each protocol at most and 200 of one sender.
+  - A listener sees packets of this O(run), ICMP errors and ARP messages alone, 500 of each protocol at most and 100 of one sender.
     It is in no promiscuous mode, and ends by itself after O(lifetime), also where the controller has vanished.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.probe
@@ -165,7 +165,7 @@ sent:
       type: int
       sample: 0
 seen:
-  description: The packets that came in and went out here, in the order of time, 1000 of each protocol at most, and 200 of one sender among them.
+  description: The packets that came in and went out here, in the order of time, 500 of each protocol at most, and 100 of one sender among them.
   returned: when O(action=collect)
   type: list
   elements: dict
@@ -280,10 +280,16 @@ seen:
       type: str
       sample: ""
 missed:
-  description: How many packets came beyond those of RV(seen), also those for which the kernel had no room.
+  description: How many packets came beyond the 500 of a protocol, also those for which the kernel had no room.
   returned: when O(action=collect)
   type: int
   sample: 0
+full:
+  description: The addresses that have sent more than 100 packets of a protocol, of which no more were kept, for example V([192.168.1.77]).
+  returned: when O(action=collect)
+  type: list
+  elements: str
+  sample: []
 counters:
   description:
     - Counters of packets that were given up which have grown meanwhile, 60 at most. They are those of C(/proc/net/snmp), C(/proc/net/netstat),

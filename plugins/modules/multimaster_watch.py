@@ -15,7 +15,7 @@ description:
   - Some faults need minutes. An example is a switch with IGMP snooping and without a querier, which forgets a group after
     about 260 seconds.
   - It takes several tasks. O(action=start) leaves a process behind on the computer, each O(action=collect) asks it, and
-    O(action=stop) ends it. The process ends by itself after O(lifetime), and where nobody has asked it for ten minutes.
+    O(action=stop) ends it. The process ends by itself after O(lifetime), or ten minutes after the last question.
   - It joins no group, opens no port for others and sends nothing but a TCP connection every three seconds to each master.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.probe

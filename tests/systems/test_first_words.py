@@ -39,7 +39,7 @@ def begin(lab, host, role, folders):
 
 
 def read_arrivals(lab):
-    """What the hearer has printed."""
+    """Return what the hearer has printed."""
     return {text for _time, text in lab.output(HEARER, "hear")}
 
 

@@ -56,7 +56,7 @@ for other in others:
 
 
 def list_reached():
-    """Whom this node has heard and called by now, and why others are not among those who were heard."""
+    """Return whom this node has heard and called by now, and what each of the others lacks."""
     connected = connections()
     lacks = {
         other: "not connected" if other in heard else "not heard"

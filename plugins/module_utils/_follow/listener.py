@@ -16,9 +16,9 @@ from .counters import Counters, find_growth, read_counters
 from .drops import DropReasons
 
 # Packets that are kept of each protocol, and of one source among them: neither a flood of ARP nor one stranger hides an answer.
-MOST, MOST_OF_ONE = 1000, 200
+MOST, MOST_OF_ONE = 500, 100
 AT_ONCE = 200  # that are read in one turn
-LAST_TURNS = 100  # of those that wait in the end
+LAST = 20_000  # that are read of those that wait in the end
 MOST_COUNTERS = 60
 
 Reply = typing.Dict[str, typing.Any]
@@ -29,17 +29,21 @@ class Packets:
 
     def __init__(self) -> None:
         self.kept: typing.List[Capture] = []
-        self.missed = 0
+        self.missed = 0  # beyond MOST
+        self.full: typing.Set[str] = set()  # addresses that have sent more than MOST_OF_ONE; MOST bounds them
         self._counts: typing.Counter[typing.Tuple[str, ...]] = collections.Counter()
 
     def take(self, found: Capture) -> None:
         """Take a packet."""
-        places = (found.protocol,), (found.protocol, found.reporter or found.source)
-        if self._counts[places[0]] < MOST and self._counts[places[1]] < MOST_OF_ONE:
+        source = found.reporter or found.source
+        places = (found.protocol,), (found.protocol, source)
+        if self._counts[places[1]] >= MOST_OF_ONE:
+            self.full.add(source)
+        elif self._counts[places[0]] >= MOST:
+            self.missed += 1
+        else:
             self._counts.update(places)
             self.kept.append(found)
-        else:
-            self.missed += 1
 
 
 def serve(link: socket.socket, door: socket.socket, path: str, tag: Tag, lifetime: float, before: Counters) -> None:
@@ -53,11 +57,11 @@ def serve(link: socket.socket, door: socket.socket, path: str, tag: Tag, lifetim
             grown = {**find_growth(before, read_counters()), **drops.read()}
     finally:
         remove_door(path)
-    for _turn in range(LAST_TURNS):
-        for found in read_packets(link, tag, AT_ONCE):
-            packets.take(found)
+    for found in read_packets(link, tag, LAST):
+        packets.take(found)
+    packets.missed += count_lost(link)
     # Nothing is left of it here by now: who asks may begin another one.
-    answer(connection, report(packets.kept, packets.missed + count_lost(link), grown))
+    answer(connection, report(packets, grown))
 
 
 def _listen(
@@ -73,9 +77,10 @@ def _listen(
     return None
 
 
-def report(seen: typing.Sequence[Capture], missed: int, grown: typing.Dict[str, int]) -> Reply:
+def report(packets: Packets, grown: typing.Dict[str, int]) -> Reply:
     """Return what was seen, as the module returns it."""
     named = sorted(grown.items(), key=lambda item: (not item[0].startswith("rule of "), item))  # rules say most
     counters = [{"counter": name, "more": more} for name, more in named[:MOST_COUNTERS]]
     fixed = [hardware for hardware, by_hand in neighbours().values() if by_hand]
-    return {"seen": [dict(one._asdict()) for one in seen], "missed": missed, "counters": counters, "fixed": fixed}
+    seen = [dict(one._asdict()) for one in packets.kept]
+    return {"seen": seen, "missed": packets.missed, "full": sorted(packets.full), "counters": counters, "fixed": fixed}

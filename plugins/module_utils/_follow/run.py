@@ -14,11 +14,10 @@ from .._process.deadlines import call_all
 from .capture import Tag, open_socket
 from .counters import read_counters
 from .listener import serve
-from .sender import Probe, SendResult, send
+from .sender import LARGEST, Probe, SendResult, send
 
 KIND = "follow"  # of the doors of listeners
 MOST_PROBES = 16
-LARGEST = 1500  # bytes of an echo request
 SETTLE = 8.0  # seconds for all probes of this computer
 ANSWER = 20.0  # seconds for a listener to count once more, and to reply
 

@@ -13,10 +13,10 @@ import typing
 
 from .._machine.network import interfaces, route_to
 from .._machine.outcomes import Outcome, classify_error
-from .._multicast.packets import echo, echo_request
+from .._multicast.packets import IP_MTU_DISCOVER, IP_PMTUDISC_PROBE, echo, echo_request
 from .capture import SNAP, Tag
 
-IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3  # linux/in.h, as ip(7) explains them
+LARGEST = 1500  # bytes of an echo request
 PATIENCE = 2.5  # seconds for a connection: time for a second SYN
 HEARING = 1.5  # seconds for the answers to echo requests
 TIMES = 3  # datagrams and echo requests of each probe
@@ -48,9 +48,12 @@ def send(tag: Tag, probe: Probe) -> SendResult:
 
 
 def _fit(probe: Probe) -> int:
-    """As many bytes as the interface carries: the first look has sent no more. Raises OSError."""
-    mtus = {interface.name: interface.mtu for interface in interfaces()} if probe["size"] else {}
-    return min(probe["size"], mtus.get(route_to(probe["address"]).device or "") or probe["size"]) if mtus else 0
+    """Return the bytes that the interface carries of those asked for: the first look has sent no more. Raises OSError."""
+    if not probe["size"]:
+        return 0
+    device = route_to(probe["address"]).device
+    mtu = next((interface.mtu for interface in interfaces() if interface.name == device), 0)
+    return min(probe["size"], mtu or LARGEST)
 
 
 def _send_echo(tag: Tag, probe: Probe) -> SendResult:

@@ -14,6 +14,8 @@ from .._machine.outcomes import Outcome
 
 HEADERS = 28  # bytes of the headers of IPv4 and ICMP
 UDP_HEADER = 8
+# From linux/in.h; Python's socket has no names for them: set "do not fragment", and do not ask the kernel's own memory.
+IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3
 SO_ATTACH_FILTER = 26  # asm-generic/socket.h; Python does not name it
 
 # RFC 792: (type, code) of the messages that come back instead of an echo reply -> outcome, and words for a sentence

@@ -50,6 +50,6 @@ def _find_ended(ros: Ros, node: str) -> str:
         uri = str(ros.ask("lookupNode", node))
         parsed = urlsplit(uri)
         outcome = connect(parsed.hostname or "", parsed.port or 0, CONNECT).outcome
-    except (OSError, ValueError):  # it has just gone, or its URI is none
+    except (OSError, ValueError):  # it has just gone, or its URI is malformed
         return ""
     return uri if outcome == Outcome.REFUSED else ""

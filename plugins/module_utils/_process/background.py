@@ -190,7 +190,7 @@ def _end_one(path: str) -> None:
 
 
 def _identify(path: str) -> typing.Optional[typing.Tuple[int, int]]:
-    """Return what tells a door from another one at the same path; None where there is none."""
+    """Return the file number and time of a door: a new door at the same path has others. None without a door."""
     try:
         found = os.stat(path)
     except OSError:

@@ -164,7 +164,7 @@ def make_run(module: typing.Any, memory: typing.Any) -> Tunnel:
 
 
 def _free(holder: typing.Mapping[str, typing.Any]) -> str:
-    """What to do about the holder of the port. A socket without a process is the kernel's, as of another WireGuard."""
+    """Say what to do about the holder of the port. A socket without a process is the kernel's, as of another WireGuard."""
     who = (
         f"{quote(holder['command'], LINE)} (pid {holder['pid']})" if holder["pid"] else "another interface of WireGuard"
     )

@@ -17,7 +17,7 @@ import typing
 
 from .._machine import network as machine
 from .._machine.outcomes import Outcome, classify_error, connect
-from .._multicast.packets import REFUSALS, Echo, echo_request, read_echoes
+from .._multicast.packets import IP_MTU_DISCOVER, IP_PMTUDISC_PROBE, REFUSALS, Echo, echo_request, read_echoes
 from .._process.commands import run, text
 from .._process.deadlines import call_all
 from .._process.foreign import last_line
@@ -32,8 +32,6 @@ DOWN = ("down", "lowerlayerdown", "notpresent", "dormant")  # operational states
 CLOSED, MOST_LINES = ("blackhole ", "unreachable ", "prohibit "), 100
 UNUSED = 9  # a TCP port that no program uses: discard (RFC 863)
 LARGEST = 1500  # bytes of a large packet: what Ethernet takes
-# From linux/in.h; Python's socket has no names for them: set "do not fragment", and do not ask the kernel's own memory.
-IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3
 
 
 class Answer(typing.NamedTuple):

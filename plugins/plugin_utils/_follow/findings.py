@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -66,14 +66,20 @@ def find_ends(verification: Verification) -> list[SeenEnd]:
     looks = {name: one.seen.second_look for name, one in verification.run.items() if one.seen.second_look}
     probes = [probe for look in looks.values() for probe in look.probes]
     links = {probe.number: list_links(verification, probe.sender, probe.target) for probe in probes}
+    name_at = verification.ways.name_at
     chart = Map(
         hosts={mac: name for name, one in verification.run.items() for mac in one.macs},
-        name_at=verification.ways.name_at,
-        listening=frozenset(name for name, look in looks.items() if look.packets and not look.packets.missed),
+        name_at=name_at,
+        listening=frozenset(name for name, look in looks.items() if look.packets and has_all(look.packets, name_at)),
         networks=_name_networks(links.values()),
     )
     routes = {number: list(dict.fromkeys(place for place, _network in own)) for number, own in links.items()}
     return [_describe(place, chart, looks) for place in locate(looks, chart, routes) if place.is_fault]
+
+
+def has_all(packets: SeenPackets, name_at: Callable[[str], str]) -> bool:
+    """Say if a listener has kept all packets of the fleet: strangers may have sent more than it keeps of one."""
+    return not packets.missed and not any(map(name_at, packets.full))
 
 
 def _name_networks(links: Iterable[Sequence[tuple[str, str]]]) -> dict[tuple[str, str], str]:

@@ -156,7 +156,7 @@ def _counts_rule(place: Place, packets: SeenPackets) -> bool:
     """Say if a rule that drops or rejects has counted them all. At their target it must name them: broadcasts are dropped there, too."""
     named = re.compile(rf"\b{place.probe.port or place.probe.protocol}\b")
     counted = [counter for counter in _list_counted(place, packets) if RULE in counter]
-    if place.stage == Stage.HOP:  # a rule for packets to or from the gateway itself is none for those that it passes on
+    if place.stage == Stage.HOP:  # chains for the gateway's own packets do not see those that it passes on
         return any(not OWN_CHAIN.search(rule) for rule in counted)
     return any(map(named.search, counted))
 

@@ -93,6 +93,7 @@ class SeenPackets:
 
     seen: tuple[Capture, ...] = ()
     missed: int = 0
+    full: tuple[str, ...] = ()  # addresses that have sent too much; a stranger among them hides nobody else
     counters: tuple[Counter, ...] = ()
     fixed: tuple[str, ...] = ()  # hardware addresses that were set by hand
 

@@ -114,7 +114,7 @@ def test_a_service_that_is_not_reloaded_is_a_sentence(machine, systemctl):
 
 @pytest.mark.parametrize("files", [{"a": "A"}, {}], ids=["written", "removed"])
 def test_a_failed_reload_is_done_by_the_next_run(machine, systemctl, files):
-    """What was said once must not be forgotten: the files are right by then, and the service still has the old ones."""
+    """A failure must not be forgotten: the files are right by then, and the service still has the old ones."""
     told, run_command = systemctl
     if not files:
         machine.apply({"a": "A"})

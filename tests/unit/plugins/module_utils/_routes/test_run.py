@@ -159,7 +159,7 @@ class Computer:
             self.ip("route delete 203.0.113.78 dev eth0")
 
     def seen(self):
-        """What `ip monitor` has seen, without the routes of the kernel and those of `watch`."""
+        """Return what `ip monitor` has seen, without the routes of the kernel and those of `watch`."""
         self.ip("route add 203.0.113.77 dev eth0")  # the end of what is to be seen
         lines = []
         for line in self.monitor.stdout:

@@ -11,6 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.di
     LOCATED,
     list_unshown,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._follow.findings import has_all
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._follow.probes import (
     choose_probes,
     list_links,
@@ -29,10 +30,20 @@ from fleets import diagnose, fig12, mac, observed, parts, update, wall
 GATE = "tibi-visio"
 
 
+def lose_behind_wall(filters):
+    """A fleet, and what it sees of a wall at a gateway; `filters`: the rules that were read, None for none."""
+    fleet = fig12()
+    seen = observed(fleet)
+    wall(seen)
+    for observation in seen.values():
+        update(observation, filters=filters)
+    return fleet, seen
+
+
 def follow(fleet, seen, missed=()):
     """The second look at a fleet in which the packets of each probe come in at a gateway, and end there.
 
-    `missed`: computers that have missed packets.
+    `missed`: computers that have missed packets. At all of them a stranger has sent more than is kept.
     """
     verification = Verification(CHECKS, fleet, seen)
     probes = choose_probes(verification, list_unshown(verification))
@@ -55,7 +66,7 @@ def follow(fleet, seen, missed=()):
     for name in list_listeners(verification, probes):
         own = tuple(probe for probe in probes if probe.sender == name)
         sent = tuple(SentProbe(probe.number, Outcome.NO_ANSWER, source_port=4000) for probe in own)
-        packets = SeenPackets(tuple(captures[name]), missed=int(name in missed))
+        packets = SeenPackets(tuple(captures[name]), missed=int(name in missed), full=("203.0.113.9",))
         update(seen[name], second_look=SecondLook(own, sent, packets))
     return probes
 
@@ -89,11 +100,7 @@ def test_each_way_that_fails_is_followed_once_and_twelve_at_most():
     ids=["unread", "read"],
 )
 def test_where_packets_end_is_the_finding_or_what_it_leaves(filters, part):
-    fleet = fig12()
-    seen = observed(fleet)
-    wall(seen)
-    for observation in seen.values():
-        update(observation, filters=filters)
+    fleet, seen = lose_behind_wall(filters)
     before = diagnose(fleet, seen).findings[0]
     assert before.sure == INFERRED
     assert "restart" not in before.remedy() and "site.yml" not in before.remedy()
@@ -111,12 +118,14 @@ def test_where_packets_end_is_the_finding_or_what_it_leaves(filters, part):
 
 def test_a_computer_that_missed_packets_is_not_blamed():
     """A flood hides what it saw, so nothing is located there, and what is inferred stays as it was."""
-    fleet = fig12()
-    seen = observed(fleet)
-    wall(seen)
-    for observation in seen.values():
-        update(observation, filters=None)
+    fleet, seen = lose_behind_wall(None)
     before = diagnose(fleet, seen).findings[0]
     follow(fleet, seen, missed=tuple(seen))
     after = diagnose(fleet, seen)
     assert after.findings[0].part == before.part and {one.sure for one in after.findings} == {INFERRED}
+
+
+def test_only_a_flood_in_the_name_of_a_member_hides_something():
+    names = {"10.0.0.1": "one"}
+    for full, whole in (((), True), (("203.0.113.9",), True), (("203.0.113.9", "10.0.0.1"), False)):
+        assert has_all(SeenPackets(full=full), lambda address: names.get(address, "")) == whole
