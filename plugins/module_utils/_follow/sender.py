@@ -13,8 +13,8 @@ import typing
 
 from .._machine.network import interfaces, route_to
 from .._machine.outcomes import Outcome, classify_error
-from .._multicast.packets import IP_MTU_DISCOVER, IP_PMTUDISC_PROBE, echo, echo_request
-from .capture import SNAP, Tag
+from .._multicast.packets import IP_MTU_DISCOVER, IP_PMTUDISC_PROBE, echo_request, read_echoes
+from .capture import Tag
 
 LARGEST = 1500  # bytes of an echo request
 PATIENCE = 2.5  # seconds for a connection: time for a second SYN
@@ -72,16 +72,9 @@ def _send_echo(tag: Tag, probe: Probe) -> SendResult:
 
 def _hear(link: socket.socket, tag: Tag, number: int) -> Outcome:
     """Say if an answer reaches a program here: the listener sees it before the packet filter of this computer does."""
-    deadline = time.monotonic() + HEARING
-    while time.monotonic() < deadline:
-        link.settimeout(max(0.001, deadline - time.monotonic()))
-        try:
-            found = echo(link.recv(SNAP), tag.identifier)
-        except socket.timeout:
-            break
-        if found is not None and found.sequence == number and found.outcome == Outcome.ANSWERED:
-            return Outcome.ANSWERED
-    return Outcome.NO_ANSWER
+    heard = read_echoes(link, tag.identifier, time.monotonic() + HEARING)
+    answered = any(found.sequence == number and found.outcome == Outcome.ANSWERED for found in heard)
+    return Outcome.ANSWERED if answered else Outcome.NO_ANSWER
 
 
 def _send_datagram(tag: Tag, probe: Probe) -> SendResult:
