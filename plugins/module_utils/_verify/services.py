@@ -17,7 +17,6 @@ _PROPERTIES = (
     "LoadState",
     "ActiveState",
     "SubState",
-    "Result",
     "NRestarts",
     "MainPID",
     "EnvironmentFiles",
