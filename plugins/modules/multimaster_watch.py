@@ -216,7 +216,6 @@ from ..module_utils._module.module import Module
 from ..module_utils._multicast.packets import open_copies
 from ..module_utils._process.background import Visit, end_others, find_wrong_value, leave, open_door, path_of
 from ..module_utils._watch.process import serve
-from ..module_utils._watch.readings import Targets
 
 KIND = "watch"  # of the doors of watches
 LONGEST = 600  # seconds that a task waits
@@ -253,24 +252,13 @@ def start_watch(module: Module) -> Result:
     """Leave a watch behind. Its sockets are opened first, so an error shows in this task."""
     params = module.params
     path = path_of(KIND, params["run"])
-    wanted = Targets(
-        group=params["group"],
-        addresses=tuple(params["addresses"]),
-        masters=tuple(
-            (str(entry["computer"]), entry["address"], int(entry["rpc_port"])) for entry in params["masters"]
-        ),
-        services=tuple(f"multimaster-{name}.service" for name in params["services"]),
-        settings=tuple(params["settings"]),
-        destinations=tuple(params["destinations"]),
-    )
     try:
         end_others(KIND)
         raw = open_copies(params["port"])
         door = open_door(path)
     except OSError as error:
         ends.fail(module, msg=f"Cannot watch the heartbeats on port {params['port']}: {_explain(error)}.")
-    sockets = raw, door
-    leave(lambda: serve(raw, door, path, wanted, params["port"], params["lifetime"]), sockets, "multimaster_watch")
+    leave(lambda: serve(raw, door, path, params), (raw, door), "multimaster_watch")
     return {"msg": f"The watch lives for {params['lifetime']} s at most."}
 
 

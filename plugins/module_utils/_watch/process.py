@@ -16,7 +16,7 @@ import typing
 
 from .._multicast.packets import Datagram, read_copies
 from .._process.background import admit, answer, remove_door
-from .readings import LastLook, Targets, Values, read_all, read_clocks
+from .readings import LastLook, Params, Values, read_all, read_clocks
 from .watch import GOOD, Watch
 
 LOOK = 3.0  # seconds between two looks at the parts of this computer
@@ -27,7 +27,6 @@ READINGS = "readings", "readings"  # the kind and name of what says if the other
 RECORD = 24  # bytes of a heartbeat
 MARK = b"R"
 
-Sources = typing.Mapping[str, str]  # address -> computer
 Visitor = typing.Tuple[socket.socket, float]  # it waits for the next loss, until a time (monotonic seconds)
 
 
@@ -37,30 +36,30 @@ def read_rate(found: Datagram) -> typing.Optional[float]:
     return record[2] / 10 if len(record) == found.length == RECORD and record[:1] == MARK else None
 
 
-def look_once(targets: Targets, before: LastLook) -> Values:
+def look_once(params: Params, before: LastLook) -> Values:
     """Read all parts. An error is a value as well: without one, the values of before would count for ever."""
     try:
-        return {**read_all(targets, before), READINGS: GOOD[READINGS[0]]}
+        return {**read_all(params, before), READINGS: GOOD[READINGS[0]]}
     except Exception as problem:
         return {READINGS: str(problem) or type(problem).__name__}
 
 
-def look_for_ever(targets: Targets, results: typing.Any) -> None:
+def look_for_ever(params: Params, results: typing.Any) -> None:
     """Put into a queue when each look at the parts of this computer began, and what it has read."""
     before = LastLook(*read_clocks())
     while True:
         began = time.monotonic()
-        results.put((began, look_once(targets, before)))
+        results.put((began, look_once(params, before)))
         time.sleep(max(0.0, began + LOOK - time.monotonic()))
 
 
 class Looks:
     """The looks, in a thread: a command that hangs must not make others look silent."""
 
-    def __init__(self, targets: Targets, now: float) -> None:
+    def __init__(self, params: Params, now: float) -> None:
         self.results: typing.Any = queue.Queue()
         self.turn, self.waited = now, 0.0  # the time of the last turn, and the seconds since a look has ended
-        threading.Thread(target=look_for_ever, args=(targets, self.results), daemon=True).start()
+        threading.Thread(target=look_for_ever, args=(params, self.results), daemon=True).start()
 
     def take(self, now: float) -> typing.List[typing.Tuple[float, Values]]:
         """Return the looks that have ended, or that none does."""
@@ -75,17 +74,16 @@ class Looks:
         return found
 
 
-def serve(raw: socket.socket, door: socket.socket, path: str, targets: Targets, port: int, lifetime: float) -> None:
-    """Watch until the lifetime is over, a visitor ends it, or none comes any more."""
-    sources = {address: computer for computer, address, _port in targets.masters if address not in targets.addresses}
+def serve(raw: socket.socket, door: socket.socket, path: str, params: Params) -> None:
+    """Watch until the lifetime is over, a visitor ends it, or none comes any more. `params`: the options of multimaster_watch."""
     watch = Watch(time.monotonic(), time.time())
-    looks, visited = Looks(targets, watch.began), watch.began  # a visitor is there until it has its answer
+    looks, visited = Looks(params, watch.began), watch.began  # a visitor is there until it has its answer
     waiting: typing.List[Visitor] = []
     alarm = math.inf  # when the first loss was found that nobody was told
     try:
-        while time.monotonic() < min(watch.began + lifetime, visited + ABANDONED):
+        while time.monotonic() < min(watch.began + params["lifetime"], visited + ABANDONED):
             ready = select.select([raw, door], [], [], TURN)[0]
-            _hear(watch, raw, port, targets, sources)
+            _hear(watch, raw, params)
             lost, looked = watch.beat(time.monotonic(), time.time()), -math.inf
             for began, values in looks.take(time.monotonic()):
                 looked = began
@@ -107,14 +105,15 @@ def serve(raw: socket.socket, door: socket.socket, path: str, targets: Targets, 
         _reply(watch, waiting, True)
 
 
-def _hear(watch: Watch, raw: socket.socket, port: int, targets: Targets, sources: Sources) -> None:
-    for found, _ancillary in read_copies(raw, port):
+def _hear(watch: Watch, raw: socket.socket, params: Params) -> None:
+    computers = {master["address"]: str(master["computer"]) for master in params["masters"]}
+    for found, _ancillary in read_copies(raw, params["port"]):
         rate, source = read_rate(found), found.source[0]
-        if rate is None or source not in sources:
+        if rate is None or source not in computers or source in params["addresses"]:
             continue
         # A node that sends to the group sometimes also answers a direct question. So only the group has a rhythm.
-        for kind in ("group", "master") if found.destination == targets.group else ("master",):
-            watch.hear(time.monotonic(), kind, sources[source], rate)
+        for kind in ("group", "master") if found.destination == params["group"] else ("master",):
+            watch.hear(time.monotonic(), kind, computers[source], rate)
 
 
 def _reply(watch: Watch, waiting: typing.List[Visitor], tell: bool) -> typing.List[Visitor]:

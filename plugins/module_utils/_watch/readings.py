@@ -22,28 +22,18 @@ STEP = 0.1  # seconds by which the clock may move beside the time that has passe
 CLOCK_TRIES = 20
 MOST_BYTES = 1 << 20  # of a file
 
+Params = typing.Dict[str, typing.Any]
 Values = typing.Dict[typing.Tuple[str, str], str]
 
 
-class Targets(typing.NamedTuple):
-    """The parts of this computer that are watched."""
-
-    group: str
-    addresses: typing.Tuple[str, ...]  # of the plan, on this computer
-    masters: typing.Tuple[typing.Tuple[str, str, int], ...]  # computer, address, TCP port of discovery
-    services: typing.Tuple[str, ...]  # units
-    settings: typing.Tuple[str, ...]  # kernel settings, as sysctl names them
-    destinations: typing.Tuple[str, ...]  # of routes of the plan: networks, or default
-
-
-def read_all(targets: Targets, before: "LastLook") -> Values:
-    """Read all parts."""
+def read_all(params: Params, before: "LastLook") -> Values:
+    """Read all parts that the options of multimaster_watch name."""
     values: Values = {}
-    values.update(links(targets.addresses, targets.group))
-    values.update(routes(targets.destinations, text("/proc/net/route")))
-    values.update({("setting", name): setting(name) for name in targets.settings})
-    values.update(services(targets.services, before))
-    values.update(ports(targets.masters))
+    values.update(links(params["addresses"], params["group"]))
+    values.update(routes(params["destinations"], text("/proc/net/route")))
+    values.update({("setting", name): setting(name) for name in params["settings"]})
+    values.update(services([f"multimaster-{name}.service" for name in params["services"]], before))
+    values.update(ports(params["masters"]))
     values["hosts", "/etc/hosts"] = _sum("/etc/hosts")
     values["clock", "clock"] = before.clock(*read_clocks())
     return values
@@ -105,16 +95,17 @@ def services(units: typing.Sequence[str], before: "LastLook") -> Values:
     }
 
 
-def ports(masters: typing.Sequence[typing.Tuple[str, str, int]]) -> Values:
+def ports(masters: typing.Sequence[Params]) -> Values:
     """Open the TCP port of the discovery node of each master, and close it again."""
-    found = call_all(lambda master: _opens(*master[1:]), masters, 2 * CONNECT + 1, lambda master: "no answer")
-    return {("port", master[0]): value for master, value in zip(masters, found)}
+    found = call_all(_open_port, masters, 2 * CONNECT + 1, lambda master: "no answer")
+    return {("port", str(master["computer"])): value for master, value in zip(masters, found)}
 
 
-def _opens(address: str, port: int) -> str:
-    answer = connect(address, port, CONNECT)
+def _open_port(master: Params) -> str:
+    place = master["address"], int(master["rpc_port"])
+    answer = connect(*place, CONNECT)
     if answer.outcome != Outcome.OPEN:  # one lost packet is no loss
-        answer = connect(address, port, CONNECT)
+        answer = connect(*place, CONNECT)
     return answer.words
 
 

@@ -10,9 +10,8 @@ import threading
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.background import Visit, open_door
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch import process
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._watch.readings import Targets
 
-TARGETS = Targets("226.0.0.0", (), (), (), (), ())
+PARAMS = {"group": "226.0.0.0", "port": 11511, "addresses": [], "masters": []}
 LOST = [{"kind": "readings", "name": "readings"}]
 
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")  # of no_look_goes_on
@@ -26,7 +25,7 @@ def no_look_goes_on(monkeypatch):
     before = set(threading.enumerate())
     yield
 
-    def end(targets, before):
+    def end(params, before):
         raise SystemExit
 
     monkeypatch.setattr(process, "read_all", end)
@@ -45,7 +44,7 @@ def fixture_serve(tmp_path, monkeypatch):
         monkeypatch.setattr(process, "read_all", read)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as raw, open_door(path) as door:
             raw.setblocking(False)
-            thread = threading.Thread(target=process.serve, args=(raw, door, path, TARGETS, 11511, lifetime))
+            thread = threading.Thread(target=process.serve, args=(raw, door, path, {**PARAMS, "lifetime": lifetime}))
             thread.start()
             try:
                 yield path, thread
@@ -66,7 +65,7 @@ def test_a_look_that_fails_is_lost_and_the_next_one_returns(serve):
     """As with no free file numbers: the thread that looks lives on."""
     broken = threading.Event()
 
-    def read(targets, before):
+    def read(params, before):
         if broken.is_set():
             raise OSError(24, "Too many open files")
         return {("route", "default"): "10.0.0.1"}
@@ -83,7 +82,7 @@ def test_a_look_that_fails_is_lost_and_the_next_one_returns(serve):
 
 
 def test_a_first_look_that_fails_is_a_loss(serve):
-    def read(targets, before):
+    def read(params, before):
         raise ValueError
 
     with serve(read) as (path, _thread):
@@ -94,7 +93,7 @@ def test_a_first_look_that_fails_is_a_loss(serve):
 def test_a_look_that_hangs_is_a_loss(serve, monkeypatch):
     monkeypatch.setattr(process, "SLOWEST", 0.3)
     going_on = threading.Event()
-    with serve(lambda targets, before: going_on.wait(20) and {}) as (path, _thread):
+    with serve(lambda params, before: going_on.wait(20) and {}) as (path, _thread):
         told = collect(path)
         assert told["lost"] == LOST and told["events"][0]["found"] == "no look has ended for 0.3 s"
         going_on.set()
@@ -102,8 +101,8 @@ def test_a_look_that_hangs_is_a_loss(serve, monkeypatch):
 
 def test_a_process_that_was_held_up_has_missed_no_look(monkeypatch):
     going_on = threading.Event()
-    monkeypatch.setattr(process, "read_all", lambda targets, before: going_on.wait(20) and {})
-    looks = process.Looks(TARGETS, 0.0)
+    monkeypatch.setattr(process, "read_all", lambda params, before: going_on.wait(20) and {})
+    looks = process.Looks(PARAMS, 0.0)
     assert looks.take(1000.0) == []
     turns = [1000.0 + number * process.TURN for number in range(int(process.SLOWEST / process.TURN) + 2)]
     (hung,) = [found for now in turns for found in looks.take(now)][:1]
@@ -113,7 +112,7 @@ def test_a_process_that_was_held_up_has_missed_no_look(monkeypatch):
 
 def test_a_watch_whose_controller_vanished_ends(serve, monkeypatch):
     monkeypatch.setattr(process, "ABANDONED", 0.6)
-    with serve(lambda targets, before: {}) as (path, thread):
+    with serve(lambda params, before: {}) as (path, thread):
         for number in range(4):
             assert collect(path, until=0.3 * number)["lost"] == []
         thread.join(5)

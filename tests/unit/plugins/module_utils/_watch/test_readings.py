@@ -40,10 +40,11 @@ def test_a_setting_is_read_by_either_spelling():
 
 
 def test_a_port_is_open_or_the_reason_is_told():
+    master = {"computer": "pc", "address": "127.0.0.1"}
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-        assert readings.ports([("pc", "127.0.0.1", port)]) == {("port", "pc"): "open"}
-    assert readings.ports([("pc", "127.0.0.1", port)]) == {("port", "pc"): "Connection refused"}
+        assert readings.ports([dict(master, rpc_port=port)]) == {("port", "pc"): "open"}
+    assert readings.ports([dict(master, rpc_port=port)]) == {("port", "pc"): "Connection refused"}
 
 
 def test_an_address_that_nobody_has():
