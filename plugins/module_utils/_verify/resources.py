@@ -25,6 +25,8 @@ MOST_NODES = 20  # that are told
 _MOST_HOSTS = 1 << 20  # bytes of a file of names
 _STARTERS = re.compile(r"(?:user@\d+|sshd?(?:@.*)?|getty@.*|cron)\.service\Z")  # their limit is that of a shell
 
+Row = typing.Dict[str, typing.Any]
+
 
 def clock() -> typing.Dict[str, typing.Optional[bool]]:
     """Say if something keeps the clock right, such as chrony, as the kernel knows it; None where it does not tell."""
@@ -35,11 +37,9 @@ def clock() -> typing.Dict[str, typing.Optional[bool]]:
     return {"synchronised": None if state < 0 else state != UNSYNCHRONISED}
 
 
-def disks(
-    services: typing.Sequence[str], folders: typing.Sequence[str] = FOLDERS
-) -> typing.List[typing.Dict[str, typing.Any]]:
+def disks(services: typing.Sequence[str], folders: typing.Sequence[str] = FOLDERS) -> typing.List[Row]:
     """Count what is left for others than root where services write; each file system once, by the first of its folders."""
-    found: typing.Dict[int, typing.Dict[str, typing.Any]] = {}
+    found: typing.Dict[int, Row] = {}
     for path in [STATE.format(service) for service in services] + list(folders):
         try:
             device, there = os.stat(path).st_dev, os.statvfs(path)
@@ -56,56 +56,65 @@ def disks(
     return list(found.values())
 
 
-def file_limits(proc: str = "/proc") -> typing.List[typing.Dict[str, typing.Any]]:
+def file_limits() -> typing.List[Row]:
     """List processes of ROS that may open more than MOST_FILES files, once for each unit, and at most MOST_NODES of them.
 
     A process of ROS has ROS_MASTER_URI, or the name of a node among its words, and listens, as each node does. Limits are
     read first, since few processes have such a one.
     """
-    found: typing.Dict[typing.Tuple[str, str], typing.Dict[str, typing.Any]] = {}
     listens = {
         entry.inode
         for table in ("tcp", "tcp6")
-        for entry in ports.read_table("tcp", text(os.path.join(proc, "net", table), 1 << 24))
+        for entry in ports.read_table("tcp", text(f"/proc/net/{table}", 1 << 24))
         if entry.state == ports.LISTEN
     }
-    for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit() and int(name) != os.getpid()):
-        limit = processes.file_limit(pid, proc)
-        if limit <= MOST_FILES or not _is_node(pid, listens, proc):
-            continue
-        unit = ports.unit(text(os.path.join(proc, str(pid), "cgroup")))
-        unit = unit if unit.endswith(".service") and not _STARTERS.match(unit) else ""
-        node = _name_of(pid, proc)
-        found.setdefault((unit, "" if unit else node), {"node": node, "limit": limit, "unit": unit})
-        if len(found) == MOST_NODES:
-            break
-    return list(found.values())
+
+    def look(pid: int) -> typing.Optional[Row]:
+        limit = processes.file_limit(pid)
+        if limit <= MOST_FILES or pid == os.getpid():
+            return None
+        named = any(word.startswith("__name:=") for word in _read_words(pid, "/proc"))
+        of_ros = named or "ROS_MASTER_URI" in processes.environment(pid)
+        if not of_ros or listens.isdisjoint(ports.list_inodes(pid, "/proc")):
+            return None
+        unit = _unit_of(pid, "/proc")
+        return {"limit": limit, "unit": unit if unit.endswith(".service") and not _STARTERS.match(unit) else ""}
+
+    return _list_nodes(look, "/proc")
 
 
-def container_names(
-    names: typing.Iterable[str], proc: str = "/proc", hosts: str = "/etc/hosts"
-) -> typing.List[typing.Dict[str, typing.Any]]:
+def container_names(names: typing.Iterable[str], proc: str = "/proc", hosts: str = "/etc/hosts") -> typing.List[Row]:
     """List containers with processes of ROS whose /etc/hosts lacks some of these names that this computer's has, at most MOST_NODES.
 
     A container has a copy from the moment of its start, which may be before the fleet's names came. What it says else is not
     told: a stranger may have made it.
     """
     wanted = _read_hosts(hosts) & {name.lower() for name in names}
-    found: typing.Dict[typing.Tuple[str, str], typing.Dict[str, typing.Any]] = {}
-    for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
-        if len(found) == MOST_NODES or not wanted:
-            break
+
+    def look(pid: int) -> typing.Optional[Row]:
         folder = os.path.join(proc, str(pid))
-        if not ports.is_contained(text(os.path.join(folder, "status"))) or not _has_master(pid, proc):
-            continue
+        contained = ports.is_contained(text(os.path.join(folder, "status")))
+        if not contained or "ROS_MASTER_URI" not in processes.environment(pid, proc):
+            return None
+        missing = wanted - _read_hosts(os.path.join(folder, "root/etc/hosts"))
+        return {"missing": sorted(missing), "unit": _unit_of(pid, proc)} if missing else None
+
+    return _list_nodes(look, proc) if wanted else []
+
+
+def _list_nodes(look: typing.Callable[[int], typing.Optional[Row]], proc: str) -> typing.List[Row]:
+    """List what `look` tells of processes, each with the name of its node, once for each unit, and at most MOST_NODES."""
+    found: typing.Dict[typing.Tuple[str, str], Row] = {}
+    for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
         try:
-            missing = wanted - _read_hosts(os.path.join(folder, "root/etc/hosts"))
-        except OSError:  # it has ended, has no such file, or may not be looked at
+            row = look(pid)
+        except OSError:  # it has ended, has no such file, or root in a container may not look at it
             continue
-        if missing:
-            unit = ports.unit(text(os.path.join(folder, "cgroup")))
+        if row is not None:
             node = _name_of(pid, proc)
-            found.setdefault((unit, "" if unit else node), {"node": node, "unit": unit, "missing": sorted(missing)})
+            found.setdefault((row["unit"], "" if row["unit"] else node), dict(row, node=node))
+        if len(found) == MOST_NODES:
+            break
     return list(found.values())
 
 
@@ -115,20 +124,8 @@ def _read_hosts(path: str) -> typing.Set[str]:
     return {name for line in lines for name in line.partition("#")[0].split()[1:]}
 
 
-def _has_master(pid: int, proc: str) -> bool:
-    try:
-        return "ROS_MASTER_URI" in processes.environment(pid, proc)
-    except OSError:
-        return False
-
-
-def _is_node(pid: int, listens: typing.Set[str], proc: str) -> bool:
-    try:
-        named = any(word.startswith("__name:=") for word in _read_words(pid, proc))
-        of_ros = named or "ROS_MASTER_URI" in processes.environment(pid, proc)
-        return of_ros and not listens.isdisjoint(ports.list_inodes(pid, proc))
-    except OSError:  # it has ended, or root in a container may not look at it
-        return False
+def _unit_of(pid: int, proc: str) -> str:
+    return ports.unit(text(os.path.join(proc, str(pid), "cgroup")))
 
 
 def _read_words(pid: int, proc: str) -> typing.List[str]:
