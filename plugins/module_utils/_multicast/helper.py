@@ -8,6 +8,7 @@ socket on which it speaks with the other helpers. So the source of a probe is al
 have you heard?
 """
 
+import collections
 import typing
 
 from .messages import ANSWER, ASK, HELLO, Message, decode, encode
@@ -75,20 +76,22 @@ class Peer:
         self.accounts: typing.Dict[str, Account] = {}  # BEFORE, DURING or AFTER -> its latest one
 
 
-class Counts(typing.Dict[typing.Any, typing.Any]):
+class Counts(typing.Counter[typing.Any]):
     """Counts by source. Each peer has places of its own, and all strangers together: nobody takes the place of another."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.places: typing.Dict[str, int] = {}  # the name of a peer, empty for strangers -> places taken or asked for
+        self.places: typing.Counter[str] = collections.Counter()  # the name of a peer, empty for strangers -> sources
 
-    def has_place(self, key: typing.Any, peer: typing.Optional[Peer]) -> bool:
-        """Say if a source is counted."""
-        if key in self:
-            return True
+    def count(self, key: typing.Any, source: Address, peer: typing.Optional[Peer], number: int = 1) -> None:
+        """Count what has come from a source.
+
+        Anybody can send in the name of a peer, but not with the seal of its messages: what comes from there always counts.
+        """
         owner = peer.name if peer else ""
-        self.places[owner] = self.places.get(owner, 0) + 1
-        return self.places[owner] <= SOURCES
+        self.places[owner] += key not in self
+        if key in self or self.places[owner] <= SOURCES or (peer and source == peer.control):
+            self[key] += number
 
 
 class Helper:
@@ -103,7 +106,8 @@ class Helper:
             address: Peer(name, address) for address, name in settings.computers.items() if address != settings.address
         }
         self.aliases: typing.Dict[str, Peer] = {}  # other source addresses of a peer, behind address translation
-        self.heard = Counts()  # (address, port, interface) -> [probes, datagrams] on the group
+        self.heard = Counts()  # (address, port, interface) -> probes on the group
+        self.strangers = Counts()  # address, interface -> datagrams on the group from outside the fleet
         self.heard_unicast = Counts()  # address and port -> probes to this computer itself
         self.callers = Counts()  # address -> empty datagrams to this computer itself, from any source
         self.telling: typing.Dict[Address, int] = {}  # destination -> introductions that are still to be sent
@@ -126,28 +130,17 @@ class Helper:
             return []
         peer = self._peer_at(address)
         if destination == group:
-            self._count_on_group(source, peer, interface, length)
+            self.heard.count((address, source[1] if peer else ANY_PORT, interface), source, peer, int(not length))
+            if peer is None:
+                self.strangers.count((address, interface), source, peer)
         elif not length:
-            self._count_here(source, peer)
+            self.callers.count(address, source, peer)
+            if peer:
+                self.heard_unicast.count(source, source, peer)
         if peer is None or length:
             return []
         peer.seen, peer.control = now, peer.control or source
         return self._introduce(source)
-
-    # Anybody can send in the name of a peer, but not with the seal of its messages: what comes from there always counts.
-
-    def _count_on_group(self, source: Address, peer: typing.Optional[Peer], interface: str, length: int) -> None:
-        key = (source[0], source[1] if peer else ANY_PORT, interface)
-        if self.heard.has_place(key, peer) or (peer and source == peer.control):
-            counts = self.heard.setdefault(key, [0, 0])
-            counts[0] += not length
-            counts[1] += 1
-
-    def _count_here(self, source: Address, peer: typing.Optional[Peer]) -> None:
-        if self.callers.has_place(source[0], peer):
-            self.callers[source[0]] = self.callers.get(source[0], 0) + 1
-        if peer and (self.heard_unicast.has_place(source, peer) or source == peer.control):
-            self.heard_unicast[source] = self.heard_unicast.get(source, 0) + 1
 
     def message(self, now: float, wall: float, source: Address, data: bytes) -> Datagrams:
         """Take in a datagram that came to the socket on which helpers speak with each other."""
@@ -160,12 +153,11 @@ class Helper:
         if source[0] not in self.settings.computers:
             self.aliases[source[0]] = peer
         if message.kind == ASK and self._may_answer(now):
-            heard = self.heard.get(source + (self.settings.interface,), [0])[0]
             answer = self._message(
                 ANSWER,
                 sequence=message.sequence,
-                heard=heard,
-                heard_unicast=self.heard_unicast.get(source, 0),
+                heard=self.heard[source + (self.settings.interface,)],
+                heard_unicast=self.heard_unicast[source],
                 source=source[0],
                 asked=message.asked,
                 arrived=wall,
@@ -292,27 +284,21 @@ class Helper:
             "heard": [entry["name"] for entry in udp if entry["heard_from"]],
             "missing": _list_missing(udp),
             "unanswered": [entry["name"] for entry in together if entry["heard_from"] and entry["heard_by"] is None],
-            "unexpected": self._strangers(),
+            # An address may have become that of a peer since.
+            "unexpected": [
+                {"address": address, "interface": interface, "datagrams": count}
+                for (address, interface), count in sorted(self.strangers.items())
+                if self._peer_at(address) is None
+            ],
             # empty datagrams to this computer itself
             "callers": [{"address": address, "datagrams": count} for address, count in sorted(self.callers.items())],
         }
 
-    def _strangers(self) -> typing.List[typing.Dict[str, typing.Any]]:
-        """Count the datagrams on the group from addresses outside the fleet."""
-        strangers: typing.Dict[typing.Tuple[str, str], int] = {}
-        for (address, port, interface), counts in self.heard.items():
-            if self._peer_at(address) is None:
-                strangers[address, interface] = strangers.get((address, interface), 0) + counts[1]
-        return [
-            {"address": address, "interface": interface, "datagrams": count}
-            for (address, interface), count in sorted(strangers.items())
-        ]
-
     def _entry(self, peer: Peer) -> typing.Dict[str, typing.Any]:
         probes = [
-            (interface, address, counts[0])
-            for (address, port, interface), counts in self.heard.items()
-            if self._peer_at(address) is peer and counts[0]
+            (interface, address, count)
+            for (address, port, interface), count in self.heard.items()
+            if self._peer_at(address) is peer and count
         ]
         planned = self.settings.interface
         heard = sum(count for interface, address, count in probes if interface == planned)
