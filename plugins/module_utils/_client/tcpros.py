@@ -163,11 +163,7 @@ def hear(
     late, strange = f"no message within {CALL:g} s", "a message that is none"
     with _explain(late, strange), socket.create_connection(place, CALL) as connection:
         on_open()
-        fields = {"callerid": caller, "topic": topic, "type": node.TYPE, "md5sum": node.SUM, "tcp_nodelay": "1"}
-        connection.sendall(node.header(fields))
-        fields = node.fields_of(_read_block(connection, _HEADER, deadline))
-        if "error" in fields:
-            raise OSError(plain(fields["error"]))
+        fields = _subscribe(connection, topic, caller, deadline, tcp_nodelay="1")
         return plain(Reader(_read_block(connection, _HEADER, deadline)).text()), plain(fields.get("callerid", ""))
 
 
@@ -180,22 +176,23 @@ def send_stream(place: typing.Tuple[str, int], topic: str, caller: str, seconds:
     late, strange = f"no answer within {CALL:g} s", "an answer that is none"
     with _explain(late, strange), socket.create_connection(place, CONNECT) as connection:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # the rest is not sent
-        fields = {
-            "callerid": caller,
-            "topic": topic,
-            "type": node.TYPE,
-            "md5sum": node.SUM,
-            "stream": f"{seconds:g}",
-        }
-        connection.sendall(node.header(fields))
-        fields = node.fields_of(_read_block(connection, _HEADER, deadline))
-        if "error" in fields or "stream" not in fields:
-            raise OSError(plain(fields.get("error", "it takes no stream")))
+        if "stream" not in _subscribe(connection, topic, caller, deadline, stream=f"{seconds:g}"):
+            raise OSError("it takes no stream")
         _send(connection, deadline)
         came, took = Reader(_read_block(connection, _HEADER, deadline)).text().split()
         if not 0 < int(came) <= 2 * node.STREAM_BYTES or not 0 < float(took) <= node.REQUEST:
             raise ValueError(f"{quote(came)} bytes in {quote(took)} s")
         return int(came), float(took)
+
+
+def _subscribe(connection: socket.socket, topic: str, caller: str, deadline: float, **more: str) -> node.Fields:
+    """Subscribe a topic of texts; return the header of the answer. Raises OSError with the publisher's words where it refuses."""
+    asked = {"callerid": caller, "topic": topic, "type": node.TYPE, "md5sum": node.SUM, **more}
+    connection.sendall(node.header(asked))
+    fields = node.fields_of(_read_block(connection, _HEADER, deadline))
+    if "error" in fields:
+        raise OSError(plain(fields["error"]))
+    return fields
 
 
 def _send(connection: socket.socket, deadline: float) -> None:
