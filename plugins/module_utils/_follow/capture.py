@@ -8,25 +8,22 @@ nothing, and the socket needs no promiscuous mode: a packet with the hardware ad
 """
 
 import contextlib
-import ctypes
 import hashlib
 import socket
 import struct
 import typing
 
-from .._multicast.packets import checksum
+from .._multicast.packets import ARP_OF_IPV4, attach_filter, checksum, packet, read_arp, write_mac
 
 ANY_PROTOCOL = 3  # ETH_P_ALL of linux/if_ether.h: only such a socket is shown what goes out
 IPV4, ARP = 0x0800, 0x0806
 ICMP, TCP, UDP = 1, 6, 17
-SO_ATTACH_FILTER = 26  # asm-generic/socket.h
 FOR_OTHERS, OUTGOING = 3, 4  # PACKET_OTHERHOST and PACKET_OUTGOING of linux/if_packet.h
 SOL_PACKET, PACKET_STATISTICS = 263, 6  # packet(7): two numbers, of all packets and of those without room
 SO_RCVBUFFORCE = 33  # asm-generic/socket.h
 ROOM = 4 << 20  # bytes for packets that wait; a flood of ARP comes while rules are read
 WITH_HEADER = (1, 772)  # ARPHRD_ETHER and ARPHRD_LOOPBACK of linux/if_arp.h: interfaces with a header of Ethernet
 ETHERNET = 14  # bytes of that header
-ARP_OF_IPV4 = 28  # bytes of an ARP message about IPv4 (RFC 826)
 MOST_WAITING = 10_000  # packets that wait in a socket
 SNAP = 192  # bytes of a packet that are read
 SYN, RST, ACK = 0x02, 0x04, 0x10  # flags of TCP (RFC 9293)
@@ -85,8 +82,8 @@ class Capture(typing.NamedTuple):
 # The filter
 
 
-def make_filter(tag: Tag) -> bytes:
-    """Return the program that lets packets of a run through: a list of struct sock_filter."""
+def make_filter(tag: Tag) -> typing.List[typing.Tuple[int, int, int, int]]:
+    """Return the program that lets packets of a run through."""
     # (code, jump if true, jump if false, operand); a jump counts the instructions that it leaves out
     begin: typing.List[typing.Tuple] = [
         (LOAD_WORD, 0, 0, SKF_AD_PROTOCOL),
@@ -116,10 +113,10 @@ def make_filter(tag: Tag) -> bytes:
         tcp += [(EQUAL, "accept", 0, port) for port in tag.ports]
     lines = begin + udp + tcp + [(RETURN, 0, 0, 0), (RETURN, 0, 0, SNAP)]
     places = {"udp": len(begin), "tcp": len(begin + udp), "refuse": len(lines) - 2, "accept": len(lines) - 1}
-    return b"".join(
-        struct.pack("HBBI", code, *(places[to] - place - 1 if isinstance(to, str) else to for to in jumps), operand)
+    return [
+        (code, *(places[to] - place - 1 if isinstance(to, str) else to for to in jumps), operand)
         for place, (code, *jumps, operand) in enumerate(lines)
-    )
+    ]
 
 
 def open_socket(tag: Tag) -> socket.socket:
@@ -127,11 +124,7 @@ def open_socket(tag: Tag) -> socket.socket:
     link = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ANY_PROTOCOL))
     try:
         link.setblocking(False)
-        program = make_filter(tag)
-        code = ctypes.create_string_buffer(program)
-        link.setsockopt(
-            socket.SOL_SOCKET, SO_ATTACH_FILTER, struct.pack("HP", len(program) // 8, ctypes.addressof(code))
-        )
+        attach_filter(link, make_filter(tag))
         with contextlib.suppress(OSError):  # without CAP_NET_ADMIN
             link.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, ROOM)
         drain(link)
@@ -175,19 +168,14 @@ def read_packets(link: socket.socket, tag: Tag, most: int) -> typing.Iterator[Ca
             yield found._replace(interface=interface, outgoing=kind == OUTGOING)
 
 
-def write_mac(data: bytes) -> str:
-    """Write a hardware address as ip(8) does."""
-    return ":".join(f"{byte:02x}" for byte in data)
-
-
 def read_packet(tag: Tag, protocol: int, data: bytes, macs: typing.Tuple[str, str]) -> typing.Optional[Capture]:
     """Read a packet without its header of Ethernet, whose hardware addresses are `macs`; None for one of no run of ours."""
     if protocol == ARP:
         return _read_arp(data, macs)
-    found = _read_ipv4(tag, data)
-    if found is None or found.protocol != "icmp" or found.kind != ERROR:
-        return found and found._replace(source_mac=macs[0], target_mac=macs[1])
-    quoted = _read_ipv4(tag, data[(data[0] & 0x0F) * 4 + 8 :])
+    found = _read_ipv4(tag, data, macs)
+    if found is None or found.kind != ERROR:
+        return found
+    quoted = _read_ipv4(tag, data[(data[0] & 0x0F) * 4 + 8 :], macs)
     if quoted is None or quoted.kind == ERROR:
         return None
     return quoted._replace(
@@ -195,8 +183,6 @@ def read_packet(tag: Tag, protocol: int, data: bytes, macs: typing.Tuple[str, st
         ttl=found.ttl,
         length=found.length,
         intact=found.intact,
-        source_mac=macs[0],
-        target_mac=macs[1],
         icmp_type=found.icmp_type,
         icmp_code=found.icmp_code,
         reporter=found.source,
@@ -204,29 +190,24 @@ def read_packet(tag: Tag, protocol: int, data: bytes, macs: typing.Tuple[str, st
 
 
 def _read_arp(data: bytes, macs: typing.Tuple[str, str]) -> typing.Optional[Capture]:
-    """Read a message of ARP (RFC 826). An answer comes from the computer that has its source address."""
-    if len(data) < ARP_OF_IPV4 or data[:6] != b"\0\1\x08\0\x06\x04":
-        return None
-    kind = {1: REQUEST, 2: ANSWER}.get(data[7])
+    """Read a message of ARP. An answer comes from the computer that has its source address."""
+    number, source, mac, target = read_arp(data) or (0, "", "", "")
+    kind = {1: REQUEST, 2: ANSWER}.get(number)
     if kind is None:
         return None
-    source, target = socket.inet_ntoa(data[14:18]), socket.inet_ntoa(data[24:28])
-    plain = Capture("", False, kind, "arp", source, target, 0, 0, -1, 0, 0, ARP_OF_IPV4, True, *macs)
-    return plain._replace(source_mac=write_mac(data[8:14]))
+    return Capture("", False, kind, "arp", source, target, 0, 0, -1, 0, 0, ARP_OF_IPV4, True, mac, macs[1])
 
 
-def _read_ipv4(tag: Tag, data: bytes) -> typing.Optional[Capture]:
-    """Read a packet of IPv4 (RFC 791), or the beginning of one that an ICMP error quotes."""
-    size = (data[0] & 0x0F) * 4 if data else 0
-    if size < 20 or len(data) < size + 8:
+def _read_ipv4(tag: Tag, data: bytes, macs: typing.Tuple[str, str]) -> typing.Optional[Capture]:
+    """Read a packet of IPv4, or the beginning of one that an ICMP error quotes."""
+    found = packet(data)
+    if found is None or len(found.body) < 8:
         return None
-    length, ttl, number = struct.unpack("!2xH4xBB", data[:10])
-    source, target = socket.inet_ntoa(data[12:16]), socket.inet_ntoa(data[16:20])
+    length, ttl, number = struct.unpack("!2xH4xBB", found.header[:10])
+    intact = checksum(found.header) == 0
+    plain = Capture("", False, REQUEST, "", found.source, found.destination, 0, 0, -1, 0, ttl, length, intact, *macs)
     reader = _READERS.get(number)
-    plain = Capture(
-        "", False, REQUEST, "", source, target, 0, 0, -1, 0, ttl, length, checksum(data[:size]) == 0, "", ""
-    )
-    return reader(tag, plain, data[size:]) if reader else None
+    return reader(tag, plain, found.body) if reader else None
 
 
 def _read_icmp(tag: Tag, plain: Capture, body: bytes) -> typing.Optional[Capture]:

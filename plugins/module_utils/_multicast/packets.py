@@ -14,6 +14,7 @@ from .._machine.outcomes import Outcome
 
 HEADERS = 28  # bytes of the headers of IPv4 and ICMP
 UDP_HEADER = 8
+ARP_OF_IPV4 = 28  # bytes of an ARP message about IPv4 (RFC 826)
 # From linux/in.h; Python's socket has no names for them: set "do not fragment", and do not ask the kernel's own memory.
 IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3
 SO_ATTACH_FILTER = 26  # asm-generic/socket.h; Python does not name it
@@ -35,6 +36,7 @@ class Packet(typing.NamedTuple):
 
     source: str
     destination: str
+    header: bytes
     body: bytes
 
 
@@ -62,7 +64,13 @@ def packet(data: bytes) -> typing.Optional[Packet]:
     length = (data[0] & 0x0F) * 4 if data else 0
     if length < 20 or len(data) < length:
         return None
-    return Packet(socket.inet_ntoa(data[12:16]), socket.inet_ntoa(data[16:20]), data[length:])
+    return Packet(socket.inet_ntoa(data[12:16]), socket.inet_ntoa(data[16:20]), data[:length], data[length:])
+
+
+def attach_filter(link: socket.socket, program: typing.Sequence[typing.Tuple[int, int, int, int]]) -> None:
+    """Give a socket a program of classic BPF: code, jump if true, jump if false and operand of each instruction. Raises OSError."""
+    code = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *line) for line in program))
+    link.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, struct.pack("HP", len(program), ctypes.addressof(code)))
 
 
 def open_copies(port: int) -> socket.socket:
@@ -73,9 +81,7 @@ def open_copies(port: int) -> socket.socket:
     """
     raw = socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_UDP)
     raw.setblocking(False)
-    program = ((0xB1, 0, 0, 0), (0x48, 0, 0, 2), (0x15, 0, 1, port), (0x06, 0, 0, 64), (0x06, 0, 0, 0))
-    code = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *line) for line in program))
-    raw.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, struct.pack("HP", len(program), ctypes.addressof(code)))
+    attach_filter(raw, ((0xB1, 0, 0, 0), (0x48, 0, 0, 2), (0x15, 0, 1, port), (0x06, 0, 0, 64), (0x06, 0, 0, 0)))
     return raw
 
 
@@ -100,6 +106,18 @@ def read_copies(raw: socket.socket, port: int) -> typing.Iterator[typing.Tuple[D
         found = datagram(data, port)
         if found:
             yield found, ancillary
+
+
+def read_arp(data: bytes) -> typing.Optional[typing.Tuple[int, str, str, str]]:
+    """Read a message of ARP about IPv4 (RFC 826): its kind, its sender with the hardware address, and whom it is for; None for anything else."""
+    if len(data) < ARP_OF_IPV4 or data[:7] != b"\0\1\x08\0\x06\x04\0":
+        return None
+    return data[7], socket.inet_ntoa(data[14:18]), write_mac(data[8:14]), socket.inet_ntoa(data[24:28])
+
+
+def write_mac(data: bytes) -> str:
+    """Write a hardware address as ip(8) does."""
+    return ":".join(f"{byte:02x}" for byte in data)
 
 
 def checksum(data: bytes) -> int:

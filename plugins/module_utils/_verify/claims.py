@@ -16,6 +16,7 @@ import typing
 
 from .._machine import network
 from .._machine.ports import address_of
+from .._multicast.packets import read_arp
 from .._process.commands import text
 
 ARP, REQUEST, REPLY = 0x0806, 1, 2
@@ -92,12 +93,8 @@ def question(mac: bytes, address: str) -> bytes:
 
 def answer(message: bytes) -> typing.Optional[typing.Tuple[str, str]]:
     """Read the address and the hardware address out of an answer; None where it is none."""
-    if len(message) < MESSAGE.size:
-        return None
-    hardware, protocol, _six, _four, kind, mac, address, _to, _for = MESSAGE.unpack(message[: MESSAGE.size])
-    if (hardware, protocol, kind) != (ETHERNET, IPV4, REPLY):
-        return None
-    return socket.inet_ntoa(address), ":".join(f"{byte:02x}" for byte in mac)
+    found = read_arp(message)
+    return (found[1], found[2]) if found and found[0] == REPLY else None
 
 
 def _gather(link: socket.socket, answers: Answers, deadline: float) -> None:
