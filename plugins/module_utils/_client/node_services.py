@@ -7,7 +7,6 @@ The bundled nodes, multimaster_fkie and fkie_mas have the same services below na
 even those of another robot, which would tell what is known and registered there.
 """
 
-import socket
 import typing
 from urllib.parse import urlsplit
 
@@ -19,8 +18,6 @@ LIST_MASTERS, SYNC_INFO = "/list_masters", "/get_sync_info"  # the ends of their
 USUAL = ("/master_discovery/", "/master_sync/", "/mas_discovery/", "/mas_sync/")
 MOST = 8  # services of one kind that are looked at: one of each is usual
 NAMES = 5.0  # seconds for the addresses of all hosts
-
-Addresses = typing.FrozenSet[str]
 
 
 def find_own(roscore: str, caller: str, services: typing.Iterable[str], end: str) -> typing.List[str]:
@@ -36,9 +33,10 @@ def find_own(roscore: str, caller: str, services: typing.Iterable[str], end: str
     others = sorted({host for host in hosts.values() if host not in ("", here)})
     if not others:  # the usual case: nothing is looked up
         return sorted(hosts, key=lambda name: hosts[name] == "")
-    addresses = dict(zip([here, *others], call_all(_addresses, [here, *others], NAMES, lambda host: frozenset())))
+    found = call_all(network.resolve, [here, *others], NAMES, lambda host: ([], ""))
+    addresses = {host: set(those) for host, (those, _error) in zip([here, *others], found)}
     ours = addresses[here] | _list_own_addresses()
-    own = [name for name, host in hosts.items() if host == here or addresses.get(host, frozenset()) & ours]
+    own = [name for name, host in hosts.items() if host == here or addresses.get(host, set()) & ours]
     return own + [name for name, host in hosts.items() if name not in own and not addresses.get(host)]
 
 
@@ -57,18 +55,9 @@ def _host(uri: str) -> str:
         return ""
 
 
-def _addresses(host: str) -> Addresses:
-    try:
-        return frozenset(
-            str(answer[4][0]) for answer in socket.getaddrinfo(host, None, socket.AF_INET, socket.SOCK_DGRAM)
-        )
-    except (OSError, UnicodeError):
-        return frozenset()
-
-
-def _list_own_addresses() -> Addresses:
+def _list_own_addresses() -> typing.Set[str]:
     """List the addresses of this computer: its nodes may use any of them, whatever the roscore's name is."""
     try:
-        return frozenset(address.address for entry in network.interfaces() for address in entry.addresses)
+        return {address.address for entry in network.interfaces() for address in entry.addresses}
     except OSError:
-        return frozenset()
+        return set()

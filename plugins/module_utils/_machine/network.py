@@ -10,6 +10,7 @@ This file alone reads the output of `ip address`, `ip route get` and `ip route s
 import ipaddress
 import json
 import re
+import socket
 import typing
 
 from .._module.plain_text import quote
@@ -157,3 +158,15 @@ def neighbours(path: str = "/proc/net/arp") -> typing.Dict[str, typing.Tuple[str
     rows = [line.split() for line in text(path).splitlines()[1:]]
     known = [row for row in rows if len(row) >= 6 and row[3] != "00:00:00:00:00:00"]
     return {row[0]: (row[3], bool(int(row[2], 16) & PERMANENT)) for row in known}
+
+
+# Names
+
+
+def resolve(name: str) -> typing.Tuple[typing.List[str], str]:
+    """Look up the IPv4 addresses of a name as any program here does, and the error where there is none."""
+    try:
+        answers = socket.getaddrinfo(name, None, socket.AF_INET, socket.SOCK_STREAM)
+    except (OSError, UnicodeError) as problem:
+        return [], getattr(problem, "strerror", None) or str(problem)
+    return list(dict.fromkeys(str(answer[4][0]) for answer in answers)), ""

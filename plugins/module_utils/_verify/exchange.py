@@ -16,11 +16,11 @@ from .._client.documents import NODE, STATE
 from .._client.facts import IMPORTS
 from .._client.ros import CALLER, Ros
 from .._client.xml_rpc import server
+from .._machine import network
 from .._machine.outcomes import Outcome, classify_error
 from .._module.plain_text import plain
 from .._process.deadlines import call_all
 from .._process.foreign import last_line
-from .network import resolve
 
 TYPES = 20.0  # seconds for the classes of all types
 NODES = 20.0  # seconds for the connections of all nodes
@@ -194,7 +194,7 @@ class Places:
     def robot(self, host: str) -> str:
         """Return the robot of a host, or empty. The name of no known computer is looked up, once."""
         if host and host not in self._robots:
-            addresses = call_all(resolve, [host], 5.0, lambda name: ([], ""))[0][0]
+            addresses = call_all(network.resolve, [host], 5.0, lambda name: ([], ""))[0][0]
             self._robots[host] = next((self._robots[found] for found in addresses if found in self._robots), "")
         return self._robots.get(host, "")
 

@@ -108,7 +108,7 @@ def _look_up(others: typing.List[typing.Dict[str, str]], by_name: bool) -> typin
     """Begin the entry of each member with its addresses, as root and as a user without rights look them up."""
     if by_name:
         resolved = call_all(
-            lambda member: resolve(member["name"]), others, 15.0, lambda member: ([], "no answer within 15 s")
+            lambda member: machine.resolve(member["name"]), others, 15.0, lambda member: ([], "no answer within 15 s")
         )
         usual = user_addresses([member["name"] for member in others])
     else:
@@ -231,15 +231,6 @@ def user_addresses(names: typing.List[str]) -> typing.Dict[str, typing.List[str]
     )
     found = last_line(answer.output) if answer.status == 0 else None
     return found if isinstance(found, dict) else {}
-
-
-def resolve(name: str) -> typing.Tuple[typing.List[str], str]:
-    """Look up the IPv4 addresses of a name as any program here does, and the error where there is none."""
-    try:
-        answers = socket.getaddrinfo(name, None, socket.AF_INET, socket.SOCK_STREAM)
-    except (OSError, UnicodeError) as problem:
-        return [], getattr(problem, "strerror", None) or str(problem)
-    return list(dict.fromkeys(str(answer[4][0]) for answer in answers)), ""
 
 
 def file_addresses(path: str = "/etc/hosts") -> typing.Dict[str, typing.List[str]]:

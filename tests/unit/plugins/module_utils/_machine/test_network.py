@@ -107,3 +107,11 @@ def test_default_routes(monkeypatch):
     output = b"default via 10.0.0.1 dev wlan0 metric 600\ndefault\n\tnexthop via 10.0.0.2 dev eth0 weight 1\n"
     monkeypatch.setattr(network, "run", lambda _argv: commands.Answer(0, output, ""))
     assert network.default_routes() == [RouteTo("default", "10.0.0.1", "wlan0", None, "600"), RouteTo("default")]
+
+
+def test_addresses_of_names_are_looked_up():
+    assert network.resolve("localhost") == (["127.0.0.1"], "")
+    addresses, error = network.resolve("no.such.name.invalid")
+    assert addresses == [] and error
+    for length in (70, 300):
+        assert network.resolve("a" * length)[0] == []  # a label that no resolver takes

@@ -230,7 +230,7 @@ HIDDEN = """
 import json, socket
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
-print(json.dumps([network.resolve("robot.test")[0], network.user_addresses(["robot.test", "localhost"])]))
+print(json.dumps([network.machine.resolve("robot.test")[0], network.user_addresses(["robot.test", "localhost"])]))
 """
 
 
@@ -255,13 +255,6 @@ def test_a_hosts_file_for_root_alone_has_no_names_for_others(tmp_path, mode, the
 def test_ping_of_nobody_and_of_this_computer():
     assert network.ping([]) == {}
     assert network.ping(["127.0.0.1"])["127.0.0.1"].ok
-
-
-def test_resolve():
-    assert network.resolve("localhost") == (["127.0.0.1"], "")
-    addresses, error = network.resolve("no.such.name.invalid")
-    assert addresses == [] and error
-    assert network.resolve("a" * 70)[0] == []  # a label that no resolver takes
 
 
 def test_forwarding_is_what_is_effective(tmp_path):
