@@ -102,15 +102,20 @@ def _state(uri: str) -> Tables:
         raise Strange(f"{uri}: no state of a roscore") from problem
 
 
+def _call(roscore: str, service: str, node: str, known: tcpros.Types) -> typing.Tuple[Row, typing.List[Row], str]:
+    """Begin the description of a node with a call of its service; also return the list in the answer, and the type of the service."""
+    entry: Row = {"node": plain(node), "service": plain(service), "error": ""}
+    try:
+        return (entry, *tcpros.call_by_name(roscore, service, known, CALLER))
+    except OSError as problem:
+        return dict(entry, error=plain(problem)), [], ""
+
+
 def _discovery(roscore: str, uri: str, service: str, node: str) -> Row:
     """Describe a discovery node, by its list of masters and its parameters at the roscore."""
-    entry: Row = {"node": plain(node), "service": plain(service), "masters": [], "error": ""}
-    kind = ""
-    try:
-        entry["masters"], kind = tcpros.call_by_name(roscore, service, tcpros.LIST_MASTERS, CALLER)
-    except OSError as problem:
-        entry["error"] = plain(problem)
-    own = [master for master in entry["masters"] if master["uri"].rstrip("/") == uri.rstrip("/")]
+    entry, masters_there, kind = _call(roscore, service, node, tcpros.LIST_MASTERS)
+    entry["masters"] = masters_there
+    own = [master for master in masters_there if master["uri"].rstrip("/") == uri.rstrip("/")]
     entry["uri"] = own[0]["monitoruri"] if own else ""
     entry["implementation"] = SUCCESSOR if kind.startswith(SUCCESSOR_TYPES) else _implementation(entry["uri"])
     entry["group"] = plain(_parameter(roscore, f"{node}/mcast_group", ""))
@@ -133,13 +138,8 @@ def _implementation(uri: str) -> str:
 
 def _sync(roscore: str, service: str, node: str) -> Row:
     """Describe a sync node, by what it tells of its imports."""
-    entry: Row = {"node": plain(node), "service": plain(service), "imports": [], "error": ""}
-    kind = ""
-    try:
-        hosts, kind = tcpros.call_by_name(roscore, service, tcpros.GET_SYNC_INFO, CALLER)
-        entry["imports"] = [_count_imports(host) for host in hosts]
-    except OSError as problem:
-        entry["error"] = plain(problem)
+    entry, hosts, kind = _call(roscore, service, node, tcpros.GET_SYNC_INFO)
+    entry["imports"] = [_count_imports(host) for host in hosts]
     if kind.startswith(SUCCESSOR_TYPES):
         entry["implementation"] = SUCCESSOR
     else:
