@@ -29,7 +29,7 @@ def find_own(roscore: str, caller: str, services: typing.Iterable[str], end: str
         (name for name in services if name.endswith(end)), key=lambda name: (not name.startswith(USUAL), name)
     )
     hosts = {name: _look_up(roscore, caller, name) for name in names[:MOST]}
-    here = _host(roscore)
+    here = read_host(roscore)
     others = sorted({host for host in hosts.values() if host not in ("", here)})
     if not others:  # the usual case: nothing is looked up
         return sorted(hosts, key=lambda name: hosts[name] == "")
@@ -43,12 +43,13 @@ def find_own(roscore: str, caller: str, services: typing.Iterable[str], end: str
 def _look_up(roscore: str, caller: str, service: str) -> str:
     """Return the host of a service; empty where the roscore knows none."""
     try:
-        return _host(str(ask(roscore, caller, "lookupService", service)))
+        return read_host(str(ask(roscore, caller, "lookupService", service)))
     except OSError:
         return ""
 
 
-def _host(uri: str) -> str:
+def read_host(uri: str) -> str:
+    """Return the host of a URI in small letters; empty where there is none."""
     try:
         return (urlsplit(uri).hostname or "").lower()
     except ValueError:  # what a node has registered may be anything

@@ -14,6 +14,7 @@ import xmlrpc.client
 from .._client import message_types, node_services, tcpros
 from .._client.documents import NODE, STATE
 from .._client.facts import IMPORTS
+from .._client.node_services import read_host
 from .._client.ros import CALLER, Ros
 from .._client.xml_rpc import server
 from .._machine import network
@@ -41,17 +42,17 @@ NOTHING: typing.Dict[str, typing.Any] = {
 def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: str) -> typing.Dict[str, typing.Any]:
     """Read the roscore, split by the robot of each registration, and the connections of own nodes with other robots."""
     try:
-        publishers, subscribers, services = (dict(part) for part in ros.ask("getSystemState"))
+        tables = [dict(part) for part in ros.ask("getSystemState")]  # publishers, subscribers, services
         types = dict(ros.ask("getTopicTypes"))
-        uris = node_uris(ros, publishers, subscribers, services)
-        claims = _claims(ros, services)
+        uris = node_uris(ros, *tables)
+        claims = _claims(ros, tables[2])
     except OSError as problem:
         return dict(NOTHING, error=str(problem))
     imported = {
         node: master for master, nodes in claims.items() for node, uri in nodes.items() if uris.get(node) == uri
     }
     found = dict(NOTHING)
-    parts = _parts(publishers, subscribers, services, types, imported)
+    parts = _parts(tables, types, imported)
     found.update(parts.pop("", {"topics": [], "services": []}))
     found["imports"] = [dict(part, master=master) for master, part in sorted(parts.items())]
     types_in_use = sorted({topic["type"] for topic in found["topics"] if "/" in topic["type"]})
@@ -63,7 +64,7 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
     found["connections"], silent = _connections(nodes, named, Places(members), own)
     found["silent"] = _drop_ended(ros, sorted(silent), nodes)
     found["silences"] = [
-        {"node": node, "host": host(nodes[node]), "error": silent[node][0], "outcome": silent[node][1].value}
+        {"node": node, "host": read_host(nodes[node]), "error": silent[node][0], "outcome": silent[node][1].value}
         for node in found["silent"]
     ]
     return found
@@ -113,21 +114,17 @@ def _are_texts(value: typing.Any) -> bool:
 
 
 def _parts(
-    publishers: Names,
-    subscribers: Names,
-    services: Names,
-    types: typing.Dict[str, str],
-    imported: typing.Dict[str, str],
+    tables: typing.List[Names], types: typing.Dict[str, str], imported: typing.Dict[str, str]
 ) -> typing.Dict[str, typing.Dict[str, typing.Any]]:
     """Split the registrations: {URI of a master, or '' for the own one: its topics and services}."""
     parts: typing.Dict[str, typing.Any] = collections.defaultdict(lambda: {"topics": {}, "services": []})
-    for kind, table in (("publishers", publishers), ("subscribers", subscribers)):
+    for kind, table in zip(("publishers", "subscribers"), tables):
         for name, nodes in sorted(table.items()):
             topic = {"name": name, "type": types.get(name, "")}
             for node in sorted(nodes):
                 topics = parts[imported.get(node, "")]["topics"]
                 topics.setdefault(name, dict(topic, publishers=[], subscribers=[]))[kind].append(node)
-    for name, nodes in sorted(services.items()):
+    for name, nodes in sorted(tables[2].items()):
         for node in nodes:
             parts[imported.get(node, "")]["services"].append({"name": name, "node": node})
     return {master: dict(part, topics=list(part["topics"].values())) for master, part in parts.items()}
@@ -152,7 +149,7 @@ def _connections(
         for link in links(answer):
             peer = named.get(link["peer"], link["peer"])
             other = places.robot(link["host"])
-            if other in ("", robot) or (peer in nodes and places.robot(host(nodes[peer])) == other):
+            if other in ("", robot) or (peer in nodes and places.robot(read_host(nodes[peer])) == other):
                 continue
             del link["number"]
             found.append(dict(link, peer=peer, node=node, robot=other))
@@ -211,13 +208,7 @@ def links(entries: typing.Any) -> typing.List[typing.Dict[str, typing.Any]]:
         peer, inward = entry[1], entry[2] == "i"
         text = entry[6] if len(entry) > 6 else ""
         end = re.search(r" to \[(.+):\d+ on socket", text if isinstance(text, str) else "")
-        place = end.group(1).lower() if end else host(peer if inward else "")
+        place = end.group(1).lower() if end else read_host(peer if inward else "")
         direction = "in" if inward else "out"
         found.append({"number": entry[0], "direction": direction, "topic": entry[4], "peer": peer, "host": place})
     return found
-
-
-def host(uri: str) -> str:
-    """Return the host of a URI in small letters; empty where there is none."""
-    match = re.match(r"\w+://([^/:]+)", uri)
-    return match.group(1).lower() if match else ""

@@ -10,11 +10,12 @@ import time
 import typing
 
 from .._client.documents import NODE
+from .._client.node_services import read_host
 from .._client.ros import CALLER, Ros
 from .._client.xml_rpc import server
 from .._module.plain_text import LONGEST
 from .._process.deadlines import call_all
-from .exchange import Places, host, links, node_uris
+from .exchange import Places, links, node_uris
 
 SECONDS = 3.0  # between the two readings
 READING = 3.0  # seconds for a reading of all nodes; a node that answers later is left out
@@ -61,7 +62,7 @@ def measure_traffic(
 def _find_sent(uri: str, places: Places, robot: str) -> Sent:
     """Ask a node of the robot for its connections with subscribers of other robots; none without an answer."""
     try:
-        answer = server(uri, NODE).getBusInfo(CALLER)[2] if places.robot(host(uri)) == robot else []
+        answer = server(uri, NODE).getBusInfo(CALLER)[2] if places.robot(read_host(uri)) == robot else []
     except Exception:  # whatever a strange node makes of it; exchange names the nodes that do not answer
         return {}
     sent = {}
