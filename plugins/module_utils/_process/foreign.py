@@ -28,8 +28,9 @@ os.dup2(question.fileno(), 0)
 os.execvpe(coded(argv[0]), [coded(word) for word in argv], {coded(name): coded(variables[name]) for name in variables})
 """
 _LAUNCHER = "/usr/bin/python3"
-# The sandbox of the services. All processes end with it, also those with a session or group of their own.
-_SANDBOX = (
+# Of the sandbox of the services (plugin_utils/_plan/units.py). All processes end with it, also those with a session or group of
+# their own.
+SANDBOX = (
     "DynamicUser=yes",
     "PrivateTmp=yes",
     "ProtectHome=read-only",
@@ -38,12 +39,8 @@ _SANDBOX = (
     "ProtectControlGroups=yes",
     "RestrictAddressFamilies=AF_INET AF_INET6 AF_UNIX AF_NETLINK",
     "CapabilityBoundingSet=",
-    "KillSignal=SIGKILL",
-    "MemoryMax=1G",
-    "TasksMax=256",
-    "LimitCORE=0",
-    f"LimitFSIZE={MOST}",
 )
+_BOUNDS = ("KillSignal=SIGKILL", "MemoryMax=1G", "TasksMax=256", "LimitCORE=0", f"LimitFSIZE={MOST}")
 _OVER = 10.0  # seconds that systemd has to start and to end a unit
 
 
@@ -65,7 +62,7 @@ def foreign(
     request = json.dumps([list(argv), dict(variables, **dict.fromkeys(homes, "/tmp")), given])
     unit = f"rosfleet-foreign-{uuid.uuid4().hex[:8]}.service"
     command = ["systemd-run", "--quiet", "--collect", "--wait", "--pipe", f"--unit={unit}"]
-    command += [f"--property={line}" for line in _SANDBOX + (f"RuntimeMaxSec={max(limit, 0.1):.1f}",)]
+    command += [f"--property={line}" for line in SANDBOX + _BOUNDS + (f"RuntimeMaxSec={max(limit, 0.1):.1f}",)]
     began = time.monotonic()
     answer = run(command + ["--", _LAUNCHER, "-I", "-c", _LAUNCH], limit=limit + _OVER, given=request.encode())
     if answer.status == -1:

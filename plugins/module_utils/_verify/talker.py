@@ -16,6 +16,7 @@ from .._client import node
 from .._client.ros import Ros
 from .._machine import systemd
 from .._module.plain_text import plain
+from .._process import foreign
 from .._process.commands import run
 
 TALKER = "multimaster-verify-talker.service"
@@ -24,17 +25,10 @@ VARIABLES = ("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_IP")  # by which a node call
 # The sandbox of the services (plugin_utils/_plan/units.py), as far as systemd 237 knows it: systemd-run refuses what it does not
 # know.
 SANDBOX = (
-    "DynamicUser=yes",
-    "CapabilityBoundingSet=",
-    "ProtectHome=read-only",
-    "RestrictAddressFamilies=AF_INET AF_INET6 AF_UNIX AF_NETLINK",
+    *foreign.SANDBOX,
     "NoNewPrivileges=yes",
     "ProtectSystem=strict",
-    "PrivateTmp=yes",
-    "PrivateDevices=yes",
-    "ProtectKernelTunables=yes",
     "ProtectKernelModules=yes",
-    "ProtectControlGroups=yes",
     "RestrictNamespaces=yes",
     "RestrictRealtime=yes",
     "LockPersonality=yes",
