@@ -34,6 +34,7 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
     found = []
     units = [f"multimaster-{name}.service" for name in names]
     for name, unit, seen in zip(names, units, systemd.states(units, _PROPERTIES)):
+        pid = seen.get("MainPID", "0")
         entry: typing.Dict[str, typing.Any] = {
             "name": name,
             "unit": unit,
@@ -41,7 +42,7 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             "active_state": seen.get("ActiveState", ""),
             "sub_state": seen.get("SubState", ""),
             "restarts": int(seen.get("NRestarts") or 0),
-            "stopped": processes.is_stopped(seen.get("MainPID", "0")),
+            "stopped": processes.is_stopped(pid),
             "differing": [],
             "drop_ins": [],
             "since": seen.get("StateChangeTimestamp", ""),
@@ -49,7 +50,6 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             "age_s": find_age(seen.get("ActiveEnterTimestampMonotonic", "")),
         }
         entry["open_files"], entry["most_files"] = count_files(seen.get("ControlGroup", ""))
-        pid = seen.get("MainPID", "0")
         if pid != "0" and seen.get("EnvironmentFiles"):  # a service without the file needs no ROS
             try:
                 entry["differing"] = find_changed(processes.environment(pid), variables)
