@@ -323,7 +323,8 @@ msg:
   sample: Saw 14 packets.
 """
 
-from ..module_utils._follow.run import ACTIONS, run
+from ..module_utils._follow.run import ACTIONS, find_wrong_option
+from ..module_utils._module import actions
 from ..module_utils._module.module import Module
 
 ARGUMENTS = {
@@ -351,7 +352,7 @@ ARGUMENTS = {
 
 
 def main() -> None:
-    run(Module(argument_spec=ARGUMENTS, supports_check_mode=True))
+    actions.carry_out(Module(argument_spec=ARGUMENTS, supports_check_mode=True), find_wrong_option, ACTIONS)
 
 
 if __name__ == "__main__":

@@ -1918,7 +1918,8 @@ msg:
 
 from ..module_utils._module import actions
 from ..module_utils._module.module import Module
-from ..module_utils._probe.run import ACTIONS, run
+from ..module_utils._probe.options import find_wrong_option
+from ..module_utils._probe.run import ACTIONS
 
 TEXT = {"type": "str", "required": True}
 ARGUMENTS = {
@@ -2014,7 +2015,7 @@ def main() -> None:
         ],
         supports_check_mode=True,
     )
-    run(module)
+    actions.carry_out(module, find_wrong_option, ACTIONS)
 
 
 if __name__ == "__main__":

@@ -211,8 +211,9 @@ import re
 import typing
 
 from ..module_utils._machine.network import is_address
-from ..module_utils._module import actions, ends
+from ..module_utils._module import actions
 from ..module_utils._module.module import Module
+from ..module_utils._module.problem import Problem
 from ..module_utils._multicast.packets import open_copies
 from ..module_utils._process.background import Visit, end_others, find_wrong_value, leave, open_door, path_of
 from ..module_utils._watch.process import serve
@@ -248,32 +249,29 @@ def find_wrong_place(params: Params) -> typing.Optional[str]:
     return None
 
 
-def start_watch(module: Module) -> Result:
+def start_watch(params: Params, _quiet: bool) -> Result:
     """Leave a watch behind. Its sockets are opened first, so an error shows in this task."""
-    params = module.params
     path = path_of(KIND, params["run"])
     try:
         end_others(KIND)
         raw = open_copies(params["port"])
         door = open_door(path)
     except OSError as error:
-        ends.fail(module, msg=f"Cannot watch the heartbeats on port {params['port']}: {_explain(error)}.")
+        raise Problem(f"Cannot watch the heartbeats on port {params['port']}: {_explain(error)}.") from error
     leave(lambda: serve(raw, door, path, params), (raw, door), "multimaster_watch")
     return {"msg": f"The watch lives for {params['lifetime']} s at most."}
 
 
-def collect_losses(module: Module) -> Result:
+def collect_losses(params: Params, _quiet: bool) -> Result:
     """Ask the watch. It answers at the end of `until`, or as soon as a value is lost."""
-    params = module.params
     reply: Result = {}
     with contextlib.suppress(OSError):
         visit = Visit(path_of(KIND, params["run"]), {"until": params["until"]})
         reply = visit.reply(min(params["until"], LONGEST) + ANSWER) or {}
     if not reply:
-        ends.fail(
-            module,
-            msg=f"No watch of the run {params['run']!r} lives on this computer: its task with action=start did not run, its "
-            "lifetime was over, or the computer was started again.",
+        raise Problem(
+            f"No watch of the run {params['run']!r} lives on this computer: its task with action=start did not run, its "
+            "lifetime was over, or the computer was started again."
         )
     lost = len(reply["lost"])
     verb = "is" if lost == 1 else "are"
@@ -282,12 +280,12 @@ def collect_losses(module: Module) -> Result:
     )
 
 
-def stop_watches(module: Module) -> Result:
+def stop_watches(_params: Params, _quiet: bool) -> Result:
     """End every watch of this computer."""
     try:
         end_others(KIND)
     except OSError as error:
-        ends.fail(module, msg=f"Cannot end the watches of this computer: {_explain(error)}.")
+        raise Problem(f"Cannot end the watches of this computer: {_explain(error)}.") from error
     return {"msg": "No watch lives here."}
 
 
@@ -312,11 +310,7 @@ ARGUMENTS = {
 
 
 def main() -> None:
-    module = Module(argument_spec=ARGUMENTS, supports_check_mode=True)
-    error = find_wrong_setting(module.params)
-    if error:
-        ends.fail(module, msg=error)
-    ends.leave(module, changed=False, **ACTIONS[actions.read_action(module.params)](module))
+    actions.carry_out(Module(argument_spec=ARGUMENTS, supports_check_mode=True), find_wrong_setting, ACTIONS)
 
 
 if __name__ == "__main__":

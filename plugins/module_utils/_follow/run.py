@@ -7,8 +7,7 @@ import typing
 
 from .._machine.network import is_address
 from .._machine.outcomes import Outcome
-from .._module import ends
-from .._module.module import Module
+from .._module.problem import Problem
 from .._process.background import Visit, end_others, find_wrong_value, leave, open_door, path_of
 from .._process.deadlines import call_all
 from .capture import Tag, open_socket
@@ -50,9 +49,8 @@ def _find_wrong_probe(probe: Probe) -> typing.Optional[str]:
     return None
 
 
-def start_listener(module: Module) -> Result:
+def start_listener(params: Params, _quiet: bool) -> Result:
     """Leave a listener behind. Its sockets are opened first, so an error shows in this task."""
-    params = module.params
     ports = (probe["port"] for probe in params["probes"] if probe["protocol"] == "tcp")
     tag, path = Tag.from_run(params["run"], ports), path_of(KIND, params["run"])
     try:
@@ -62,14 +60,13 @@ def start_listener(module: Module) -> Result:
         door = open_door(path)
     except OSError as error:
         more = "; it needs root, so set become: true" if isinstance(error, PermissionError) else ""
-        ends.fail(module, msg=f"Cannot see the packets of this computer: {error.strerror or error}{more}.")
+        raise Problem(f"Cannot see the packets of this computer: {error.strerror or error}{more}.") from error
     leave(lambda: serve(link, door, path, tag, params["lifetime"], before), (link, door), "multimaster_follow")
     return {"msg": f"The listener lives for {params['lifetime']} s at most."}
 
 
-def send_probes(module: Module) -> Result:
+def send_probes(params: Params, _quiet: bool) -> Result:
     """Send the probes of this computer, all at the same time."""
-    params = module.params
     tag = Tag.from_run(params["run"])
     own = [probe for probe in params["probes"] if probe["sender"] == params["name"]]
     results = call_all(
@@ -79,27 +76,18 @@ def send_probes(module: Module) -> Result:
     return {"msg": f"Sent {len(sent)} probes.", "sent": sent}
 
 
-def collect_packets(module: Module) -> Result:
+def collect_packets(params: Params, _quiet: bool) -> Result:
     """Ask the listener for what it has seen. It ends with its answer."""
     try:
-        reply = Visit(path_of(KIND, module.params["run"]), {"do": "tell"}).reply(ANSWER) or {}
+        reply = Visit(path_of(KIND, params["run"]), {"do": "tell"}).reply(ANSWER) or {}
     except OSError:
         reply = {}
     if not reply:
-        ends.fail(
-            module,
-            msg="No listener of this run lives on this computer: its task with action=listen did not run, "
-            "or its lifetime was over.",
+        raise Problem(
+            "No listener of this run lives on this computer: its task with action=listen did not run, "
+            "or its lifetime was over."
         )
     return dict(reply, msg=f"Saw {len(reply['seen'])} packets.")
 
 
 ACTIONS = {"listen": start_listener, "send": send_probes, "collect": collect_packets}
-
-
-def run(module: Module) -> None:
-    """Do what the action asks for, and end the module."""
-    error = find_wrong_option(module.params)
-    if error:
-        ends.fail(module, msg=error)
-    ends.leave(module, changed=False, **ACTIONS[module.params["action"]](module))

@@ -6,24 +6,22 @@
 import typing
 
 from .._client.ros import Ros
-from .._module import actions, ends
-from .._module.module import Module, validate_options
+from .._module.module import validate_options
 from .._module.problem import Problem
 from .._tunnel import probe as tunnel
 from .._verify import network, talker
 from . import ghosts
-from .options import Params, find_wrong_option
+from .options import Params
 from .parts import Result, group, list_members, list_talkers, look
 
 
-def start_verification(module: Module) -> Result:
+def start_verification(params: Params, quiet: bool) -> Result:
     """Look at the machine, start the listener, call the listeners of others, and start the talker. Raises Problem."""
-    params = module.params
     received = tunnel.count_received()
     # First: the listeners that start below are no part of the machine.
     machine = look_at_machine(params)
-    multicast = None if module.check_mode else group(params, "start")
-    result = {"msg": "Check mode: no talker was started."} if module.check_mode else talk(params, machine)
+    multicast = None if quiet else group(params, "start")
+    result = {"msg": "Check mode: no talker was started."} if quiet else talk(params, machine)
     tunnel.wait_for_sessions(received)  # what is measured then goes through it
     parts = {"multicast": multicast, "machine": machine}
     return dict(result, **{name: value for name, value in parts.items() if value is not None})
@@ -82,12 +80,11 @@ def call(params: Params) -> None:
     )
 
 
-def collect_results(module: Module) -> Result:
+def collect_results(params: Params, quiet: bool) -> Result:
     """Look at all others."""
-    params = module.params
-    if not module.check_mode:
+    if not quiet:
         call(params)  # once more: a computer without a listener at the first time hears it now
-    result = look(params, module.check_mode)
+    result = look(params, quiet)
     if not params["is_router"]:
         missing = result["ros_missing"]
         result["talker"] = {"running": False, "error": missing} if missing else talker.state()
@@ -97,10 +94,9 @@ def collect_results(module: Module) -> Result:
     return result
 
 
-def stream_to_talkers(module: Module) -> Result:
+def stream_to_talkers(params: Params, quiet: bool) -> Result:
     """Send to the talkers of the others, one after the other."""
-    params = module.params
-    if module.check_mode or params["is_router"]:
+    if quiet or params["is_router"]:
         return {"msg": "Nothing was sent.", "streams": []}
     from .._verify import streams
 
@@ -113,9 +109,9 @@ def stream_to_talkers(module: Module) -> Result:
     return {"msg": f"Sent to {len(results)} computers.", "streams": results}
 
 
-def stop_talker(module: Module) -> Result:
+def stop_talker(_params: Params, quiet: bool) -> Result:
     """End the talker, wherever there is one."""
-    if module.check_mode:
+    if quiet:
         return {"msg": "Check mode: no talker was stopped."}
     talker.stop()
     return {"msg": "No talker runs."}
@@ -127,15 +123,3 @@ ACTIONS = {
     "stream": stream_to_talkers,
     "stop": stop_talker,
 }
-
-
-def run(module: Module) -> None:
-    """Do what the action asks for, and end the module."""
-    error = find_wrong_option(module.params)
-    if error:
-        ends.fail(module, msg=error)
-    try:
-        result = ACTIONS[actions.read_action(module.params)](module)
-    except Problem as problem:
-        ends.fail(module, msg=str(problem))
-    ends.leave(module, changed=False, **result)

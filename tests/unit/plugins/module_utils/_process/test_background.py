@@ -7,6 +7,7 @@ import threading
 import time
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import background
 from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_watch
 
@@ -77,16 +78,9 @@ def test_a_process_that_ends_meanwhile_is_no_error(path, monkeypatch, problem):
 
 
 def test_a_process_of_another_user_is_a_sentence(path, monkeypatch):
-    failed = []
-
-    def fail(module, msg):
-        failed.append(msg)
-        raise SystemExit
-
     monkeypatch.setattr(multimaster_watch, "KIND", "test")
-    monkeypatch.setattr(multimaster_watch.ends, "fail", fail)
     monkeypatch.setattr(background.os, "geteuid", lambda: 4711)
-    with background.open_door(path), pytest.raises(SystemExit):
-        multimaster_watch.stop_watches(None)
-    assert failed[0].startswith("Cannot end the watches of this computer: ")
-    assert failed[0].endswith(" belongs to another user; it needs root, so set become: true.")
+    with background.open_door(path), pytest.raises(Problem) as failed:
+        multimaster_watch.stop_watches({}, False)
+    assert str(failed.value).startswith("Cannot end the watches of this computer: ")
+    assert str(failed.value).endswith(" belongs to another user; it needs root, so set become: true.")
