@@ -13,7 +13,7 @@ import socket
 import struct
 import typing
 
-from .._multicast.packets import ARP_OF_IPV4, attach_filter, checksum, packet, read_arp, write_mac
+from .._multicast.packets import ARP_OF_IPV4, attach_filter, checksum, packet, read_arp, take_waiting, write_mac
 
 ANY_PROTOCOL = 3  # ETH_P_ALL of linux/if_ether.h: only such a socket is shown what goes out
 IPV4, ARP = 0x0800, 0x0806
@@ -127,7 +127,8 @@ def open_socket(tag: Tag) -> socket.socket:
         attach_filter(link, make_filter(tag))
         with contextlib.suppress(OSError):  # without CAP_NET_ADMIN
             link.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, ROOM)
-        drain(link)
+        for _packet in take_waiting(lambda: link.recv(1), MOST_WAITING):
+            pass  # it came before the filter was set
         count_lost(link)
     except OSError:
         link.close()
@@ -140,25 +141,12 @@ def count_lost(link: socket.socket) -> int:
     return int(struct.unpack("II", link.getsockopt(SOL_PACKET, PACKET_STATISTICS, 8))[1])
 
 
-def drain(link: socket.socket) -> None:
-    """Throw away what came before the filter was set."""
-    for _unused in range(MOST_WAITING):
-        try:
-            link.recv(1)
-        except BlockingIOError:
-            return
-
-
 # The reader
 
 
 def read_packets(link: socket.socket, tag: Tag, most: int) -> typing.Iterator[Capture]:
     """Yield the packets of a run that wait in the socket, so many at most."""
-    for _unused in range(most):
-        try:
-            data, (interface, protocol, kind, hardware, _sender) = link.recvfrom(SNAP)
-        except OSError:
-            return
+    for data, (interface, protocol, kind, hardware, _sender) in take_waiting(lambda: link.recvfrom(SNAP), most):
         if kind == FOR_OTHERS:  # somebody else has set an interface to promiscuous mode
             continue
         header = ETHERNET if hardware in WITH_HEADER else 0

@@ -18,7 +18,7 @@ import typing
 from .._machine.outcomes import Outcome
 from .._process.background import admit, answer, open_door, remove_door
 from .helper import Address, Datagrams, Helper, Settings
-from .packets import echo_request, open_copies, read_copies, read_echoes
+from .packets import echo_request, open_copies, read_copies, read_echoes, take_waiting
 
 # linux/in.h and linux/icmp.h; Python does not name them in every version
 IP_PKTINFO = 8
@@ -94,7 +94,7 @@ def serve(sockets: Sockets, settings: Settings, path: str) -> None:
                     for arrived in copies(ready, settings.port, interfaces):
                         send(sockets.control, helper.datagram(time.monotonic(), *arrived), errors)
                 elif ready is sockets.control:
-                    for data, source in datagrams(ready):
+                    for data, source in take_waiting(lambda: sockets.control.recvfrom(512)):
                         send(sockets.control, helper.message(time.monotonic(), time.time(), source, data), errors)
                 else:
                     connection, request = admit(ready)
@@ -137,15 +137,6 @@ def copies(
             if (level, kind) == (socket.IPPROTO_IP, IP_PKTINFO):
                 index = struct.unpack("i", info[:4])[0]
                 yield found.source, found.destination, interfaces.get(index, str(index)), found.length
-
-
-def datagrams(control: socket.socket) -> typing.Iterator[typing.Tuple[bytes, Address]]:
-    """Yield (payload, source) of each waiting datagram."""
-    for unused in range(1000):
-        try:
-            yield control.recvfrom(512)
-        except OSError:
-            return
 
 
 # The report's `ping 224.0.0.1`

@@ -98,14 +98,20 @@ def datagram(data: bytes, port: int) -> typing.Optional[Datagram]:
 
 def read_copies(raw: socket.socket, port: int) -> typing.Iterator[typing.Tuple[Datagram, typing.List[typing.Any]]]:
     """Yield the datagrams to a port that wait in a raw socket, with what the kernel tells beside each."""
-    for _unused in range(1000):
-        try:
-            data, ancillary = raw.recvmsg(128, 64)[:2]
-        except OSError:
-            return
+    for data, ancillary, _flags, _sender in take_waiting(lambda: raw.recvmsg(128, 64)):
         found = datagram(data, port)
         if found:
             yield found, ancillary
+
+
+def take_waiting(take: typing.Callable[[], typing.Any], most: int = 1000) -> typing.Iterator[typing.Any]:
+    """Yield what waits in a socket that does not block, so much at most; `take` takes one of it."""
+    for _unused in range(most):
+        try:
+            taken = take()
+        except OSError:
+            return
+        yield taken
 
 
 def read_arp(data: bytes) -> typing.Optional[typing.Tuple[int, str, str, str]]:
