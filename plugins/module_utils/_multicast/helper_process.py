@@ -17,7 +17,7 @@ import typing
 
 from .._machine.outcomes import Outcome
 from .._process.background import admit, answer, open_door, remove_door
-from .helper import Address, Datagrams, Helper, Settings
+from .helper import Datagrams, Helper, Settings
 from .packets import echo_request, open_copies, read_copies, read_echoes, take_waiting
 
 # linux/in.h and linux/icmp.h; Python does not name them in every version
@@ -91,8 +91,10 @@ def serve(sockets: Sockets, settings: Settings, path: str) -> None:
             pause = max(0.0, helper.due - time.monotonic())
             for ready in select.select(sockets, [], [], pause)[0]:
                 if ready is sockets.copies:
-                    for arrived in copies(ready, settings.port, interfaces):
-                        send(sockets.control, helper.datagram(time.monotonic(), *arrived), errors)
+                    for found, index in read_copies(ready, settings.port):
+                        place = found.destination, interfaces.get(index, str(index))
+                        introduced = helper.datagram(time.monotonic(), found.source, *place, found.length)
+                        send(sockets.control, introduced, errors)
                 elif ready is sockets.control:
                     for data, source in take_waiting(lambda: sockets.control.recvfrom(512)):
                         send(sockets.control, helper.message(time.monotonic(), time.time(), source, data), errors)
@@ -126,17 +128,6 @@ def send(control: socket.socket, outgoing: Datagrams, errors: typing.Dict[str, t
         except OSError as error:
             errors["count"] += 1
             errors["last"] = f"{destination[0]}:{destination[1]}: {error.strerror}"
-
-
-def copies(
-    raw: socket.socket, port: int, interfaces: typing.Dict[int, str]
-) -> typing.Iterator[typing.Tuple[Address, str, str, int]]:
-    """Yield (source, destination, interface, length of the payload) of each waiting UDP datagram for a port."""
-    for found, ancillary in read_copies(raw, port):
-        for level, kind, info in ancillary:
-            if (level, kind) == (socket.IPPROTO_IP, IP_PKTINFO):
-                index = struct.unpack("i", info[:4])[0]
-                yield found.source, found.destination, interfaces.get(index, str(index)), found.length
 
 
 # The report's `ping 224.0.0.1`

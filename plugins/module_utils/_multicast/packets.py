@@ -96,12 +96,12 @@ def datagram(data: bytes, port: int) -> typing.Optional[Datagram]:
     return Datagram((found.source, origin), found.destination, found.body[UDP_HEADER:], length - UDP_HEADER)
 
 
-def read_copies(raw: socket.socket, port: int) -> typing.Iterator[typing.Tuple[Datagram, typing.List[typing.Any]]]:
-    """Yield the datagrams to a port that wait in a raw socket, with what the kernel tells beside each."""
+def read_copies(raw: socket.socket, port: int) -> typing.Iterator[typing.Tuple[Datagram, int]]:
+    """Yield the datagrams to a port that wait in a raw socket, with the number of the interface of each where that is told (IP_PKTINFO)."""
     for data, ancillary, _flags, _sender in take_waiting(lambda: raw.recvmsg(128, 64)):
         found = datagram(data, port)
         if found:
-            yield found, ancillary
+            yield found, struct.unpack("i", ancillary[0][2][:4])[0] if ancillary else 0
 
 
 def take_waiting(take: typing.Callable[[], typing.Any], most: int = 1000) -> typing.Iterator[typing.Any]:

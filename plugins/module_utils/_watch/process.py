@@ -107,7 +107,7 @@ def serve(raw: socket.socket, door: socket.socket, path: str, params: Params) ->
 
 def _hear(watch: Watch, raw: socket.socket, params: Params) -> None:
     computers = {master["address"]: str(master["computer"]) for master in params["masters"]}
-    for found, _ancillary in read_copies(raw, params["port"]):
+    for found, _interface in read_copies(raw, params["port"]):
         rate, source = read_rate(found), found.source[0]
         if rate is None or source not in computers or source in params["addresses"]:
             continue
