@@ -91,12 +91,14 @@ def members(
     found = _look_up(others, by_name)
     strange = [entry for entry in found if entry["name"] != own]
     pings = ping(address for entry in strange for address in [entry["address"], *entry["addresses"][:1]])
-    _add_routes(strange, {member["name"]: member.get("discovery_address") or "" for member in others})
+    second = {member["name"]: member.get("discovery_address") for member in others}
     for entry in strange:
-        unknown = Answer(Outcome.UNKNOWN_NAME)
+        address, other = entry["address"], second[entry["name"]]
         entry.update(
-            ping_address=pings[entry["address"]],
-            ping_name=pings[entry["addresses"][0]] if entry["addresses"] else unknown,
+            ping_address=pings[address],
+            ping_name=pings[entry["addresses"][0]] if entry["addresses"] else Answer(Outcome.UNKNOWN_NAME),
+            route=route_to_plain(machine.route_to(address)),
+            discovery_route=route_to_plain(machine.route_to(other)) if other and other != address else None,
         )
     _look_closer(strange)
     for entry in strange:
@@ -106,31 +108,20 @@ def members(
 
 def _look_up(others: typing.List[typing.Dict[str, str]], by_name: bool) -> typing.List[typing.Dict[str, typing.Any]]:
     """Begin the entry of each member with its addresses, as root and as a user without rights look them up."""
+    names = [member["name"] for member in others]
     if by_name:
-        resolved = call_all(
-            lambda member: machine.resolve(member["name"]), others, 15.0, lambda member: ([], "no answer within 15 s")
-        )
-        usual = user_addresses([member["name"] for member in others])
+        resolved = call_all(machine.resolve, names, 15.0, lambda name: ([], "no answer within 15 s"))
+        usual, in_file = user_addresses(names), file_addresses()
     else:
-        resolved, usual = [([], "not looked up")] * len(others), {}
+        resolved, usual, in_file = [([], "not looked up")] * len(names), {}, {}
     found = [
         {"name": member["name"], "address": member["address"], "addresses": addresses, "resolve_error": error}
         for member, (addresses, error) in zip(others, resolved)
     ]
-    in_file = file_addresses() if by_name else {}
     for entry in found:
         entry["user_addresses"] = usual.get(entry["name"])
         entry["file_addresses"] = in_file.get(entry["name"].lower(), [])[:MOST_LINES]
     return found
-
-
-def _add_routes(strange: typing.List[typing.Dict[str, typing.Any]], second: typing.Dict[str, str]) -> None:
-    """Add the route to each computer, and to the second address of those that have one."""
-    asked = [address for entry in strange for address in (entry["address"], second[entry["name"]]) if address]
-    found = {address: route_to_plain(machine.route_to(address)) for address in asked}
-    for entry in strange:
-        address, other = entry["address"], second[entry["name"]]
-        entry.update(route=found[address], discovery_route=found[other] if other not in ("", address) else None)
 
 
 def _look_closer(answered: typing.List[typing.Dict[str, typing.Any]]) -> None:
