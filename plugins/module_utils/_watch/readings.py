@@ -39,13 +39,11 @@ def read_all(params: Params, before: "LastLook") -> Values:
     return values
 
 
-def read_clocks(
-    monotonic: typing.Callable[[], float] = time.monotonic, wall: typing.Callable[[], float] = time.time
-) -> typing.Tuple[float, float]:
+def read_clocks() -> typing.Tuple[float, float]:
     """Read both clocks of one moment: where this process was held up between the two, a busy machine is no step of the clock."""
     for _try in range(CLOCK_TRIES):
-        began, now = monotonic(), wall()
-        if monotonic() - began < STEP / 2:
+        began, now = time.monotonic(), time.time()
+        if time.monotonic() - began < STEP / 2:
             break
     return began, now
 
