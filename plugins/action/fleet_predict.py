@@ -16,7 +16,6 @@ from ..plugin_utils._fleet.plain_text import LINE, plain, plain_data, plain_line
 from ..plugin_utils._observed.task_results import find_result
 from ..plugin_utils._plan.model import FleetPlan
 from ..plugin_utils._world import prediction
-from ..plugin_utils._world.facts import is_read, makes_sense
 
 OPTIONS = ("fleet", "machine", "table")
 
@@ -36,7 +35,8 @@ class ActionModule(ActionBase):
         except Mismatch as problem:
             result.update(failed=True, msg=f"The plan of the fleet cannot be read: {problem}")
             return result
-        predicted = prediction.predict(fleet, machines(fleet, (task_vars or {})["hostvars"], machine))
+        hostvars = (task_vars or {})["hostvars"]
+        predicted = prediction.predict(fleet, machines(fleet, hostvars, machine))
         sentences = [plain(text, LINE) for text in prediction.warnings(predicted)]
         if table:
             Display().display("\n" + plain_lines(prediction.render(predicted)) + "\n")
@@ -54,10 +54,5 @@ class ActionModule(ActionBase):
 
 
 def machines(fleet: FleetPlan, hostvars: Mapping[str, Any], name: str) -> dict[str, Mapping[str, Any]]:
-    """Return the facts of each computer, which it registered by this name (with a dot: a part of it). Facts that make no sense are left out."""
-    facts = {}
-    for host in fleet.computers:
-        info = plain_data(find_result(hostvars[host], name)) if host in hostvars else {}
-        if is_read(info) and makes_sense(fleet, host, info):
-            facts[host] = info
-    return facts
+    """Return the facts of each computer, which it registered by this name (with a dot: a part of it)."""
+    return {host: plain_data(find_result(hostvars[host], name)) for host in fleet.computers if host in hostvars}

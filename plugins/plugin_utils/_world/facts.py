@@ -27,34 +27,30 @@ NEEDED = ("interfaces", "routing", "forwarding", "filters")
 HOOKS = {"input": IN, "output": OUT, "forward": FORWARD, "postrouting": NAT}
 
 
-def is_read(info: Info) -> bool:
-    """Tell if the facts of a machine are there."""
-    return all(info.get(part) for part in NEEDED)
+def read_machines(fleet: FleetPlan, infos: Mapping[str, Info]) -> dict[str, Machine]:
+    """Read the machines of which all facts are there, in the expected form: a computer may send anything."""
+    machines = {}
+    for name, info in infos.items():
+        try:
+            if all(info.get(part) for part in NEEDED):
+                machines[name] = _machine(fleet, fleet.computers[name], info)
+        except (LookupError, TypeError, ValueError, AttributeError):
+            continue
+    return machines
 
 
-def makes_sense(fleet: FleetPlan, host: str, info: Info) -> bool:
-    """Tell if the facts have the expected form: a computer may send anything."""
-    try:
-        _machine(fleet, fleet.computers[host], info)
-    except (LookupError, TypeError, ValueError, AttributeError):
-        return False
-    return True
-
-
-def read_world(fleet: FleetPlan, infos: Mapping[str, Info]) -> World:
-    """Make the world as it is now."""
+def join_world(fleet: FleetPlan, machines: Mapping[str, Machine]) -> World:
+    """Make the world as it is now, with the machines that were read."""
     world = plan_world.make_world(fleet)
-    machines = {name: _machine(fleet, fleet.computers[name], infos[name]) for name in infos if is_read(infos[name])}
     links = {one.link for machine in machines.values() for one in machine.interfaces}
     world = World({**world.machines, **machines}, {**{name: Link(name) for name in links if name}, **world.links})
     return _merge_links(fleet, world)
 
 
-def apply_plan(fleet: FleetPlan, now: World, infos: Mapping[str, Info]) -> World:
-    """Make the world after site.yml: its settings, routes and packet filter."""
-    for name, plan in fleet.computers.items():
-        if name in infos and is_read(infos[name]):
-            now = now.replace_machine(_apply(fleet, plan, now.machines[name]))
+def apply_plan(fleet: FleetPlan, now: World, names: Iterable[str]) -> World:
+    """Make the world after site.yml: the settings, routes and packet filter of these machines, which were read."""
+    for name in names:
+        now = now.replace_machine(_apply(fleet, fleet.computers[name], now.machines[name]))
     return now
 
 

@@ -146,9 +146,9 @@ def _join_ends(pairs: Sequence[Pair]) -> End:
 
 def predict(fleet: FleetPlan, infos: Mapping[str, facts.Info]) -> Prediction:
     """Predict the ways between all computers, from their facts."""
-    now = facts.read_world(fleet, infos)
-    after = facts.apply_plan(fleet, now, infos)
-    known = {name for name in infos if facts.is_read(infos[name])}
+    known = facts.read_machines(fleet, infos)
+    now = facts.join_world(fleet, known)
+    after = facts.apply_plan(fleet, now, known)
     return Prediction(
         pairs=list(_pairs(fleet, now, after)),
         computers=[member.name for member in fleet.members],

@@ -10,9 +10,8 @@ from dataclasses import replace
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.facts import (
     apply_plan,
-    is_read,
-    makes_sense,
-    read_world,
+    join_world,
+    read_machines,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Rule, kernel_routes
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo
@@ -26,6 +25,10 @@ ADDRESSES = {str(member.address): member.name for member in PLAN.members}
 
 def infos(world, **more):
     return {name: info_of(world.machines[name], **more) for name in PLAN.computers}
+
+
+def read_world(plan, read):
+    return join_world(plan, read_machines(plan, read))
 
 
 def reached(world):
@@ -89,7 +92,7 @@ def test_what_site_does_not_change_stays():
 def test_who_was_not_looked_at_is_as_planned():
     read = {"tibi-nav": info_of(bare().machines["tibi-nav"])}
     assert read_world(PLAN, read).machines["dabo-nav"] == WORLD.machines["dabo-nav"]
-    assert not is_read({}) and not is_read({"interfaces": []})
+    assert not read_machines(PLAN, {"tibi-nav": {}}) and not read_machines(PLAN, {"tibi-nav": {"interfaces": []}})
 
 
 def test_the_packet_filter_is_found_by_its_record():
@@ -158,5 +161,5 @@ def test_a_network_outside_the_fleet_is_a_link_of_its_own():
 )
 def test_what_makes_no_sense_is_told_apart(strange):
     read = info_of(WORLD.machines["kobuki"])
-    assert makes_sense(PLAN, "kobuki", read)
-    assert not makes_sense(PLAN, "kobuki", {**read, **strange})
+    assert read_machines(PLAN, {"kobuki": read})
+    assert not read_machines(PLAN, {"kobuki": {**read, **strange}})
