@@ -88,8 +88,7 @@ def _read_interface(fleet: FleetPlan, host: str, entry: ForwardingInterface) -> 
 
 
 def _list_routes(plan: ComputerPlan, interfaces: Sequence[Interface]) -> tuple[Route, ...]:
-    made = (route for one in interfaces for route in kernel_routes(one))
-    return (*made, *plan_world.list_routes(plan, [one for one in interfaces if one.up]))
+    return (*kernel_routes(*interfaces), *plan_world.list_routes(plan, [one for one in interfaces if one.up]))
 
 
 # The faults
@@ -121,9 +120,8 @@ def _close_route(state: FleetState, world: World, part: Part) -> World:
     machine, fleet = world.machines.get(part.place), state.fleet
     if machine is None:
         return world
-    networks = [fleet.common_network, *(entry.network for entry in fleet.networks)]
     own = {address.network for one in machine.interfaces for address in one.addresses}
-    gone = [network for network in networks if part.what in ("", plan_world.name_link(fleet, network))]
+    gone = [network for network, link in plan_world.name_links(fleet).items() if part.what in ("", link)]
     closed = [Route(network, kind=NOWHERE) for network in gone if network not in own]
     return world.replace_machine(replace(machine, routes=(*closed, *machine.routes)))
 

@@ -102,9 +102,9 @@ def _interface(fleet: FleetPlan, host: str, entry: Info, settings: Info) -> Inte
 
 def find_link(fleet: FleetPlan, host: str, device: str, addresses: Iterable[IPv4Address]) -> str:
     """Name the link of an interface: the planned network with its address, or else a link of its own."""
-    networks = [fleet.common_network, *(entry.network for entry in fleet.networks)]
-    near = [network for address in addresses for network in networks if address in network]
-    return plan_world.name_link(fleet, near[0]) if near else f"{quote(device)} of {host}"
+    links = plan_world.name_links(fleet)
+    near = (link for address in addresses for network, link in links.items() if address in network)
+    return next(near, f"{quote(device)} of {host}")
 
 
 def _route(entry: Info) -> Route:
@@ -180,7 +180,7 @@ def _add_tunnel(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machi
     if own is None or any(one.name == tunnel.INTERFACE for one in machine.interfaces):
         return machine
     address = IPv4Interface(f"{own.address}/{own.network.prefixlen}")
-    link = plan_world.name_link(fleet, own.network)
+    link = plan_world.name_links(fleet).get(own.network, "")
     interface = Interface(name=tunnel.INTERFACE, addresses=(address,), link=link, mtu=tunnel.MTU, up=True)
     routes = (*machine.routes, *kernel_routes(interface))
     return replace(machine, interfaces=(*machine.interfaces, interface), routes=routes)

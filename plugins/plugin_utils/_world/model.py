@@ -172,22 +172,15 @@ class Machine:
         return frozenset(address.ip for interface in self.interfaces if interface.up for address in interface.addresses)
 
     @cached_property
-    def _table(self) -> Table:
-        return self._sort_routes(self.routes)
-
-    @cached_property
     def _tables(self) -> Mapping[str, Table]:
-        return {name: self._sort_routes(routes) for name, routes in self.tables.items()}
+        return {name: self._sort_routes(routes) for name, routes in {**self.tables, MAIN: self.routes}.items()}
 
     def _sort_routes(self, routes: Sequence[Route]) -> Table:
         """Return the routes as (network, mask, route), the most special first. Numbers are fast, and this is asked most often."""
-        usable = [route for route in routes if route.kind in NO_WAY or self._usable(route)]
+        up = {interface.name for interface in self.interfaces if interface.up}
+        usable = [route for route in routes if route.kind in NO_WAY or route.device in up]
         usable.sort(key=lambda route: (-route.destination.prefixlen, route.metric))
         return [(int(route.destination.network_address), int(route.destination.netmask), route) for route in usable]
-
-    def _usable(self, route: Route) -> bool:
-        interface = self._ports.get(route.device)
-        return interface is not None and interface.up
 
     def interface(self, name: str) -> Interface:
         """Return the interface with this name."""
@@ -206,13 +199,13 @@ class Machine:
     ) -> Route | None:
         """Return the route to an address: the longest prefix counts, then the lowest metric. Rules may lead to other tables."""
         if not self.lookups:
-            return _look_up(self._table, destination)
+            return _look_up(self._tables[MAIN], destination)
         for rule in sorted((*self.lookups, Lookup(MAIN_PRIORITY)), key=lambda rule: rule.priority):
             if not rule.matches(destination, source, incoming, packet):
                 continue
             if rule.kind:
                 return Route(IPv4Network("0.0.0.0/0"), kind=rule.kind, rule=rule)
-            chosen = _look_up(self._table if rule.table == MAIN else self._tables.get(rule.table, ()), destination)
+            chosen = _look_up(self._tables.get(rule.table, ()), destination)
             if chosen is not None and chosen.destination.prefixlen > rule.longer and chosen.kind != "throw":
                 return chosen
         return None
@@ -233,13 +226,8 @@ class Machine:
             chains.setdefault(rule.chain, {}).setdefault(rule.table, []).append(rule)
         return {chain: list(tables.values()) for chain, tables in chains.items()}
 
-    def verdict(self, chain: str, packet: Packet, incoming: str = "", leaving: str = "") -> str:
-        """Return the verdict of its packet filter on a packet."""
-        rule = self.objection(chain, packet, incoming, leaving)
-        return rule.verdict if rule else ACCEPT
-
     def objection(self, chain: str, packet: Packet, incoming: str = "", leaving: str = "") -> Rule | None:
-        """Return the rule against a packet: that of the first table that does not accept it."""
+        """Return the rule of its packet filter against a packet: that of the first table that does not accept it."""
         for rules in self._chains.get(chain, ()):
             match = next((rule for rule in rules if rule.matches(packet, incoming, leaving)), None)
             if match is not None and match.verdict != ACCEPT:
@@ -247,10 +235,11 @@ class Machine:
         return None
 
 
-def kernel_routes(interface: Interface) -> tuple[Route, ...]:
-    """Return the routes that the kernel makes for the addresses of an interface."""
+def kernel_routes(*interfaces: Interface) -> tuple[Route, ...]:
+    """Return the routes that the kernel makes for the addresses of interfaces."""
     return tuple(
         Route(address.network, device=interface.name, source=address.ip)
+        for interface in interfaces
         for address in interface.addresses
         if address.network.prefixlen < 32
     )

@@ -205,7 +205,8 @@ class _Journey(Trace):
 
 def masquerades(machine: Machine, device: Interface, packet: Packet) -> bool:
     """Tell if a packet gets the address of the interface by which it leaves. An answer never does."""
-    return not packet.answer and machine.verdict(NAT, packet, leaving=device.name) == MASQUERADE
+    rule = None if packet.answer else machine.objection(NAT, packet, leaving=device.name)
+    return rule is not None and rule.verdict == MASQUERADE
 
 
 def _neighbour(world: World, machine: Machine, device: Interface, hop: IPv4Address) -> tuple[Machine, Interface]:

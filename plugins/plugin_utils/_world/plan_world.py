@@ -18,18 +18,19 @@ COMMON = "the common network"
 FIRST, LAST = 1024, 65535  # the ports that multimaster_firewall protects
 
 
-def name_link(fleet: FleetPlan, network: IPv4Network) -> str:
-    """Name the link of a planned network; empty for any other network."""
-    if network == fleet.common_network:
-        return COMMON
-    return next((f"the network of {entry.robot}" for entry in fleet.networks if entry.network == network), "")
+def name_links(fleet: FleetPlan) -> dict[IPv4Network, str]:
+    """Name the link of each planned network, the common one first."""
+    return {
+        fleet.common_network: COMMON,
+        **{entry.network: f"the network of {entry.robot}" for entry in fleet.networks},
+    }
 
 
 def make_world(fleet: FleetPlan) -> World:
     """Make the world of a plan."""
     machines = [make_machine(fleet, plan) for plan in fleet.computers.values()] + list_devices(fleet)
-    links = [COMMON, *(f"the network of {entry.robot}" for entry in fleet.networks)]
-    return World({machine.name: machine for machine in machines}, {name: Link(name) for name in links})
+    links = {name: Link(name) for name in name_links(fleet).values()}
+    return World({machine.name: machine for machine in machines}, links)
 
 
 def make_machine(fleet: FleetPlan, plan: ComputerPlan) -> Machine:
@@ -40,7 +41,7 @@ def make_machine(fleet: FleetPlan, plan: ComputerPlan) -> Machine:
     return Machine(
         name=plan.computer,
         interfaces=interfaces,
-        routes=(*_list_kernel_routes(interfaces), *list_routes(plan, interfaces)),
+        routes=(*kernel_routes(*interfaces), *list_routes(plan, interfaces)),
         rules=make_rules(fleet, plan),
         groups=list_groups(plan),
     )
@@ -50,20 +51,17 @@ def _make_interfaces(
     fleet: FleetPlan, name: str, places: Iterable[tuple[IPv4Address, IPv4Network]], forwarding: bool, rp_filter: int = 0
 ) -> tuple[Interface, ...]:
     """Make an interface for each address and its network."""
+    links = name_links(fleet)
     return tuple(
         Interface(
             f"{name}{number}",
             (IPv4Interface((address, network.prefixlen)),),
-            name_link(fleet, network),
+            links.get(network, ""),
             forwarding=forwarding,
             rp_filter=rp_filter,
         )
         for number, (address, network) in enumerate(places)
     )
-
-
-def _list_kernel_routes(interfaces: Iterable[Interface]) -> list[Route]:
-    return [route for interface in interfaces for route in kernel_routes(interface)]
 
 
 def list_groups(plan: ComputerPlan) -> frozenset[IPv4Address]:
@@ -127,4 +125,4 @@ def _make_device(fleet: FleetPlan, places: list[tuple[IPv4Address, IPv4Network]]
     interfaces = _make_interfaces(fleet, "port", places, forwarding=True)
     common = interfaces[-1].name
     others = [Route(entry.network, entry.common_address, common) for entry in fleet.networks if entry.robot != robot]
-    return Machine(str(places[0][0]), interfaces, routes=(*_list_kernel_routes(interfaces), *others))
+    return Machine(str(places[0][0]), interfaces, routes=(*kernel_routes(*interfaces), *others))

@@ -10,8 +10,6 @@ from ipaddress import IPv4Network
 
 from .model import ANY_PORT, NO_WAY, Lookup
 
-# Rules for marked packets, kinds of service or users do not match the packets of a prediction.
-OTHERS = ("fwmark", "tos", "dsfield", "uidrange", "oif", "l3mdev", "tun_id")
 PROTOCOLS = {"1": "icmp", "6": "tcp", "17": "udp"}  # ip prints the name where /etc/protocols has it
 QUIET = ("proto", "protocol", "realms")  # they change nothing here
 DETACHED = "[detached]"  # behind the name of an interface that does not exist
@@ -25,13 +23,11 @@ def lookups(lines: Iterable[str]) -> tuple[Lookup, ...]:
 def _lookup(line: str) -> Lookup | None:
     priority, colon, text = line.partition(":")
     words = [word for word in text.split() if word != DETACHED]
-    if not (colon and priority.strip().isdigit()):
+    if not (colon and priority.strip().isdecimal()):
         return None
-    if words and words[0] == "not":
-        return _read_negation(int(priority), words[1:])
     try:
-        return _rule(int(priority), words)
-    except (ValueError, IndexError):
+        return _read_negation(int(priority), words[1:]) if words[:1] == ["not"] else _rule(int(priority), words)
+    except ValueError:
         return None
 
 
@@ -43,14 +39,15 @@ def _read_negation(priority: int, words: list[str]) -> Lookup | None:
 
 
 def _rule(priority: int, words: list[str]) -> Lookup | None:
-    """Read the words of a rule. Raises ValueError and IndexError for other words."""
+    """Read the words of a rule; None for other words. Raises ValueError for other values.
+
+    Rules for marked packets, kinds of service or users (fwmark, tos, uidrange) do not match the packets of a prediction.
+    """
     fields: dict[str, str] = {}
     rest = iter(words)
     for word in rest:
         if word in NO_WAY:
             fields["kind"] = word
-        elif word in OTHERS:
-            return None
         else:
             fields[word] = next(rest, "")
     known = {

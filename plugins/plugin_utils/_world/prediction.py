@@ -33,60 +33,54 @@ ALL = 30  # computers of which all pairs are tried
 PAIRS, MOST = 4, 8  # pairs and machines that are named in a sentence
 
 
-class Goal(NamedTuple):
-    """The address and the port that packets go to."""
-
-    address: IPv4Address
-    port: int = 0
+def _ping(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
+    return Packet("icmp", other.address)
 
 
-def _find_computer(fleet: FleetPlan, one: Member, other: Member) -> Goal | None:
-    return Goal(other.address)
+def _call_node(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
+    return Packet("tcp", other.address, port=NODES)
 
 
-def _find_node(fleet: FleetPlan, one: Member, other: Member) -> Goal | None:
-    return Goal(other.address, NODES)
+def _fill_packet(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
+    """Make a full packet, which must not be cut."""
+    return Packet("tcp", other.address, port=NODES, size=FULL, whole=True)
 
 
-def _find_discovery(fleet: FleetPlan, one: Member, other: Member) -> Goal | None:
-    return Goal(other.discovery_address, fleet.multicast_port) if one.discovery and other.discovery else None
+def _beat(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
+    if not (one.discovery and other.discovery):
+        return None
+    return Packet("udp", other.discovery_address, port=fleet.multicast_port)
 
 
-def _find_border(fleet: FleetPlan, one: Member, other: Member) -> Goal | None:
-    """Return the border that a border asks, where a topic or service crosses by both."""
+def _call_border(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
+    """Make a packet to the border that a border asks, where a topic or service crosses by both."""
     own, its = (fleet.computers[member.name].border for member in (one, other))
     if own is None or its is None or other.robot not in {channel["peer"] for channel in own["channels"]}:
         return None
-    return Goal(other.discovery_address, its["port"])
+    return Packet("tcp", other.discovery_address, port=its["port"])
 
 
-def _find_time(fleet: FleetPlan, one: Member, other: Member) -> Goal | None:
-    """Return the source of the time that a computer follows."""
+def _ask_time(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
+    """Make a packet to the source of the time that a computer follows."""
     clock = fleet.computers[one.name].clock
-    return Goal(clock.server, NTP) if clock and clock.server and clock.source == other.name else None
+    return Packet("udp", clock.server, port=NTP) if clock and clock.server and clock.source == other.name else None
 
 
 class Traffic(NamedTuple):
     """A kind of packets that the fleet needs."""
 
     name: str
-    protocol: str
-    find_goal: Callable[[FleetPlan, Member, Member], Goal | None]  # None between computers that do not need it
-    size: int = 100
+    make_packet: Callable[[FleetPlan, Member, Member], Packet | None]  # None between computers that do not need it
     discovery: bool = False  # for discovery nodes, which ignore it if its source address was translated
-
-    def make_packet(self, goal: Goal) -> Packet:
-        """Make a packet to a computer. A full one must not be cut."""
-        return Packet(self.protocol, goal.address, port=goal.port, size=self.size, whole=self.size == FULL)
 
 
 TRAFFIC = (
-    Traffic("ping", "icmp", _find_computer),
-    Traffic("heartbeats", "udp", _find_discovery, discovery=True),
-    Traffic(CONNECTIONS, "tcp", _find_node),
-    Traffic(LARGE, "tcp", _find_node, FULL),
+    Traffic("ping", _ping),
+    Traffic("heartbeats", _beat, discovery=True),
+    Traffic(CONNECTIONS, _call_node),
+    Traffic(LARGE, _fill_packet),
 )
-DECLARED = (Traffic("topics by the border", "tcp", _find_border), Traffic("the time", "udp", _find_time))  # of few ways
+DECLARED = (Traffic("topics by the border", _call_border), Traffic("the time", _ask_time))  # of few ways
 
 
 class End(NamedTuple):
@@ -162,9 +156,8 @@ def _pairs(fleet: FleetPlan, now: World, after: World) -> Iterator[Pair]:
     declared = ((one, other, DECLARED) for one, other in permutations(fleet.members, 2))
     for one, other, traffics in chain(choose_ways(fleet.members), declared):
         for traffic in traffics:
-            goal = traffic.find_goal(fleet, one, other)
-            if goal is not None:
-                packet = traffic.make_packet(goal)
+            packet = traffic.make_packet(fleet, one, other)
+            if packet is not None:
                 later, end = _outcome(fleet, after, one.name, other.name, packet, traffic)
                 before = later if same else _outcome(fleet, now, one.name, other.name, packet, traffic)[0]
                 yield Pair(traffic.name, one.name, other.name, before, later, end)
@@ -225,8 +218,8 @@ def _end(fleet: FleetPlan, way: Trace, traffic: Traffic) -> End:
 
 
 def _network(fleet: FleetPlan, address: IPv4Address) -> str:
-    networks = [fleet.common_network, *(entry.network for entry in fleet.networks)]
-    return next((plan_world.name_link(fleet, network) for network in networks if address in network), str(address))
+    links = plan_world.name_links(fleet)
+    return next((link for network, link in links.items() if address in network), str(address))
 
 
 # Sentences

@@ -56,6 +56,8 @@ def test_a_rule_is_read(line, expected):
         "9: from somewhere lookup 9",
         "9: from all lookup main suppress_prefixlength x",
         "from all lookup 9",
+        "\u00b2: not from all fwmark 0x1 lookup 9",
+        f"{'9' * 5000}: not from all fwmark 0x1 lookup 9",
         "",
         "9:",
     ],
