@@ -23,8 +23,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     NAT,
     OUT,
     STRICT,
-    Interface,
-    Machine,
     Route,
     Rule,
     kernel_routes,
@@ -32,7 +30,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON
 
 from tests.simulator.ros import TALKS
-from tests.simulator.state import DEAD, HUNG, replace_interface, replace_link
+from tests.simulator.state import DEAD, HUNG, Computer, Port, replace_interface, replace_link
 
 NODE_PORTS = (32768, 60999)
 ANYWHERE = "*"  # a place that is not compared
@@ -188,8 +186,8 @@ def cable_out(state, random, one):
 
 def duplicate(state, random, one):
     interface = _one_interface(random, one)
-    twin = Interface("eth0", interface.addresses, interface.link)
-    return state.replace_machine(Machine(f"twin of {one.name}", (twin,), kernel_routes(twin)))
+    twin = Port("eth0", interface.addresses, interface.link)
+    return state.replace_machine(Computer(f"twin of {one.name}", (twin,), kernel_routes(twin)))
 
 
 # Names

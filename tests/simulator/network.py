@@ -30,7 +30,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packet
 )
 
 from tests.simulator.multicast import send_to_group
-from tests.simulator.state import DEAD
+from tests.simulator.state import DEAD, loss
 
 NODES = 45000  # stands for the ports of nodes, which the kernel chooses
 CONTROL = 40000  # and this for the socket of a helper
@@ -127,7 +127,7 @@ class Network:
     def ping(self, computer, address):
         """What the probe says of an address, after three tries."""
         way = self.echo(computer, Packet("icmp", address, size=28))
-        lost = way.loss(self.world)
+        lost = loss(self.world, way)
         if way.ok and any(self.chance("ping", computer, address, n) >= lost for n in range(TRIES)):
             return seen.Ping(True, 0.4 + round(self.chance(computer, address), 1), outcome=Outcome.ANSWERED)
         if not way.there.ok:
@@ -186,7 +186,7 @@ class Network:
         there = self.echo(computer, Packet("icmp", address, size=28)).there
         near = entry.route.gateway is None and there.by != computer
         way = self.echo(computer, Packet("icmp", address, size=28))
-        lost = way.loss(self.world) if way.ok else 1.0
+        lost = loss(self.world, way) if way.ok else 1.0
         missed = sum(self.chance("more", computer, address, n) < lost for n in range(PROBES))
         found = {"neighbour": self.mac(there.by, there.device) if near else "", "loss": round(missed / PROBES, 3)}
         if entry.ping_address.ok:
@@ -225,7 +225,7 @@ class Network:
         """Whether a packet as large as the own interface takes arrives; a router that says what fits is as good."""
         size = min(LARGE, self.world.machines[computer].interface(device).mtu) if device else LARGE
         way = self.echo(computer, Packet("icmp", address, size=size, whole=True))
-        lost = way.loss(self.world)
+        lost = loss(self.world, way)
         end = way.there
         told = end.outcome == TOO_LARGE and end.where == end.by != computer
         if told or (way.ok and any(self.chance("large", computer, address, n) >= lost for n in range(TRIES))):
@@ -276,7 +276,7 @@ class Network:
         if address.is_loopback:
             return ("" if self.listens(computer, port) else "Connection refused"), computer
         way = self.echo(computer, Packet("tcp", address, port=port, size=60))
-        if way.ok and self.chance("tcp", computer, address, port) >= way.loss(self.world) ** ATTEMPTS:
+        if way.ok and self.chance("tcp", computer, address, port) >= loss(self.world, way) ** ATTEMPTS:
             there = way.there.where
             return ("" if self.listens(there, port) else "Connection refused"), there
         chosen = self.world.machines[computer].route(address)
@@ -437,7 +437,7 @@ class Network:
             answers = any(one.name.endswith("echo_ignore_broadcasts") and one.value == "0" for one in plan.sysctl)
             back = self.trace(name, Packet("icmp", own.discovery_address, size=28, answer=True))
             for number in range(ROUNDS):
-                kept = self.chance("round", own.name, name, number) >= back.loss(self.world)
+                kept = self.chance("round", own.name, name, number) >= loss(self.world, back)
                 if answers and back.ok and kept and self.members[name].discovery:
                     answered[number].append(name)
         rounds = tuple(seen.IcmpRound(number + 1, tuple(sorted(names))) for number, names in enumerate(answered))

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from ipaddress import IPv4Address
+from itertools import pairwise
+from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
@@ -17,6 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     World,
     kernel_routes,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import Echo, Trace
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_world
 
 RUNS, DEAD, HUNG = "runs", "dead", "hung"  # hung: it has its port, and answers nothing
@@ -41,9 +44,25 @@ class RobotState:
 
 
 @dataclass(frozen=True)
-class Computer(Machine):
-    """A machine with what does not concern packets."""
+class Port(Interface):
+    """An interface that may lose packets."""
 
+    loss: float = 0.0  # the share of packets that is lost here, coming in and going out, 0 to 1
+
+
+@dataclass(frozen=True)
+class Wire(Link):
+    """A link that may lose packets."""
+
+    loss: float = 0.0  # the share of packets that is lost, 0 to 1
+    pruned: frozenset[IPv4Address] = frozenset()  # groups that it does not carry, as by IGMP snooping without a querier
+
+
+@dataclass(frozen=True)
+class Computer(Machine):
+    """A machine with what does not concern the packets of the product's model."""
+
+    groups: frozenset[IPv4Address] = frozenset()  # that it passes on between its interfaces
     names: Mapping[str, tuple[IPv4Address, ...]] = field(default_factory=dict)  # what each name means here
     environment: Mapping[str, str] = field(default_factory=dict)  # of its services
     clock: float = 0.0  # seconds ahead of the true time
@@ -93,14 +112,45 @@ class State:
         return self.fleet.master_of[robot].computer
 
 
+def _fields(of: Machine | Interface | Link) -> dict[str, Any]:
+    return {one.name: getattr(of, one.name) for one in fields(of)}
+
+
+def make_computer(machine: Machine) -> Computer:
+    """The machine with what the simulator knows beside packets."""
+    ports = tuple(Port(**_fields(one)) for one in machine.interfaces)
+    return Computer(**{**_fields(machine), "interfaces": ports})
+
+
+def simulate(fleet: FleetPlan) -> World:
+    """The world of a plan, in which packets may be lost and groups are passed on."""
+    planned = make_world(fleet)
+    machines = {}
+    for name, machine in planned.machines.items():
+        plan = fleet.computers.get(name)
+        routing = plan.multicast_routing if plan else None
+        machines[name] = replace(make_computer(machine), groups=frozenset({routing.group} if routing else ()))
+    return World(machines, {name: Wire(**_fields(link)) for name, link in planned.links.items()})
+
+
+def loss(world: World, way: Trace | Echo) -> float:
+    """The share of such packets that is lost on a way, or there and back."""
+    kept = 1.0
+    for one in (way.there, way.back) if isinstance(way, Echo) else (way,):
+        for hop, following in pairwise(one.hops if one else ()):
+            leaves = world.machines[hop.machine].interface(hop.device)
+            comes = {machine.name: port for machine, port in world.holders(leaves.link, hop.to)}
+            kept *= (1 - leaves.loss) * (1 - world.links[leaves.link].loss) * (1 - comes[following.machine].loss)
+    return 1 - kept
+
+
 def healthy(random, fleet: FleetPlan) -> State:
     """A fleet in which everything is as planned. Some second computers have no ROS, and some packets are lost."""
-    world = make_world(fleet)
+    world = simulate(fleet)
     names = {name: (entry.address,) for entry in fleet.hosts_entries for name in entry.names}
     for name, plan in fleet.computers.items():
-        machine = {one.name: getattr(world.machines[name], one.name) for one in fields(Machine)}
         known = names if plan.robot else {}
-        world = world.replace_machine(Computer(**machine, names=known, environment=plan.environment))
+        world = world.replace_machine(replace(world.machines[name], names=known, environment=plan.environment))
     for link in world.links.values():
         world = replace_link(world, replace(link, loss=random.choice((0.0, 0.0, 0.002))))
     robots = {

@@ -77,9 +77,6 @@ def _machine(fleet: FleetPlan, plan: ComputerPlan, info: Info) -> Machine:
         tables={entry["table"]: tuple(map(_route, entry["routes"])) for entry in info["routing"].get("tables", ())},
         rules=(*own, *rules),
         unclear=unclear,
-        groups=plan_world.list_groups(plan)
-        if any("multicast_routing" in name for name in info.get("owned", ()))
-        else frozenset(),
     )
 
 
@@ -199,7 +196,6 @@ def _apply(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machine:
         interfaces=interfaces,
         routes=_routes(plan, machine),
         rules=(*plan_world.make_rules(fleet, plan), *others),
-        groups=plan_world.list_groups(plan),
     )
 
 

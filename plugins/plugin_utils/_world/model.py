@@ -49,7 +49,6 @@ class Interface:
     up: bool = True
     forwarding: bool = False  # of what comes in here
     rp_filter: int = 0  # the larger value of `all` and the interface
-    loss: float = 0.0  # the share of packets that is lost here, coming in and going out, 0 to 1
 
 
 @dataclass(frozen=True)
@@ -159,7 +158,6 @@ class Machine:
     tables: Mapping[str, tuple[Route, ...]] = field(default_factory=dict)  # the other tables that these ask
     rules: tuple[Rule, ...] = ()
     unclear: frozenset[str] = frozenset()  # chains with rules that are not among `rules`, since they say more
-    groups: frozenset[IPv4Address] = frozenset()  # that it passes on between its interfaces
     on: bool = True
 
     @cached_property
@@ -251,9 +249,7 @@ class Link:
 
     name: str
     up: bool = True
-    loss: float = 0.0  # the share of packets that is lost, 0 to 1
     largest: int | None = None  # bytes; a larger packet is lost without a word
-    pruned: frozenset[IPv4Address] = frozenset()  # groups that it does not carry, as by IGMP snooping without a querier
     apart: bool = False  # an access point that keeps its clients apart
 
 

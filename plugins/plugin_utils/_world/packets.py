@@ -3,7 +3,7 @@
 
 """The way of a packet: hop by hop, as a kernel decides it. A question and its answer are two ways.
 
-Pure: a world and a packet in, a trace out. Loss is a share of packets here, not a matter of chance.
+Pure: a world and a packet in, a trace out. Nothing is a matter of chance.
 """
 
 from __future__ import annotations
@@ -67,24 +67,15 @@ class Trace:
     outcome: str = ""
     where: str = ""
     hops: list[Hop] = field(default_factory=list)
-    links: list[str] = field(default_factory=list)  # that it has crossed
     # machine, new source, the one before
     translations: list[tuple[str, IPv4Address, IPv4Address]] = field(default_factory=list)
     device: str = ""  # by which it came in at its end
-    kept: float = 1.0  # the share of such packets that no interface on the way loses
     rule: Rule | Lookup | None = None  # of the packet filter, or for routing, that ends it
 
     @property
     def ok(self) -> bool:
         """True if it arrived."""
         return self.outcome == DELIVERED
-
-    def loss(self, world: World) -> float:
-        """The share of such packets that is lost on the way."""
-        kept = self.kept
-        for link in self.links:
-            kept *= 1 - world.links[link].loss
-        return 1 - kept
 
 
 class _End(Exception):
@@ -154,9 +145,7 @@ class _Journey(Trace):
         link = self.world.links.get(device.link)
         if link is None or not link.up:
             raise _End(LINK_DOWN, device.link or machine.name)
-        self.links.append(link.name)
         following, interface = _neighbour(self.world, machine, device, hop)
-        self.kept *= (1 - device.loss) * (1 - interface.loss)
         if link.apart:
             raise _End(APART, link.name)
         size = min(self.packet.size, device.mtu)
@@ -249,13 +238,6 @@ class Echo:
     def failure(self) -> Trace | None:
         """The way that did not arrive; None if both did."""
         return next((way for way in (self.there, self.back) if way is not None and not way.ok), None)
-
-    def loss(self, world: World) -> float:
-        """The share of such questions without an answer."""
-        kept = 1.0
-        for way in (self.there, self.back):
-            kept *= 1 - (way.loss(world) if way else 0.0)
-        return 1 - kept
 
 
 def echo(world: World, start: str, packet: Packet) -> Echo:

@@ -43,7 +43,6 @@ def make_machine(fleet: FleetPlan, plan: ComputerPlan) -> Machine:
         interfaces=interfaces,
         routes=(*kernel_routes(*interfaces), *list_routes(plan, interfaces)),
         rules=make_rules(fleet, plan),
-        groups=list_groups(plan),
     )
 
 
@@ -62,11 +61,6 @@ def _make_interfaces(
         )
         for number, (address, network) in enumerate(places)
     )
-
-
-def list_groups(plan: ComputerPlan) -> frozenset[IPv4Address]:
-    """Return the multicast groups that a computer forwards."""
-    return frozenset({plan.multicast_routing.group} if plan.multicast_routing else ())
 
 
 def list_routes(plan: ComputerPlan, interfaces: Sequence[Interface]) -> tuple[Route, ...]:

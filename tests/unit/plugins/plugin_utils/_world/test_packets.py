@@ -26,17 +26,17 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     kernel_routes,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo, trace
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON, make_world
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.prediction import predict
 from worlds import address, change, change_interface, fig12, ping, route, tcp
 
 from tests.simulator import network as simulated
 from tests.simulator.multicast import send_to_group
 from tests.simulator.network import report_end
-from tests.simulator.state import replace_link
+from tests.simulator.state import loss, replace_link, simulate
 
 PLAN = fig12()
-WORLD = make_world(PLAN)
+WORLD = simulate(PLAN)
 INNER, GATEWAY, FAR_GATEWAY, FAR = "tibi-nav", "tibi-visio", "dabo-visio", "dabo-nav"
 FAR_ADDRESS = "192.168.10.100"
 
@@ -234,8 +234,8 @@ def test_routers_report_what_they_cannot_pass_on(name):
 def test_loss_adds_up_over_the_links():
     world = _link(COMMON, loss=0.3)
     found = echo(world, INNER, ping(FAR_ADDRESS))
-    assert found.loss(world) == pytest.approx(1 - 0.7 * 0.7)
-    assert echo(world, INNER, ping("192.168.11.101")).loss(world) == 0
+    assert loss(world, found) == pytest.approx(1 - 0.7 * 0.7)
+    assert loss(world, echo(world, INNER, ping("192.168.11.101"))) == 0
 
 
 def test_the_group_is_heard_where_nothing_stands_between():
