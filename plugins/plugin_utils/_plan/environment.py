@@ -190,9 +190,13 @@ def render_units(environment: Environment) -> str:
     return _HEADER + "".join(f"{name}={_quote(value)}\n" for name, value in values(environment).items())
 
 
-def values(environment: Environment) -> dict[str, str]:
-    """Return the variables of services, each with its whole value."""
-    return dict(sorted({**environment.texts, **_whole(environment, UNIT_PATH)}.items()))
+def values(environment: Environment, path: str = UNIT_PATH) -> dict[str, str]:
+    """Return the variables for readers that cannot extend a list. PATH keeps the folders of the system, which are those of `path`."""
+    lists = {
+        name: ":".join(dict.fromkeys([*entries, *(path.split(":") if name == "PATH" else ())]))
+        for name, entries in environment.lists.items()
+    }
+    return dict(sorted({**environment.texts, **lists}.items()))
 
 
 def _render_profile(environment: Environment) -> str:
@@ -292,28 +296,15 @@ def _render_ssh(environment: Environment, sshd: Mapping[str, Any]) -> str:
 
 
 def _render_setenv(environment: Environment, path: str) -> str:
-    values = {**environment.texts, **_whole(environment, path)}
     # The quotes are around the whole word. OpenSSH before 8.7 knows them only at its start.
-    pairs = map("=".join, sorted(values.items()))
-    words = [pair if _PLAIN.fullmatch(pair) else f'"{_escape(pair)}"' for pair in pairs]
+    words = map(_quote, map("=".join, values(environment, path).items()))
     return f"SetEnv {' '.join(words)}\n"
 
 
-def _whole(environment: Environment, path: str) -> dict[str, str]:
-    """Return lists as texts, for readers that cannot extend a list. PATH keeps the folders of the system."""
-    return {
-        name: ":".join(dict.fromkeys([*entries, *(path.split(":") if name == "PATH" else ())]))
-        for name, entries in environment.lists.items()
-    }
-
-
-def _quote(value: str) -> str:
-    """Return a value for systemd, in double quotes unless it is plain."""
-    return value if _PLAIN.fullmatch(value) else f'"{_escape(value)}"'
-
-
-def _escape(value: str) -> str:
-    return value.replace("\\", "\\\\").replace('"', '\\"')
+def _quote(text: str) -> str:
+    """Return a text for systemd or sshd, in double quotes unless it is plain."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return text if _PLAIN.fullmatch(text) else f'"{escaped}"'
 
 
 SSHD = "/etc/ssh/sshd_config.d/rosfleet-multimaster.conf"
