@@ -32,7 +32,7 @@ def discovery(fleet: Fleet, robot: Robot) -> Parameters:
     bundled = _make_discovery(fleet, robot)
     if robot.variables.provider in UPSTREAM:
         return _upstream_discovery(bundled)
-    return {**bundled, **_output_parameters(fleet, robot, "discovery")}
+    return {**bundled, **_share_parameters(fleet, robot, "discovery")}
 
 
 def sync(fleet: Fleet, robot: Robot) -> Parameters:
@@ -41,9 +41,7 @@ def sync(fleet: Fleet, robot: Robot) -> Parameters:
     _add_for_upstream(bundled, fleet, robot)
     if robot.variables.provider in UPSTREAM:
         return _upstream_sync(bundled)
-    shared = fleet.variables
-    output = _output_parameters(fleet, robot, "sync")
-    return {**bundled, "strangers": shared.strangers, "allow": [str(network) for network in shared.allow], **output}
+    return {**bundled, **_share_parameters(fleet, robot, "sync")}
 
 
 BORDER_PORT = 600  # above that of the roscore
@@ -72,15 +70,8 @@ def border(fleet: Fleet, robot: Robot) -> Parameters | None:
     ]
     if not channels:
         return None
-    shared = fleet.variables
-    return {
-        "robot": robot.name,
-        "port": robot.variables.roscore_port + BORDER_PORT,
-        "channels": channels,
-        "strangers": shared.strangers,
-        "allow": [str(network) for network in shared.allow],
-        **_output_parameters(fleet, robot, "border"),
-    }
+    port = robot.variables.roscore_port + BORDER_PORT
+    return {"robot": robot.name, "port": port, "channels": channels, **_share_parameters(fleet, robot, "border")}
 
 
 def _make_frames(channel: Channel, robot: Robot) -> dict[str, str]:
@@ -94,7 +85,7 @@ def add_members(parameters: Parameters, members: Sequence[Any]) -> Parameters:
     return {**parameters, "members": list(members)} if "strangers" in parameters else parameters
 
 
-# The output of both bundled nodes for people
+# What all bundled nodes have
 
 
 def writes_metrics(robot: Robot) -> bool:
@@ -102,10 +93,15 @@ def writes_metrics(robot: Robot) -> bool:
     return robot.variables.metrics == "textfile" and robot.variables.provider == "bundled"
 
 
-def _output_parameters(fleet: Fleet, robot: Robot, service: str) -> dict[str, Any]:
-    """Return the parameters that differ from the defaults. The file is in memory, in the folder of the service."""
-    output: dict[str, Any] = {"diagnostics": False} if fleet.variables.diagnostics == "none" else {}
-    return {**output, "metrics": f"/run/multimaster-{service}/metrics.prom"} if writes_metrics(robot) else output
+def _share_parameters(fleet: Fleet, robot: Robot, service: str) -> dict[str, Any]:
+    """Return who is no stranger, and the output for people where it is not the default. The file is in memory, in the folder of the service."""
+    shared = fleet.variables
+    parameters: dict[str, Any] = {"strangers": shared.strangers, "allow": [str(network) for network in shared.allow]}
+    if shared.diagnostics == "none":
+        parameters["diagnostics"] = False
+    if writes_metrics(robot):
+        parameters["metrics"] = f"/run/multimaster-{service}/metrics.prom"
+    return parameters
 
 
 # master_discovery, bundled
@@ -128,8 +124,6 @@ def _make_discovery(fleet: Fleet, robot: Robot) -> dict[str, Any]:
         "listen_mcast": multicast,
         "robot_hosts": peers if shared.transport in ("both", "unicast") else [],
         "hide_subscribers": ["*"] if is_restricted(fleet, robot) else [],
-        "strangers": shared.strangers,
-        "allow": [str(network) for network in shared.allow],
         **({} if exports is None else {"exports": _list_served_names(fleet, robot)}),
     }
 
@@ -371,7 +365,7 @@ def list_limits(fleet: Fleet, robot: Robot) -> Iterator[str]:
         "the same name: rename them or leave them out by multimaster_filters, or set multimaster_provider to 'bundled', which refuses "
         "such registrations."
     )
-    if bundled["strangers"] == "ignore":
+    if fleet.variables.strangers == "ignore":
         yield (
             f"{host}: multimaster_strangers is 'ignore', but multimaster_provider is '{provider}', which exchanges with whoever is "
             "heard; expected nodes that know who belongs to the fleet: keep strangers off the common network, or set "
