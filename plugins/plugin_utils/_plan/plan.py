@@ -125,7 +125,7 @@ def _listeners(members: Iterable[model.Member]) -> tuple[model.Listener, ...]:
 
 def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.ComputerPlan:
     is_master = computer == robot.companion
-    is_gateway = robot.gateway is not None and robot.gateway.name == computer.name
+    is_gateway = bool(_list_behind(robot, computer))
     tunnel = _tunnel(fleet, robot, computer)
     # The unit of the tunnel makes its routes, each time that it starts.
     existing = robot.variables.routes == "existing" or tunnel is not None
@@ -150,7 +150,7 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         routes_expected=expected,
         look_at=_look_at(fleet, robot, is_master, expected, metrics),
         multicast_routing=_multicast_routing(fleet, computer) if is_gateway else None,
-        firewall=_firewall(fleet, _list_protected(fleet, robot, computer), computer),
+        firewall=_firewall(fleet, robot, computer),
         clock=_clock(fleet, robot, computer),
         tunnel=tunnel,
         environment=_environment(fleet, robot, computer),
@@ -161,14 +161,10 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
         discovery=parameters.discovery(fleet, robot) if is_master else {},
         sync=parameters.sync(fleet, robot) if is_master else {},
         border=border,
-        crossing=_list_parameters(fleet, robot, is_master),
+        crossing=(parameters.list_own_crossing(fleet, robot) or None) if is_master else None,
         limits=tuple(parameters.list_limits(fleet, robot)) if is_master else (),
         listens=is_master or computer.common_address is not None,
     )
-
-
-def _list_parameters(fleet: Fleet, robot: Robot, is_master: bool) -> tuple[str, ...] | None:
-    return (parameters.list_own_crossing(fleet, robot) if is_master else ()) or None
 
 
 def _environment(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, str]:
@@ -228,7 +224,7 @@ def _plan_router(fleet: Fleet, router: Router) -> model.ComputerPlan:
         routes=tuple(
             model.Route(robot.network, robot.gateway.common_address) for robot in fleet.robots if robot.gateway
         ),
-        firewall=_firewall(fleet, _networks_behind_router(fleet)),
+        firewall=model.Firewall(_networks_behind_router(fleet)) if fleet.variables.firewall == "fleet" else None,
         look_at=model.LookAt(parts=LOOKED_AT),
     )
 
@@ -299,14 +295,14 @@ def _tunnel(fleet: Fleet, robot: Robot, computer: Computer) -> model.Tunnel | No
         peers=tuple(_list_peers(fleet, computer)),
         routes=_network_routes(fleet, robot, computer),
         hub=computer == fleet.hub or None,
-        behind=next(iter(_list_own_networks(robot, computer)[1:]), None),
+        behind=next(iter(_list_behind(robot, computer)), None),
     )
 
 
 def _list_peers(fleet: Fleet, computer: Computer) -> Iterator[model.Peer]:
     """Yield the peers of a computer. Where there is a hub, all between others of which one has no endpoint goes through it."""
     others = [
-        (own, _list_own_networks(robot, own))
+        (own, (IPv4Network(own.discovery_address), *_list_behind(robot, own)))  # what is its own in the tunnel
         for robot in fleet.robots
         for own in robot.computers
         if own.common_address and own != computer
@@ -322,35 +318,24 @@ def _is_reached_by_hub(fleet: Fleet, one: Computer, other: Computer) -> bool:
     return fleet.hub not in (None, one, other) and None in (one.variables.endpoint, other.variables.endpoint)
 
 
-def _list_own_networks(robot: Robot, computer: Computer) -> tuple[IPv4Network, ...]:
-    """Return what is a computer's own in the tunnel: its address, and on a gateway the network of its robot."""
-    own = [IPv4Network(computer.discovery_address)]
-    return tuple(own + ([robot.network] if robot.gateway and robot.gateway.name == computer.name else []))
+def _list_behind(robot: Robot, computer: Computer) -> tuple[IPv4Network, ...]:
+    """Return the network of its robot on a gateway, nothing on other computers."""
+    return (robot.network,) if robot.gateway and robot.gateway.name == computer.name else ()
 
 
 # The packet filter
 
 
-def _firewall(
-    fleet: Fleet, networks: tuple[IPv4Network, ...], computer: Computer | None = None
-) -> model.Firewall | None:
-    """Return the packet filter of a computer or of the router. None: no packet filter is wanted."""
+def _firewall(fleet: Fleet, robot: Robot, computer: Computer) -> model.Firewall | None:
+    """Return the packet filter of a computer. None: no packet filter is wanted. A hub passes packets on for the whole fleet, as a router."""
     if fleet.variables.firewall != "fleet":
         return None
-    if computer is None:
-        return model.Firewall(networks)
+    networks = _networks_behind_router(fleet) if computer == fleet.hub else _list_behind(robot, computer)
     # Who comes by the tunnel has a key; to others its port does not answer.
     tunnel = (
         (f"{fleet.variables.tunnel_port}/udp",) if fleet.variables.tunnel != "none" and computer.common_address else ()
     )
     return model.Firewall(networks, computer.variables.firewall_also, (*computer.variables.firewall_ports, *tunnel))
-
-
-def _list_protected(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[IPv4Network, ...]:
-    """Return the networks for which a computer passes packets on. A hub does so for the whole fleet, as a router."""
-    if computer == fleet.hub:
-        return _networks_behind_router(fleet)
-    return (robot.network,) if robot.gateway and robot.gateway.name == computer.name else ()
 
 
 def _let_in(fleet: Fleet, belonging: model.Membership) -> tuple[IPv4Network, ...]:
