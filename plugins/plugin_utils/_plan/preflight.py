@@ -82,7 +82,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
             warnings += set_up.list_warnings(plan.computer, info["ros"]["chosen"], plan.shells)
             nodes = providers.find_nodes(plan, info["ros"]["chosen"], info)
             filled, ros = _add_programs(filled, info, nodes), list(nodes.problems)
-            limits += nodes.limits(plan)
+            limits += nodes.list_limits(plan)
         if plan.is_master:
             problems += ros
             holders = _find_holders(plan, info)
@@ -102,9 +102,18 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
 
 def _fill(plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4Address, str]) -> ComputerPlan:
     """Return the plan with what only the machine knows: interfaces, whose clock is kept, packages, and what an earlier plan left."""
+    common = interfaces.get(plan.common_address, "") if plan.common_address else ""
+    sysctl = tuple(
+        replace(setting, name=setting.name.replace("{common}", common.replace(".", "/"))) for setting in plan.sysctl
+    )
+    routing = plan.multicast_routing
+    if routing:
+        routing = replace(routing, interfaces=tuple(interfaces[address] for address in routing.addresses))
     follows = clock.add_machine(plan.clock, info)
     return replace(
-        _add_interfaces(plan, interfaces),
+        plan,
+        sysctl=sysctl,
+        multicast_routing=routing,
         programs=units.NO_PROGRAMS,
         packages=(*clock.list_clock_packages(follows), *tunnel.list_tunnel_packages(plan.tunnel, info)),
         multicast_routing_due=_is_due(plan.multicast_routing, "multicast_routing", info),
@@ -173,18 +182,6 @@ def _add_programs(plan: ComputerPlan, info: Mapping[str, Any], nodes: providers.
 def _is_due(planned: object, record: str, info: Mapping[str, Any]) -> bool:
     """Return True if a thing is planned, or an earlier plan left it behind: there is a record of it."""
     return planned is not None or any(record in name for name in info.get("owned", ()))
-
-
-def _add_interfaces(plan: ComputerPlan, interfaces: Mapping[IPv4Address, str]) -> ComputerPlan:
-    """Return the plan with the names of the interfaces."""
-    common = interfaces.get(plan.common_address, "") if plan.common_address else ""
-    sysctl = tuple(
-        replace(setting, name=setting.name.replace("{common}", common.replace(".", "/"))) for setting in plan.sysctl
-    )
-    routing = plan.multicast_routing
-    if routing:
-        routing = replace(routing, interfaces=tuple(interfaces[address] for address in routing.addresses))
-    return replace(plan, sysctl=sysctl, multicast_routing=routing)
 
 
 def _find_interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interface) -> tuple[str, list[str]]:

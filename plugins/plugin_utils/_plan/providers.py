@@ -105,33 +105,27 @@ class Installation:
     release: Release = NEW
     lacks: Sequence[str] = ()  # programs that are not there
 
-    def limits(self, plan: ComputerPlan) -> list[str]:
-        """Return a sentence if a program is missing, and one if this release does not know all parameters."""
-        return [*self._list_missing_programs(plan), *self._explain_hiding(plan)]
-
-    def _list_missing_programs(self, plan: ComputerPlan) -> Iterator[str]:
+    def list_limits(self, plan: ComputerPlan) -> Iterator[str]:
+        """Yield a sentence for each program that is missing, and one if this release does not know all parameters."""
         for program in self.lacks:
             yield (
                 f"{plan.computer}: multimaster_provider is '{plan.provider}', but the fkie_mas of this robot finds no program {program}; "
                 f"expected it for the nodes that its mas-daemon starts: install the Debian package {program}. Discovery and sync work "
                 "without it."
             )
-
-    def _explain_hiding(self, plan: ComputerPlan) -> list[str]:
-        if self.release.hides or not any(name.startswith("hide_") for name in plan.discovery):
-            return []
-        return [
-            f"{plan.computer}: multimaster_exports is declared, but the multimaster_fkie of this robot is one from before 1.0, which cannot "
-            "hide anything; expected hide_topics and hide_services: rely on the filters of the other robots of the inventory, or set "
-            "multimaster_provider to 'bundled'."
-        ]
+        if not self.release.hides and any(name.startswith("hide_") for name in plan.discovery):
+            yield (
+                f"{plan.computer}: multimaster_exports is declared, but the multimaster_fkie of this robot is one from before 1.0, which cannot "
+                "hide anything; expected hide_topics and hide_services: rely on the filters of the other robots of the inventory, or set "
+                "multimaster_provider to 'bundled'."
+            )
 
 
 def find_nodes(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str, Any]) -> Installation:
     """Find the provider's executables on the machine. `chosen` is the ROS that multimaster_info chose there."""
     if plan.provider == "fkie_apt":
         return _find_packages(plan, chosen, info)
-    return _find_existing(plan, chosen) if plan.provider == "fkie_existing" else Installation()
+    return _find_existing(plan, chosen) if plan.provider == "fkie_existing" and plan.is_master else Installation()
 
 
 def _find_packages(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[str, Any]) -> Installation:
@@ -164,9 +158,7 @@ def _find_packages(plan: ComputerPlan, chosen: Mapping[str, Any], info: Mapping[
 
 
 def _find_existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Installation:
-    if not plan.is_master:
-        return Installation()
-    number, nodes = _choose_release(chosen["nodes"])
+    release, nodes = _choose_release(chosen["nodes"])
     where = quote(chosen["setup"]) or "Debian's packages"
     wrong = [
         f"{node['package']}/{node['executable']} "
@@ -174,7 +166,6 @@ def _find_existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Installatio
         for node in nodes
         if not _runs(node)
     ]
-    release = RELEASES[number]
     unmet = any(module.partition(".")[0] in node["problem"] for module in release.needs for node in nodes)
     problem = (
         f"{plan.computer}: multimaster_provider is 'fkie_existing', but in the ROS of {where} {' and '.join(wrong)}"
@@ -188,11 +179,11 @@ def _find_existing(plan: ComputerPlan, chosen: Mapping[str, Any]) -> Installatio
     return Installation(paths, (), problems, release, () if wrong else lacks)
 
 
-def _choose_release(found: Sequence[Mapping[str, Any]]) -> tuple[int, tuple[Mapping[str, Any], Mapping[str, Any]]]:
-    """Choose the release of which most is there, the first one if they are equal: its number, and its two nodes."""
+def _choose_release(found: Sequence[Mapping[str, Any]]) -> tuple[Release, tuple[Mapping[str, Any], Mapping[str, Any]]]:
+    """Choose the release of which most is there, the first one if they are equal: the release, and its two nodes."""
     by_package = {node["package"]: node for node in found}
-    nodes = {number: (by_package[of.discovery], by_package[of.sync]) for number, of in enumerate(RELEASES)}
-    return max(nodes.items(), key=lambda item: [sum(map(there, item[1])) for there in (_runs, _is_there)])
+    nodes = [(release, (by_package[release.discovery], by_package[release.sync])) for release in RELEASES]
+    return max(nodes, key=lambda item: [sum(map(there, item[1])) for there in (_runs, _is_there)])
 
 
 def _is_there(node: Mapping[str, Any]) -> bool:
