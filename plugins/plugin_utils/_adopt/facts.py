@@ -99,13 +99,13 @@ def read_machine(name: str, info: Info) -> Machine:
     if missing:
         raise StrangeMachine(f"{', '.join(missing)} could not be read")
     try:
-        usable, aside = _addresses(info["interfaces"])
+        usable, aside, mute = _addresses(info["interfaces"])
         return Machine(
             name=name,
             hostname=plain(info.get("hostname") or "", 64),
             addresses=tuple(usable),
             aside=tuple(aside),
-            mute=_list_mute(info["interfaces"]),
+            mute=mute,
             hops=tuple(_hops(info["routing"]["routes"])),
             forwards=info["forwarding"]["ip_forward"] == 1,
             roscores=tuple(_roscore(entry) for entry in info["masters"][:MOST] if not entry["error"]),
@@ -117,30 +117,22 @@ def read_machine(name: str, info: Info) -> Machine:
         raise StrangeMachine(f"what it answered cannot be understood ({quote(problem)})") from None
 
 
-def _addresses(interfaces: Sequence[Info]) -> tuple[list[IPv4Interface], list[str]]:
-    usable, aside = [], []
+def _addresses(interfaces: Sequence[Info]) -> tuple[list[IPv4Interface], list[str], dict[IPv4Address, str]]:
+    """Return the addresses, those that are left aside, and those by which no multicast goes, as of a VPN."""
+    usable, aside, mute = [], [], {}
     for entry in interfaces[:MOST]:
         for address in entry["addresses"][:MOST]:
             if address["family"] != "inet" or entry["loopback"]:
                 continue
             found, device = IPv4Interface(f"{address['address']}/{address['prefix']}"), quote(entry["name"], 32)
+            if entry.get("multicast") is False:
+                mute[found.ip] = device
             why = _explain_aside(found, device, entry["up"])
             if why:
                 aside.append(f"{found} of {device}, {why}")
             else:
                 usable.append(found)
-    return usable, aside
-
-
-def _list_mute(interfaces: Sequence[Info]) -> dict[IPv4Address, str]:
-    """List the addresses by which no multicast goes, as those of a VPN."""
-    mute = [entry for entry in interfaces[:MOST] if entry.get("multicast") is False]
-    return {
-        IPv4Address(address["address"]): quote(entry["name"], 32)
-        for entry in mute
-        for address in entry["addresses"][:MOST]
-        if address["family"] == "inet"
-    }
+    return usable, aside, mute
 
 
 def _explain_aside(address: IPv4Interface, device: str, up: Any) -> str:
