@@ -30,7 +30,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON
 
 from tests.simulator.ros import TALKS
-from tests.simulator.state import DEAD, HUNG, Computer, Port, replace_interface, replace_link
+from tests.simulator.state import DEAD, HUNG, Computer, Port, ports, replace_interface, replace_link
 
 NODE_PORTS = (32768, 60999)
 ANYWHERE = "*"  # a place that is not compared
@@ -82,7 +82,7 @@ def routed(state):
 
 def links(state):
     """The links with more than one computer."""
-    return [name for name, ports in state.world.ports.items() if len(ports) > 1]
+    return [name for name, found in ports(state.world).items() if len(found) > 1]
 
 
 def on(whom, change):

@@ -22,6 +22,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import masquerades
 
+from tests.simulator.state import ports
+
 
 class Delivery(NamedTuple):
     """A datagram of a group that comes in at a machine."""
@@ -80,7 +82,7 @@ def _hearers(world: World, sender: str, device: Interface, packet: Packet) -> It
         return
     if link.largest is not None and packet.size > link.largest:
         return
-    for machine, interface in world.ports[link.name]:
+    for machine, interface in ports(world)[link.name]:
         if machine.on and interface.up and machine.name != sender and packet.size <= interface.mtu:
             if _has_way_back(machine, interface, packet):
                 yield machine, interface

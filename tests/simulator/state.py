@@ -133,6 +133,16 @@ def simulate(fleet: FleetPlan) -> World:
     return World(machines, {name: Wire(**_fields(link)) for name, link in planned.links.items()})
 
 
+def ports(world: World) -> dict[str, list[tuple[Machine, Interface]]]:
+    """The machines with their interfaces on each link."""
+    found: dict[str, list[tuple[Machine, Interface]]] = {name: [] for name in world.links}
+    for machine in world.machines.values():
+        for interface in machine.interfaces:
+            if interface.link in found:
+                found[interface.link].append((machine, interface))
+    return found
+
+
 def loss(world: World, way: Trace | Echo) -> float:
     """The share of such packets that is lost on a way, or there and back."""
     kept = 1.0

@@ -35,8 +35,8 @@ _HEADER = "# Managed by rosfleet.multimaster: the tunnel of this computer\n"
 _INTERFACE = """\
 [Interface]
 # PublicKey = {public}
-Address = {address}/{prefix}
-ListenPort = {port}
+Address = {tunnel.address}/{tunnel.network.prefixlen}
+ListenPort = {tunnel.port}
 {hub}Table = off
 PreUp = nft -f {filter}
 PostUp = wg set %i private-key {key}
@@ -44,7 +44,7 @@ PostUp = wg set %i private-key {key}
 """
 # A computer that becomes the hub starts its tunnel again: the new interface sends no ICMP redirects (plan.NO_REDIRECTS).
 _HUB = "# The hub: it passes packets on between its peers.\n"
-_ROUTE = "PostUp = ip route replace {network} via {gateway} dev %i\n"
+_ROUTE = "PostUp = ip route replace {route.destination} via {route.gateway} dev %i\n"
 _PEER = """
 # {computer}
 [Peer]
@@ -88,16 +88,13 @@ def render_tunnel(tunnel: Tunnel | None, keys: Mapping[str, str]) -> list[dict[s
     """Return the files as managed_files takes them. `keys` are public ones by computer; who has none yet is no peer."""
     if tunnel is None:
         return []
-    routes = "".join(_ROUTE.format(network=route.destination, gateway=route.gateway) for route in tunnel.routes)
     text = _INTERFACE.format(
+        tunnel=tunnel,
         public=keys.get(tunnel.computer, "(made in this run)"),
-        address=tunnel.address,
-        prefix=tunnel.network.prefixlen,
-        port=tunnel.port,
+        hub=_HUB if tunnel.hub else "",
+        routes="".join(_ROUTE.format(route=route) for route in tunnel.routes),
         filter=FILTER,
         key=KEY,
-        hub=_HUB if tunnel.hub else "",
-        routes=routes,
         table=TABLE,
     )
     peers = "".join(

@@ -64,15 +64,12 @@ def _machine(fleet: FleetPlan, plan: ComputerPlan, info: Info) -> Machine:
         for entry in info["interfaces"]
         if not entry["loopback"]
     )
-    names = {one.name for one in interfaces}
     own = plan_world.make_rules(fleet, plan) if any("firewall" in name for name in info.get("owned", ())) else ()
     rules, unclear = read_rules(info["filters"]["chains"])
     return Machine(
         name=plan.computer,
         interfaces=interfaces,
-        routes=tuple(
-            route for route in map(_route, info["routing"]["routes"]) if route.device in names or not route.device
-        ),
+        routes=tuple(map(_route, info["routing"]["routes"])),
         lookups=lookups(info["routing"].get("rules", ())),
         tables={entry["table"]: tuple(map(_route, entry["routes"])) for entry in info["routing"].get("tables", ())},
         rules=(*own, *rules),
@@ -186,10 +183,8 @@ def _add_tunnel(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machi
 def _apply(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machine:
     machine = _add_tunnel(fleet, plan, machine)
     interfaces = machine.interfaces
-    if any(setting.name == "net.ipv4.ip_forward" for setting in plan.sysctl):
-        interfaces = tuple(replace(one, forwarding=True) for one in interfaces)
-    if any(setting.name == "net.ipv4.conf.all.rp_filter" for setting in plan.sysctl):
-        interfaces = tuple(replace(one, rp_filter=LOOSE) for one in interfaces)  # the larger value counts
+    if plan.forwards:
+        interfaces = tuple(replace(one, forwarding=True, rp_filter=LOOSE) for one in interfaces)
     others = [rule for rule in machine.rules if rule.table]
     return replace(
         machine,

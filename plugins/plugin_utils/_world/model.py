@@ -261,22 +261,12 @@ class World:
     links: Mapping[str, Link]
 
     @cached_property
-    def ports(self) -> Mapping[str, Sequence[tuple[Machine, Interface]]]:
-        """The machines with their interfaces on each link."""
-        ports: dict[str, list[tuple[Machine, Interface]]] = {name: [] for name in self.links}
-        for machine in self.machines.values():
-            for interface in machine.interfaces:
-                if interface.link in ports:
-                    ports[interface.link].append((machine, interface))
-        return ports
-
-    @cached_property
     def _holders(self) -> Mapping[tuple[str, IPv4Address], Sequence[tuple[Machine, Interface]]]:
         holders: dict[tuple[str, IPv4Address], list[tuple[Machine, Interface]]] = {}
-        for link, ports in self.ports.items():
-            for machine, interface in ports:
+        for machine in self.machines.values():
+            for interface in machine.interfaces:
                 for address in interface.addresses:
-                    holders.setdefault((link, address.ip), []).append((machine, interface))
+                    holders.setdefault((interface.link, address.ip), []).append((machine, interface))
         return holders
 
     def holders(self, link: str, address: IPv4Address) -> Sequence[tuple[Machine, Interface]]:

@@ -243,10 +243,8 @@ class Echo:
 def echo(world: World, start: str, packet: Packet) -> Echo:
     """Follow a packet to its end, and its answer back: of a ping, or of the first packet of a connection."""
     there = trace(world, start, packet)
-    if not there.ok:
-        return Echo(there, None)
     arrived = there.packet
-    if arrived.source is None:  # it never left
+    if not there.ok or arrived.source is None:  # who has sent a packet has a source
         return Echo(there, None)
     answer = replace(
         packet,

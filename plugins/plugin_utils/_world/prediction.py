@@ -188,7 +188,7 @@ def _outcome(
 ) -> tuple[str, End | None]:
     way = packets.echo(world, start, packet)
     failure = way.failure
-    if failure is None and way.there.where == target and way.back is not None:
+    if failure is None and way.there.where == target:
         if way.there.translations:
             where = way.there.translations[0][0]
             return (FAILS if traffic.discovery else REACHES), End(
