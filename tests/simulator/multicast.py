@@ -92,7 +92,7 @@ def _has_way_back(machine: Machine, interface: Interface, packet: Packet) -> boo
     """Tell if the reverse-path filter lets a datagram in."""
     if not interface.rp_filter or packet.source is None:
         return True
-    back = machine.route(packet.source, packet.destination)
+    back = machine.route(replace(packet, source=packet.destination, destination=packet.source))
     return back is not None and (interface.rp_filter != STRICT or back.device == interface.name)
 
 

@@ -132,7 +132,7 @@ class Network:
             return seen.Ping(True, 0.4 + round(self.chance(computer, address), 1), outcome=Outcome.ANSWERED)
         if not way.there.ok:
             machine = self.world.machines[computer]
-            chosen = machine.route(address)
+            chosen = machine.route(Packet("icmp", address))
             if chosen is None or chosen.kind in NO_WAY:
                 return seen.Ping(error="Network is unreachable", outcome=Outcome.NETWORK_UNREACHABLE)
             if machine.objection(OUT, way.there.packet, leaving=chosen.device) is not None:
@@ -148,7 +148,7 @@ class Network:
     def route(self, computer, address):
         """The route of a computer's kernel to an address."""
         machine = self.world.machines[computer]
-        chosen = machine.route(address)
+        chosen = machine.route(Packet("icmp", address))
         if chosen is None or chosen.kind in NO_WAY:
             return seen.Route(error="Network is unreachable")
         source, gateway = machine.source(chosen, address), chosen.gateway
@@ -279,7 +279,7 @@ class Network:
         if way.ok and self.chance("tcp", computer, address, port) >= loss(self.world, way) ** ATTEMPTS:
             there = way.there.where
             return ("" if self.listens(there, port) else "Connection refused"), there
-        chosen = self.world.machines[computer].route(address)
+        chosen = self.world.machines[computer].route(Packet("icmp", address))
         if chosen is None or chosen.kind in NO_WAY:
             return "Network is unreachable", ""
         told = report_end(self.world, computer, way.there)

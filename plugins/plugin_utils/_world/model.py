@@ -83,21 +83,15 @@ class Lookup:
     ports: tuple[int, int] = ANY_PORT  # of the destination, the first and the last one
     source_ports: tuple[int, int] = ANY_PORT
 
-    def matches(
-        self, destination: IPv4Address, source: IPv4Address | None, incoming: str, packet: Packet | None = None
-    ) -> bool:
-        """Tell if this rule is for a packet; where none is given, for one of no protocol."""
-        if self.protocol or self.ports != ANY_PORT or self.source_ports != ANY_PORT:
-            if packet is None or self.protocol not in ("", packet.protocol):
-                return False
-            if not self.ports[0] <= packet.port <= self.ports[1]:
-                return False
-            if not self.source_ports[0] <= packet.source_port <= self.source_ports[1]:
-                return False
+    def matches(self, packet: Packet, incoming: str) -> bool:
+        """Tell if this rule is for a packet."""
         return (
-            (self.destination is None or destination in self.destination)
-            and (self.source is None or (source is not None and source in self.source))
+            (self.destination is None or packet.destination in self.destination)
+            and (self.source is None or (packet.source is not None and packet.source in self.source))
             and self.incoming in ("", incoming or "lo")
+            and self.protocol in ("", packet.protocol)
+            and self.ports[0] <= packet.port <= self.ports[1]
+            and self.source_ports[0] <= packet.source_port <= self.source_ports[1]
         )
 
 
@@ -111,7 +105,7 @@ class Rule:
     chain: str
     verdict: str
     protocol: str = ""
-    ports: tuple[int, int] = (0, 65535)  # of the destination, the first and the last one
+    ports: tuple[int, int] = ANY_PORT  # of the destination, the first and the last one
     sources: tuple[IPv4Network, ...] = ()
     destinations: tuple[IPv4Network, ...] = ()
     incoming: str = ""  # the interface by which a packet comes in
@@ -188,22 +182,16 @@ class Machine:
         """Return the interface with this address."""
         return next((one for one in self.interfaces if any(entry.ip == address for entry in one.addresses)), None)
 
-    def route(
-        self,
-        destination: IPv4Address,
-        source: IPv4Address | None = None,
-        incoming: str = "",
-        packet: Packet | None = None,
-    ) -> Route | None:
-        """Return the route to an address: the longest prefix counts, then the lowest metric. Rules may lead to other tables."""
+    def route(self, packet: Packet, incoming: str = "") -> Route | None:
+        """Return the route of a packet: the longest prefix counts, then the lowest metric. Rules may lead to other tables."""
         if not self.lookups:
-            return _look_up(self._tables[MAIN], destination)
+            return _look_up(self._tables[MAIN], packet.destination)
         for rule in sorted((*self.lookups, Lookup(MAIN_PRIORITY)), key=lambda rule: rule.priority):
-            if not rule.matches(destination, source, incoming, packet):
+            if not rule.matches(packet, incoming):
                 continue
             if rule.kind:
                 return Route(IPv4Network("0.0.0.0/0"), kind=rule.kind, rule=rule)
-            chosen = _look_up(self._tables.get(rule.table, ()), destination)
+            chosen = _look_up(self._tables.get(rule.table, ()), packet.destination)
             if chosen is not None and chosen.destination.prefixlen > rule.longer and chosen.kind != "throw":
                 return chosen
         return None

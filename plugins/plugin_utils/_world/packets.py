@@ -118,9 +118,7 @@ class _Journey(Trace):
 
     def _leave(self, machine: Machine, incoming: Interface | None) -> tuple[Machine, Interface]:
         """Send the packet from a machine to the next one."""
-        route = machine.route(
-            self.packet.destination, self.packet.source, incoming.name if incoming else "", self.packet
-        )
+        route = machine.route(self.packet, incoming.name if incoming else "")
         if route is None:
             raise _End(NO_ROUTE, machine.name)
         if route.kind in NO_WAY:
@@ -160,8 +158,8 @@ class _Journey(Trace):
         self.by, self.device = machine.name, interface.name
         packet = self.packet
         if interface.rp_filter and packet.source is not None:
-            answer = replace(packet, port=packet.source_port, source_port=packet.port) if machine.lookups else packet
-            back = machine.route(packet.source, packet.destination, packet=answer)
+            answer = Packet(packet.protocol, packet.source, packet.destination, packet.source_port, packet.port)
+            back = machine.route(answer)
             if back is not None and back.rule is not None:
                 raise _End(CLOSED, machine.name, back.rule)
             if back is None or back.kind in NO_WAY or (interface.rp_filter == STRICT and back.device != interface.name):

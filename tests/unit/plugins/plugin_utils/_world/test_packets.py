@@ -404,7 +404,7 @@ def test_a_kernel_agrees(name, namespaces):
             assert expected[one, name_of] == predicted, (one, other, infos)
             if told := report_end(world, one, way.there):
                 assert answers[one][other].error == told
-            chosen = machine.route(IPv4Address(other))
+            chosen = machine.route(ping(other))
             way = None
             if chosen is not None and chosen.kind == "unicast":
                 way = str(chosen.gateway) if chosen.gateway else None, str(machine.source(chosen, IPv4Address(other)))

@@ -66,6 +66,10 @@ def test_a_rule_for_other_packets_or_an_unknown_one_is_left_out(line):
     assert lookups([line]) == ()
 
 
+def to(destination, source=None):
+    return Packet("icmp", destination, source and IPv4Address(source))
+
+
 def machine(rules, **tables):
     return Machine(
         "a", (WIRE,), (*kernel_routes(WIRE), BY_DEFAULT), lookups=lookups(rules), tables={"77": (BY_RULE,), **tables}
@@ -86,23 +90,23 @@ def machine(rules, **tables):
     ],
 )
 def test_the_route_of_a_packet_that_is_sent_here(rules, expected):
-    assert machine(rules).route(TARGET) == expected
+    assert machine(rules).route(to(TARGET)) == expected
 
 
 def test_the_route_of_a_packet_that_is_passed_on():
     rules = ["100: from 10.0.0.0/8 iif eth0 lookup 77"]
-    assert machine(rules).route(TARGET, IPv4Address("10.0.0.1"), "eth0") == BY_RULE
-    assert machine(rules).route(TARGET, IPv4Address("10.0.0.1"), "eth1") == BY_DEFAULT
-    assert machine(rules).route(TARGET, IPv4Address("192.168.1.9"), "eth0") == BY_DEFAULT
+    assert machine(rules).route(to(TARGET, "10.0.0.1"), "eth0") == BY_RULE
+    assert machine(rules).route(to(TARGET, "10.0.0.1"), "eth1") == BY_DEFAULT
+    assert machine(rules).route(to(TARGET, "192.168.1.9"), "eth0") == BY_DEFAULT
 
 
 def test_a_rule_or_a_table_may_lead_nowhere_and_throw_goes_on():
     closed = machine(["100: from all to 192.168.12.0/24 unreachable"])
-    assert closed.route(TARGET).kind == "unreachable" and closed.route(OTHER) == BY_DEFAULT
+    assert closed.route(to(TARGET)).kind == "unreachable" and closed.route(to(OTHER)) == BY_DEFAULT
     throws = machine(["100: from all lookup 78"], **{"78": (Route(ANY, kind="throw"),)})
-    assert throws.route(TARGET) == BY_DEFAULT
+    assert throws.route(to(TARGET)) == BY_DEFAULT
     blackhole = machine(["100: from all lookup 78"], **{"78": (Route(NETWORK, kind="blackhole"),)})
-    assert blackhole.route(TARGET).kind == "blackhole" and blackhole.route(OTHER) == BY_DEFAULT
+    assert blackhole.route(to(TARGET)).kind == "blackhole" and blackhole.route(to(OTHER)) == BY_DEFAULT
 
 
 @pytest.mark.parametrize(
@@ -122,6 +126,6 @@ def test_a_rule_is_deleted_by_the_words_it_was_read_by(words):
 def test_a_rule_for_a_port_takes_only_packets_to_it():
     one = machine(["99: from all ipproto tcp dport 11311 prohibit"])
     asked = Packet("tcp", TARGET, port=11311)
-    assert one.route(TARGET, packet=asked).kind == "prohibit"
-    for other in (replace(asked, port=11611), replace(asked, protocol="udp"), None):
-        assert one.route(TARGET, packet=other) == BY_DEFAULT
+    assert one.route(asked).kind == "prohibit"
+    for other in (replace(asked, port=11611), replace(asked, protocol="udp"), to(TARGET)):
+        assert one.route(other) == BY_DEFAULT
