@@ -208,12 +208,12 @@ DIALECTS: Mapping[str, Dialect] = {
         use="Paste it in configuration mode (configure terminal); afterwards: write memory.",
         interfaces={ROUTER: "GigabitEthernet0/0", GATEWAY: "GigabitEthernet0/0"},
         add=(
-            Block("ip route {address} {mask} {gateway}", each=ROUTES),
+            Block("ip route {network.network_address} {network.netmask} {gateway}", each=ROUTES),
             Block("interface {interface}\n no ip redirects\nexit", kinds=(ROUTER,)),
             Block("end"),
         ),
         remove=(
-            Block("no ip route {address} {mask} {gateway}", each=ROUTES),
+            Block("no ip route {network.network_address} {network.netmask} {gateway}", each=ROUTES),
             Block("interface {interface}\n ip redirects\nexit", kinds=(ROUTER,)),
             Block("end"),
         ),

@@ -314,14 +314,13 @@ def _upstream_sync(bundled: Mapping[str, Any]) -> dict[str, Any]:
     sections = {key: value for key, value in bundled.items() if isinstance(value, Mapping)}
     ours = (*sections, *UPSTREAM_FILTERS, *HOSTS, "sync_parameters")
     kept = {key: value for key, value in bundled.items() if key not in ours}
-    common = _close_white_lists({name: list(bundled.get(name, ())) for name in UPSTREAM_FILTERS}, {})
+    common = _close_white_lists(bundled, {})
     # Upstream knows its own names, and not those of its successor: a stranger's start button would be registered.
     lists: dict[str, list[Any]] = {
         name: [*SUCCESSOR.get(name, ()), *_group_alternatives(items)] for name, items in common.items()
     }
     for master, section in sections.items():
-        own = _close_white_lists({name: list(section.get(name, ())) for name in UPSTREAM_FILTERS}, common)
-        for name, items in own.items():
+        for name, items in _close_white_lists(section, common).items():
             if items:
                 lists[name].append({master.lower(): _group_alternatives(items)})
     return {**kept, **_list_hosts(bundled), **{name: items for name, items in lists.items() if items}}
@@ -335,12 +334,12 @@ def _list_hosts(bundled: Mapping[str, Any]) -> Filters:
     return {"ignore_hosts": ignored} if ignored else {}
 
 
-def _close_white_lists(own: Mapping[str, list[str]], common: Mapping[str, list[str]]) -> Filters:
-    """Close the white lists: beside a white list of any kind, an empty one of topics or services lets nothing pass."""
-    closed = {name: list(items) for name, items in own.items()}
-    if any(own[name] or common.get(name) for name in WHITE_LISTS):
+def _close_white_lists(rules: Mapping[str, Any], common: Mapping[str, list[str]]) -> Filters:
+    """Return the filters with closed white lists: beside a white list of any kind, an empty one of topics or services lets nothing pass."""
+    closed = {name: list(rules.get(name, ())) for name in UPSTREAM_FILTERS}
+    if any(closed[name] or common.get(name) for name in WHITE_LISTS):
         for name in ("sync_topics", "sync_services"):
-            if not own[name] and not common.get(name):
+            if not closed[name] and not common.get(name):
                 closed[name] = [NO_NAME]
     return closed
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from ipaddress import IPv4Network
 
 from .._fleet.model import Computer, Fleet, Robot, Router
@@ -19,11 +20,7 @@ LOOKED_AT_WITH_ROS = ("ros", "packages", "ports", "exports", "sshd", "environmen
 def fleet_plan(fleet: Fleet) -> model.FleetPlan:
     """Return the plan of the fleet; the router has an entry among the computers, too."""
     computers = {
-        computer.name: _plan_sealed(fleet, robot, computer)
-        if computer.sealed
-        else _plan_computer(fleet, robot, computer)
-        for robot in fleet.robots
-        for computer in robot.computers
+        computer.name: _plan_computer(fleet, robot, computer) for robot in fleet.robots for computer in robot.computers
     }
     if fleet.router and fleet.router.name:
         computers[fleet.router.name] = _plan_router(fleet, fleet.router)
@@ -124,6 +121,23 @@ def _listeners(members: Iterable[model.Member]) -> tuple[model.Listener, ...]:
 
 
 def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.ComputerPlan:
+    """Return the plan of a computer: of a sealed one its addresses, and the routes that somebody else made there."""
+    plan = model.ComputerPlan(
+        computer=computer.name,
+        robot=robot.name,
+        address=computer.address,
+        common_address=computer.common_address,
+        network=robot.network,
+        networks=_interfaces(fleet, robot, computer),
+        roscore_port=robot.variables.roscore_port,
+    )
+    if computer.sealed:
+        expected = _list_expected_routes(fleet, robot, computer)
+        return replace(plan, roscore="existing", routes_expected=expected, sealed=True)
+    return _configure_computer(fleet, robot, computer, plan)
+
+
+def _configure_computer(fleet: Fleet, robot: Robot, computer: Computer, plan: model.ComputerPlan) -> model.ComputerPlan:
     is_master = computer == robot.companion
     is_gateway = bool(_list_behind(robot, computer))
     tunnel = _tunnel(fleet, robot, computer)
@@ -132,17 +146,11 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
     expected = _list_expected_routes(fleet, robot, computer) if existing else ()
     metrics = parameters.writes_metrics(robot) and is_master
     border = parameters.border(fleet, robot) if is_master else None
-    return model.ComputerPlan(
-        computer=computer.name,
-        robot=robot.name,
-        address=computer.address,
-        common_address=computer.common_address,
-        network=robot.network,
-        networks=_interfaces(fleet, robot, computer),
+    return replace(
+        plan,
         is_master=is_master,
         is_gateway=is_gateway,
         roscore=_roscore(robot),
-        roscore_port=robot.variables.roscore_port,
         ros_setup=computer.variables.ros_setup,
         shells=computer.variables.shells,
         sysctl=_sysctl(fleet, is_gateway, computer == fleet.hub),
@@ -178,22 +186,6 @@ def _environment(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, st
 def _roscore(robot: Robot) -> str:
     """Return who starts the roscore: the collection, something else on this computer, or a sealed computer."""
     return "sealed" if robot.master.sealed else robot.variables.roscore
-
-
-def _plan_sealed(fleet: Fleet, robot: Robot, computer: Computer) -> model.ComputerPlan:
-    """Return what is known of a sealed computer: its addresses, and the routes that somebody else made there."""
-    return model.ComputerPlan(
-        computer=computer.name,
-        robot=robot.name,
-        address=computer.address,
-        common_address=computer.common_address,
-        network=robot.network,
-        networks=_interfaces(fleet, robot, computer),
-        roscore="existing",
-        roscore_port=robot.variables.roscore_port,
-        routes_expected=_list_expected_routes(fleet, robot, computer),
-        sealed=True,
-    )
 
 
 def _look_at(

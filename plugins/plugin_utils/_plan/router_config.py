@@ -25,17 +25,15 @@ class RouterConfigProblem(ValueError):
 
 
 # A network of the fleet, by the names that templates use. One with a gateway is the destination of a route.
-Network = Mapping[str, str]
+Network = Mapping[str, Any]
 
 
 def describe_network(robot: str, network: IPv4Network, gateway: IPv4Address | None = None) -> Network:
     """Return a network of the fleet. The robot's name has the letters that every dialect takes."""
     return {
         "robot": re.sub(r"[^A-Za-z0-9_.-]", "_", robot) or "common network",
-        "network": str(network),
-        "gateway": str(gateway or ""),
-        "address": str(network.network_address),
-        "mask": str(network.netmask),
+        "network": network,
+        "gateway": gateway,
         "section": f"rosfleet_{re.sub('[./]', '_', str(network))}",
     }
 
@@ -47,7 +45,7 @@ class Device:
     folder: str  # of its files
     kind: str  # ROUTER or GATEWAY
     title: str
-    own: str  # the network behind it; the common network for the router
+    own: IPv4Network  # the network behind it; the common network for the router
     routes: tuple[Network, ...]
     peers: tuple[Network, ...]  # networks that it must not translate addresses towards
 
@@ -64,7 +62,7 @@ def list_devices(plan: FleetPlan) -> list[Device]:
             folder=ROUTER,
             kind=ROUTER,
             title=f"the router of the common network {plan.common_network}{address}",
-            own=common["network"],
+            own=plan.common_network,
             routes=networks,
             peers=networks,
         )
@@ -77,7 +75,7 @@ def list_devices(plan: FleetPlan) -> list[Device]:
                     folder=f"{GATEWAY}-{network['robot']}",
                     kind=GATEWAY,
                     title=f"the gateway of {network['robot']} ({entry.gateway}, {entry.common_address})",
-                    own=network["network"],
+                    own=entry.network,
                     routes=others,
                     peers=(common, *others),
                 )
