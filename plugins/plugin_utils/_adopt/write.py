@@ -111,12 +111,9 @@ def _scalar(value: Any) -> str:
     """Return a value in YAML; a text that YAML may read as another thing is quoted."""
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_scalar, value))}]"
-    if isinstance(value, bool) or value is None:
-        return json.dumps(value)
-    if isinstance(value, (int, float)):
-        return str(value)
-    text = str(value)
-    return text if _PLAIN.fullmatch(text) and text.lower() not in _WORDS else json.dumps(text)
+    if isinstance(value, str) and _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
+        return value
+    return json.dumps(value)
 
 
 def _comment(lines: Sequence[str]) -> list[str]:
