@@ -11,7 +11,7 @@ from ipaddress import IPv4Network
 from .model import ANY_PORT, NO_WAY, Lookup
 
 PROTOCOLS = {"1": "icmp", "6": "tcp", "17": "udp"}  # ip prints the name where /etc/protocols has it
-QUIET = ("proto", "protocol", "realms")  # they change nothing here
+QUIET = {"proto", "protocol", "realms"}  # they change nothing here
 DETACHED = "[detached]"  # behind the name of an interface that does not exist
 
 
@@ -43,40 +43,27 @@ def _rule(priority: int, words: list[str]) -> Lookup | None:
 
     Rules for marked packets, kinds of service or users (fwmark, tos, uidrange) do not match the packets of a prediction.
     """
-    fields: dict[str, str] = {}
+    fields, kind = {}, ""
     rest = iter(words)
     for word in rest:
         if word in NO_WAY:
-            fields["kind"] = word
+            kind = word
         else:
             fields[word] = next(rest, "")
-    known = {
-        "from",
-        "to",
-        "iif",
-        "ipproto",
-        "sport",
-        "dport",
-        "lookup",
-        "table",
-        "kind",
-        "suppress_prefixlength",
-        *QUIET,
-    }
-    if not known.issuperset(fields) or not ({"lookup", "table", "kind"} & fields.keys()):
-        return None
-    return Lookup(
+    protocol = fields.pop("ipproto", "")
+    rule = Lookup(
         priority,
-        table=fields.get("lookup") or fields.get("table", ""),
-        source=_network(fields.get("from", "all")),
-        destination=_network(fields.get("to", "all")),
-        incoming=fields.get("iif", ""),
-        kind=fields.get("kind", ""),
-        longer=int(fields.get("suppress_prefixlength", "-1")),
-        protocol=PROTOCOLS.get(fields.get("ipproto", ""), fields.get("ipproto", "")),
-        ports=_read_ports(fields.get("dport", "")),
-        source_ports=_read_ports(fields.get("sport", "")),
+        table=fields.pop("lookup", "") or fields.pop("table", ""),
+        source=_network(fields.pop("from", "all")),
+        destination=_network(fields.pop("to", "all")),
+        incoming=fields.pop("iif", ""),
+        kind=kind,
+        longer=int(fields.pop("suppress_prefixlength", "-1")),
+        protocol=PROTOCOLS.get(protocol, protocol),
+        ports=_read_ports(fields.pop("dport", "")),
+        source_ports=_read_ports(fields.pop("sport", "")),
     )
+    return rule if fields.keys() <= QUIET and (rule.table or kind) else None
 
 
 def _read_ports(text: str) -> tuple[int, int]:

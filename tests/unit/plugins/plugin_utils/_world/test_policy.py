@@ -53,6 +53,7 @@ def test_a_rule_is_read(line, expected):
         "9: from all ipproto tcp dport x lookup 9",
         "9: not from 192.168.1.0/24 lookup 9",
         "9: from all goto 100",
+        "9: from all kind elsewhere",
         "9: from somewhere lookup 9",
         "9: from all lookup main suppress_prefixlength x",
         "from all lookup 9",
