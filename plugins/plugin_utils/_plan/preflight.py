@@ -186,19 +186,13 @@ def _is_due(planned: object, record: str, info: Mapping[str, Any]) -> bool:
 
 def _find_interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interface) -> tuple[str, list[str]]:
     """Return the name of the interface with an address of the plan, and its problems."""
-    others, newer = [], False
-    for interface in info["interfaces"]:
-        for entry in interface["addresses"]:
-            if entry["address"] == str(wanted.address):
-                return interface["name"], list(_check_interface(plan, wanted, interface, entry["prefix"]))
-        if not interface["loopback"]:
-            others += [
-                f"{quote(entry['address'])} on {quote(interface['name'])}"
-                for entry in interface["addresses"]
-                if ":" not in entry["address"]
-            ]
-            newer |= any(entry["address"].lower().startswith(GLOBAL) for entry in interface["addresses"])
-    if newer and not others:
+    places = [(interface, entry) for interface in info["interfaces"] for entry in interface["addresses"]]
+    for interface, entry in places:
+        if entry["address"] == str(wanted.address):
+            return interface["name"], list(_check_interface(plan, wanted, interface, entry["prefix"]))
+    outer = [(interface["name"], entry["address"]) for interface, entry in places if not interface["loopback"]]
+    others = [f"{quote(address)} on {quote(name)}" for name, address in outer if ":" not in address]
+    if not others and any(address.lower().startswith(GLOBAL) for _name, address in outer):
         return "", [
             f"{plan.computer}: {_variable(plan, wanted)} is {wanted.address}, but the machine has addresses of IPv6 alone; expected an IPv4 "
             "address, since the nodes of ROS 1 are reached by IPv4 alone here: give it one, as by a VPN that has IPv4 (WireGuard, Tailscale)."

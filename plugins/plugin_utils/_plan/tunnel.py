@@ -146,18 +146,17 @@ def find_tunnel_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterato
     tunnel = plan.tunnel
     if tunnel is None:
         return
-    places = {entry["address"]: of["name"] for of in info["interfaces"] for entry in of["addresses"]}
-    found = places.get(str(tunnel.address))
+    places = [(of["name"], entry) for of in info["interfaces"] for entry in of["addresses"]]
+    found = {entry["address"]: name for name, entry in places}.get(str(tunnel.address))
     if found not in (None, INTERFACE):
         yield (
             f"{plan.computer}: {tunnel.address} is already on {quote(found)}, and multimaster_tunnel is 'wireguard'; expected nobody else's tunnel "
             "with this address: end that one, or set multimaster_tunnel to 'none' and use it as it is (docs/operate/hostile_networks.md)."
         )
     beside = [
-        f"{entry['address']}/{entry['prefix']} on {quote(of['name'])}"
-        for of in info["interfaces"]
-        for entry in of["addresses"]
-        if of["name"] != INTERFACE and entry["address"] != str(tunnel.address) and _overlaps(entry, tunnel.network)
+        f"{entry['address']}/{entry['prefix']} on {quote(name)}"
+        for name, entry in places
+        if name != INTERFACE and entry["address"] != str(tunnel.address) and _overlaps(entry, tunnel.network)
     ]
     if beside:
         yield (
