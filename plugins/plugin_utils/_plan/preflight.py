@@ -69,18 +69,21 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
         problems += interface_problems
     problems += _find_machine_problems(plan, info)
     problems += _check_multicast_routing(plan, info, interfaces)
-    services, warnings = _choose_services(plan, info)
-    warnings = [*_check_hostname(plan, info), *warnings, *clock.list_clock_warnings(plan, info)]
+    missing = _explain_missing_services(plan, info)
+    warnings = [*_check_hostname(plan, info), *missing.values(), *clock.list_clock_warnings(plan, info)]
+    services = tuple(name for name in plan.services if name not in missing)
     filled = replace(_fill(plan, info, interfaces), services=services)
-    limits = list(plan.limits)
+    limits, broken_ros = list(plan.limits), ""
     holders: list[Holder] = []
     if not plan.is_router:
         if plan.shells != "none":  # else shells are somebody else's, whatever they have
             warnings += [*_check_exports(plan, info), *_check_sshd(plan, info)]
-        ros = list(_check_ros(plan, info))
+        ros, chosen = list(_check_ros(plan, info)), info["ros"].get("chosen")
+        if chosen and chosen["missing"] and chosen["python_version"]:
+            broken_ros = ros[0]  # without a version, the interpreter that was to import them has not answered
         if not ros:
-            warnings += set_up.list_warnings(plan.computer, info["ros"]["chosen"], plan.shells)
-            nodes = providers.find_nodes(plan, info["ros"]["chosen"], info)
+            warnings += set_up.list_warnings(plan.computer, chosen, plan.shells)
+            nodes = providers.find_nodes(plan, chosen, info)
             filled, ros = _add_programs(filled, info, nodes), list(nodes.problems)
             limits += nodes.list_limits(plan)
         if plan.is_master:
@@ -93,7 +96,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
         set_up=bool(info.get("owned")),
         runs=_describe_holders(plan, holders),
         noted=tuple(problems),
-        broken_ros=_find_broken_ros(plan, info),
+        broken_ros=broken_ros,
         environment=_list_environment(plan, info),
     )
     problems += [_refuse_port(plan, holder) for holder in holders]
@@ -147,15 +150,6 @@ def explain_strange_answer(computer: str, problem: Exception) -> str:
         f"{computer}: what its machine has answered to multimaster_info cannot be compared with the plan: found {found}; expected what the "
         "documentation of this module says. Something else than the module answers there: look at this computer before you trust it."
     )
-
-
-def _find_broken_ros(plan: ComputerPlan, info: Mapping[str, Any]) -> str:
-    """Say why nodes of the ROS that is there cannot start; empty where they can, and where the import was not tried."""
-    chosen = None if plan.is_router else (info.get("ros") or {}).get("chosen")
-    # Without a version, the interpreter that was to import them has not answered.
-    if not chosen or not chosen["missing"] or not chosen["python_version"]:
-        return ""
-    return next(iter(_check_ros(plan, info)), "")
 
 
 def _list_environment(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, str]:
@@ -299,8 +293,8 @@ def _check_multicast_routing(
         )
 
 
-def _choose_services(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[tuple[str, ...], list[str]]:
-    """Return the services that can run on this machine, and a sentence for each that cannot."""
+def _explain_missing_services(plan: ComputerPlan, info: Mapping[str, Any]) -> dict[str, str]:
+    """Return a sentence for each service that cannot run on this machine."""
     warnings: dict[str, str] = {}
     for name in plan.services:
         without, capability, python = NEEDS.get(name, ("", False, False))
@@ -314,7 +308,7 @@ def _choose_services(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[tuple
                 f"{plan.computer}: its Python is {quote(info['python'])}; expected 3.8 or later for multimaster-{name}.service, which is "
                 f"left out: {without}; use such a system."
             )
-    return tuple(name for name in plan.services if name not in warnings), list(warnings.values())
+    return warnings
 
 
 def _is_too_old(python: str) -> bool:
