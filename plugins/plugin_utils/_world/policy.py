@@ -26,16 +26,13 @@ def _lookup(line: str) -> Lookup | None:
     if not (colon and priority.strip().isdecimal()):
         return None
     try:
-        return _read_negation(int(priority), words[1:]) if words[:1] == ["not"] else _rule(int(priority), words)
+        match words:
+            case ["not", "from", "all", "fwmark", _mark, "lookup", table, *_rest]:  # of a VPN, for all without the mark
+                return Lookup(int(priority), table)
+            case _:
+                return _rule(int(priority), words)
     except ValueError:
         return None
-
-
-def _read_negation(priority: int, words: list[str]) -> Lookup | None:
-    """Read "not from all fwmark 0xca6c lookup 51820", a rule of a VPN for all packets without the mark."""
-    if words[:2] == ["from", "all"] and words[2:3] == ["fwmark"] and words[4:5] == ["lookup"] and len(words) > 5:
-        return Lookup(priority, words[5])
-    return None
 
 
 def _rule(priority: int, words: list[str]) -> Lookup | None:

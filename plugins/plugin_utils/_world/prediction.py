@@ -89,8 +89,8 @@ class End(NamedTuple):
     outcome: str
     where: str
     network: str  # to which they were going
-    hop: str  # the next machine, as an address
-    traffic: str  # empty, unless only this traffic ends
+    hop: str = ""  # the next machine, as an address
+    traffic: str = ""  # empty, unless only this traffic ends
 
 
 class Pair(NamedTuple):
@@ -190,10 +190,8 @@ def _outcome(
     failure = way.failure
     if failure is None and way.there.where == target:
         if way.there.translations:
-            where = way.there.translations[0][0]
-            return (FAILS if traffic.discovery else REACHES), End(
-                TRANSLATED, where, _network(fleet, packet.destination), "", ""
-            )
+            end = End(TRANSLATED, way.there.translations[0][0], _network(fleet, packet.destination))
+            return (FAILS if traffic.discovery else REACHES), end
         return REACHES, None
     if failure is None:
         failure = replace(way.there, outcome=packets.ELSEWHERE)
