@@ -82,9 +82,8 @@ class Machine:
     hostname: str = ""
     addresses: tuple[IPv4Interface, ...] = ()
     aside: tuple[str, ...] = ()  # addresses that no other computer reaches it by
-    mute: Mapping[IPv4Address, str] = field(
-        default_factory=dict
-    )  # its addresses on interfaces without multicast, and their names
+    # Its addresses on interfaces without multicast, and their names.
+    mute: Mapping[IPv4Address, str] = field(default_factory=dict)
     hops: tuple[Hop, ...] = ()
     forwards: bool = False
     roscores: tuple[Roscore, ...] = ()
