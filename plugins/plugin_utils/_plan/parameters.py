@@ -168,7 +168,7 @@ def _make_sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
         parameters["ignore_subscribers"] = ["*"]
     if fleet.variables.diagnostics == "local":
         parameters.setdefault("ignore_topics", []).append(DIAGNOSTICS)
-    received = _make_white_lists(fleet.flows, robot.name)
+    received = _list_received(fleet, robot)
     crossing = list_crossing(fleet, robot)
     if crossing:
         parameters["sync_parameters"] = crossing
@@ -178,7 +178,10 @@ def _make_sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
             continue
         section = parameters.get(other.master_name, {})
         if other.name in received:
-            parameters[other.master_name] = {**section, **received[other.name]}
+            topics = dict.fromkeys(name for flow in received[other.name] for name in flow.topics)
+            services = dict.fromkeys(name for flow in received[other.name] for name in flow.services)
+            lists = {"sync_topics": [*topics, VERIFICATION_TOPICS], "sync_services": [*services]}
+            parameters[other.master_name] = {**section, **lists}
             continue
         parameters.setdefault("ignore_hosts", []).append(other.master_name.replace(".", r"\."))
         if robot.variables.filters.get("sync_hosts"):  # it would take the host back
@@ -201,18 +204,27 @@ def _leave_to_border(parameters: dict[str, Any], fleet: Fleet, robot: Robot) -> 
 
 def list_crossing(fleet: Fleet, robot: Robot) -> list[dict[str, Any]]:
     """Return the parameters that a robot copies, with the master that each is of."""
-    names: dict[tuple[str, str], dict[str, None]] = {}
+    received = _list_received(fleet, robot)
+    crossing: list[dict[str, Any]] = []
+    for other in fleet.robots:
+        names: dict[str, dict[str, None]] = {}  # by namespace
+        for flow in received.get(other.name, ()) if other != robot else ():
+            names.setdefault(flow.namespace, {}).update(dict.fromkeys(flow.parameters))
+        for namespace, these in names.items():
+            if these:
+                crossing.append(
+                    {"from": other.master_name, "names": [*these], **({"as": namespace} if namespace else {})}
+                )
+    return crossing
+
+
+def _list_received(fleet: Fleet, robot: Robot) -> dict[str, list[Flow]]:
+    """List the flows to a robot, by giver."""
+    received: dict[str, list[Flow]] = {}
     for flow in fleet.flows:
-        if flow.parameters and flow.reaches(robot.name):
-            for giver in flow.givers:
-                if giver != robot.name:
-                    names.setdefault((giver, flow.namespace), {}).update(dict.fromkeys(flow.parameters))
-    return [
-        {"from": other.master_name, "names": list(these), **({"as": namespace} if namespace else {})}
-        for other in fleet.robots
-        for (giver, namespace), these in names.items()
-        if giver == other.name
-    ]
+        for giver in flow.givers if flow.reaches(robot.name) else ():
+            received.setdefault(giver, []).append(flow)
+    return received
 
 
 def list_own_crossing(fleet: Fleet, robot: Robot) -> tuple[str, ...]:
@@ -230,21 +242,6 @@ def _list_filters(robot: Robot) -> Filters:
     if any(parameters.get(name) for name in WHITE_LISTS):
         parameters.setdefault("sync_topics", []).append(VERIFICATION_TOPICS)
     return parameters
-
-
-def _make_white_lists(flows: Sequence[Flow], robot: str) -> dict[str, Filters]:
-    """Return the white lists for each robot with a flow to this one."""
-    names: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
-    for flow in flows:
-        if flow.reaches(robot):
-            for giver in flow.givers:
-                topics, services = names.setdefault(giver, ({}, {}))
-                topics.update(dict.fromkeys(flow.topics))
-                services.update(dict.fromkeys(flow.services))
-    return {
-        giver: {"sync_topics": [*topics, VERIFICATION_TOPICS], "sync_services": [*services]}
-        for giver, (topics, services) in names.items()
-    }
 
 
 def _add_for_upstream(parameters: dict[str, Any], fleet: Fleet, robot: Robot) -> None:
