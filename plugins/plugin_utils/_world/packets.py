@@ -50,6 +50,14 @@ CIRCLE = "circle"
 ELSEWHERE = "elsewhere"
 
 
+class _End(Exception):
+    """The end of a packet: the outcome, and the place."""
+
+    def __init__(self, outcome: str, where: str, rule: Rule | Lookup | None = None) -> None:
+        super().__init__(outcome, where)
+        self.outcome, self.where, self.rule = outcome, where, rule
+
+
 class Hop(NamedTuple):
     """A machine that a packet passes, and where it leaves."""
 
@@ -64,6 +72,8 @@ class Trace:
 
     packet: Packet  # as it is at the end: a translated source is the new one
     by: str
+    world: World
+    known: Mapping[tuple[str, IPv4Address], IPv4Address]  # translations that are undone
     outcome: str = ""
     where: str = ""
     hops: list[Hop] = field(default_factory=list)
@@ -76,22 +86,6 @@ class Trace:
     def ok(self) -> bool:
         """True if it arrived."""
         return self.outcome == DELIVERED
-
-
-class _End(Exception):
-    """The end of a packet: the outcome, and the place."""
-
-    def __init__(self, outcome: str, where: str, rule: Rule | Lookup | None = None) -> None:
-        super().__init__(outcome, where)
-        self.outcome, self.where, self.rule = outcome, where, rule
-
-
-@dataclass(kw_only=True)
-class _Journey(Trace):
-    """A packet on its way."""
-
-    world: World
-    known: Mapping[tuple[str, IPv4Address], IPv4Address]
 
     def run(self, machine: Machine) -> None:
         """Follow the packet from a machine to its end."""
@@ -215,7 +209,7 @@ def trace(
     world: World, start: str, packet: Packet, known: Mapping[tuple[str, IPv4Address], IPv4Address] | None = None
 ) -> Trace:
     """Follow a packet from a machine. `known` are translations that are undone: (machine, address) -> the one before."""
-    way = _Journey(packet, start, world=world, known=known or {})
+    way = Trace(packet, start, world, known or {})
     way.run(world.machines[start])
     return way
 
