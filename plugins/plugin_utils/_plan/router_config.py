@@ -83,15 +83,13 @@ def list_devices(plan: FleetPlan) -> list[Device]:
     return devices
 
 
-def render_config(
-    plan: FleetPlan, dialects: Iterable[str] = tuple(DIALECTS), interfaces: Mapping[str, Any] | None = None
-) -> list[dict[str, str]]:
-    """Return the files of all devices: `path` below a folder of the caller's choice, and `content`.
+def render_config(plan: FleetPlan, names: Sequence[str], interfaces: Mapping[str, Any] | None) -> list[dict[str, str]]:
+    """Return the files of all devices in the dialects of these names: `path` below a folder of the caller's choice, and `content`.
 
     `interfaces` is device -> dialect -> interface of the common network, if it is not the maker's usual one. Raises
     RouterConfigProblem.
     """
-    names, by_device = list(dialects), interfaces or {}
+    by_device = interfaces or {}
     devices = list_devices(plan)
     _check_names("router_config_dialects", names, DIALECTS)
     _check_names("router_config_interfaces", by_device, [device.folder for device in devices])
