@@ -55,7 +55,7 @@ ROOMS = {
         "_plan": {"_data", "_fleet"},
         "_answers": {"_fleet"},
         "_changes": {"_answers", "_fleet"},
-        "_world": {"_fleet", "_plan"},
+        "_world": {"_data", "_fleet", "_plan"},
         "_watch": set(),
         "_options": set(),
         "_observed": {"_data", "_fleet", "_plan"},

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from ipaddress import IPv4Address, IPv4Interface, IPv4Network
+from ipaddress import IPv4Address, IPv4Interface
 from typing import Any
 
+from .._data.plain import from_plain
 from .._fleet.plain_text import quote
 from .._plan import tunnel
 from .._plan.model import ComputerPlan, FleetPlan
@@ -102,19 +103,9 @@ def find_link(fleet: FleetPlan, host: str, device: str, addresses: Iterable[IPv4
 
 
 def _route(entry: Info) -> Route:
-    return Route(
-        destination=IPv4Network(entry["destination"]),
-        gateway=_address(entry["gateway"]),
-        device=entry["device"],
-        metric=entry["metric"],
-        source=_address(entry["source"]),
-        kind=entry["type"],
-    )
-
-
-def _address(text: str) -> IPv4Address | None:
-    """Read a next hop; None if it is empty, or of IPv6 (RFC 5549)."""
-    return IPv4Address(text) if text and ":" not in text else None
+    # A next hop may be of IPv6 (RFC 5549): then no address is told.
+    addresses = {name: "" if ":" in entry[name] else entry[name] for name in ("gateway", "source")}
+    return from_plain(Route, {**entry, **addresses, "kind": entry["type"]})
 
 
 def read_rules(chains: Iterable[Info]) -> tuple[tuple[Rule, ...], frozenset[str]]:
@@ -133,20 +124,8 @@ def read_rules(chains: Iterable[Info]) -> tuple[tuple[Rule, ...], frozenset[str]
 
 def _rule(hook: str, table: str, entry: Info, origin: str) -> Rule:
     first, last = entry.get("ports") or (0, 65535)
-    return Rule(
-        chain=hook,
-        verdict=entry["verdict"],
-        protocol=entry.get("protocol", ""),
-        ports=(first, last),
-        sources=tuple(map(IPv4Network, entry.get("sources", ()))),
-        destinations=tuple(map(IPv4Network, entry.get("destinations", ()))),
-        incoming=entry.get("incoming", ""),
-        leaving=entry.get("leaving", ""),
-        state=entry.get("state", ""),
-        above=entry.get("above", 0),
-        table=table,
-        origins=(origin,),
-    )
+    place = {"chain": hook, "table": table, "origins": (origin,)}
+    return from_plain(Rule, {**entry, **place, "ports": (first, last)})
 
 
 def _merge_links(fleet: FleetPlan, world: World) -> World:

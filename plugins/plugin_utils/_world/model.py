@@ -35,7 +35,6 @@ class Packet:
     size: int = 100  # bytes, with all headers
     whole: bool = False  # it must not be cut into fragments
     answer: bool = False  # to an earlier packet: a filter that follows connections lets it pass
-    ttl: int = 64
 
 
 @dataclass(frozen=True)

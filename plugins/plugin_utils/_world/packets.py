@@ -49,6 +49,8 @@ TOO_LARGE = "too large"
 CIRCLE = "circle"
 ELSEWHERE = "elsewhere"
 
+TTL = 64  # machines that pass a packet on
+
 
 class _End(Exception):
     """The end of a packet: the outcome, and the place."""
@@ -96,7 +98,7 @@ class Trace:
                 self.hops.append(Hop(machine.name))
                 raise _End(DELIVERED, machine.name)
             machine, interface = self._leave(machine, None)
-            for unused in range(self.packet.ttl):
+            for unused in range(TTL):
                 machine, interface = self._arrive(machine, interface)
             raise _End(CIRCLE, self.by)
         except _End as end:
@@ -167,7 +169,6 @@ class Trace:
             raise _End(DELIVERED, machine.name)
         if not interface.forwarding:
             raise _End(NOT_FORWARDED, machine.name)
-        self.packet = replace(packet, ttl=packet.ttl - 1)
         return self._leave(machine, interface)
 
     def _filter(self, machine: Machine, chain: str, incoming: str, leaving: str) -> None:
