@@ -132,6 +132,7 @@ def _is_in(address: IPv4Address | None, networks: Sequence[IPv4Network]) -> bool
     return not networks or any(address is not None and address in network for network in networks)
 
 
+Cause = Rule | Lookup  # of the end of a packet: a rule of the packet filter, or for routing
 Table = Sequence[tuple[int, int, Route]]
 
 

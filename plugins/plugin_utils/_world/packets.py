@@ -14,22 +14,7 @@ from dataclasses import dataclass, field, replace
 from ipaddress import IPv4Address
 from typing import NamedTuple
 
-from .model import (
-    FORWARD,
-    IN,
-    MASQUERADE,
-    NAT,
-    NO_WAY,
-    OUT,
-    REJECT,
-    STRICT,
-    Interface,
-    Lookup,
-    Machine,
-    Packet,
-    Rule,
-    World,
-)
+from .model import FORWARD, IN, MASQUERADE, NAT, NO_WAY, OUT, REJECT, STRICT, Cause, Interface, Machine, Packet, World
 
 # The outcomes of a packet
 DELIVERED = "delivered"
@@ -55,7 +40,7 @@ TTL = 64  # machines that pass a packet on
 class _End(Exception):
     """The end of a packet: the outcome, and the place."""
 
-    def __init__(self, outcome: str, where: str, rule: Rule | Lookup | None = None) -> None:
+    def __init__(self, outcome: str, where: str, rule: Cause | None = None) -> None:
         super().__init__(outcome, where)
         self.outcome, self.where, self.rule = outcome, where, rule
 
@@ -82,7 +67,7 @@ class Trace:
     # machine, new source, the one before
     translations: list[tuple[str, IPv4Address, IPv4Address]] = field(default_factory=list)
     device: str = ""  # by which it came in at its end
-    rule: Rule | Lookup | None = None  # of the packet filter, or for routing, that ends it
+    rule: Cause | None = None  # that ends it
 
     @property
     def ok(self) -> bool:
