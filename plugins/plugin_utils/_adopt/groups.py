@@ -128,10 +128,7 @@ class FleetGroups:
 
 def find_groups(machines: Machines) -> FleetGroups | None:
     """Return the robots; None where no machine has a network."""
-    ranked = sorted(
-        (network for network in machines.networks if network not in machines.duplicate_networks),
-        key=lambda one: _rank(machines, one),
-    )
+    ranked = sorted(machines.networks.keys() - machines.duplicate_networks, key=lambda one: _rank(machines, one))
     if not ranked:
         return None
     common, *others = ranked

@@ -68,7 +68,7 @@ def propose(machines: Iterable[facts.Machine], left_out: Mapping[str, str]) -> P
         robots=tuple(sorted(robots, key=lambda robot: robot.name)),
         router=router,
         left_out={**missing, **rest},
-        notes=_fleet_notes(scene),
+        notes=tuple(_fleet_notes(scene)),
     )
 
 
@@ -159,9 +159,7 @@ def _master(scene: _Scene, group: groups.Group, members: Sequence[str]) -> Choic
     why = "" if scene.machine(group.master).roscores else "guessed from ROS_MASTER_URI, since no roscore ran"
     if group.master in members:
         return Choice(scene.name(group.master), why)
-    return Choice(
-        scene.name(members[0]) if members else scene.name(group.master), "guessed, since its roscore is elsewhere"
-    )
+    return Choice(scene.name([*members, group.master][0]), "guessed, since its roscore is elsewhere")
 
 
 def _gateway(scene: _Scene, members: Sequence[str], network: IPv4Network) -> dict[str, Choice]:
@@ -333,16 +331,13 @@ def _choose_majority(
     )
 
 
-def _fleet_notes(scene: _Scene) -> tuple[str, ...]:
+def _fleet_notes(scene: _Scene) -> list[str]:
     shared = sorted(scene.found.shared - {scene.found.common})
     torn = sorted(scene.machines.duplicate_networks)
-    return (
-        *(f"{network} connects several robots, too, and is left aside" for network in shared),
-        *(
-            f"In {network} machines have the same address: it is taken for a network inside each of them"
-            for network in torn
-        ),
-    )
+    return [f"{network} connects several robots, too, and is left aside" for network in shared] + [
+        f"In {network} machines have the same address: it is taken for a network inside each of them"
+        for network in torn
+    ]
 
 
 # Computers, and the router

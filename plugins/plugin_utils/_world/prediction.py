@@ -396,16 +396,11 @@ def _notes(prediction: Prediction) -> list[str]:
 def write_verdict(prediction: Prediction) -> str:
     """Return the result in one sentence."""
     reach, total = prediction.count(after=REACHES), len(prediction.pairs)
-    new, lost = prediction.count(now=FAILS, after=REACHES), prediction.count(now=REACHES, after=FAILS)
-    unsure = prediction.count(after=UNSURE)
-    change = "".join(
-        f", {number} {words}"
-        for number, words in (
-            (new, "more than now"),
-            (lost, "that work now would not"),
-            (unsure, "that cannot be said"),
-        )
-        if number
-    )
+    changes = {
+        "more than now": prediction.count(now=FAILS, after=REACHES),
+        "that work now would not": prediction.count(now=REACHES, after=FAILS),
+        "that cannot be said": prediction.count(after=UNSURE),
+    }
+    change = "".join(f", {number} {words}" for words, number in changes.items() if number)
     verdict = "PREDICTED: all" if reach == total else f"PREDICTED: {reach}"
     return f"{verdict} of {total} ways would work after site.yml{change}."
