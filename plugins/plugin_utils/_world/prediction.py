@@ -372,14 +372,8 @@ def _groups(prediction: Prediction) -> Iterator[str]:
         what, remedy = (text.format(**end._asdict()) for text in SENTENCES[end.outcome])
         rows = ((f"{number:>3}. ", what), ("     for:    ", _name_ways(pairs)), ("     remedy: ", remedy))
         for label, text in rows:
-            yield textwrap.fill(
-                text,
-                WIDTH,
-                initial_indent=label,
-                subsequent_indent=" " * len(label),
-                break_long_words=False,
-                break_on_hyphens=False,
-            )
+            lines = textwrap.wrap(text, WIDTH - len(label), break_long_words=False, break_on_hyphens=False)
+            yield label + f"\n{' ' * len(label)}".join(lines)
 
 
 def _notes(prediction: Prediction) -> list[str]:
