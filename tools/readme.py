@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Write the generated tables into the pages: variables, checks, and what was measured.
+"""Write the generated tables into the pages: checks, and what was measured.
 
 With `--check` nothing is written; a table that is not the generated one is an error.
 """
@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import table as checks
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import variables
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "tests/bench" / folder) for folder in ("", "network", "site")]
@@ -62,9 +61,6 @@ def list_measured_tables() -> Iterator[Table]:
 
 
 TABLES = (
-    Table(
-        "docs/operate/variables.md", "variables", "plugins/plugin_utils/_fleet/variables.py", variables.markdown_table
-    ),
     Table("docs/operate/verification.md", "checks", "plugins/plugin_utils/_checks/table.py", checks.markdown_table),
     *list_measured_tables(),
 )

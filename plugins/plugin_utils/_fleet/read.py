@@ -154,7 +154,7 @@ def _read_host(host: str, raw: Mapping[str, Any], problems: list[str]) -> Values
         value = raw.get(variable.name)
         value = variable.default if value is None else value  # "name:" without a value is not set
         if value is None:
-            if variable.description.startswith("Required."):
+            if variable.example:
                 problems.append(
                     f"{host}: {variable.name} is not set; expected a value such as {variable.example}: "
                     "set it in the inventory."
