@@ -15,6 +15,7 @@ from ansible.plugins.action import ActionBase
 from ..plugin_utils._changes.refusal import refuse
 from ..plugin_utils._data.plain import to_plain
 from ..plugin_utils._fleet import read, variables
+from ..plugin_utils._fleet.inventory import Inventory
 from ..plugin_utils._options import roles
 from ..plugin_utils._plan.plan import fleet_plan
 
@@ -48,7 +49,7 @@ class ActionModule(ActionBase):
         return result
 
 
-def read_inventory(task_vars: Mapping[str, Any], group: str, router_group: str) -> read.Inventory:
+def read_inventory(task_vars: Mapping[str, Any], group: str, router_group: str) -> Inventory:
     """Return the robots, the router and their variables as Ansible's inventory has them.
 
     The groups directly below `group` are the robots. Ansible hands out groups without their order of descent,
@@ -62,7 +63,7 @@ def read_inventory(task_vars: Mapping[str, Any], group: str, router_group: str) 
     members = [] if root is None else _host_names(root)
     of_router = hostvars._inventory.groups.get(router_group)
     routers = [] if of_router is None else _host_names(of_router)
-    return read.Inventory(
+    return Inventory(
         robots=robots,
         variables={host: _variables_of(host, hostvars[host]) for host in (*hosts, *routers)},
         strays=[host for host in members if host not in hosts],

@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 
 from .._fleet import kinds
 from .._fleet.plain_text import plain, quote
-from .._fleet.values import UnexpectedValue
+from .._fleet.sentences import UnexpectedValue
 
 Info = Mapping[str, Any]
 

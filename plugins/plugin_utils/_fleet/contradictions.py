@@ -11,8 +11,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from ipaddress import IPv4Address
 
 from .exports import (
@@ -29,33 +28,13 @@ from .exports import (
 )
 from .filters import BUILT_IN, WHITE_LISTS, Filters, matches, usable
 from .flows import Channel, list_givers, make_flows
-from .kinds import SealedComputer
+from .inventory import RobotValues
 from .model import Fleet, Robot
-from .sentences import shorten_list
-from .values import nearest
+from .sentences import nearest, shorten_list
+from .variables import FleetVariables
 
 
-@dataclass(frozen=True)
-class Party:
-    """A robot as far as the declarations concern it."""
-
-    name: str
-    host: str  # for sentences about it
-    master: str  # the name of its master; empty: not known
-    declaration: Sequence[Export] | None = None
-    filters: Mapping[str, Sequence[str]] = field(default_factory=dict)
-
-    @property
-    def exports(self) -> Sequence[Export]:
-        """The entries of its declaration that do not cross by the border."""
-        return [entry for entry in self.declaration or () if not entry.crosses_border]
-
-    def receivers(self, entry: Export, robots: Iterable[str]) -> list[str]:
-        """Return the robots that get what an entry of its declaration names."""
-        return [robot for robot in robots if robot != self.name and (not entry.to or robot in entry.to)]
-
-
-def find_contradictions(parties: Sequence[Party], robots: Mapping[str, Sequence[str]]) -> list[str]:
+def find_contradictions(parties: Sequence[RobotValues], robots: Mapping[str, Sequence[str]]) -> list[str]:
     """Return one sentence for each contradiction. `robots` has the computers of every robot, also of robots that are no party."""
     problems: list[str] = []
     for party in parties:
@@ -65,9 +44,9 @@ def find_contradictions(parties: Sequence[Party], robots: Mapping[str, Sequence[
     return [*problems, *_find_second_white_lists(parties), *_find_filtered_exports(parties)]
 
 
-def find_excluded_strangers(firewall: str | None, strangers: str | None) -> list[str]:
-    """Return a sentence if strangers are allowed, and the packet filter keeps them out. None: not known."""
-    if firewall != "fleet" or strangers != "allow":
+def find_excluded_strangers(shared: FleetVariables) -> list[str]:
+    """Return a sentence if strangers are allowed, and the packet filter keeps them out."""
+    if shared.firewall != "fleet" or shared.strangers != "allow":
         return []
     return [
         "multimaster_firewall is 'fleet' and multimaster_strangers is 'allow', but the packet filter lets no stranger in; expected "
@@ -235,25 +214,25 @@ def _find_ambiguous_prefixes(fleet: Fleet) -> list[str]:
     return list(problems.values())
 
 
-def find_local_diagnostics(parties: Sequence[Party], diagnostics: str | None) -> Iterator[str]:
-    """Yield a sentence for each robot that names /diagnostics, if that topic stays on each robot. None: not known."""
-    for party in parties if diagnostics == "local" else ():
+def find_local_diagnostics(parties: Sequence[RobotValues], shared: FleetVariables) -> Iterator[str]:
+    """Yield a sentence for each robot that names /diagnostics, if that topic stays on each robot."""
+    for party in parties if shared.diagnostics == "local" else ():
         topics = {
-            "multimaster_exports": [name for entry in party.exports for name in entry.topics],
+            "multimaster_exports": [name for entry in party.inner_entries for name in entry.topics],
             "multimaster_filters": party.filters.get("sync_topics", ()),
         }
         yield from (
             f"{party.host}: {variable} has {DIAGNOSTICS}, but multimaster_diagnostics is 'local', which keeps that topic on each "
             f"robot; expected one of the two: set multimaster_diagnostics to 'exchanged' in group_vars/robots.yml, or remove it in "
-            f"group_vars/{party.name}.yml."
+            f"{party.file}."
             for variable, names in topics.items()
             if DIAGNOSTICS in names
         )
 
 
-def _find_wrong_receivers(party: Party, robots: Mapping[str, Sequence[str]]) -> Iterator[str]:
+def _find_wrong_receivers(party: RobotValues, robots: Mapping[str, Sequence[str]]) -> Iterator[str]:
     computers = {host: robot for robot, hosts in robots.items() for host in hosts}
-    for name in dict.fromkeys(robot for entry in party.declaration or () for robot in entry.to):
+    for name in dict.fromkeys(robot for entry in party.entries for robot in entry.to):
         if name == party.name:
             what, do = "the robot itself", "remove it"
         elif name in robots:
@@ -264,15 +243,15 @@ def _find_wrong_receivers(party: Party, robots: Mapping[str, Sequence[str]]) -> 
             what, do = f"no robot{nearest(name, robots)}", "correct it"
         yield (
             f"{party.host}: multimaster_exports is for '{name}', which is {what}; expected other robots, groups below 'robots': "
-            f"{do} in group_vars/{party.name}.yml."
+            f"{do} in {party.file}."
         )
 
 
-def _find_built_in_names(party: Party) -> list[str]:
+def _find_built_in_names(party: RobotValues) -> list[str]:
     return [
         f"{party.host}: multimaster_exports has the {KINDS[key]} {name}, which is never exchanged, since it belongs to the "
-        f"roscore or to the exchange itself; expected names of the robot's own nodes: remove it in group_vars/{party.name}.yml."
-        for key, name in dict.fromkeys(item for entry in party.declaration or () for item in entry.names())
+        f"roscore or to the exchange itself; expected names of the robot's own nodes: remove it in {party.file}."
+        for key, name in dict.fromkeys(item for entry in party.entries for item in entry.names())
         if matches(BUILT_IN.get(f"ignore_{key}", ()), name)
     ]
 
@@ -281,13 +260,13 @@ def _find_built_in_names(party: Party) -> list[str]:
 PARAMETERS = frozenset(("allow", "diagnostics", "differences", "members", "metrics", "strangers"))
 
 
-def _find_parameter_names(parties: Sequence[Party]) -> list[str]:
+def _find_parameter_names(parties: Sequence[RobotValues]) -> list[str]:
     return [
-        f"{party.host}: multimaster_exports is declared, but the name of its master, {party.master}, is that of a parameter of "
+        f"{party.host}: multimaster_exports is declared, but the name of its master, {party.master_name}, is that of a parameter of "
         f"master_sync; expected another name, since the others have a white list below it: rename the computer, or remove "
-        f"multimaster_exports in group_vars/{party.name}.yml."
+        f"multimaster_exports in {party.file}."
         for party in parties
-        if party.declaration is not None and party.master in PARAMETERS
+        if party.own.exports is not None and party.master_name in PARAMETERS
     ]
 
 
@@ -300,7 +279,7 @@ _ONE_GIVER = {
 }
 
 
-def _find_collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
+def _find_collisions(parties: Sequence[RobotValues], robots: Sequence[str]) -> list[str]:
     """Return a sentence for two robots that give the same service or action to a third, by its name or by a pattern."""
     by_name = {party.name: party for party in parties}
     return sorted(
@@ -312,10 +291,10 @@ def _find_collisions(parties: Sequence[Party], robots: Sequence[str]) -> list[st
     )
 
 
-Giver = tuple[Party, Export]
+Giver = tuple[RobotValues, Export]
 
 
-def _find_meeting_names(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
+def _find_meeting_names(parties: Sequence[RobotValues], robots: Sequence[str]) -> list[str]:
     """Return a sentence for what comes to a robot by one name from two robots, or twice from one, where a border renames or slows it.
 
     Two patterns of which none is within the other, such as /*/x and /y/*, are not compared.
@@ -329,17 +308,17 @@ def _find_meeting_names(parties: Sequence[Party], robots: Sequence[str]) -> list
                 problems[party.name, other.name, same[0]] = (
                     f"{party.host}: multimaster_exports gives {same[0]} to {receiver}, and so does {whose}; expected one of the two, since "
                     f"their messages would be mixed: choose another namespace with 'as', or with 'to' who gets which, in "
-                    f"group_vars/{party.name}.yml."
+                    f"{party.file}."
                 )
     return list(problems.values())
 
 
-def _pair_renamed(parties: Sequence[Party], receiver: str) -> Iterator[tuple[Giver, Giver]]:
+def _pair_renamed(parties: Sequence[RobotValues], receiver: str) -> Iterator[tuple[Giver, Giver]]:
     """Yield each two entries for a robot of which one crosses a border, the later one first."""
     given = [
         (party, entry)
         for party in parties
-        for entry in party.declaration or ()
+        for entry in party.entries
         if receiver in party.receivers(entry, (receiver,))
     ]
     for number, one in enumerate(given):
@@ -357,7 +336,7 @@ def _list_meeting(one: Export, other: Export) -> list[str]:
     return [name for name in names if any(matches([name], second) or matches([second], name) for second in others)]
 
 
-def _find_crossing_parameters(parties: Sequence[Party], robots: Sequence[str]) -> list[str]:
+def _find_crossing_parameters(parties: Sequence[RobotValues], robots: Sequence[str]) -> list[str]:
     """Return a sentence for two robots that give the same parameter to a third, or one in the namespace of the other."""
     by_name = {party.name: party for party in parties}
     entries = _list_parameters(parties)
@@ -379,21 +358,21 @@ def _find_crossing_parameters(parties: Sequence[Party], robots: Sequence[str]) -
     return list(problems.values())
 
 
-def _list_parameters(parties: Sequence[Party]) -> list[tuple[str, Export, list[str]]]:
+def _list_parameters(parties: Sequence[RobotValues]) -> list[tuple[str, Export, list[str]]]:
     """List the entries that give parameters, with their robot and with the receivers' names."""
     return [
         (party.name, entry, [entry.rename(name) for name in entry.parameters])
         for party in parties
-        for entry in party.declaration or ()
+        for entry in party.entries
         if entry.parameters
     ]
 
 
-def _match_givers(parties: Sequence[Party], key: str) -> Iterator[tuple[str, dict[str, list[Export]]]]:
+def _match_givers(parties: Sequence[RobotValues], key: str) -> Iterator[tuple[str, dict[str, list[Export]]]]:
     """Yield each exported name of a kind, with robot -> its entries for this name or for a pattern of it."""
     givers: dict[str, dict[str, list[Export]]] = defaultdict(lambda: defaultdict(list))  # by name or pattern, by robot
     for party in parties:
-        for entry in party.exports:
+        for entry in party.inner_entries:
             for name in getattr(entry, key):
                 givers[name][party.name].append(entry)
     patterns = [name for name in givers if _CERTAIN_NODES.match(name)]
@@ -406,7 +385,7 @@ def _match_givers(parties: Sequence[Party], key: str) -> Iterator[tuple[str, dic
 
 
 def _pair_givers(
-    givers: Mapping[str, Sequence[Export]], parties: Mapping[str, Party], robots: Sequence[str]
+    givers: Mapping[str, Sequence[Export]], parties: Mapping[str, RobotValues], robots: Sequence[str]
 ) -> list[tuple[tuple[str, str], list[str]]]:
     """Return pairs of robots that give the same to a third, with the receivers. Each receiver stands in one pair."""
     if len(givers) < 2:
@@ -428,9 +407,9 @@ def _pair_givers(
 _WHITE_LISTS = sorted(name for name, parameter in FILTERS.items() if parameter in WHITE_LISTS)
 
 
-def _find_second_white_lists(parties: Sequence[Party]) -> Iterator[str]:
+def _find_second_white_lists(parties: Sequence[RobotValues]) -> Iterator[str]:
     """Yield a sentence for each robot with a white list of its own beside a flow to it, since that would widen the flow."""
-    flows = make_flows({party.name: party.declaration for party in parties})
+    flows = make_flows({party.name: party.own.exports for party in parties})
     for party in parties:
         lists = ", ".join(name for name in _WHITE_LISTS if party.filters.get(name))
         givers = list_givers(flows, party.name) if lists else []
@@ -442,10 +421,10 @@ def _find_second_white_lists(parties: Sequence[Party]) -> Iterator[str]:
             )
 
 
-def _find_filtered_exports(parties: Sequence[Party]) -> Iterator[str]:
+def _find_filtered_exports(parties: Sequence[RobotValues]) -> Iterator[str]:
     """Yield a sentence for names that an entry gives to a certain robot, and that filters leave out."""
     by_name = {party.name: party for party in parties}
-    for party, entry in [(declarer, entry) for declarer in parties for entry in declarer.exports]:
+    for party, entry in [(declarer, entry) for declarer in parties for entry in declarer.inner_entries]:
         for receiver in (by_name[name] for name in dict.fromkeys(entry.to) if name in by_name.keys() - {party.name}):
             actions = [("actions", name) for name in entry.actions]
             for taker, giver, names, parts, what in (
@@ -455,13 +434,14 @@ def _find_filtered_exports(parties: Sequence[Party]) -> Iterator[str]:
                 lost = [
                     f"{what}the {KINDS[key]} {name}"
                     for key, name in names
-                    if _is_master_ignored(taker.filters, giver.master) or _is_ignored(taker.filters, key, name, parts)
+                    if _is_master_ignored(taker.filters, giver.master_name)
+                    or _is_ignored(taker.filters, key, name, parts)
                 ]
                 if lost:
                     yield (
                         f"{taker.host}: multimaster_filters leaves out {shorten_list(lost)}, which multimaster_exports of {party.name} "
-                        f"has for {receiver.name}; expected filters that take it: correct them in group_vars/{taker.name}.yml, "
-                        f"or 'to' in group_vars/{party.name}.yml."
+                        f"has for {receiver.name}; expected filters that take it: correct them in {taker.file}, "
+                        f"or 'to' in {party.file}."
                     )
 
 
@@ -487,31 +467,7 @@ def _is_master_ignored(filters: Mapping[str, Sequence[str]], master: str) -> boo
 # Sealed computers
 
 
-@dataclass(frozen=True)
-class SealedRobot:
-    """A robot in the words of its variables, for the checks of its sealed computers. None: not set, or not known."""
-
-    name: str
-    hosts: Sequence[str]
-    sealed: Mapping[str, SealedComputer]
-    master: str | None
-    companion: str | None
-    gateway: str | IPv4Address | None
-    provider: str | None
-    roscore: str | None
-
-    @property
-    def has_sealed_master(self) -> bool:
-        """True if its roscore is on a sealed computer."""
-        return self.master in self.sealed
-
-    @property
-    def file(self) -> str:
-        """The file with the variables of the robot."""
-        return f"group_vars/{self.name}.yml"
-
-
-def find_wrong_seals(robots: Sequence[SealedRobot], hosts: Collection[str], advertise: str | None) -> Iterator[str]:
+def find_wrong_seals(robots: Sequence[RobotValues], hosts: Collection[str], shared: FleetVariables) -> Iterator[str]:
     """Yield a sentence for each thing that cannot be done with a sealed computer. `hosts` are those of the inventory."""
     owner: dict[str, str] = {}
     for robot in robots:
@@ -528,20 +484,20 @@ def find_wrong_seals(robots: Sequence[SealedRobot], hosts: Collection[str], adve
                 )
         yield from _find_wrong_companion(robot)
         yield from _find_tasks_of_sealed(robot)
-        if robot.sealed and advertise == "name":
+        if robot.sealed and shared.advertise == "name":
             yield (
                 f"{shorten_list(robot.sealed)}: is in multimaster_sealed, but multimaster_advertise is 'name'; expected 'address', since "
                 "nobody writes the names of the other computers into its /etc/hosts: set it in group_vars/robots.yml."
             )
 
 
-def _find_wrong_companion(robot: SealedRobot) -> Iterator[str]:
+def _find_wrong_companion(robot: RobotValues) -> Iterator[str]:
     """Yield a sentence where nobody, or the wrong computer, is to run the nodes for a sealed roscore."""
-    host, companion, choices = robot.hosts[0], robot.companion, ", ".join(robot.hosts)
+    host, companion, choices = robot.hosts[0], robot.own.companion, ", ".join(robot.hosts)
     if companion is None:
         if robot.has_sealed_master and len(robot.hosts) > 1:
             yield (
-                f"{host}: multimaster_companion is not set, but the master of the robot {robot.name}, {robot.master}, is sealed; expected "
+                f"{host}: multimaster_companion is not set, but the master of the robot {robot.name}, {robot.own.master}, is sealed; expected "
                 f"the computer that runs discovery and sync for it, one of {choices}: set it in {robot.file}."
             )
     elif companion in robot.sealed:
@@ -562,9 +518,9 @@ def _find_wrong_companion(robot: SealedRobot) -> Iterator[str]:
         )
 
 
-def _find_tasks_of_sealed(robot: SealedRobot) -> Iterator[str]:
+def _find_tasks_of_sealed(robot: RobotValues) -> Iterator[str]:
     """Yield a sentence for each task that would need a login on a sealed computer."""
-    gateways = [name for name, entry in robot.sealed.items() if robot.gateway in (name, entry.address)]
+    gateways = [name for name, entry in robot.sealed.items() if robot.own.gateway in (name, entry.address)]
     if gateways:
         yield (
             f"{gateways[0]}: is sealed, and multimaster_gateway of the robot {robot.name}; expected a gateway that can be set up: a computer "
@@ -572,13 +528,13 @@ def _find_tasks_of_sealed(robot: SealedRobot) -> Iterator[str]:
         )
     if not robot.has_sealed_master:
         return
-    if robot.roscore == "managed":
+    if robot.raw.get("multimaster_roscore") == "managed":
         yield (
-            f"{robot.master}: is sealed, but multimaster_roscore of the robot {robot.name} is 'managed'; expected 'existing', since its own "
+            f"{robot.own.master}: is sealed, but multimaster_roscore of the robot {robot.name} is 'managed'; expected 'existing', since its own "
             f"system starts the roscore there: correct it in {robot.file}."
         )
-    if robot.provider not in (None, "bundled"):
+    if robot.own.provider not in (None, "bundled"):
         yield (
-            f"{robot.master}: is sealed, but multimaster_provider of the robot {robot.name} is '{robot.provider}', whose nodes run beside "
+            f"{robot.own.master}: is sealed, but multimaster_provider of the robot {robot.name} is '{robot.own.provider}', whose nodes run beside "
             f"their roscore alone; expected 'bundled', whose nodes can run on another computer: correct it in {robot.file}."
         )

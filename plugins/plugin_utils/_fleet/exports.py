@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .filters import HOSTS, NAMES, Filters, InvalidPattern
-from .values import UnexpectedValue, nearest
+from .sentences import UnexpectedValue, nearest
 
 # The keys of an entry, and the word for one of its names.
 KINDS = {"topics": "topic", "services": "service", "actions": "action", "parameters": "parameter"}

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from . import exports
 from .filters import Filters, InvalidPattern
-from .values import UnexpectedValue, nearest
+from .sentences import UnexpectedValue, nearest
 
 T = TypeVar("T")
 

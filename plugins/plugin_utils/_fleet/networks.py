@@ -8,14 +8,14 @@ Addresses and networks in, sentences out. A missing value is one sentence. And t
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Iterator, Mapping
+from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
+from .inventory import InventoryValues, RobotValues
 from .model import Router
-
-Values = Mapping[str, Any]
+from .variables import FleetVariables
 
 # The variables of a robot's own network, and the value that each is expected to have.
 _EXAMPLES = {
@@ -25,50 +25,16 @@ _EXAMPLES = {
 }
 
 
-@dataclass(frozen=True)
-class NetworkVariables:
-    """A robot's network in the words of its variables. None: not set."""
-
-    hosts: Sequence[str]
-    network: IPv4Network | None
-    gateway: str | IPv4Address | None
-    common_address: IPv4Address | None
-    unread: frozenset[str] = frozenset()  # variables with a value that is not of its kind
-    sealed: Collection[str] = ()  # computers of multimaster_sealed
-
-    @classmethod
-    def from_values(cls, hosts: Sequence[str], own: Mapping[str, Any], raw: Mapping[str, Any]) -> NetworkVariables:
-        """Return the network of a robot. `own` has its values, `raw` those of the inventory before they were read."""
-        values = {name: own.get(f"multimaster_{name}") for name in _EXAMPLES}
-        present = {name for name in _EXAMPLES if raw.get(f"multimaster_{name}") is not None}
-        unread = frozenset(name for name in present if values[name] is None)
-        return cls(hosts, **values, unread=unread, sealed=own.get("multimaster_sealed", ()))
-
-    @property
-    def gateway_host(self) -> str | None:
-        """The computer of the robot that is the gateway. None: the gateway is a device without a plan, or not known."""
-        return self.gateway if isinstance(self.gateway, str) and self.gateway in self.hosts else None
-
-
-def find_network_problems(
-    common: IPv4Network | None,
-    addresses: Mapping[str, IPv4Address],
-    robots: Mapping[str, NetworkVariables],
-    router: Router | None,
-    tunnel: IPv4Network | None = None,
-) -> list[str]:
-    """Return the reasons why packets cannot go everywhere and back, one sentence each.
-
-    `common` is the common network, `tunnel` that of a tunnel through it, each None if it is not known. `addresses` has the address of each
-    host and sealed computer.
-    """
+def find_network_problems(reading: InventoryValues, router: Router | None) -> list[str]:
+    """Return the reasons why packets cannot go everywhere and back, one sentence each."""
+    common, addresses = reading.shared.common_network, reading.addresses
     problems: list[str] = []
-    for robot, own in robots.items():
-        problems += _check_completeness(robot, own)
-        problems += _check_members(own, common, addresses)
-        problems += _check_gateway(robot, own, common, addresses)
-    problems += _check_overlaps({"multimaster_common_network": common, "multimaster_tunnel_network": tunnel}, robots)
-    problems += _check_uniqueness(addresses, robots, router)
+    for robot in reading.robots:
+        problems += _check_completeness(robot)
+        problems += _check_members(robot, common, addresses)
+        problems += _check_gateway(robot, common, addresses)
+    problems += _check_overlaps(reading)
+    problems += _check_uniqueness(reading, router)
     if router and common:
         problems += _check_address(router.name or "The router", _variable_of(router), router.address, common)
     return problems
@@ -78,57 +44,58 @@ def _variable_of(router: Router) -> str:
     return "multimaster_address" if router.name else "multimaster_router"
 
 
-def _check_completeness(robot: str, own: NetworkVariables) -> Iterator[str]:
+def _check_completeness(robot: RobotValues) -> Iterator[str]:
     """Check that all three variables of a robot's own network are set, or that all are missing."""
-    present = [name for name in _EXAMPLES if getattr(own, name)]
-    for name, example in _EXAMPLES.items() if own.hosts and present else ():
-        if not getattr(own, name) and name not in own.unread:
+    present = [name for name in _EXAMPLES if getattr(robot.own, name)]
+    for name, example in _EXAMPLES.items() if robot.hosts and present else ():
+        if not getattr(robot.own, name) and robot.raw.get(f"multimaster_{name}") is None:
             yield (
-                f"{own.hosts[0]}: multimaster_{name} of the robot {robot} is not set, but multimaster_{present[0]} is; expected "
-                f"{example.format(hosts=', '.join(own.hosts))}: set it in group_vars/{robot}.yml."
+                f"{robot.hosts[0]}: multimaster_{name} of the robot {robot.name} is not set, but multimaster_{present[0]} is; expected "
+                f"{example.format(hosts=', '.join(robot.hosts))}: set it in {robot.file}."
             )
 
 
 def _check_members(
-    own: NetworkVariables, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]
+    robot: RobotValues, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]
 ) -> Iterator[str]:
     """Check that every computer is in the network of its robot."""
+    own = robot.own
     if not own.network and (own.gateway or own.common_address):
         return  # _check_completeness has a sentence for it
     network, variable = (own.network, "multimaster_network") if own.network else (common, "multimaster_common_network")
-    for host in (*own.hosts, *own.sealed):
+    for host in robot.computers:
         if network and host in addresses:
-            yield from _check_address(host, _address_variable(host, own), addresses[host], network, variable)
+            yield from _check_address(host, _address_variable(host, robot.sealed), addresses[host], network, variable)
 
 
-def _address_variable(host: str, *robots: NetworkVariables) -> str:
+def _address_variable(host: str, seals: Container[str]) -> str:
     """Name the variable with the address of a computer."""
-    return "multimaster_sealed" if any(host in own.sealed for own in robots) else "multimaster_address"
+    return "multimaster_sealed" if host in seals else "multimaster_address"
 
 
 def _check_gateway(
-    robot: str, own: NetworkVariables, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]
+    robot: RobotValues, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]
 ) -> Iterator[str]:
     """Check that the gateway is in both networks."""
-    where = f"group_vars/{robot}.yml"
+    own, gateway = robot.own, robot.own.gateway
     named: Mapping[Any, str] = {address: host for host, address in addresses.items()}
-    if own.gateway in own.sealed or named.get(own.gateway) in own.sealed:
+    if gateway in robot.sealed or named.get(gateway) in robot.sealed:
         return  # contradictions has a sentence for it
-    if isinstance(own.gateway, str) and not own.gateway_host:
+    if isinstance(gateway, str) and not robot.gateway_host:
         yield (
-            f"{own.hosts[0]}: multimaster_gateway of the robot {robot} is '{own.gateway}', which is none of its computers; "
-            f"expected one of {', '.join(own.hosts)}, or the address of another device: correct it in {where}."
+            f"{robot.hosts[0]}: multimaster_gateway of the robot {robot.name} is '{gateway}', which is none of its computers; "
+            f"expected one of {', '.join(robot.hosts)}, or the address of another device: correct it in {robot.file}."
         )
-    elif own.gateway in named:
-        host = named[own.gateway]
+    elif gateway in named:
+        host = named[gateway]
         yield (
-            f"{own.hosts[0]}: multimaster_gateway of the robot {robot} is {own.gateway}, the address of {host}; expected the "
-            f"name of a computer of the inventory: write {host} in {where}."
+            f"{robot.hosts[0]}: multimaster_gateway of the robot {robot.name} is {gateway}, the address of {host}; expected the "
+            f"name of a computer of the inventory: write {host} in {robot.file}."
         )
-    elif isinstance(own.gateway, IPv4Address) and own.network:
-        yield from _check_address(own.hosts[0], "multimaster_gateway", own.gateway, own.network, "multimaster_network")
-    if own.common_address and common and own.hosts:
-        host = own.gateway_host or own.hosts[0]
+    elif isinstance(gateway, IPv4Address) and own.network:
+        yield from _check_address(robot.hosts[0], "multimaster_gateway", gateway, own.network, "multimaster_network")
+    if own.common_address and common:
+        host = robot.gateway_host or robot.hosts[0]
         yield from _check_address(host, "multimaster_common_address", own.common_address, common)
 
 
@@ -148,10 +115,16 @@ def _check_address(
         )
 
 
-def _check_overlaps(shared: Mapping[str, IPv4Network | None], robots: Mapping[str, NetworkVariables]) -> Iterator[str]:
+def _check_overlaps(reading: InventoryValues) -> Iterator[str]:
     """Check that no address is in two networks. Sorted by their begin, each is compared with the widest one before it."""
-    names = [(own.network, f"multimaster_network of the robot {robot}") for robot, own in robots.items() if own.network]
-    names += [(network, name) for name, network in shared.items() if network]
+    names = [
+        (robot.own.network, f"multimaster_network of the robot {robot.name}")
+        for robot in reading.robots
+        if robot.own.network
+    ]
+    for variable in ("common_network", "tunnel_network"):
+        network = getattr(reading.shared, variable)
+        names += [(network, f"multimaster_{variable}")] if network else []
     names.sort(key=lambda entry: (entry[0].network_address, entry[0].prefixlen))
     if not names:
         return
@@ -166,15 +139,14 @@ def _check_overlaps(shared: Mapping[str, IPv4Network | None], robots: Mapping[st
             widest, whose = network, name
 
 
-def _check_uniqueness(
-    addresses: Mapping[str, IPv4Address], robots: Mapping[str, NetworkVariables], router: Router | None
-) -> Iterator[str]:
+def _check_uniqueness(reading: InventoryValues, router: Router | None) -> Iterator[str]:
     """Check that every address belongs to one computer."""
-    claims = [(host, _address_variable(host, *robots.values()), address) for host, address in addresses.items()]
-    for robot, own in robots.items():
-        if own.common_address and own.hosts:
-            host = own.gateway_host or f"the gateway of {robot}"
-            claims.append((host, "multimaster_common_address", own.common_address))
+    addresses = reading.addresses
+    claims = [(host, _address_variable(host, reading.seals), address) for host, address in addresses.items()]
+    for robot in reading.robots:
+        if robot.own.common_address:
+            host = robot.gateway_host or f"the gateway of {robot.name}"
+            claims.append((host, "multimaster_common_address", robot.own.common_address))
     if router:
         claims.append((router.name or "the router", _variable_of(router), router.address))
     owner: dict[IPv4Address, str] = {}
@@ -194,56 +166,48 @@ def _check_uniqueness(
 # The addresses of a tunnel, computed from those of the network that carries it. A computer has the same place in both: 192.168.1.229
 # is 10.77.0.229 in the tunnel. So its address stays when others come and go.
 
-NETWORK = "multimaster_tunnel_network"
-_COMMON, _ADDRESS, _PLACE, _ENDPOINT = (
-    f"multimaster_{name}" for name in ("common_network", "address", "common_address", "endpoint")
-)
 
-
-def find_wrong_tunnel_network(shared: Values) -> Iterator[str]:
+def find_wrong_tunnel_network(shared: FleetVariables) -> Iterator[str]:
     """Yield a sentence for a network of the tunnel that cannot be one."""
-    network, common = shared.get(NETWORK), shared.get(_COMMON)
+    network, common = shared.tunnel_network, shared.common_network
     if network is None:
         return
-    if shared.get("multimaster_tunnel") == "none":
+    if shared.tunnel == "none":
         yield (
-            f"{NETWORK} is '{network}', but multimaster_tunnel is 'none'; expected 'wireguard': set it in group_vars/robots.yml, or remove "
-            f"{NETWORK}."
+            f"multimaster_tunnel_network is '{network}', but multimaster_tunnel is 'none'; expected 'wireguard': set it in group_vars/robots.yml, "
+            "or remove multimaster_tunnel_network."
         )
-    if common is not None and common.prefixlen != network.prefixlen:
+    if common and common.prefixlen != network.prefixlen:
         yield (
-            f"{NETWORK} is '{network}', and multimaster_common_network is '{common}'; expected a prefix length of {common.prefixlen} for both, "
-            "since each computer has the same place in both: correct it in group_vars/robots.yml."
+            f"multimaster_tunnel_network is '{network}', and multimaster_common_network is '{common}'; expected a prefix length of "
+            f"{common.prefixlen} for both, since each computer has the same place in both: correct it in group_vars/robots.yml."
         )
 
 
-def move_into_tunnel(
-    hosts: Mapping[str, Values], shared: Values, robots: Mapping[str, Values]
-) -> tuple[Mapping[str, Values], Values, Mapping[str, Values]]:
-    """Return the values of the hosts, the fleet and the robots with the tunnel as the common network.
+def move_into_tunnel(reading: InventoryValues) -> InventoryValues:
+    """Return the values with the tunnel as the common network.
 
     An address in the network that carries the tunnel becomes the endpoint, unless another one is given, or none.
     """
-    network, common = shared.get(NETWORK), shared[_COMMON]
+    network, common = reading.shared.tunnel_network, reading.shared.common_network
     if network is None:
-        return hosts, shared, robots
-    places = {own["multimaster_gateway"]: own[_PLACE] for own in robots.values() if _PLACE in own}
-    places |= {
-        host: values[_ADDRESS] for host, values in hosts.items() if host not in places and values[_ADDRESS] in common
-    }
-    moved = {
-        host: {_ENDPOINT: places[host], **values, **_move(values, _ADDRESS, common, network)}
-        if host in places
-        else values
-        for host, values in hosts.items()
-    }
-    own = {name: {**values, **_move(values, _PLACE, common, network)} for name, values in robots.items()}
-    return moved, {**shared, _COMMON: network}, own
+        return reading
+    places = {robot.own.gateway: robot.own.common_address for robot in reading.robots}
 
+    def move(address: IPv4Address) -> IPv4Address:
+        """Return the same place in the other network, if an address is in the first."""
+        return network[int(address) - int(common.network_address)] if address in common else address
 
-def _move(values: Values, name: str, common: IPv4Network, network: IPv4Network) -> dict[str, IPv4Address]:
-    """Return a variable with the same place in the other network, if its address is in the first."""
-    address = values.get(name)
-    if address is None or address not in common:
-        return {}
-    return {name: network[int(address) - int(common.network_address)]}
+    hosts = {}
+    for host, values in reading.hosts.items():
+        place = places.get(host) or values.address
+        is_given = reading.inventory.variables[host].get("multimaster_endpoint") is not None
+        endpoint = values.endpoint if is_given or place not in common else place
+        hosts[host] = replace(values, address=move(values.address), endpoint=endpoint)
+    robots = [
+        replace(
+            robot, own=replace(robot.own, common_address=robot.own.common_address and move(robot.own.common_address))
+        )
+        for robot in reading.robots
+    ]
+    return replace(reading, hosts=hosts, shared=replace(reading.shared, common_network=network), robots=robots)

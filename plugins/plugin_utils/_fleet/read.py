@@ -9,22 +9,16 @@ without problems, so it has no missing values.
 
 from __future__ import annotations
 
-import dataclasses
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Network
-from typing import Any, TypeVar
+from typing import Any
 
 from . import contradictions, heartbeats, kinds, networks, variables
-from .model import Computer, Fleet, Gateway, Robot, Router, master_name
-from .sentences import shorten_list
-from .values import UnexpectedValue, nearest
-
-T = TypeVar("T")
-
-# Values that are of their kinds, by the names of their variables.
-Values = Mapping[str, Any]
+from .inventory import Inventory, InventoryValues, RobotValues, Values
+from .model import Computer, Fleet, Gateway, Robot, Router
+from .sentences import UnexpectedValue, nearest, shorten_list
 
 
 class InventoryProblems(Exception):
@@ -33,37 +27,6 @@ class InventoryProblems(Exception):
     def __init__(self, problems: Sequence[str]) -> None:
         self.problems = list(problems)
         super().__init__(" ".join(self.problems))
-
-
-@dataclass(frozen=True)
-class Inventory:
-    """The fleet's part of Ansible's inventory. `--limit` takes nothing out of it."""
-
-    robots: Mapping[str, Sequence[str]]  # robot -> its hosts
-    variables: Mapping[str, Mapping[str, Any]]  # host -> its multimaster_* variables
-    strays: Sequence[str] = ()  # hosts of the robots' group outside its child groups
-    routers: Sequence[str] = ()  # hosts of the group `routers`
-    parts: Mapping[str, Mapping[str, Sequence[str]]] = field(
-        default_factory=dict
-    )  # robot -> its child groups -> their hosts
-
-
-@dataclass(frozen=True)
-class _InventoryValues:
-    """The values of an inventory that are of their kinds."""
-
-    inventory: Inventory
-    hosts: Mapping[str, Values]  # by host
-    shared: Values  # of the whole fleet, if its hosts agree
-    own: Mapping[str, Values]  # of each robot with hosts, if these agree
-
-    def robots(self) -> Iterable[tuple[str, Sequence[str], Values]]:
-        """Return (name, hosts, values) of each robot, also of those without hosts."""
-        return ((name, hosts, self.own.get(name, {})) for name, hosts in self.inventory.robots.items())
-
-    def seals(self) -> Mapping[str, kinds.SealedComputer]:
-        """Return the sealed computers of all robots."""
-        return {name: entry for own in self.own.values() for name, entry in own.get("multimaster_sealed", {}).items()}
 
 
 def read_fleet(inventory: Inventory) -> Fleet:
@@ -79,23 +42,23 @@ def read_fleet(inventory: Inventory) -> Fleet:
     inventory = _open_collections(inventory, problems)
     reading = _read_values(inventory, problems)
     router = _read_router(reading, problems)
-    for name, hosts, own in reading.robots():
-        problems += _find_robot_problems(name, hosts, own, inventory.variables)
+    for robot in reading.robots:
+        problems += _find_robot_problems(robot, inventory.variables)
     problems += [
         *_find_ambiguous_names(reading),
-        *_find_network_problems(reading, router),
+        *networks.find_network_problems(reading, router),
         *_find_contradictions(reading),
         *networks.find_wrong_tunnel_network(reading.shared),
+        *heartbeats.find_slow_heartbeats(reading.shared.heartbeat_hz, reading.shared.offline_after),
     ]
-    problems += heartbeats.find_slow_heartbeats(
-        reading.shared.get("multimaster_heartbeat_hz"), reading.shared.get("multimaster_offline_after")
-    )
     if not problems:
-        values = networks.move_into_tunnel(reading.hosts, reading.shared, reading.own)
-        fleet = _make_fleet(_InventoryValues(inventory, *values), router)
-        problems = [*heartbeats.find_unreachable_masters(fleet), *contradictions.find_wrong_clock(fleet)]
-        problems += contradictions.find_wrong_tunnel(fleet)
-        problems += contradictions.find_wrong_frames(fleet)
+        fleet = _make_fleet(networks.move_into_tunnel(reading), router)
+        problems = [
+            *heartbeats.find_unreachable_masters(fleet),
+            *contradictions.find_wrong_clock(fleet),
+            *contradictions.find_wrong_tunnel(fleet),
+            *contradictions.find_wrong_frames(fleet),
+        ]
     if problems:
         raise InventoryProblems(_collapse(problems, [*reading.hosts, *inventory.routers]))
     return fleet
@@ -126,13 +89,13 @@ def _open_collections(inventory: Inventory, problems: list[str]) -> Inventory:
         )
         robots.update(groups)
         strays += [host for host in hosts if not any(host in members for members in groups.values())]
-    return dataclasses.replace(inventory, robots=robots, strays=strays)
+    return replace(inventory, robots=robots, strays=strays)
 
 
 # Reading of values
 
 
-def _read_values(inventory: Inventory, problems: list[str]) -> _InventoryValues:
+def _read_values(inventory: Inventory, problems: list[str]) -> InventoryValues:
     """Read all values, and take those that the computers of the fleet and of each robot agree about."""
     hosts = {
         host: _read_host(host, inventory.variables.get(host, {}), problems)
@@ -141,9 +104,17 @@ def _read_values(inventory: Inventory, problems: list[str]) -> _InventoryValues:
     }
     problems += _find_shared_hosts(inventory.robots) + _find_strays(inventory.strays)
     shared = _take_common_values("", list(hosts), hosts, problems)
-    robots = {name: members for name, members in inventory.robots.items() if members}
-    own = {name: _take_common_values(name, members, hosts, problems) for name, members in robots.items()}
-    return _InventoryValues(inventory, hosts, shared, own)
+    robots = [
+        RobotValues(
+            name,
+            members,
+            variables.make(variables.RobotVariables, _take_common_values(name, members, hosts, problems)),
+            inventory.variables.get(members[0], {}) if members else {},
+        )
+        for name, members in inventory.robots.items()
+    ]
+    computers = {host: variables.make(variables.ComputerVariables, values) for host, values in hosts.items()}
+    return InventoryValues(inventory, computers, variables.make(variables.FleetVariables, shared), robots)
 
 
 def _read_host(host: str, raw: Mapping[str, Any], problems: list[str]) -> Values:
@@ -214,30 +185,36 @@ def _find_strays(strays: Sequence[str]) -> list[str]:
     ]
 
 
+#: They are compared with those of other robots, name by name.
+DECLARED = {"multimaster_exports", "multimaster_filters"}
+
+
 def _take_common_values(robot: str, hosts: Sequence[str], values: Mapping[str, Values], problems: list[str]) -> Values:
     """Return the values that the computers of a robot, or without one those of the fleet, have together.
 
-    If they disagree, the first one counts, with a sentence in `problems`.
+    If they disagree, the first one counts, with a sentence in `problems`; of a declaration, none counts.
     """
     whom = f"the computers of the robot {robot}" if robot else "all computers of the fleet"
     common: dict[str, tuple[str, Any]] = {}
+    disputed = set()
     for name in (row.name for row in (variables.OF_ROBOT if robot else variables.OF_FLEET)):
         for host in hosts:
             if name not in values[host]:
                 continue
             first, value = common.setdefault(name, (host, values[host][name]))
             if values[host][name] != value:
+                disputed.add(name)
                 problems.append(
                     f"{host}: {name} is {_quote_value(values[host][name])}, but {first} has {_quote_value(value)}; "
                     f"expected one value for {whom}: set it once, in group_vars/{robot or 'robots'}.yml."
                 )
-    return {name: value for name, (_host, value) in common.items()}
+    return {name: value for name, (_host, value) in common.items() if name not in disputed & DECLARED}
 
 
-def _read_router(reading: _InventoryValues, problems: list[str]) -> Router | None:
+def _read_router(reading: InventoryValues, problems: list[str]) -> Router | None:
     """Return the router. It is the host of the group `routers`, or the device of the variable."""
     inventory = reading.inventory
-    device = reading.shared.get("multimaster_router")
+    device = reading.shared.router
     if not inventory.routers:
         return Router("", device) if device else None
     name = inventory.routers[0]
@@ -272,14 +249,11 @@ def _read_router(reading: _InventoryValues, problems: list[str]) -> Router | Non
 # Comparing of values
 
 
-def _find_robot_problems(
-    name: str, hosts: Sequence[str], own: Values, raw: Mapping[str, Mapping[str, Any]]
-) -> Iterator[str]:
+def _find_robot_problems(robot: RobotValues, raw: Mapping[str, Values]) -> Iterator[str]:
     """Yield the problem of a robot: it has no computers, no master, or one port for two programs."""
+    name, hosts, own, computers = robot.name, robot.hosts, robot.own, robot.computers
     # The only computer of a robot is its master.
-    master = own.get("multimaster_master", hosts[0] if len(hosts) == 1 else None)
-    computers = [*hosts, *own.get("multimaster_sealed", ())]
-    port = own.get("multimaster_rpc_port")
+    master = own.master or (hosts[0] if len(hosts) == 1 else None)
     if not hosts:
         yield f"The robot {name} has no computers: its group is empty; expected at least one host: add it or remove the group."
     elif master is None and any(raw.get(host, {}).get("multimaster_master") is not None for host in hosts):
@@ -287,29 +261,27 @@ def _find_robot_problems(
     elif master is None:
         yield (
             f"{hosts[0]}: multimaster_master is not set; expected the computer of the robot {name} that runs its roscore, "
-            f"one of {', '.join(computers)}: set it in group_vars/{name}.yml."
+            f"one of {', '.join(computers)}: set it in {robot.file}."
         )
-    elif master not in computers and "multimaster_sealed" in own:
+    elif master not in computers and own.sealed is not None:
         yield (
             f"{hosts[0]}: multimaster_master is '{master}', which is no computer of the robot {name}; expected one of "
-            f"{', '.join(computers)}{nearest(master, computers)}: correct it in group_vars/{name}.yml."
+            f"{', '.join(computers)}{nearest(master, computers)}: correct it in {robot.file}."
         )
-    elif port is not None and port == own.get("multimaster_roscore_port"):
+    elif own.rpc_port and own.rpc_port == own.roscore_port:
         yield (
-            f"{master}: multimaster_rpc_port is {port}, which is also the port of its roscore; expected another port: "
+            f"{master}: multimaster_rpc_port is {own.rpc_port}, which is also the port of its roscore; expected another port: "
             "leave it out for the port of the roscore + 300."
         )
 
 
-def _find_ambiguous_names(reading: _InventoryValues) -> Iterator[str]:
+def _find_ambiguous_names(reading: InventoryValues) -> Iterator[str]:
     """Yield a sentence for each name of two computers, and for localhost."""
     owner: dict[str, str] = {}
-    aliases = {
-        host: values.get("multimaster_aliases", ())
-        for host, values in reading.hosts.items()
-        if "multimaster_address" in values
+    aliases: dict[str, Sequence[str]] = {
+        host: values.aliases or () for host, values in reading.hosts.items() if values.address
     }
-    aliases |= {name: entry.aliases for name, entry in reading.seals().items() if name not in aliases}
+    aliases |= {name: entry.aliases for name, entry in reading.seals.items() if name not in aliases}
     for computer, others in aliases.items():
         for name in (computer, *others):
             first = owner.setdefault(name.lower(), computer)
@@ -325,71 +297,13 @@ def _find_ambiguous_names(reading: _InventoryValues) -> Iterator[str]:
                 )
 
 
-def _find_network_problems(reading: _InventoryValues, router: Router | None) -> list[str]:
-    raw = reading.inventory.variables
-    return networks.find_network_problems(
-        common=reading.shared.get("multimaster_common_network"),
-        tunnel=reading.shared.get("multimaster_tunnel_network"),
-        addresses={name: entry.address for name, entry in reading.seals().items()}
-        | {
-            host: values["multimaster_address"]
-            for host, values in reading.hosts.items()
-            if "multimaster_address" in values
-        },
-        robots={
-            name: networks.NetworkVariables.from_values(hosts, own, raw.get(hosts[0], {}) if hosts else {})
-            for name, hosts, own in reading.robots()
-        },
-        router=router,
-    )
-
-
-def _find_contradictions(reading: _InventoryValues) -> list[str]:
-    parties = [_make_party(name, hosts, reading.hosts, own) for name, hosts, own in reading.robots() if hosts]
-    firewall, strangers, diagnostics = (
-        reading.shared.get(f"multimaster_{name}") for name in ("firewall", "strangers", "diagnostics")
-    )
-    return [
-        *contradictions.find_contradictions(parties, reading.inventory.robots),
-        *contradictions.find_excluded_strangers(firewall, strangers),
-        *contradictions.find_local_diagnostics(parties, diagnostics),
-        *contradictions.find_wrong_seals(
-            [_make_sealed_robot(reading, name, hosts, own) for name, hosts, own in reading.robots() if hosts],
-            {*reading.hosts, *reading.inventory.routers},
-            reading.shared.get("multimaster_advertise"),
-        ),
-    ]
-
-
-def _make_sealed_robot(
-    reading: _InventoryValues, name: str, hosts: Sequence[str], own: Values
-) -> contradictions.SealedRobot:
-    return contradictions.SealedRobot(
-        name=name,
-        hosts=hosts,
-        sealed=own.get("multimaster_sealed", {}),
-        master=own.get("multimaster_master"),
-        companion=own.get("multimaster_companion"),
-        gateway=own.get("multimaster_gateway"),
-        provider=own.get("multimaster_provider"),
-        # Its default means nothing here: what counts is what the inventory says.
-        roscore=reading.inventory.variables.get(hosts[0], {}).get("multimaster_roscore"),
-    )
-
-
-def _make_party(name: str, hosts: Sequence[str], values: Mapping[str, Values], own: Values) -> contradictions.Party:
-    """Return a robot as far as it can be read. A variable counts as not set if its computers disagree."""
-    declarations = {values[host]["multimaster_exports"] for host in hosts if "multimaster_exports" in values[host]}
-    filters = [values[host].get("multimaster_filters", {}) for host in hosts]
-    master = own.get("multimaster_master", hosts[0])
-    is_known = master in (*hosts, *own.get("multimaster_sealed", ())) and "multimaster_roscore_port" in own
-    return contradictions.Party(
-        name=name,
-        host=master if master in hosts else hosts[0],
-        master=master_name(master, own["multimaster_roscore_port"]) if is_known else "",
-        declaration=declarations.pop() if len(declarations) == 1 else None,
-        filters=filters[0] if all(other == filters[0] for other in filters) else {},
-    )
+def _find_contradictions(reading: InventoryValues) -> Iterator[str]:
+    robots = [robot for robot in reading.robots if robot.hosts]
+    hosts = {*reading.hosts, *reading.inventory.routers}
+    yield from contradictions.find_contradictions(robots, reading.inventory.robots)
+    yield from contradictions.find_excluded_strangers(reading.shared)
+    yield from contradictions.find_local_diagnostics(robots, reading.shared)
+    yield from contradictions.find_wrong_seals(robots, hosts, reading.shared)
 
 
 def _collapse(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
@@ -406,59 +320,53 @@ def _collapse(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
 # The model
 
 
-def _make_fleet(reading: _InventoryValues, router: Router | None) -> Fleet:
+def _make_fleet(reading: InventoryValues, router: Router | None) -> Fleet:
     """Make the model of values without problems."""
-    rate = reading.shared["multimaster_heartbeat_hz"]
-    computed = {"multimaster_offline_after": heartbeats.default_offline_after(rate)}
+    shared = reading.shared
+    offline_after = shared.offline_after or heartbeats.default_offline_after(shared.heartbeat_hz)
     return Fleet(
-        robots=tuple(_make_robot(reading, name, hosts, own) for name, hosts, own in reading.robots()),
+        robots=tuple(_make_robot(reading, robot) for robot in reading.robots),
         router=router,
-        variables=_make_variables(variables.FleetVariables, {**computed, **reading.shared}),
+        variables=replace(shared, offline_after=offline_after),
     )
 
 
-def _make_robot(reading: _InventoryValues, name: str, hosts: Sequence[str], own: Values) -> Robot:
-    computed = {"multimaster_rpc_port": own["multimaster_roscore_port"] + 300}
-    values = _make_variables(variables.RobotVariables, {**computed, **own})
-    gateway = _make_gateway(reading, values)
-    computers = {host: _make_computer(reading, name, host, gateway) for host in hosts}
-    computers |= {
-        sealed: _make_sealed_computer(name, sealed, entry, gateway) for sealed, entry in values.sealed.items()
+def _make_robot(reading: InventoryValues, robot: RobotValues) -> Robot:
+    own = replace(robot.own, rpc_port=robot.own.rpc_port or robot.own.roscore_port + 300)
+    gateway = _make_gateway(reading, own)
+    values = {host: reading.hosts[host] for host in robot.hosts} | {
+        sealed: _fill_up(entry) for sealed, entry in robot.sealed.items()
     }
-    master = computers[values.master or hosts[0]]
+    # Behind a gateway, only this one is in the common network.
+    reached = (
+        {gateway.name: gateway.common_address} if gateway else {name: each.address for name, each in values.items()}
+    )
+    computers = {
+        name: Computer(name, robot.name, reached.get(name), each, sealed=name in robot.sealed)
+        for name, each in values.items()
+    }
+    master = computers[own.master or robot.hosts[0]]
     return Robot(
-        name=name,
-        network=values.network or reading.shared["multimaster_common_network"],
+        name=robot.name,
+        network=own.network or reading.shared.common_network,
         gateway=gateway,
         computers=tuple(computers.values()),
         master=master,
-        companion=computers[values.companion or hosts[0]] if master.sealed else master,
-        variables=values,
+        companion=computers[own.companion or robot.hosts[0]] if master.sealed else master,
+        variables=own,
     )
 
 
-def _make_gateway(reading: _InventoryValues, own: variables.RobotVariables) -> Gateway | None:
+def _make_gateway(reading: InventoryValues, own: variables.RobotVariables) -> Gateway | None:
     if own.gateway is None or own.common_address is None:
         return None
     if isinstance(own.gateway, IPv4Address):
         return Gateway("", own.gateway, own.common_address)
-    return Gateway(own.gateway, reading.hosts[own.gateway]["multimaster_address"], own.common_address)
+    return Gateway(own.gateway, reading.hosts[own.gateway].address, own.common_address)
 
 
-def _make_computer(reading: _InventoryValues, robot: str, host: str, gateway: Gateway | None) -> Computer:
-    values = _make_variables(variables.ComputerVariables, reading.hosts[host])
-    if gateway is None:
-        return Computer(host, robot, values.address, values)
-    return Computer(host, robot, gateway.common_address if host == gateway.name else None, values)
-
-
-def _make_sealed_computer(robot: str, name: str, entry: kinds.SealedComputer, gateway: Gateway | None) -> Computer:
-    raw = {"multimaster_address": entry.address, "multimaster_aliases": list(entry.aliases)}
+def _fill_up(entry: kinds.SealedComputer) -> variables.ComputerVariables:
+    """Return the variables of a sealed computer. Those that it cannot have are as by default."""
     defaults = {row.name: row.read(row.default) for row in variables.OF_COMPUTER if row.default is not None}
-    values = _make_variables(variables.ComputerVariables, {**defaults, **raw})
-    return Computer(name, robot, None if gateway else entry.address, values, sealed=True)
-
-
-def _make_variables(kind: type[T], values: Values) -> T:
-    """Make one of the classes of variables. None: not set."""
-    return kind(**{row.name: values.get(variables.PREFIX + row.name) for row in dataclasses.fields(kind)})  # type: ignore[arg-type]  # a dataclass
+    filled = variables.make(variables.ComputerVariables, defaults)
+    return replace(filled, address=entry.address, aliases=list(entry.aliases))

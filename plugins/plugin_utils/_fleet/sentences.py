@@ -1,13 +1,24 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Messages made of sentences, and lists in them."""
+"""Messages made of sentences, and parts of sentences: what was expected, what was probably meant, lists."""
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable, Sequence
 
 from .plain_text import LINE, plain
+
+
+class UnexpectedValue(ValueError):
+    """A value is not of its kind. The text is the expected one."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return ' (did you mean X?)' for a mistyped name, or an empty text."""
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f" (did you mean {close[0]}?)" if close else ""
 
 
 def number_problems(problems: Sequence[str]) -> str:

@@ -14,10 +14,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from ipaddress import IPv4Address, IPv4Network
-from typing import Any
+from typing import Any, TypeVar
 
 from . import kinds
 from .exports import Export, read_exports, read_frames
+
+T = TypeVar("T")
 
 PREFIX = "multimaster_"
 # Set by the preflight role for the other roles; not for an inventory.
@@ -116,3 +118,8 @@ OF_COMPUTER, OF_FLEET, OF_ROBOT = map(rows, (ComputerVariables, FleetVariables, 
 # The order of docs/operate/variables.md, and of the sentences about a host.
 VARIABLES = (*OF_COMPUTER[:2], *OF_FLEET, *OF_ROBOT, *OF_COMPUTER[2:])
 BY_NAME = {row.name: row for row in VARIABLES}
+
+
+def make(kind: type[T], values: Mapping[str, Any]) -> T:
+    """Make one of the classes above of values by the names of their variables. One without a value is None."""
+    return kind(**{entry.name: values.get(PREFIX + entry.name) for entry in dataclasses.fields(kind)})  # type: ignore[arg-type]  # a dataclass

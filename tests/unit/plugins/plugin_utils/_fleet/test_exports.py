@@ -15,7 +15,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports as exports_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows as flows_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.inventory import RobotValues
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import UnexpectedValue
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import RobotVariables, make
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -430,7 +432,8 @@ def test_what_may_be_meant_is_no_problem(declared):
 
 def test_a_hundred_robots_with_one_service_are_a_few_sentences():
     entries = exports_module.read_exports([RESET])
-    parties = [contradictions.Party(f"r{number}", f"c{number}", f"c{number}", entries) for number in range(100)]
+    own = make(RobotVariables, {"multimaster_exports": entries})
+    parties = [RobotValues(f"r{number}", [f"c{number}"], own) for number in range(100)]
     found = contradictions.find_contradictions(parties, {party.name: [party.host] for party in parties})
     assert len(found) == 3
     assert any(

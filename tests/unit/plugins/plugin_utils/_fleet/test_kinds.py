@@ -16,7 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read i
     InventoryProblems,
     read_fleet,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.values import UnexpectedValue
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import UnexpectedValue
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[5] / "roles/nodes/files/python"))

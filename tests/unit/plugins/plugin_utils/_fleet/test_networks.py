@@ -13,6 +13,7 @@ import yaml
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import contradictions
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import FleetVariables, make
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -467,13 +468,17 @@ def test_what_is_no_port_is_one_sentence(value):
     assert len(found.value.problems) == 1
 
 
+def shared(firewall, strangers):
+    return make(FleetVariables, {"multimaster_firewall": firewall, "multimaster_strangers": strangers})
+
+
 def test_a_packet_filter_and_welcome_strangers_contradict():
-    found = contradictions.find_excluded_strangers("fleet", "allow")
+    found = contradictions.find_excluded_strangers(shared("fleet", "allow"))
     assert len(found) == 1 and found[0].startswith(
         "multimaster_firewall is 'fleet' and multimaster_strangers is 'allow'"
     )
     for firewall, strangers in (("fleet", "ignore"), ("none", "allow"), (None, None)):
-        assert contradictions.find_excluded_strangers(firewall, strangers) == []
+        assert contradictions.find_excluded_strangers(shared(firewall, strangers)) == []
 
 
 # The tunnel: the same places as in the network that carries it
