@@ -168,8 +168,8 @@ def find_wrong_frames(fleet: Fleet) -> list[str]:
     """Return a sentence for each robot whose frames do not hang together with those of others, or cannot be told from them."""
     problems = {}
     for robot, channels in _list_renamed(fleet):
-        crossing = [name for name in _TREE if any(matches(channel.topics, name) for channel in channels)]
-        prefixes = list(dict.fromkeys(channel.frames for channel in channels))
+        crossing = [name for name in _TREE if any(matches(channel.entry.all_topics, name) for channel in channels)]
+        prefixes = list(dict.fromkeys(channel.entry.frames for channel in channels))
         other = channels[0].other
         if crossing and robot.variables.frames is None:
             problems[robot.name, "tree"] = (
@@ -194,7 +194,7 @@ def _list_renamed(fleet: Fleet) -> Iterator[tuple[Robot, list[Channel]]]:
     """Yield each robot with its channels to one other robot that has its frames by other names."""
     found: dict[tuple[str, str], list[Channel]] = defaultdict(list)
     for channel in fleet.channels:
-        if channel.frames:
+        if channel.entry.frames:
             found[channel.robot, channel.other].append(channel)
     robots = {robot.name: robot for robot in fleet.robots}
     return ((robots[name], channels) for (name, _other), channels in found.items())
@@ -204,7 +204,7 @@ def _find_ambiguous_prefixes(fleet: Fleet) -> list[str]:
     """Return a sentence for each two robots of which the frames of one could be those of the other, at a third."""
     problems = {}
     for receiver in dict.fromkeys(channel.other for channel in fleet.channels):
-        renamed = sorted({(c.frames, c.robot) for c in fleet.channels if c.other == receiver and c.frames})
+        renamed = sorted({(c.entry.frames, c.robot) for c in fleet.channels if c.other == receiver and c.entry.frames})
         for (first, one), (second, other) in itertools.pairwise(renamed):
             if second.startswith(first) and one != other:
                 problems[one, other] = (

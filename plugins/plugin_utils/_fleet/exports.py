@@ -90,6 +90,11 @@ class Export:
         """True if it names something else than parameters."""
         return bool(self.topics or self.services or self.actions)
 
+    @property
+    def all_topics(self) -> tuple[str, ...]:
+        """Its topics, also those of its actions."""
+        return self.topics + topics_of(self.actions, FROM_CLIENT + FROM_SERVER)
+
     def __repr__(self) -> str:
         words = {"namespace": "as"}
         parts = (
@@ -100,17 +105,12 @@ class Export:
         return "{" + ", ".join(parts) + "}"
 
     def rename(self, name: str) -> str:
-        """Return the receivers' name of a name or pattern of this entry."""
-        return rename(name, self.namespace, self.base)
+        """Return the receivers' name of a name or pattern of this entry: with the namespace in place of the base."""
+        return self.namespace + name[len(self.base) :]
 
     def names(self) -> Iterator[tuple[str, str]]:
         """Return (key, name) of each name in the entry."""
         return ((key, name) for key in KINDS for name in getattr(self, key))
-
-
-def rename(name: str, namespace: str, base: str) -> str:
-    """Return a name with a namespace in place of its beginning, the base."""
-    return namespace + name[len(base) :]
 
 
 def topics_of(actions: Iterable[str], parts: Sequence[str]) -> tuple[str, ...]:
@@ -150,13 +150,10 @@ def read_exports(value: Any) -> tuple[Export, ...]:
 
 def _check_white_lists(entries: Sequence[Export]) -> None:
     """Raise UnexpectedValue where the nodes do not take the names as patterns."""
-    topics = [
-        name for entry in entries for name in (*entry.topics, *topics_of(entry.actions, FROM_CLIENT + FROM_SERVER))
-    ]
+    topics = [name for entry in entries for name in entry.all_topics]
+    services = [name for entry in entries for name in entry.services]
     try:  # the other robots' master_sync has these white lists
-        Filters(
-            {"sync_topics": topics, "sync_services": [name for entry in entries for name in entry.services]}
-        ).check()
+        Filters({"sync_topics": topics, "sync_services": services}).check()
     except InvalidPattern as problem:
         raise UnexpectedValue(f"fewer or shorter names, since {problem}") from None
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .exports import FROM_CLIENT, FROM_SERVER, Export, rename, topics_of
+from .exports import FROM_CLIENT, FROM_SERVER, Export, topics_of
 
 # The topics of the verification while it runs. They cross wherever any topic does.
 VERIFICATION_TOPICS = "/multimaster_verify/*"
@@ -66,22 +66,12 @@ class Channel:
 
     robot: str
     other: str
-    topics: tuple[str, ...]
-    services: tuple[str, ...] = ()
-    namespace: str = ""
-    base: str = ""
-    rate: float = 0.0
-    newest: bool = False
-    frames: str = ""
-
-    def list_outer_names(self, names: Sequence[str]) -> list[str]:
-        """Return names and patterns as they are on the other robot."""
-        return [rename(name, self.namespace, self.base) for name in names]
+    entry: Export  # of the robot's declaration
 
 
 def find_outer_name(channel: Mapping[str, Any], name: str) -> str:
     """Return the other robot's name of a name or pattern of the robot with the inner ones. `channel`: as the border has it."""
-    return rename(name, channel["as"], channel["base"])
+    return str(channel["as"]) + name[len(channel["base"]) :]
 
 
 def find_inner_name(channel: Mapping[str, Any], name: str) -> str | None:
@@ -94,17 +84,7 @@ def find_inner_name(channel: Mapping[str, Any], name: str) -> str | None:
 def make_channels(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Channel, ...]:
     """Make the channels of a fleet of the declaration of each robot."""
     return tuple(
-        Channel(
-            robot,
-            other,
-            entry.topics + topics_of(entry.actions, FROM_CLIENT + FROM_SERVER),
-            entry.services,
-            entry.namespace,
-            entry.base,
-            entry.rate,
-            entry.newest,
-            entry.frames,
-        )
+        Channel(robot, other, entry)
         for robot, entries in exports.items()
         for entry in entries or ()
         if entry.crosses_border

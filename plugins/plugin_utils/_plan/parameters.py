@@ -14,7 +14,7 @@ from typing import Any
 
 from .._fleet.exports import DIAGNOSTICS, make_node_filters
 from .._fleet.filters import HOSTS, NAMES, NO_NAME, SUCCESSOR, WHITE_LISTS
-from .._fleet.flows import VERIFICATION_TOPICS, Channel, Flow
+from .._fleet.flows import VERIFICATION_TOPICS, Flow
 from .._fleet.model import Fleet, Robot
 from .._fleet.sentences import shorten_list
 from .model import Parameters
@@ -55,14 +55,14 @@ def border(fleet: Fleet, robot: Robot) -> Parameters | None:
             "peer": other,
             "hosts": _addresses(robots[other]),
             "port": robots[other].variables.roscore_port + BORDER_PORT,
-            "topics": list(channel.topics),
-            "services": list(channel.services),
-            "as": channel.namespace,
-            "base": channel.base,
+            "topics": list(channel.entry.all_topics),
+            "services": list(channel.entry.services),
+            "as": channel.entry.namespace,
+            "base": channel.entry.base,
             "inner": channel.robot == robot.name,
-            "rate": channel.rate,
-            "newest": channel.newest,
-            **_make_frames(channel, robots[channel.robot]),
+            "rate": channel.entry.rate,
+            "newest": channel.entry.newest,
+            **_make_frames(channel.entry.frames, robots[channel.robot]),
         }
         for channel in fleet.channels
         if robot.name in (channel.robot, channel.other)
@@ -74,10 +74,10 @@ def border(fleet: Fleet, robot: Robot) -> Parameters | None:
     return {"robot": robot.name, "port": port, "channels": channels, **_share_parameters(fleet, robot, "border")}
 
 
-def _make_frames(channel: Channel, robot: Robot) -> dict[str, str]:
+def _make_frames(frames: str, robot: Robot) -> dict[str, str]:
     """Return how the frames of the robot with the inner names are called by the other one."""
-    world, root = (robot.variables.frames or ("", "")) if channel.frames else ("", "")
-    return {"frames": channel.frames, "world": world, "root": root}
+    world, root = (robot.variables.frames or ("", "")) if frames else ("", "")
+    return {"frames": frames, "world": world, "root": root}
 
 
 def add_members(parameters: Parameters, members: Sequence[Any]) -> Parameters:
@@ -196,10 +196,10 @@ def _leave_to_border(parameters: dict[str, Any], fleet: Fleet, robot: Robot) -> 
     for channel in fleet.channels:
         if channel.robot == robot.name:
             (other,) = (other for other in fleet.robots if other.name == channel.other)
-            section = parameters.setdefault(other.master_name, {})
-            for rule, names in (("ignore_topics", channel.topics), ("ignore_services", channel.services)):
+            section, entry = parameters.setdefault(other.master_name, {}), channel.entry
+            for rule, names in (("ignore_topics", entry.all_topics), ("ignore_services", entry.services)):
                 if names:
-                    section.setdefault(rule, []).extend(channel.list_outer_names(names))
+                    section.setdefault(rule, []).extend(map(entry.rename, names))
 
 
 def list_crossing(fleet: Fleet, robot: Robot) -> list[dict[str, Any]]:

@@ -890,8 +890,10 @@ def test_each_name_may_have_another_one():
 
 def test_an_action_crosses_with_all_its_topics():
     (channel,) = identical(kobuki1=[{"actions": ["/dock"], "rate": 5, "to": ["station"]}], kobuki2=[]).channels
-    assert set(channel.topics) == {f"/dock/{part}" for part in ("goal", "cancel", "status", "feedback", "result")}
-    assert channel.rate == 5.0
+    assert set(channel.entry.all_topics) == {
+        f"/dock/{part}" for part in ("goal", "cancel", "status", "feedback", "result")
+    }
+    assert channel.entry.rate == 5.0
 
 
 @pytest.mark.parametrize(
