@@ -168,7 +168,7 @@ def find_wrong_frames(fleet: Fleet) -> list[str]:
     """Return a sentence for each robot whose frames do not hang together with those of others, or cannot be told from them."""
     problems = {}
     for robot, channels in _list_renamed(fleet):
-        crossing = [name for name in _TREE if any(matches(channel.entry.all_topics, name) for channel in channels)]
+        crossing = [name for name in _TREE if any(matches(channel.entry.topic_names, name) for channel in channels)]
         prefixes = list(dict.fromkeys(channel.entry.frames for channel in channels))
         other = channels[0].other
         if crossing and robot.variables.frames is None:
@@ -471,7 +471,7 @@ def find_wrong_seals(robots: Sequence[RobotValues], hosts: Collection[str], shar
     """Yield a sentence for each thing that cannot be done with a sealed computer. `hosts` are those of the inventory."""
     owner: dict[str, str] = {}
     for robot in robots:
-        for name in robot.sealed:
+        for name in robot.seals:
             if name in hosts:
                 yield (
                     f"{name}: is a host of the inventory, and in multimaster_sealed of the robot {robot.name}; expected one of the two, "
@@ -484,9 +484,9 @@ def find_wrong_seals(robots: Sequence[RobotValues], hosts: Collection[str], shar
                 )
         yield from _find_wrong_companion(robot)
         yield from _find_tasks_of_sealed(robot)
-        if robot.sealed and shared.advertise == "name":
+        if robot.seals and shared.advertise == "name":
             yield (
-                f"{shorten_list(robot.sealed)}: is in multimaster_sealed, but multimaster_advertise is 'name'; expected 'address', since "
+                f"{shorten_list(robot.seals)}: is in multimaster_sealed, but multimaster_advertise is 'name'; expected 'address', since "
                 "nobody writes the names of the other computers into its /etc/hosts: set it in group_vars/robots.yml."
             )
 
@@ -500,7 +500,7 @@ def _find_wrong_companion(robot: RobotValues) -> Iterator[str]:
                 f"{host}: multimaster_companion is not set, but the master of the robot {robot.name}, {robot.own.master}, is sealed; expected "
                 f"the computer that runs discovery and sync for it, one of {choices}: set it in {robot.file}."
             )
-    elif companion in robot.sealed:
+    elif companion in robot.seals:
         yield (
             f"{host}: multimaster_companion is {companion}, which is sealed; expected a computer where Ansible may log in, one of "
             f"{choices}: correct it in {robot.file}."
@@ -520,7 +520,7 @@ def _find_wrong_companion(robot: RobotValues) -> Iterator[str]:
 
 def _find_tasks_of_sealed(robot: RobotValues) -> Iterator[str]:
     """Yield a sentence for each task that would need a login on a sealed computer."""
-    gateways = [name for name, entry in robot.sealed.items() if robot.own.gateway in (name, entry.address)]
+    gateways = [name for name, entry in robot.seals.items() if robot.own.gateway in (name, entry.address)]
     if gateways:
         yield (
             f"{gateways[0]}: is sealed, and multimaster_gateway of the robot {robot.name}; expected a gateway that can be set up: a computer "

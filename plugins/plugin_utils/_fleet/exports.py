@@ -91,7 +91,7 @@ class Export:
         return bool(self.topics or self.services or self.actions)
 
     @property
-    def all_topics(self) -> tuple[str, ...]:
+    def topic_names(self) -> tuple[str, ...]:
         """Its topics, also those of its actions."""
         return self.topics + topics_of(self.actions, FROM_CLIENT + FROM_SERVER)
 
@@ -150,7 +150,7 @@ def read_exports(value: Any) -> tuple[Export, ...]:
 
 def _check_white_lists(entries: Sequence[Export]) -> None:
     """Raise UnexpectedValue where the nodes do not take the names as patterns."""
-    topics = [name for entry in entries for name in entry.all_topics]
+    topics = [name for entry in entries for name in entry.topic_names]
     services = [name for entry in entries for name in entry.services]
     try:  # the other robots' master_sync has these white lists
         Filters({"sync_topics": topics, "sync_services": services}).check()

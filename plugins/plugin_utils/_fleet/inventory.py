@@ -41,19 +41,19 @@ class RobotValues:
     raw: Values = field(default_factory=dict)  # the variables of its first host before they were read
 
     @property
-    def sealed(self) -> Mapping[str, SealedComputer]:
+    def seals(self) -> Mapping[str, SealedComputer]:
         """Its computers where Ansible does not log in."""
         return self.own.sealed or {}
 
     @property
     def computers(self) -> list[str]:
         """All of its computers."""
-        return [*self.hosts, *self.sealed]
+        return [*self.hosts, *self.seals]
 
     @property
     def has_sealed_master(self) -> bool:
         """True if its roscore is on a sealed computer."""
-        return self.own.master in self.sealed
+        return self.own.master in self.seals
 
     @property
     def master_name(self) -> str:
@@ -108,7 +108,7 @@ class InventoryValues:
     @property
     def seals(self) -> Mapping[str, SealedComputer]:
         """The sealed computers of all robots."""
-        return {name: entry for robot in self.robots for name, entry in robot.sealed.items()}
+        return {name: entry for robot in self.robots for name, entry in robot.seals.items()}
 
     @property
     def addresses(self) -> Mapping[str, IPv4Address]:

@@ -65,7 +65,7 @@ def _check_members(
     network, variable = (own.network, "multimaster_network") if own.network else (common, "multimaster_common_network")
     for host in robot.computers:
         if network and host in addresses:
-            yield from _check_address(host, _address_variable(host, robot.sealed), addresses[host], network, variable)
+            yield from _check_address(host, _address_variable(host, robot.seals), addresses[host], network, variable)
 
 
 def _address_variable(host: str, seals: Container[str]) -> str:
@@ -79,7 +79,7 @@ def _check_gateway(
     """Check that the gateway is in both networks."""
     own, gateway = robot.own, robot.own.gateway
     named: Mapping[Any, str] = {address: host for host, address in addresses.items()}
-    if gateway in robot.sealed or named.get(gateway) in robot.sealed:
+    if gateway in robot.seals or named.get(gateway) in robot.seals:
         return  # contradictions has a sentence for it
     if isinstance(gateway, str) and not robot.gateway_host:
         yield (

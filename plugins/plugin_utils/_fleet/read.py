@@ -335,14 +335,14 @@ def _make_robot(reading: InventoryValues, robot: RobotValues) -> Robot:
     own = replace(robot.own, rpc_port=robot.own.rpc_port or robot.own.roscore_port + 300)
     gateway = _make_gateway(reading, own)
     values = {host: reading.hosts[host] for host in robot.hosts} | {
-        sealed: _fill_up(entry) for sealed, entry in robot.sealed.items()
+        sealed: _fill_up(entry) for sealed, entry in robot.seals.items()
     }
     # Behind a gateway, only this one is in the common network.
     reached = (
         {gateway.name: gateway.common_address} if gateway else {name: each.address for name, each in values.items()}
     )
     computers = {
-        name: Computer(name, robot.name, reached.get(name), each, sealed=name in robot.sealed)
+        name: Computer(name, robot.name, reached.get(name), each, sealed=name in robot.seals)
         for name, each in values.items()
     }
     master = computers[own.master or robot.hosts[0]]

@@ -55,7 +55,7 @@ def border(fleet: Fleet, robot: Robot) -> Parameters | None:
             "peer": other,
             "hosts": _addresses(robots[other]),
             "port": robots[other].variables.roscore_port + BORDER_PORT,
-            "topics": list(channel.entry.all_topics),
+            "topics": list(channel.entry.topic_names),
             "services": list(channel.entry.services),
             "as": channel.entry.namespace,
             "base": channel.entry.base,
@@ -197,7 +197,7 @@ def _leave_to_border(parameters: dict[str, Any], fleet: Fleet, robot: Robot) -> 
         if channel.robot == robot.name:
             (other,) = (other for other in fleet.robots if other.name == channel.other)
             section, entry = parameters.setdefault(other.master_name, {}), channel.entry
-            for rule, names in (("ignore_topics", entry.all_topics), ("ignore_services", entry.services)):
+            for rule, names in (("ignore_topics", entry.topic_names), ("ignore_services", entry.services)):
                 if names:
                     section.setdefault(rule, []).extend(map(entry.rename, names))
 

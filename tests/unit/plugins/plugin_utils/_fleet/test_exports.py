@@ -890,7 +890,7 @@ def test_each_name_may_have_another_one():
 
 def test_an_action_crosses_with_all_its_topics():
     (channel,) = identical(kobuki1=[{"actions": ["/dock"], "rate": 5, "to": ["station"]}], kobuki2=[]).channels
-    assert set(channel.entry.all_topics) == {
+    assert set(channel.entry.topic_names) == {
         f"/dock/{part}" for part in ("goal", "cancel", "status", "feedback", "result")
     }
     assert channel.entry.rate == 5.0
