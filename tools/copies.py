@@ -3,8 +3,10 @@
 
 """Writes the files that are copies of another file, after that one was edited.
 
-The nodes, the modules and the controller have some functions in common, and each must have them in its own tree. Links
-would do in a checkout, but `manifest` of galaxy.yml passes over them, so they would be missing in the built collection.
+The nodes and the modules have some functions in common, and each must have them in its own tree, since only that is on the
+robot. Links would do in a checkout, but `manifest` of galaxy.yml passes over them, so they would be missing in the built
+collection. The controller has all trees, so it takes them from the nodes (plugins/plugin_utils/_fleet/filters.py and
+plain_text.py).
 """
 
 from __future__ import annotations
@@ -19,8 +21,6 @@ NODES = "roles/nodes/files/python/rosfleet_multimaster"
 COPIES = {
     "plugins/module_utils/_module/plain_text.py": f"{NODES}/protocol/plain_text.py",
     "plugins/module_utils/_client/documents.py": f"{NODES}/protocol/xml_rpc.py",
-    "plugins/plugin_utils/_fleet/filters.py": f"{NODES}/protocol/filters.py",
-    "plugins/plugin_utils/_fleet/plain_text.py": f"{NODES}/protocol/plain_text.py",
 }
 
 

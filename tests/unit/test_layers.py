@@ -176,6 +176,18 @@ def test_the_halves_do_not_know_each_other():
         assert ours in ACTIONS_SHARE or not strange, (path, strange)
 
 
+#: the files of the controller that take what the nodes have from the nodes
+DOORS_TO_NODES = {"_fleet/filters.py", "_fleet/plain_text.py"}
+
+
+def test_the_controller_takes_from_the_nodes_in_two_files():
+    below = COLLECTION + NODES.replace("/", ".") + ".protocol"
+    for path in sources(PLUGIN_UTILS):
+        taken = {name for name in imports(path) if name.startswith(COLLECTION + "roles")}
+        ours = path.relative_to(ROOT / PLUGIN_UTILS).as_posix()
+        assert not taken or (ours in DOORS_TO_NODES and all(name.startswith(below) for name in taken)), (path, taken)
+
+
 @pytest.mark.parametrize("tree", [PLUGIN_UTILS, MODULE_UTILS, NODES, "lab"])
 def test_no_folder_is_a_heap(tree):
     folders = {path.parent for path in sources(tree)}

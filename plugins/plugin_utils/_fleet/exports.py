@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .filters import HOSTS, NAMES, Filters, InvalidPattern
+from .filters import CROSSING, HOSTS, NAMES, NEVER_CROSSING, Filters, InvalidPattern
 from .sentences import UnexpectedValue, nearest
 
 # The keys of an entry, and the word for one of its names.
@@ -34,24 +34,9 @@ MOST_STARS = 2  # in one name
 MOST_NAMES_WITH = {1: 500, 2: 40}  # stars -> names; an action is three
 MOST_TEXT = 32768  # characters of all names
 
-# Parameters are copied by their whole names. The nodes have the same numbers and names (protocol/parameters.py).
-MOST_PARAMETERS = 100  # of one robot
+# Parameters are copied by their whole names.
 _PARAMETER = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
 _LONGEST = 255
-#: Never copied, and nothing in them: they say what a roscore is, what time it is there, or what the nodes of the exchange are to do.
-NEVER_CROSSING = (
-    "/run_id",
-    "/rosversion",
-    "/rosdistro",
-    "/roslaunch",
-    "/use_sim_time",
-    "/do_not_sync",
-    "/rosfleet_multimaster",
-    "/master_discovery",
-    "/master_sync",
-    "/master_border",
-)
-
 _NAME = re.compile(r"[/*][A-Za-z0-9_/*]*")
 
 # What makes an entry one of the border, which renames topics and keeps their rate.
@@ -176,8 +161,8 @@ def is_within(name: str, other: str) -> bool:
 
 def _check_parameters(names: Collection[tuple[str, str]]) -> None:
     """Check the receivers' names of parameters, each with that of the robot. Raises UnexpectedValue."""
-    if len(names) > MOST_PARAMETERS:
-        raise UnexpectedValue(f"at most {MOST_PARAMETERS} parameters, but there are {len(names)}")
+    if len(names) > CROSSING:
+        raise UnexpectedValue(f"at most {CROSSING} parameters, but there are {len(names)}")
     for one in sorted(names):
         inside = next((other for other in sorted(names) if one != other and is_within(one[0], other[0])), None)
         if inside:

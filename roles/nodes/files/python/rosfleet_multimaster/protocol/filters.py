@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Filters of the exchange: patterns, the names of all filters, and the rules for one master.
 
-One file for the nodes and for the controller (plugins/plugin_utils/_fleet/filters.py is a copy: `make copies`). It needs
-the standard library of Python 3.8 only.
+One file for the nodes and for the controller (plugins/plugin_utils/_fleet/filters.py imports it). It needs the standard
+library of Python 3.8 only.
 
 In a pattern `*` stands for any text. Everything else is a Python regular expression. A pattern matches a whole name, in
 upper or lower case: `/tf` matches only /tf, `/tf*` matches /tf_static too. (So `.*` means "at least one character".)
