@@ -11,80 +11,71 @@ import tempfile
 from collections.abc import Mapping
 from typing import Any
 
-from ansible.plugins.action import ActionBase
-
 from ..plugin_utils._adopt import facts, write
 from ..plugin_utils._adopt.infer import propose
 from ..plugin_utils._adopt.proposal import Proposal
+from ..plugin_utils._changes.refusal import FleetAction, Refusal
 from ..plugin_utils._fleet import read
 from ..plugin_utils._fleet.plain_text import LINE, plain, plain_data
 
 
-class ActionModule(ActionBase):
+class ActionModule(FleetAction):
     """Writes an inventory of machines that already run."""
 
     _VALID_ARGS = frozenset(("machines", "machine", "path"))
-    _requires_connection = False
 
-    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
-        """Return the files of the inventory; see ActionBase."""
-        result: dict[str, Any] = super().run(tmp, task_vars)
-        hostvars = (task_vars or {})["hostvars"]
-        names = [str(name) for name in self._task.args.get("machines") or ()]
-        path = os.path.abspath(os.path.expanduser(str(self._task.args.get("path") or "")))
-        problem = _check_options(self._task.args.get("path"), path, names)
-        if problem:
-            result.update(failed=True, msg=problem)
-            return result
-        machines, unread = _read_machines(names, hostvars, str(self._task.args.get("machine")))
+    def answer(self, args: Any, task_vars: dict[str, Any]) -> dict[str, Any]:
+        """Return the files of the inventory."""
+        hostvars = task_vars["hostvars"]
+        names = [str(name) for name in args.get("machines") or ()]
+        path = os.path.abspath(os.path.expanduser(str(args.get("path") or "")))
+        _check_options(args.get("path"), path, names)
+        machines, unread = _read_machines(names, hostvars, str(args.get("machine")))
         proposal = propose(machines, unread)
         if not proposal.robots:
-            result.update(failed=True, msg=_explain_no_robot(proposal), left_out=_list_left_out(proposal))
-            return result
+            return {"failed": True, "msg": _explain_no_robot(proposal), "left_out": _list_left_out(proposal)}
         files = write.files(proposal, {name: _read_variables(hostvars, name) for name in names})
         if not self._task.check_mode:
             try:
                 _write_folder(path, files)
-            except OSError as problem_of_disk:
-                result.update(
-                    failed=True,
-                    msg=f"{path} cannot be written ({problem_of_disk.strerror}); expected a folder of yours: choose another one with "
-                    "adopt_inventory.",
-                )
-                return result
-        result.update(
-            changed=True,
-            path=path,
-            files=files,
-            guesses=[plain(text, LINE) for text in proposal.guesses()],
-            left_out=_list_left_out(proposal),
-            problems=_find_problems(proposal),
-            msg=_summarize(path, proposal, bool(self._task.check_mode)),
-        )
-        result["warnings"] = [*result["problems"], *result["left_out"]]
-        if self._task.diff:
-            result["diff"] = [
-                {"before": "", "after": text, "before_header": f"{path}/{name}", "after_header": f"{path}/{name}"}
-                for name, text in files.items()
-            ]
-        return result
+            except OSError as problem:
+                raise Refusal(
+                    f"{path} cannot be written ({problem.strerror}); expected a folder of yours: choose another one with adopt_inventory."
+                ) from None
+        problems, left_out = _find_problems(proposal), _list_left_out(proposal)
+        changes = [
+            {"before": "", "after": text, "before_header": f"{path}/{name}", "after_header": f"{path}/{name}"}
+            for name, text in files.items()
+        ]
+        return {
+            "changed": True,
+            "path": path,
+            "files": files,
+            "guesses": [plain(text, LINE) for text in proposal.guesses()],
+            "left_out": left_out,
+            "problems": problems,
+            "msg": _summarize(path, proposal, bool(self._task.check_mode)),
+            "warnings": [*problems, *left_out],
+            **({"diff": changes} if self._task.diff else {}),
+        }
 
 
-def _check_options(option: Any, path: str, names: list[str]) -> str:
-    """Return the reason why no inventory can be written, or an empty text."""
+def _check_options(option: Any, path: str, names: list[str]) -> None:
+    """Raise Refusal if no inventory can be written."""
     if not option:
-        return "The option path is empty; expected a folder for the inventory, such as inventory-adopted: set adopt_inventory."
+        raise Refusal(
+            "The option path is empty; expected a folder for the inventory, such as inventory-adopted: set adopt_inventory."
+        )
     if not names:
-        return (
+        raise Refusal(
             "The list of machines is empty: found no host in the inventory; expected the machines of all robots, one host each: "
             "give a file with them to -i."
         )
     if os.path.lexists(path) and (os.path.islink(path) or not os.path.isdir(path) or os.listdir(path)):
-        return (
+        raise Refusal(
             f"{path} is there and is not an empty folder; expected a new folder, so that nothing of yours is replaced: choose "
             "another one with adopt_inventory."
         )
-    return ""
 
 
 def _read_machines(

@@ -13,12 +13,12 @@ from typing import Any
 
 from ansible.errors import AnsibleError
 from ansible.module_utils.parsing.convert_bool import boolean
-from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
 
 from ..plugin_utils._bundle import bundle as bundles
 from ..plugin_utils._bundle import secrets
 from ..plugin_utils._bundle.archive import pack
+from ..plugin_utils._changes.refusal import FleetAction, Refusal
 from ..plugin_utils._data.plain import Mismatch, to_plain
 from ..plugin_utils._fleet.plain_text import plain_data, plain_lines
 from ..plugin_utils._fleet.variables import BY_NAME, RESERVED
@@ -38,47 +38,41 @@ DIFFERENT_FINDINGS = (
 )
 
 
-class ActionModule(ActionBase):
+class ActionModule(FleetAction):
     """Writes a bundle."""
 
     _VALID_ARGS = frozenset((*OPTIONS, "logs", "path", "anonymous"))
-    _requires_connection = False
 
-    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
-        """Return the path of the bundle; see ActionBase."""
-        result: dict[str, Any] = super().run(tmp, task_vars)
-        task_vars = task_vars or {}
-        option = str(self._task.args.get("path") or "")
+    def answer(self, args: Any, task_vars: dict[str, Any]) -> dict[str, Any]:
+        """Return the path of the bundle."""
+        option = str(args.get("path") or "")
         if not option:
-            result.update(
-                failed=True,
-                msg="The option path is empty; expected a file for the bundle, such as bundle.zip: set verify_bundle.",
+            raise Refusal(
+                "The option path is empty; expected a file for the bundle, such as bundle.zip: set verify_bundle."
             )
-            return result
         path = fleet_report.name_file(option, time.strftime(NAME))
         try:
-            bundle = fleet_report.read_run(self._task.args, task_vars)
+            bundle = fleet_report.read_run(args, task_vars)
             clean_run = self._remove_secrets(bundle, task_vars["hostvars"])
-            if boolean(self._task.args.get("anonymous") or False):
-                clean_run = bundles.rename(
-                    clean_run, *people(bundle, task_vars["hostvars"], self._task.args.get("machine"))
-                )
+            if boolean(args.get("anonymous") or False):
+                clean_run = bundles.rename(clean_run, *people(bundle, task_vars["hostvars"], args.get("machine")))
             judgement = judge_run(clean_run, pages=True, everything=False)
             data = make_bundle(clean_run, judgement)
             fleet_report.write(path, data, fleet_report.OWN_MODE)
         except Mismatch as problem:
-            result.update(failed=True, msg=str(problem))
-            return result
+            raise Refusal(str(problem)) from None
         except OSError as problem:
             message = f"The bundle cannot be written to {path}: {problem.strerror}; expected a file in a folder of yours: name another one."
-            result.update(failed=True, msg=message)
-            return result
+            raise Refusal(message) from None
         same = kinds(judgement) == kinds(judge_run(bundle, pages=False, everything=False))
-        result.update(changed=True, path=path, bytes=len(data), msg=f"Wrote {path} for those who help. {READ_IT}")
         Display().display(plain_lines(f"Bundle: {path}"))
-        if not same:
-            result["warnings"] = [DIFFERENT_FINDINGS]
-        return result
+        return {
+            "changed": True,
+            "path": path,
+            "bytes": len(data),
+            "msg": f"Wrote {path} for those who help. {READ_IT}",
+            **({} if same else {"warnings": [DIFFERENT_FINDINGS]}),
+        }
 
     def _remove_secrets(self, bundle: Run, hostvars: Any) -> Run:
         """Take out the values that are secrets or look like secrets."""

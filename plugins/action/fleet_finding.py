@@ -7,29 +7,25 @@ from __future__ import annotations
 
 from typing import Any
 
-from ansible.plugins.action import ActionBase
-
+from ..plugin_utils._changes.refusal import FleetAction, Refusal
 from ..plugin_utils._checks.engine import FAILED
 from ..plugin_utils._fleet.plain_text import LINE, plain, plain_data
 
 PARTS = ("kind", "place", "mode", "what", "verdict", "sentence", "remedy", "decide", "since")
 
 
-class ActionModule(ActionBase):
+class ActionModule(FleetAction):
     """Returns the finding. The task fails if the finding explains a failed check."""
 
     _VALID_ARGS = frozenset(("finding",))
-    _requires_connection = False
 
-    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
-        """Return the parts of the finding; see ActionBase."""
-        result: dict[str, Any] = super().run(tmp, task_vars)
-        finding = plain_data(self._task.args.get("finding") or {}, LINE)
+    def answer(self, args: Any, task_vars: dict[str, Any]) -> dict[str, Any]:
+        """Return the parts of the finding."""
+        finding = plain_data(args.get("finding") or {}, LINE)
         if not isinstance(finding, dict) or not {"sentence", "verdict"} <= finding.keys():
-            message = f"The option finding is {plain(finding)}; expected an entry of findings, as fleet_report returns it: correct it."
-            result.update(failed=True, msg=message)
-            return result
+            raise Refusal(
+                f"The option finding is {plain(finding)}; expected an entry of findings, as fleet_report returns it: correct it."
+            )
         parts = {name: finding[name] for name in PARTS if name in finding}
         sentence = f"{finding['sentence']}; {finding['remedy']}" if finding.get("remedy") else finding["sentence"]
-        result.update(**parts, msg=sentence, failed=finding["verdict"] == FAILED, changed=False)
-        return result
+        return {**parts, "msg": sentence, "failed": finding["verdict"] == FAILED}

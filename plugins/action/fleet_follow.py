@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ansible.plugins.action import ActionBase
-
+from ..plugin_utils._changes.refusal import FleetAction, Refusal
 from ..plugin_utils._data.plain import Mismatch, to_plain
 from ..plugin_utils._diagnosis.diagnosis import list_unshown
 from ..plugin_utils._follow.probes import choose_probes, list_listeners
@@ -16,23 +15,20 @@ from ..plugin_utils._judgement.judgement import make_verification
 from ..plugin_utils._judgement.run import FIRST_LOOK, gather_run
 
 
-class ActionModule(ActionBase):
+class ActionModule(FleetAction):
     """Judges the first look, and chooses probes for the failures that no value shows."""
 
     _VALID_ARGS = frozenset(FIRST_LOOK)
-    _requires_connection = False
 
-    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
-        """Return the probes and the listeners; see ActionBase."""
-        result: dict[str, Any] = super().run(tmp, task_vars)
-        task_vars = task_vars or {}
+    def answer(self, args: Any, task_vars: dict[str, Any]) -> dict[str, Any]:
+        """Return the probes and the listeners."""
         try:
-            run = gather_run(self._task.args, task_vars["hostvars"], task_vars["ansible_play_hosts_all"], {})
+            run = gather_run(args, task_vars["hostvars"], task_vars["ansible_play_hosts_all"], {})
         except Mismatch as problem:
-            return {**result, "failed": True, "msg": f"The plan of the fleet cannot be read: {problem}"}
+            raise Refusal(f"The plan of the fleet cannot be read: {problem}") from None
         verification = make_verification(run)
         probes = choose_probes(verification, list_unshown(verification))
         listeners = list_listeners(verification, probes)
         ways = f"{len(probes)} {'way is' if len(probes) == 1 else 'ways are'}"
         msg = f"{ways} followed, since no value shows why packets fail there." if probes else "Nothing is followed."
-        return {**result, "changed": False, "probes": list(map(to_plain, probes)), "listeners": listeners, "msg": msg}
+        return {"probes": list(map(to_plain, probes)), "listeners": listeners, "msg": msg}

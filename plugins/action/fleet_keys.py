@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ansible.module_utils.parsing.convert_bool import boolean
-from ansible.plugins.action import ActionBase
 
+from ..plugin_utils._changes.refusal import FleetAction, Refusal
 from ..plugin_utils._data.plain import Mismatch, from_plain
 from ..plugin_utils._fleet.plain_text import LINE, plain, quote
 from ..plugin_utils._observed.task_results import find_result
@@ -20,37 +20,34 @@ from ..plugin_utils._plan.model import FleetPlan
 from . import fleet_report
 
 
-class ActionModule(ActionBase):
+class ActionModule(FleetAction):
     """Joins the kept keys with those that were told, and writes the file where they differ."""
 
     _VALID_ARGS = frozenset(("fleet", "told", "path", "rotate"))
-    _requires_connection = False
 
-    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
-        """Return the keys; see ActionBase."""
-        result: dict[str, Any] = super().run(tmp, task_vars)
-        given, path = self._task.args, Path(str(self._task.args["path"]))
+    def answer(self, args: Any, task_vars: dict[str, Any]) -> dict[str, Any]:
+        """Return the keys."""
+        path = Path(str(args["path"]))
         try:
-            fleet = from_plain(FleetPlan, given["fleet"])
-            _check_place(task_vars or {}, path, fleet.computers)
+            fleet = from_plain(FleetPlan, args["fleet"])
+            _check_place(task_vars, path, fleet.computers)
             before = path.read_text(encoding="utf-8") if path.is_file() else ""
             kept = tunnel.read_keys(before)
-            told = _read_told(task_vars or {}, str(given["told"]), kept)
-            rotate = boolean(given.get("rotate", False))
+            told = _read_told(task_vars, str(args["told"]), kept)
+            rotate = boolean(args.get("rotate", False))
             keys = tunnel.join_keys(kept, told, fleet.computers, rotate)
             after = tunnel.write_keys(keys)
             if after != before and not self._task.check_mode:
                 _replace(path, after)
         except (Mismatch, OSError, UnicodeDecodeError, tunnel.WrongKeys) as problem:
             message = f"The keys of the tunnel ({quote(str(path), LINE)}): {problem}. No tunnel was changed."
-            return {**result, "failed": True, "msg": plain(message, LINE)}
+            raise Refusal(plain(message, LINE)) from None
         missing = sorted(name for name, plan in fleet.computers.items() if plan.tunnel and name not in keys)
         warnings = [
             f"{plain(name)}: it has no key in {path} yet, so it is left out of the tunnel until site.yml has run there."
             for name in missing
         ]
         return {
-            **result,
             "changed": after != before,
             "keys_by_computer": keys,
             "diff": {"before_header": str(path), "after_header": str(path), "before": before, "after": after},

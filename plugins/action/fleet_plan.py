@@ -10,9 +10,8 @@ from typing import Any
 
 from ansible.errors import AnsibleError
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
-from ansible.plugins.action import ActionBase
 
-from ..plugin_utils._changes.refusal import refuse
+from ..plugin_utils._changes.refusal import FleetAction, refuse
 from ..plugin_utils._data.plain import to_plain
 from ..plugin_utils._fleet import read, variables
 from ..plugin_utils._fleet.inventory import Inventory
@@ -20,33 +19,26 @@ from ..plugin_utils._options import roles
 from ..plugin_utils._plan.plan import fleet_plan
 
 
-class ActionModule(ActionBase):
+class ActionModule(FleetAction):
     """Computes the plan of all computers from the whole inventory, whatever `--limit` says."""
 
     _VALID_ARGS = frozenset(("group", "router_group"))
-    _requires_connection = False
 
-    def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
-        """Return the plan as the result; see ActionBase."""
-        result: dict[str, Any] = super().run(tmp, task_vars)
-        task_vars = task_vars or {}
+    def answer(self, args: Any, task_vars: dict[str, Any]) -> dict[str, Any]:
+        """Return the plan as the result."""
         problems: list[str] = []
         try:
-            inventory = read_inventory(
-                task_vars, self._task.args.get("group", "robots"), self._task.args.get("router_group", "routers")
-            )
+            inventory = read_inventory(task_vars, args.get("group", "robots"), args.get("router_group", "routers"))
             problems = check_options(task_vars["hostvars"], inventory.variables)
             plan = fleet_plan(read.read_fleet(inventory))
         except read.InventoryProblems as error:
             problems = [*error.problems, *problems]
         if problems:
-            return {**result, **refuse(problems)}
-        result.update(
-            changed=False,
-            msg=f"{len(plan.masters)} robots with {len(plan.members)} computers on {plan.common_network}",
+            return refuse(problems)
+        return {
+            "msg": f"{len(plan.masters)} robots with {len(plan.members)} computers on {plan.common_network}",
             **to_plain(plan),
-        )
-        return result
+        }
 
 
 def read_inventory(task_vars: Mapping[str, Any], group: str, router_group: str) -> Inventory:

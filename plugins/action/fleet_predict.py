@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
 
+from ..plugin_utils._changes.refusal import FleetAction, Refusal
 from ..plugin_utils._data.plain import Mismatch, from_plain
 from ..plugin_utils._fleet.plain_text import LINE, plain, plain_data, plain_lines
 from ..plugin_utils._observed.task_results import find_result
@@ -20,37 +20,30 @@ from ..plugin_utils._world import prediction
 OPTIONS = ("fleet", "machine", "table")
 
 
-class ActionModule(ActionBase):
+class ActionModule(FleetAction):
     """Predicts which computers reach each other after site.yml."""
 
     _VALID_ARGS = frozenset(OPTIONS)
-    _requires_connection = False
 
-    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
-        """Return the prediction; see ActionBase."""
-        result: dict[str, Any] = super().run(tmp, task_vars)
-        plain_fleet, machine, table = (self._task.args.get(option) for option in OPTIONS)
+    def answer(self, args: Any, task_vars: dict[str, Any]) -> dict[str, Any]:
+        """Return the prediction."""
+        plain_fleet, machine, table = (args.get(option) for option in OPTIONS)
         try:
             fleet = from_plain(FleetPlan, plain_fleet)
         except Mismatch as problem:
-            result.update(failed=True, msg=f"The plan of the fleet cannot be read: {problem}")
-            return result
-        hostvars = (task_vars or {})["hostvars"]
-        predicted = prediction.predict(fleet, machines(fleet, hostvars, machine))
+            raise Refusal(f"The plan of the fleet cannot be read: {problem}") from None
+        predicted = prediction.predict(fleet, machines(fleet, task_vars["hostvars"], machine))
         sentences = [plain(text, LINE) for text in prediction.warnings(predicted)]
         if table:
             Display().display("\n" + plain_lines(prediction.render(predicted)) + "\n")
-        result.update(
-            changed=False,
-            msg=prediction.write_verdict(predicted),
-            works=not sentences,
-            sentences=sentences,
-            assumed=list(predicted.assumed),
-            ways=plain_data(prediction.list_ways(predicted)),
-        )
-        if not table:
-            result["warnings"] = sentences
-        return result
+        return {
+            "msg": prediction.write_verdict(predicted),
+            "works": not sentences,
+            "sentences": sentences,
+            "assumed": list(predicted.assumed),
+            "ways": plain_data(prediction.list_ways(predicted)),
+            **({} if table else {"warnings": sentences}),
+        }
 
 
 def machines(fleet: FleetPlan, hostvars: Mapping[str, Any], name: str) -> dict[str, Mapping[str, Any]]:

@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import Any
 
 from ansible import constants
-from ansible.plugins.action import ActionBase
 from ansible.release import __version__ as ansible_version
 from ansible.utils.display import Display
 
 from ..plugin_utils._bundle.archive import LARGEST, Unreadable, unpack
 from ..plugin_utils._bundle.bundle import JUDGED, quote_run, read_bundle
+from ..plugin_utils._changes.refusal import FleetAction, Refusal
 from ..plugin_utils._checks.engine import FAILED
 from ..plugin_utils._data.plain import Mismatch
 from ..plugin_utils._fleet.plain_text import LINE, plain, plain_data, plain_lines
@@ -49,33 +49,26 @@ COLOURS = {
 }
 
 
-class UnwritableReport(ValueError):
-    """A file of the options cannot be written. The message is a sentence."""
-
-
-class ActionModule(ActionBase):
+class ActionModule(FleetAction):
     """Judges the results of the whole run, prints the findings, and writes the report."""
 
     _VALID_ARGS = frozenset((*OPTIONS, "path", "junit", "bundle", "each", "marks"))
-    _requires_connection = False
 
-    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
-        result: dict[str, Any] = super().run(tmp, task_vars)
-        task_vars, bundle = task_vars or {}, str(self._task.args.get("bundle") or "")
+    def answer(self, args: Any, task_vars: dict[str, Any]) -> dict[str, Any]:
+        bundle = str(args.get("bundle") or "")
         try:
-            run = open_bundle(bundle) if bundle else read_run(self._task.args, task_vars)
+            run = open_bundle(bundle) if bundle else read_run(args, task_vars)
             place = os.path.abspath(bundle) if bundle else str(task_vars.get("inventory_dir") or "")
-            result.update(self._report(run, place, live=not bundle))
-        except (Mismatch, Unreadable, UnwritableReport) as problem:
-            result.update(failed=True, msg=str(problem))
+            return self._report(run, place, live=not bundle)
+        except (Mismatch, Unreadable) as problem:
+            raise Refusal(str(problem)) from None
         except STRANGE:  # a bundle may come from any person
             if not bundle:
                 raise
-            result.update(failed=True, msg=f"{bundle} {CONTRADICTION}")
-        return result
+            raise Refusal(f"{bundle} {CONTRADICTION}") from None
 
     def _report(self, run: Run, place: str, live: bool) -> dict[str, Any]:
-        """Judge, write and print. Raises NotWritten."""
+        """Judge, write and print. Raises Refusal."""
         path, cases = (str(self._task.args.get(option) or "") for option in ("path", "junit"))
         files = Files.from_option(path, place)
         before = files.read_previous() if files else {}
@@ -91,7 +84,6 @@ class ActionModule(ActionBase):
         findings = plain_data([{**entry, "follows": len(entry["follows"])} for entry in document["findings"]])
         shown = terminal.SENTENCES if is_each_wanted(self._task.args.get("each")) else 0
         return {
-            "changed": False,
             "passed": document["verdict"] != FAILED,
             "msg": document["result"],
             "report": written,
@@ -105,10 +97,10 @@ class ActionModule(ActionBase):
 
 
 def report_unwritable(problem: OSError, path: str, *, is_asked: bool) -> None:
-    """Say that a report cannot be written. Raises UnwritableReport where an option has asked for it."""
+    """Say that a report cannot be written. Raises Refusal where an option has asked for it."""
     message = f"The report cannot be written to {problem.filename or path}: {problem.strerror}; name another file."
     if is_asked:
-        raise UnwritableReport(message) from None
+        raise Refusal(message) from None
     Display().display(plain_lines(message))
 
 

@@ -9,9 +9,9 @@ import time
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from ansible.plugins.action import ActionBase
 from ansible.utils.display import Display
 
+from ..plugin_utils._changes.refusal import FleetAction, Refusal
 from ..plugin_utils._data.plain import Mismatch, from_plain
 from ..plugin_utils._fleet.plain_text import LINE, plain, plain_data, plain_lines, quote
 from ..plugin_utils._observed import task_results
@@ -21,22 +21,18 @@ from ..plugin_utils._watch.progress import Event, LostValue, WatchAnswer
 OPTIONS = ("watched", "duration", "known")
 
 
-class ActionModule(ActionBase):
+class ActionModule(FleetAction):
     """Prints the progress of a watch over the fleet."""
 
     _VALID_ARGS = frozenset(OPTIONS)
-    _requires_connection = False
 
-    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
-        """Return the losses so far; see ActionBase."""
-        result: dict[str, Any] = super().run(tmp, task_vars)
-        task_vars = task_vars or {}
-        name, duration, known = (self._task.args.get(option) or "" for option in OPTIONS)
+    def answer(self, args: Any, task_vars: dict[str, Any]) -> dict[str, Any]:
+        """Return the losses so far."""
+        name, duration, known = (args.get(option) or "" for option in OPTIONS)
         try:
             seconds = progress.plan_rounds(duration)[-1]
         except progress.Unreadable as problem:
-            result.update(failed=True, msg=str(problem))
-            return result
+            raise Refusal(str(problem)) from None
         hosts = frozenset(task_vars["ansible_play_hosts_all"])
         reports = {
             host: read_watch(task_vars["hostvars"][host], name, hosts)
@@ -48,15 +44,13 @@ class ActionModule(ActionBase):
         events = progress.list_events(reports)
         lost = sum(len(report.lost) for report in reports.values())
         first = plain(progress.describe_first_loss(events), LINE)
-        result.update(
-            changed=False,
-            lost=lost,
-            first_loss=first,
-            events=plain_data([{"observer": host, **vars(event)} for host, event in events]),
-            known={host: len(report.events) for host, report in reports.items()},
-            msg=first or f"Nothing was lost in {progress.format_duration(seconds)}.",
-        )
-        return result
+        return {
+            "lost": lost,
+            "first_loss": first,
+            "events": plain_data([{"observer": host, **vars(event)} for host, event in events]),
+            "known": {host: len(report.events) for host, report in reports.items()},
+            "msg": first or f"Nothing was lost in {progress.format_duration(seconds)}.",
+        }
 
 
 def read_watch(variables: Mapping[str, Any], name: str, hosts: Collection[str] = ()) -> WatchAnswer:

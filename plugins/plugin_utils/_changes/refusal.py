@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Problems as the result of a task that refuses."""
+"""Tasks that may refuse: the actions of the controller alone, and problems as the result of a task."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ansible import constants
+from ansible.plugins.action import ActionBase
 from ansible.release import __version__
 from ansible.utils.display import Display
 
@@ -18,6 +19,24 @@ PRINTS_LINES = (
     2,
     19,
 )  # since then Ansible prints the message of a failed task line by line; before, as one line of JSON
+
+
+class Refusal(Exception):
+    """A task refuses. The text is its message."""
+
+
+class FleetAction(ActionBase):  # type: ignore[misc]  # ansible-core has no types
+    """Needs no connection: options and what computers have registered in, an answer out."""
+
+    _requires_connection = False
+
+    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
+        """Return the answer of the action, or its refusal; see ActionBase."""
+        result: dict[str, Any] = super().run(tmp, task_vars)
+        try:
+            return {**result, "changed": False, **self.answer(self._task.args, task_vars or {})}
+        except Refusal as problem:
+            return {**result, "failed": True, "msg": str(problem)}
 
 
 def refuse(problems: Sequence[str]) -> dict[str, Any]:

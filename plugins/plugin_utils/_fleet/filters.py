@@ -25,5 +25,15 @@ from ....roles.nodes.files.python.rosfleet_multimaster.protocol.filters import (
 )
 from ....roles.nodes.files.python.rosfleet_multimaster.protocol.parameters import CROSSING, NEVER_CROSSING
 
-__all__ = ["BUILT_IN", "CROSSING", "HOSTS", "NAMES", "NEVER_CROSSING", "NO_NAME", "SUCCESSOR", "UNKNOWN_TYPES", "WHITE_LISTS"]
+__all__ = [
+    "BUILT_IN",
+    "CROSSING",
+    "HOSTS",
+    "NAMES",
+    "NEVER_CROSSING",
+    "NO_NAME",
+    "SUCCESSOR",
+    "UNKNOWN_TYPES",
+    "WHITE_LISTS",
+]
 __all__ += ["Filters", "InvalidPattern", "Pattern", "Rules", "matches", "usable"]
