@@ -339,7 +339,11 @@ def _list_meeting(one: Export, other: Export) -> list[str]:
 def _find_crossing_parameters(parties: Sequence[RobotValues], robots: Sequence[str]) -> list[str]:
     """Return a sentence for two robots that give the same parameter to a third, or one in the namespace of the other."""
     by_name = {party.name: party for party in parties}
-    entries = _list_parameters(parties)
+    entries = [
+        (party.name, entry, [entry.rename(name) for name in entry.parameters])  # as the receivers have them
+        for party in parties
+        for entry in party.entries
+    ]
     problems = {}
     for name in sorted({name for _robot, _entry, names in entries for name in names}):
         givers: dict[str, list[Export]] = defaultdict(list)
@@ -356,16 +360,6 @@ def _find_crossing_parameters(parties: Sequence[RobotValues], robots: Sequence[s
                 "with 'to' who gets which."
             )
     return list(problems.values())
-
-
-def _list_parameters(parties: Sequence[RobotValues]) -> list[tuple[str, Export, list[str]]]:
-    """List the entries that give parameters, with their robot and with the receivers' names."""
-    return [
-        (party.name, entry, [entry.rename(name) for name in entry.parameters])
-        for party in parties
-        for entry in party.entries
-        if entry.parameters
-    ]
 
 
 def _match_givers(parties: Sequence[RobotValues], key: str) -> Iterator[tuple[str, dict[str, list[Export]]]]:

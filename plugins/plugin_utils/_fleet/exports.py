@@ -68,12 +68,8 @@ class Export:
     @property
     def crosses_border(self) -> bool:
         """True if its topics, services and actions cross by the borders."""
-        return bool(self.namespace or self.rate or self.newest or self.frames) and self.has_registrations
-
-    @property
-    def has_registrations(self) -> bool:
-        """True if it names something else than parameters."""
-        return bool(self.topics or self.services or self.actions)
+        is_changed = self.namespace or self.rate or self.newest or self.frames
+        return bool(is_changed and (self.topics or self.services or self.actions))
 
     @property
     def topic_names(self) -> tuple[str, ...]:

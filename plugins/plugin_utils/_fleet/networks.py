@@ -117,14 +117,13 @@ def _check_address(
 
 def _check_overlaps(reading: InventoryValues) -> Iterator[str]:
     """Check that no address is in two networks. Sorted by their begin, each is compared with the widest one before it."""
-    names = [
-        (robot.own.network, f"multimaster_network of the robot {robot.name}")
-        for robot in reading.robots
-        if robot.own.network
+    shared = reading.shared
+    named = [(robot.own.network, f"multimaster_network of the robot {robot.name}") for robot in reading.robots]
+    named += [
+        (shared.common_network, "multimaster_common_network"),
+        (shared.tunnel_network, "multimaster_tunnel_network"),
     ]
-    for variable in ("common_network", "tunnel_network"):
-        network = getattr(reading.shared, variable)
-        names += [(network, f"multimaster_{variable}")] if network else []
+    names = [(network, name) for network, name in named if network]
     names.sort(key=lambda entry: (entry[0].network_address, entry[0].prefixlen))
     if not names:
         return
