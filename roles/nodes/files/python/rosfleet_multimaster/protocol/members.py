@@ -8,7 +8,7 @@
 
 import ipaddress
 from functools import lru_cache
-from typing import Any, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional
+from typing import Any, FrozenSet, Iterable, Mapping, NamedTuple, Optional
 from urllib.parse import urlsplit
 
 from .plain_text import quote
@@ -143,17 +143,3 @@ def is_address(host: str) -> bool:
         return str(ipaddress.IPv4Address(host)) == host
     except ValueError:
         return False
-
-
-def problem_of(entry: Any) -> str:
-    """What is wrong with an entry of ~members; empty for nothing."""
-    texts: List[str] = ["uris", "addresses", "hosts"]
-    if not isinstance(entry, Mapping) or set(entry) != {"robot", "name", "rpc_port", *texts}:
-        return "robot, name, uris, rpc_port, addresses and hosts are expected"
-    for key in texts:
-        if not isinstance(entry[key], list) or not all(isinstance(item, str) for item in entry[key]):
-            return f"its {key} are {entry[key]!r}, but a list of texts is expected"
-    for key, kind in (("robot", str), ("name", str), ("rpc_port", int)):
-        if not isinstance(entry[key], kind):
-            return f"its {key} is {entry[key]!r}, but {'a text' if kind is str else 'a number'} is expected"
-    return ""

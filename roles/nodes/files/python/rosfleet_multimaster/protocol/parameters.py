@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 from .filters import HIDDEN, HOSTS, NAMES, Filters, InvalidPattern, Pattern
-from .members import ALLOW, IGNORE, is_address, problem_of
+from .members import ALLOW, IGNORE, is_address
 
 SHORTEST = 2.0  # seconds of ~offline_after: less leaves no time to ask
 
@@ -176,34 +176,32 @@ def overlay(table: Mapping[str, Parameter], given: Mapping[str, Any]) -> Tuple[D
 def _check(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
     try:
         Filters(values).check()
-        for name in HIDDEN:
-            value = values.get(name) or []
-            Pattern.from_items([value] if isinstance(value, str) else value, name)
     except InvalidPattern as problem:
         raise ParameterError(f"~{problem}") from None
-    for number, entry in enumerate(values["members"], 1):
-        if problem_of(entry):
-            raise ParameterError(f"entry {number} of ~members: {problem_of(entry)}")
+    for name in HIDDEN:
+        value = values.get(name) or []
+        _check_patterns(f"~{name}", [value] if isinstance(value, str) else value)
     if table is DISCOVERY:
-        _check_discovery(values)
-    elif table is SYNC:
-        _check_crossing(values["sync_parameters"] or [])
-    elif table is BORDER:
-        _check_border(values)
+        _check_group(values["mcast_group"])
+        _check_patience(values["offline_after"])
+    for name, check_entry in _ENTRIES:
+        entries = values[name] if name in table else None
+        for number, entry in enumerate(entries or [], 1):
+            check_entry(f"entry {number} of ~{name}", entry)
+    _check_crossing(values.get("sync_parameters") or [])
 
 
-def _check_border(values: Mapping[str, Any]) -> None:
-    for number, entry in enumerate(values["channels"] or [], 1):
-        _check_channel(f"entry {number} of ~channels", entry)
+def _check_patterns(what: str, items: Sequence[str]) -> None:
+    try:
+        Pattern.from_items(items, what)
+    except InvalidPattern as problem:
+        raise ParameterError(str(problem)) from None
 
 
-def _check_discovery(values: Mapping[str, Any]) -> None:
-    _check_group(values["mcast_group"])
-    for number, entry in enumerate(values["exports"] or [], 1):
-        _check_export(f"entry {number} of ~exports", entry)
-    if not (values["offline_after"] <= 0 or values["offline_after"] >= SHORTEST):
+def _check_patience(seconds: float) -> None:
+    if not (seconds <= 0 or seconds >= SHORTEST):  # not a number is neither
         raise ParameterError(
-            f"~offline_after is {values['offline_after']}, but at least {SHORTEST:g} seconds are expected, or 0 for"
+            f"~offline_after is {seconds}, but at least {SHORTEST:g} seconds are expected, or 0 for"
             " ~active_request_after alone"
         )
 
@@ -231,10 +229,7 @@ def _check_export(what: str, entry: Mapping[str, Any]) -> None:
         if address != "*" and not is_address(address):
             raise ParameterError(f"{what} is for {address!r}, but an IPv4 address or '*' is expected")
     for key in ("topics", "services"):
-        try:
-            Pattern.from_items(entry.get(key, []), f"{what}, {key}")
-        except InvalidPattern as problem:
-            raise ParameterError(str(problem)) from None
+        _check_patterns(f"{what}, {key}", entry.get(key, []))
 
 
 _CHANNEL: Mapping[str, str] = {
@@ -265,11 +260,25 @@ def _check_channel(what: str, entry: Mapping[str, Any]) -> None:
         raise ParameterError(f"{what} has {entry['hosts']!r} as its hosts, but IPv4 addresses are expected")
     if entry["rate"] < 0:
         raise ParameterError(f"{what} has a rate of {entry['rate']}, but a number of at least 0 is expected")
-    try:
-        for key in ("topics", "services"):
-            Pattern.from_items(entry[key], f"{what}, {key}")
-    except InvalidPattern as problem:
-        raise ParameterError(str(problem)) from None
+    for key in ("topics", "services"):
+        _check_patterns(f"{what}, {key}", entry[key])
+
+
+def _check_member(what: str, entry: Any) -> None:
+    lists = ("uris", "addresses", "hosts")
+    if not isinstance(entry, Mapping) or set(entry) != {"robot", "name", "rpc_port", *lists}:
+        raise ParameterError(f"{what}: robot, name, uris, rpc_port, addresses and hosts are expected")
+    for key in lists:
+        if not _texts(entry[key]):
+            raise ParameterError(f"{what}: its {key} are {entry[key]!r}, but a list of texts is expected")
+    for key, kind in (("robot", str), ("name", str), ("rpc_port", int)):
+        if not isinstance(entry[key], kind):
+            expected = "a text" if kind is str else "a number"
+            raise ParameterError(f"{what}: its {key} is {entry[key]!r}, but {expected} is expected")
+
+
+#: Parameters that are lists of entries, with the check of one.
+_ENTRIES = (("members", _check_member), ("exports", _check_export), ("channels", _check_channel))
 
 
 # The parameters of other robots that are copied here
