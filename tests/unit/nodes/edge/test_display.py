@@ -46,9 +46,10 @@ def shown(**values):
 
 
 def looks(it, topic, at, seconds):
+    it.open(lambda: topic)
     for _second in range(seconds):
         at[0] += 1.0
-        it.look(topic)
+        it.look()
     return len(topic.published)
 
 
@@ -68,7 +69,8 @@ def test_diagnostics_are_published_at_1_hz_at_most(at):
 def test_switched_off_nothing_is_published_or_written(at, tmp_path):
     it, topic = shown(diagnostics=False), Topic()
     assert not it.diagnoses and not it.has_outputs
-    it.look(None)
+    it.open(lambda: topic)
+    it.look()
     it.end()
     assert topic.published == []
 
@@ -80,7 +82,7 @@ def test_the_file_is_written_now_and_then_and_goes_at_the_end(at, tmp_path):
     times = []
     for _second in range(60):
         at[0] += 1.0
-        it.look(None)
+        it.look()
         if not times or path.stat().st_ino != times[-1][1]:
             times.append((at[0], path.stat().st_ino))
     assert 3 <= len(times) <= 5
@@ -97,5 +99,5 @@ def test_a_file_that_cannot_be_written_is_one_line_of_the_log(at, tmp_path, capl
     it = shown(metrics=str(tmp_path / "not-there" / "metrics.prom"))
     for _try in range(5):
         at[0] += 100.0
-        it.look(None)
+        it.look()
     assert len({id(record) for record in caplog.records if "metrics cannot be written" in record.getMessage()}) == 1

@@ -27,7 +27,7 @@ from .discovery.rpc_methods import callers, serve
 from .edge import local_roscore
 from .edge.addresses import find_own_host, local_hosts
 from .edge.clock import monotonic
-from .edge.display import PUBLISH, Display
+from .edge.display import Display
 from .edge.loop import DirectRunner, Loop, RecurringJob, Workers
 from .edge.process import program
 from .edge.process.systemd import notify
@@ -117,15 +117,8 @@ class MasterBorder:
         self.claims: imports.Claims = {}
         self.states = RecurringJob(DirectRunner(), lambda: STATUS, self._say_status)
         self.display = Display(values, uri, NAME, self.loop, self.limited, self._entries, self._samples)
-        feed = self._make_feed(diagnostics.TOPIC)
-        self.diagnostics = diagnostics.Diagnostics(feed) if self.display.diagnoses else None
-        self.looks = RecurringJob(
-            DirectRunner(),
-            lambda: PUBLISH,
-            lambda: self.display.look(self.diagnostics),
-            lambda _r, _p: None,
-            lambda: self.display.has_outputs,
-        )
+        self.diagnostics = self._make_feed(diagnostics.TOPIC)
+        self.display.open(partial(diagnostics.Diagnostics, self.diagnostics))
         self.reads = RecurringJob(
             calls, lambda: READ if self.graph.guards_names else READ_WHOLE, self._read, self._on_read
         )
@@ -150,7 +143,7 @@ class MasterBorder:
             if self.listens_at and now >= self.listens_at:
                 self.listens_at = 0.0
                 self.loop.watch(self.listener, self._accept)
-            jobs = (self.health, self.reads, self.registrar, self.states, self.looks)
+            jobs = (self.health, self.reads, self.registrar, self.states, self.display)
             due = [job.tick(now) for job in jobs]
             self.jobs_due = min([now + BEAT, *(time for time in due if time is not None)])
         if now >= self.feeds_due:
@@ -287,7 +280,7 @@ class MasterBorder:
 
     def _take_offers(self) -> None:
         """Have a feed for each topic that others offer."""
-        own = {} if self.diagnostics is None else {diagnostics.TOPIC: diagnostics.TYPE}
+        own = {diagnostics.TOPIC: diagnostics.TYPE} if self.display.diagnoses else {}
         sources: Dict[str, Dict[Any, Origin]] = {}
         published: Dict[str, str] = {}
         self.calls = {}
@@ -372,8 +365,8 @@ class MasterBorder:
         topic, robot = header.get("topic", ""), header.get(ROBOT)
         feed: Optional[Feed]
         rate = 0.0
-        if robot is None and self.diagnostics is not None and topic == diagnostics.TOPIC:
-            feed = self.diagnostics.feed
+        if robot is None and self.display.diagnoses and topic == diagnostics.TOPIC:
+            feed = self.diagnostics
         elif robot is None:
             feed = None if wire.address in self.foreign_hosts else self.taken.get(topic)
         else:

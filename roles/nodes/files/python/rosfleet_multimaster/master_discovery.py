@@ -54,7 +54,6 @@ class MasterDiscovery:
         self.errors: Dict[str, str] = {}  # what masterErrors tells
         self.node: Optional[ros.DiscoveryNode] = None
         self.masters: Tuple[Master, ...] = ()
-        self.diagnostics: Optional[ros.Diagnostics] = None
         self.outsiders: Tuple[Outsider, ...] = ()  # who is ignored
         self.told: Dict[str, Master] = {}
         self.status = ""
@@ -196,7 +195,7 @@ class MasterDiscovery:
             ask_time(asked, self.clock_questions, self.health)
         if self.outsiders != before:
             self.display.mark_stale()
-        self.display.look(self.diagnostics)
+        self.display.look()
 
     def _links(self) -> LinkList:
         return self.health.links(self.masters, self.core.view.links(monotonic()))
@@ -272,7 +271,7 @@ class MasterDiscovery:
             self.node = ros.DiscoveryNode(
                 lambda: self.masters, lambda: self.loop.post(lambda: self.core.refresh(monotonic()))
             )
-            self.diagnostics = ros.Diagnostics() if self.display.diagnoses else None
+            self.display.open(ros.Diagnostics)
             self.identity.service = self.node.service_uri()
             memory.freeze()
             notify("READY=1")

@@ -10,7 +10,7 @@ from typing import Dict, List, Optional, Set
 
 from .edge import local_roscore, ros
 from .edge.clock import monotonic
-from .edge.display import PUBLISH, Display
+from .edge.display import Display
 from .edge.loop import DirectRunner, RecurringJob, Workers
 from .edge.process import memory, program
 from .edge.process.systemd import notify
@@ -77,13 +77,7 @@ class MasterSync:
         self.fetcher = Fetcher(loop, self.core, limited, self._on_fetch, self._on_touch, values["differences"])
         self.states = RecurringJob(DirectRunner(), lambda: STATUS, self._say_status, wanted=lambda: self.status_stale)
         self.display = Display(values, self.uri, self.node_name, loop, limited, self._entries, self._samples)
-        self.diagnostics = ros.Diagnostics() if self.display.diagnoses else None
-        self.looks = RecurringJob(
-            DirectRunner(),
-            lambda: PUBLISH,
-            lambda: self.display.look(self.diagnostics),
-            wanted=lambda: self.display.has_outputs,
-        )
+        self.display.open(ros.Diagnostics)
 
     def run(self) -> int:
         """Run until the end; the exit status."""
@@ -107,7 +101,7 @@ class MasterSync:
             self.rounds.tick(now),
             self.copies.tick(now),
             self.states.tick(now),
-            self.looks.tick(now),
+            self.display.tick(now),
         ]
         return min([now + ROUND, *(time for time in due if time is not None)])
 
@@ -192,7 +186,7 @@ class MasterSync:
         self.refused_total.update(item.kind for item in new)
         if before != set(refused):
             self.display.mark_stale()
-            self.display.look(self.diagnostics)
+            self.display.look()
 
     def _entries(self) -> List[Diagnosis]:
         """The entries of /diagnostics."""

@@ -9,7 +9,7 @@ from ..protocol.members import Members
 from ..protocol.messages import Diagnosis
 from . import rpc_client
 from .clock import monotonic, wall_clock
-from .loop import Loop
+from .loop import DirectRunner, Loop, RecurringJob
 from .process import program, textfile
 
 #: seconds between two messages to a subscriber: diagnostic_aggregator calls an entry stale after five
@@ -39,6 +39,17 @@ class Display:
         self._entries, self._samples = entries, samples
         self._stale = True  # something has changed since it was published
         self._publish_due = self._write_due = 0.0
+        self._topic: Optional[Any] = None
+        self._looks = RecurringJob(DirectRunner(), lambda: PUBLISH, self.look, wanted=lambda: self.has_outputs)
+
+    def open(self, make_topic: Callable[[], Any]) -> None:
+        """Publish from now on, where people want it. `make_topic()`: a publisher of /diagnostics."""
+        if self.diagnoses:
+            self._topic = make_topic()
+
+    def tick(self, now: float) -> Optional[float]:
+        """Look where that is due; the time of the next look."""
+        return self._looks.tick(now)
 
     @property
     def has_outputs(self) -> bool:
@@ -49,9 +60,9 @@ class Display:
         """Publish with the next look."""
         self._stale = True
 
-    def look(self, topic: Optional[Any]) -> None:
-        """Show what is due. `topic`: the publisher of /diagnostics, where there is one."""
-        now = monotonic()
+    def look(self) -> None:
+        """Show what is due."""
+        now, topic = monotonic(), self._topic
         due = now >= self._publish_due
         if topic is not None and (self._stale or (due and topic.has_listeners())):
             self._stale, self._publish_due = False, now + PUBLISH - EARLY
