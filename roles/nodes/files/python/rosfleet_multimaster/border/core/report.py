@@ -19,16 +19,11 @@ class TopicCount(NamedTuple):
 
 def add_up(passed: Iterable[TopicCount]) -> List[TopicCount]:
     """Return one row for each topic, the busiest first."""
-    rows: List[TopicCount] = []
-    places: Dict[str, int] = {}
+    rows: Dict[str, TopicCount] = {}
     for row in passed:
-        at = places.setdefault(row.topic, len(rows))
-        if at == len(rows):
-            rows.append(row)
-        else:
-            before = rows[at]
-            rows[at] = TopicCount(row.topic, *(one + other for one, other in zip(before[1:], row[1:])))
-    return sorted(rows, key=lambda row: (-row.size, row.topic))
+        before = rows.get(row.topic, TopicCount(row.topic, 0, 0, 0))
+        rows[row.topic] = TopicCount(row.topic, *(one + other for one, other in zip(before[1:], row[1:])))
+    return sorted(rows.values(), key=lambda row: (-row.size, row.topic))
 
 
 def make_entry(
