@@ -10,15 +10,14 @@ import os
 from functools import partial
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
-from .border import diagnostics
+from .border import calls, diagnostics
 from .border.board import OfferBoard
-from .border.calls import CallCounts, splice
 from .border.core import report
-from .border.core.channels import SERVICE, TOPIC, Channel, Others, Own, Registrations, find_taken, list_offers, list_own
+from .border.core.channels import SERVICE, TOPIC, Channel, Others, Own, find_taken, list_offers, list_own
 from .border.core.frames import STATIC, Frames
 from .border.core.header import encode_header
 from .border.core.outbox import Budget
-from .border.dial import Dialers, dial_border, dial_node, dial_service, listen
+from .border.dial import Dialers, PartyCounts, dial_border, dial_node, dial_service, listen
 from .border.feed import Dial, Feed, Fields, Link, Origin
 from .border.node import PROVIDER, PUBLISHER, SUBSCRIBER, Registrar, SlaveApi
 from .border.peers import OFFERS, Offers, Peer
@@ -54,6 +53,9 @@ LONGEST_WAIT = 60.0  # seconds that another border may wait for news
 ROBOT, NODE = "rosfleet_border", "rosfleet_publisher"
 
 
+NOTHING = View({}, {}, {}, {})
+
+
 class Provider(NamedTuple):
     """How the provider of a service is reached, or the border that has it."""
 
@@ -86,11 +88,11 @@ class MasterBorder:
         self.channels = [Channel.from_entry(entry) for entry in values["channels"]]
         self.peers = {channel.peer: channel for channel in self.channels}
         self.board = OfferBoard()
-        self.seen, self.was_read = Registrations(), False
+        self.seen, self.was_read = NOTHING, False
         self.topics: Own = {}
         self.services: Own = {}
         self.calls: Dict[str, Provider] = {}  # service of others -> how their border is reached
-        self.calling = CallCounts()
+        self.calling = PartyCounts(calls.MOST_OF_ONE, calls.MOST)
         self.offers: Dict[str, Offers] = {}
         self.given: Dict[Tuple[str, str, Optional[Frames]], Feed] = {}  # topic, node and frames -> for other borders
         self.taken: Dict[str, Feed] = {}  # topic -> for listeners of this robot
@@ -106,21 +108,21 @@ class MasterBorder:
         self.server = serve("", values["port"], methods, self._on_malformed, self.rules)
         self.uri = f"http://{find_own_host()}:{values['port']}/"
         self.dialers = Dialers(Workers(self.loop, 8))
-        calls = Workers(self.loop, 1)  # everything that is asked of the own roscore
-        self.registrar = Registrar(roscore, self.uri, calls)
+        roscore_calls = Workers(self.loop, 1)  # everything that is asked of the own roscore
+        self.registrar = Registrar(roscore, self.uri, roscore_calls)
         identity = local_roscore.Identity()
         self.health = local_roscore.Health(
-            self.loop, roscore, identity, calls, program.give_up, self.registrar.begin_again
+            self.loop, roscore, identity, roscore_calls, program.give_up, self.registrar.begin_again
         )
         self.graph = RoscoreGraph(roscore)
-        self.last = Registrations()  # of the thread that reads
+        self.last = NOTHING  # of the thread that reads
         self.claims: imports.Claims = {}
         self.states = RecurringJob(DirectRunner(), lambda: STATUS, self._say_status)
         self.display = Display(values, uri, NAME, self.loop, self.limited, self._entries, self._samples)
         self.diagnostics = self._make_feed(diagnostics.TOPIC)
         self.display.open(partial(diagnostics.Diagnostics, self.diagnostics))
         self.reads = RecurringJob(
-            calls, lambda: READ if self.graph.guards_names else READ_WHOLE, self._read, self._on_read
+            roscore_calls, lambda: READ if self.graph.guards_names else READ_WHOLE, self._read, self._on_read
         )
 
     def run(self) -> int:
@@ -193,18 +195,15 @@ class MasterBorder:
 
     # The own roscore
 
-    def _read(self) -> Tuple[Registrations, imports.Claims]:
-        view = self.graph.read(self._list_unknown)
-        last, uris = self.last, (view.node_uris, view.service_uris)
+    def _read(self) -> Tuple[View, imports.Claims]:
+        view, last = self.graph.read(self._list_unknown), self.last
         same = view.publishers is last.publishers and view.services is last.services
-        if not same or uris != (
-            last.node_uris,
-            last.service_uris,
-        ):  # a node of another robot that was started again has another URI
+        # a node of another robot that was started again has another URI
+        if not same or (view.node_uris, view.service_uris) != (last.node_uris, last.service_uris):
             (record,) = self.roscore.ask(("getParam", imports.IMPORTS))  # an import is a registration as well
             self.claims = imports.read(record).claims
-        self.last = Registrations(view.publishers, view.services, view.types, view.node_uris, view.service_uris)
-        return self.last, self.claims
+        self.last = view
+        return view, self.claims
 
     def _list_unknown(self, found: View) -> Tuple[List[str], List[str]]:
         """The nodes and services whose URIs are needed, of a roscore that does not tell them."""
@@ -218,13 +217,13 @@ class MasterBorder:
         nodes = {node for _kind, _name, users in wanted for node in users}
         return sorted(nodes), sorted(name for kind, name, _users in wanted if kind == SERVICE)
 
-    def _on_read(self, found: Optional[Tuple[Registrations, imports.Claims]], problem: Optional[Exception]) -> None:
+    def _on_read(self, found: Optional[Tuple[View, imports.Claims]], problem: Optional[Exception]) -> None:
         if found is None:
             return  # its health is looked at elsewhere
         seen, claims = found
         is_first, self.was_read = not self.was_read, True
         others = Others(claims, self.foreign_hosts)
-        topics, services = (list_own(seen, table, NAME, others) for table in (seen.publishers, seen.services))
+        topics, services = (list_own(table, seen.node_uris, NAME, others) for table in (seen.publishers, seen.services))
         if (topics, services, seen) == (self.topics, self.services, self.seen) and not is_first:
             return
         self.seen, self.topics, self.services = seen, topics, services
@@ -417,7 +416,7 @@ class MasterBorder:
             _refuse(wire, f"{plain(service)} is not provided here")
             return
         parties = (found.place,) if self.addresses.have(wire.address) else (found.place, wire.address)
-        if not self.calling.have_room(parties):
+        if not self.calling.have_room(*parties):
             _refuse(wire, "too many calls at once")
             return
         fields = {**header, "callerid": NAME, "service": found.name}
@@ -425,7 +424,7 @@ class MasterBorder:
         self.wires.pop(wire)
         connection, rest = wire.detach()
         first = encode_header({**fields, ROBOT: self.robot} if robot is None else fields) + rest
-        self.calling.add(parties)
+        self.calling.add(*parties)
         self.dialers.submit(found.place, found.dial, partial(self._on_dialed, connection, first, parties, service))
 
     def _find_provider(self, wire: Wire, robot: str, name: str) -> Optional[Provider]:
@@ -447,14 +446,14 @@ class MasterBorder:
         problem: Optional[Exception],
     ) -> None:
         if provider is not None:
-            splice(client, provider, first, partial(self.loop.post, self.calling.remove, parties))
+            calls.splice(client, provider, first, partial(self.loop.post, self.calling.remove, *parties))
             return
         text = f"{plain(service)} cannot be reached: {quote(problem)}"
         self.limited.say("warning", f"service {parties[0]}", text)
         with contextlib.suppress(OSError):
             client.send(encode_header({"error": text}))
         client.close()
-        self.calling.remove(parties)
+        self.calling.remove(*parties)
 
     def _on_gone(self, wire: Wire, why: str) -> None:
         feed = self.wires.pop(wire, None)

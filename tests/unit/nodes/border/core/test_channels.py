@@ -12,7 +12,6 @@ from rosfleet_multimaster.border.core.channels import (
     Channel,
     Offer,
     Others,
-    Registrations,
     find_taken,
     list_offers,
     list_own,
@@ -61,16 +60,14 @@ def test_services_have_names_of_their_own():
 
 
 def test_what_the_border_and_other_robots_have_is_not_offered():
-    seen = Registrations(
-        {"/scan": ("/laser", "/master_border", "/foreign", "/unrecorded"), "/odom": ("/master_border",)},
-        {"/reset": ("/laser",), "/foreign/reset": ("/foreign",)},
-        {"/scan": "sensor_msgs/LaserScan"},
-        {"/foreign": "http://stranger:1/", "/unrecorded": "http://Station-PC:2/", "/laser": "http://kobuki1-pc:3/"},
-    )
+    publishers = {"/scan": ("/laser", "/master_border", "/foreign", "/unrecorded"), "/odom": ("/master_border",)}
+    provided = {"/reset": ("/laser",), "/foreign/reset": ("/foreign",)}
+    types = {"/scan": "sensor_msgs/LaserScan"}
+    uris = {"/foreign": "http://stranger:1/", "/unrecorded": "http://Station-PC:2/", "/laser": "http://kobuki1-pc:3/"}
     others = Others({("/foreign", "http://stranger:1/")}, {"station-pc"})
-    topics, services = (list_own(seen, table, "/master_border", others) for table in (seen.publishers, seen.services))
+    topics, services = (list_own(table, uris, "/master_border", others) for table in (publishers, provided))
     assert topics == {"/scan": ("/laser",)} and services == {"/reset": ("/laser",)}
-    offers = list_offers([channel(True)], topics, services, seen.types, "/master_border")
+    offers = list_offers([channel(True)], topics, services, types, "/master_border")
     scan = Offer(TOPIC, "/kobuki1/scan", "sensor_msgs/LaserScan", ("/laser",))
     reset = Offer(SERVICE, "/kobuki1/reset", "", ("/laser",))
     assert offers == [reset, scan]

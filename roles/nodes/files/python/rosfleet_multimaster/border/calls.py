@@ -4,8 +4,7 @@
 
 import contextlib
 import socket
-from collections import Counter
-from typing import Callable, Iterable
+from typing import Callable
 
 from ..edge.loop import EndFlag, start_thread
 from .wire import keep_alive
@@ -13,29 +12,6 @@ from .wire import keep_alive
 _PIECE = 1 << 16  # bytes at once, and all that is held
 MOST, MOST_OF_ONE = 200, 50  # calls at once, and those of one other computer, or to one place
 IDLE = 3600.0  # seconds of silence after which a call is given up
-
-
-class CallCounts:
-    """The calls that go on: in all, and those of each party, which is a place or another computer."""
-
-    def __init__(self) -> None:
-        self._all = 0
-        self._parties: Counter[str] = Counter()
-
-    def have_room(self, parties: Iterable[str]) -> bool:
-        """True if these may have one more."""
-        return self._all < MOST and max(self._parties[party] for party in parties) < MOST_OF_ONE
-
-    def add(self, parties: Iterable[str]) -> None:
-        """A call of these begins."""
-        self._all += 1
-        self._parties.update(parties)
-
-    def remove(self, parties: Iterable[str]) -> None:
-        """A call of these has ended."""
-        self._all -= 1
-        self._parties.subtract(parties)
-        self._parties += Counter()  # without those that have none
 
 
 def splice(client: socket.socket, provider: socket.socket, first: bytes, done: Callable[[], None]) -> None:

@@ -5,6 +5,7 @@
 To connect may block.
 """
 
+import math
 import socket
 import urllib.parse
 from collections import Counter, deque
@@ -22,6 +23,29 @@ Job = Callable[[], socket.socket]
 Done = Callable[[Any, Optional[Exception]], None]
 
 
+class PartyCounts:
+    """The things that go on: in all, and those of each party, which is a place or another computer."""
+
+    def __init__(self, most_of_one: int, most: float = math.inf) -> None:
+        self._most_of_one, self._most, self._all = most_of_one, most, 0
+        self._parties: Counter[str] = Counter()
+
+    def have_room(self, *parties: str) -> bool:
+        """True if these may have one more."""
+        return self._all < self._most and max(self._parties[party] for party in parties) < self._most_of_one
+
+    def add(self, *parties: str) -> None:
+        """Something of these begins."""
+        self._all += 1
+        self._parties.update(parties)
+
+    def remove(self, *parties: str) -> None:
+        """Something of these has ended."""
+        self._all -= 1
+        self._parties.subtract(parties)
+        self._parties += Counter()  # without those that have none
+
+
 class Dialers:
     """Has connections made in threads, a few at a time for each place. So one that does not answer holds nobody up but itself.
 
@@ -31,22 +55,8 @@ class Dialers:
     def __init__(self, workers: Workers) -> None:
         self._workers = workers
         self._waiting: Dict[str, Deque[Tuple[Job, Done]]] = {}
-        self._busy: Counter[str] = Counter()
-        self._held: Counter[str] = Counter()
-
-    def is_full(self, place: str) -> bool:
-        """True where no more connections to a place are to be made for topics."""
-        return self._held[place] >= MOST
-
-    def hold(self, place: str) -> None:
-        """Count a connection for a topic."""
-        self._held[place] += 1
-
-    def release(self, place: str) -> None:
-        """A connection for a topic has ended."""
-        self._held[place] -= 1
-        if not self._held[place]:
-            del self._held[place]
+        self._busy = PartyCounts(AT_ONCE)
+        self.held = PartyCounts(MOST)  # connections for topics
 
     def submit(self, place: str, job: Job, done: Done) -> None:
         """Make a connection to a place, then call `done(connection, exception)` in the loop."""
@@ -55,17 +65,15 @@ class Dialers:
 
     def _start(self, place: str) -> None:
         waiting = self._waiting.get(place)
-        while waiting and self._busy[place] < AT_ONCE:
+        while waiting and self._busy.have_room(place):
             job, done = waiting.popleft()
-            self._busy[place] += 1
+            self._busy.add(place)
             self._workers.submit(job, partial(self._on_done, place, done))
         if not waiting:
             self._waiting.pop(place, None)
 
     def _on_done(self, place: str, done: Done, connection: Any, problem: Optional[Exception]) -> None:
-        self._busy[place] -= 1
-        if not self._busy[place]:
-            del self._busy[place]
+        self._busy.remove(place)
         self._start(place)
         done(connection, problem)
 

@@ -200,7 +200,7 @@ class Feed:
     # Publishers
 
     def _dial(self, source: _Source) -> None:
-        if self._dialers.is_full(source.origin.uri):
+        if not self._dialers.held.have_room(source.origin.uri):
             self._fail(source, f"too many connections to {source.origin.uri} are open")
             return
         source.dialing = True
@@ -226,7 +226,7 @@ class Feed:
                 connection.close()
                 self._fail(source, str(gone))
                 return
-            self._dialers.hold(source.origin.uri)
+            self._dialers.held.add(source.origin.uri)
             source.wire.say(encode_header(source.origin.question))
 
     def _on_header(self, source: _Source, wire: Wire) -> None:
@@ -281,7 +281,7 @@ class Feed:
             self._limited.say("warning", f"latched {self._title}", text)
 
     def _on_end(self, source: _Source, wire: Wire, why: str) -> None:
-        self._dialers.release(source.origin.uri)
+        self._dialers.held.remove(source.origin.uri)
         had, source.header = source.header, None
         if had is not None and monotonic() - wire.since > PATIENCE:
             source.failures = 0  # one that ends right after its header is asked ever later

@@ -95,16 +95,6 @@ class Channel(NamedTuple):
         return (self.base + rest or None) if inside else None
 
 
-class Registrations(NamedTuple):
-    """The registrations of the own roscore."""
-
-    publishers: Mapping[str, Sequence[str]] = {}
-    services: Mapping[str, Sequence[str]] = {}
-    types: Mapping[str, str] = {}
-    node_uris: Mapping[str, str] = {}
-    service_uris: Mapping[str, str] = {}
-
-
 Own = Dict[str, Tuple[str, ...]]  # topic or service -> nodes of this robot
 
 
@@ -119,14 +109,12 @@ class Others(NamedTuple):
         return (node, uri) in self.claims or host_of(uri) in self.hosts
 
 
-def list_own(seen: Registrations, table: Mapping[str, Sequence[str]], own: str, others: Others) -> Own:
-    """Return the nodes of this robot of each topic or service. `own`: the border itself."""
+def list_own(table: Mapping[str, Sequence[str]], uris: Mapping[str, str], own: str, others: Others) -> Own:
+    """Return the nodes of this robot of each topic or service. `uris`: of nodes; `own`: the border itself."""
     found = {}
     for name, nodes in table.items():
         mine = tuple(
-            node
-            for node in nodes
-            if node != own and NAME.match(node) and not others.have(node, seen.node_uris.get(node, ""))
+            node for node in nodes if node != own and NAME.match(node) and not others.have(node, uris.get(node, ""))
         )
         if mine:
             found[name] = mine[:MOST_NODES]
