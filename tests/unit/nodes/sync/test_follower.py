@@ -17,7 +17,7 @@ from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.protocol import json_text
 from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED
 from rosfleet_multimaster.protocol.filters import Filters, Pattern, Rules
-from rosfleet_multimaster.protocol.graph import InvalidDocument, Node, Policy, Provider, State, document
+from rosfleet_multimaster.protocol.graph import InvalidDocument, Node, Policy, State, document
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.wire_filters import write_rules
 from rosfleet_multimaster.sync import fetcher, follower
@@ -257,7 +257,7 @@ def test_a_third_robots_topics_are_told_to_subscribers_alone(there):
         publishers={**state.publishers, "/far": ("/third",), "/heard": ("/third",)},
         subscribers={"/heard": ("/one", "/third")},
         services={"/ask": ("/third",)},
-        providers={"/ask": Provider("rosrpc://robot3:1", third.origin, "remote")},
+        providers={"/ask": Node("rosrpc://robot3:1", third.origin, "remote")},
         nodes={**state.nodes, "/third": third},
     )
     there.told.update(there.own.state, there.secret)

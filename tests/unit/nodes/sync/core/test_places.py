@@ -6,7 +6,7 @@ import pytest
 from fleet_of_one import ROUTER, TIBI, URI
 from hypothesis import given
 from hypothesis import strategies as st
-from rosfleet_multimaster.protocol.graph import Node, Provider, State
+from rosfleet_multimaster.protocol.graph import Node, State
 from rosfleet_multimaster.protocol.members import Members, Networks
 from rosfleet_multimaster.sync.core.places import MAX_NAMES, LocalNetwork, Places, names_to_resolve
 
@@ -120,7 +120,7 @@ def test_a_second_master_on_this_computer_has_its_nodes_here():
 
 def state(*uris):
     nodes = {f"/n{number}": Node(uri, URI, "local") for number, uri in enumerate(uris)}
-    return State(URI, "tibi-visio", nodes=nodes, providers={"/s": Provider("rosrpc://odd:40000", URI, "local")})
+    return State(URI, "tibi-visio", nodes=nodes, providers={"/s": Node("rosrpc://odd:40000", URI, "local")})
 
 
 def test_only_unplanned_names_are_looked_up():

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import pytest
 from rosfleet_multimaster.protocol.filters import Filters
-from rosfleet_multimaster.protocol.graph import Node, Provider, State
+from rosfleet_multimaster.protocol.graph import Node, State
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.messages import Master, Registration
 from rosfleet_multimaster.sync.core.sync import PATIENCE, Candidate, Refusal, Sync, View, calls, plan, select
@@ -189,7 +189,7 @@ def state(stamp=1.0, local="local", origin=R2, kind="std_msgs/String", uri="http
         services={"/add": ("/talker",)},
         types={"/chatter": kind},
         nodes={"/talker": Node(uri, origin, local)},
-        providers={"/add": Provider("rosrpc://robot2:50000", origin, local)},
+        providers={"/add": Node("rosrpc://robot2:50000", origin, local)},
     )
 
 

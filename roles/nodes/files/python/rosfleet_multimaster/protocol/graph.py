@@ -27,21 +27,11 @@ class InvalidDocument(ValueError):
 
 
 class Node(NamedTuple):
-    """A node, and where it is from."""
+    """A node, or a node as the provider of a service, and where it is from."""
 
-    uri: Optional[str]
+    uri: Optional[str]  # of the service, where it is its provider
     origin: str
     locality: str
-    pid: Optional[int] = None
-
-
-class Provider(NamedTuple):
-    """The provider of a service, and where it is from."""
-
-    uri: Optional[str]
-    origin: str
-    locality: str
-    type: str = ""
 
 
 @dataclass(frozen=True)
@@ -57,7 +47,7 @@ class State:
     services: Endpoints = field(default_factory=dict)
     types: Mapping[str, str] = field(default_factory=dict)
     nodes: Mapping[str, Node] = field(default_factory=dict)
-    providers: Mapping[str, Provider] = field(default_factory=dict)
+    providers: Mapping[str, Node] = field(default_factory=dict)
     left_out: int = 0  # registrations that the master offers besides: too many (sync/core/limits.py)
 
 
@@ -81,18 +71,14 @@ def graph_of(empty: State, system_state: Sequence[Any], topic_types: Sequence[An
 def build(graph: State, node_uris: Mapping[str, str], service_uris: Mapping[str, str], origins: Origins) -> State:
     """The whole state, without stamps, of one with registrations alone. `origins`: the nodes that are of other masters."""
 
-    def origin(node: str) -> str:
-        return origins.get((node, node_uris.get(node, "")), graph.uri)
-
-    def locality(of: str) -> str:
-        return LOCAL if of == graph.uri else REMOTE
+    def describe(node: str, uri: Optional[str]) -> Node:
+        origin = origins.get((node, node_uris.get(node, "")), graph.uri)
+        return Node(uri, origin, LOCAL if origin == graph.uri else REMOTE)
 
     names = users_of(graph.publishers, graph.subscribers, graph.services)
-    nodes = {node: Node(node_uris.get(node), origin(node), locality(origin(node))) for node in names}
+    nodes = {node: describe(node, node_uris.get(node)) for node in names}
     providers = {
-        service: Provider(service_uris.get(service), origin(users[0]), locality(origin(users[0])))
-        for service, users in graph.services.items()
-        if users
+        service: describe(users[0], service_uris.get(service)) for service, users in graph.services.items() if users
     }
     used = {topic: graph.types[topic] for topic in {**graph.publishers, **graph.subscribers} if topic in graph.types}
     return replace(graph, types=used, nodes=nodes, providers=providers)
@@ -245,10 +231,10 @@ def document(state: State, rules: Iterable[Rules] = ()) -> List[Any]:
         subscribers,
         provided,
         [[topic, state.types[topic]] for topic in names if topic in state.types],
-        [[name, node.uri, node.origin, node.pid, node.locality] for name, node in _pick(state.nodes, used)],
+        [[name, node.uri, node.origin, None, node.locality] for name, node in _pick(state.nodes, used)],
         [
-            [name, provider.uri, provider.origin, provider.type, provider.locality]
-            for name, provider in _pick(state.providers, (service for service, _nodes in provided))
+            [name, node.uri, node.origin, "", node.locality]
+            for name, node in _pick(state.providers, (service for service, _nodes in provided))
         ],
     ]
 
@@ -287,19 +273,8 @@ def parse(value: Any) -> State:
             for topic, kind in _rows(value[7], 2, "topic types", "a topic")
             if VISIBLE.match(_text(kind, "a type"))
         },
-        nodes={
-            node: Node(_uri(where, "http://"), _text(origin, "an origin"), _text(locality, "a locality"))
-            for node, where, origin, _pid, locality in _rows(value[8], 5, "nodes", "a node")
-        },
-        providers={
-            service: Provider(
-                _uri(where, "rosrpc://"),
-                _text(origin, "an origin"),
-                _text(locality, "a locality"),
-                _text(kind, "a type"),
-            )
-            for service, where, origin, kind, locality in _rows(value[9], 5, "service providers", "a service")
-        },
+        nodes=_nodes(_rows(value[8], 5, "nodes", "a node"), "http://"),
+        providers=_nodes(_rows(value[9], 5, "service providers", "a service"), "rosrpc://"),
     )
 
 
@@ -324,6 +299,14 @@ def _text(value: Any, what: str) -> str:
 
 def _uri(value: Any, scheme: str) -> Optional[str]:
     return value if isinstance(value, str) and value.startswith(scheme) and VISIBLE.match(value) else None
+
+
+def _nodes(rows: List[Any], scheme: str) -> Dict[str, Node]:
+    """The nodes in rows, whose fourth element (a process, or the type of a service) nobody needs."""
+    return {
+        name: Node(_uri(where, scheme), _text(origin, "an origin"), _text(locality, "a locality"))
+        for name, where, origin, _more, locality in rows
+    }
 
 
 def _endpoints(value: Any, what: str) -> Dict[str, Tuple[str, ...]]:
