@@ -110,10 +110,8 @@ class MasterBorder:
         self.dialers = Dialers(Workers(self.loop, 8))
         roscore_calls = Workers(self.loop, 1)  # everything that is asked of the own roscore
         self.registrar = Registrar(roscore, self.uri, roscore_calls)
-        identity = local_roscore.Identity()
-        self.health = local_roscore.Health(
-            self.loop, roscore, identity, roscore_calls, program.give_up, self.registrar.begin_again
-        )
+        again = self.registrar.begin_again
+        self.health = local_roscore.Health(self.loop, roscore, local_roscore.Identity(), roscore_calls, again)
         self.graph = RoscoreGraph(roscore)
         self.last = NOTHING  # of the thread that reads
         self.claims: imports.Claims = {}
@@ -469,8 +467,7 @@ def _refuse(wire: Wire, why: str) -> None:
 
 def main() -> int:
     """Start the node."""
-    given = program.arguments(__doc__.partition("\n")[0])
-    read = program.read_parameters(given.parameters, parameters.BORDER)
+    read = program.read_parameters(__doc__.partition("\n")[0], parameters.BORDER)
     if read is None or read[0]["port"] is None:
         raise program.Fatal("--parameters is needed, with a port and channels")
     env_uri = os.environ["ROS_MASTER_URI"]

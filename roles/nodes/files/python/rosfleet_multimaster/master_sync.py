@@ -67,9 +67,7 @@ class MasterSync:
         self.node = ros.SyncNode(lambda: self.rounds.held)
         identity = local_roscore.Identity()
         identity.service = self.node.service_uri()
-        self.health = local_roscore.Health(
-            loop, start.roscore, identity, roscore_calls, program.give_up, self._request_round
-        )
+        self.health = local_roscore.Health(loop, start.roscore, identity, roscore_calls, self._request_round)
         listing = ros.list_masters
         self.finder = Finder(
             loop, graph, roscore_calls, limited, lambda: self.rounds.claims, listing, self._subscribe, self._on_list

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The roscore that a program belongs to: waited for at the start, and watched."""
 
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
-from ..protocol.parameters import Parameter
+from ..protocol.parameters import Table
 from ..protocol.plain_text import quote
 from .clock import monotonic, sleep
 from .lifeline import Lifeline, Socket, lifeline
@@ -59,10 +59,9 @@ class Start(NamedTuple):
     values: Dict[str, Any]
 
 
-def begin(ros: Any, default_name: str, table: Mapping[str, Parameter], description: str) -> Start:
+def begin(ros: Any, default_name: str, table: Table, description: str) -> Start:
     """Become a node of the own roscore. `ros`: edge/ros.py. `table`: the parameters. Raises program.Fatal."""
-    given = program.arguments(description)
-    read = program.read_parameters(given.parameters, table)
+    read = program.read_parameters(description, table)
     env_uri = ros.master_uri()
     uri = wait_for_roscore(env_uri)
     name = ros.node_name(default_name)
@@ -112,16 +111,10 @@ class Health:
     """The check whether the roscore is still there, and still the same one: made when its lifeline ends, and else rarely."""
 
     def __init__(
-        self,
-        loop: Loop,
-        roscore: Roscore,
-        identity: Identity,
-        workers: Workers,
-        give_up: Callable[[str], None],
-        again: Callable[[], None],
+        self, loop: Loop, roscore: Roscore, identity: Identity, workers: Workers, again: Callable[[], None]
     ) -> None:
-        """`give_up(why)` is called where the own service is lost, `again()` where it answers again or was restarted."""
-        self._roscore, self._identity, self._give_up, self._again = roscore, identity, give_up, again
+        """`again()` is called where it answers again or was restarted. The program ends where the own service is lost."""
+        self._roscore, self._identity, self._again = roscore, identity, again
         self._unanswered = 0
         self._line = Lifeline(loop, self._cut)
         self._checked_at = 0.0
@@ -142,7 +135,7 @@ class Health:
     def _on_check(self, found: Optional[Tuple[bool, Optional[Socket]]], problem: Optional[Exception]) -> None:
         self._checked_at = monotonic()
         if isinstance(problem, program.Fatal):
-            self._give_up(str(problem))
+            program.give_up(str(problem))
         elif found is None:
             self._unanswered += 1
             self._line.drop()

@@ -39,6 +39,10 @@ class Parameter(NamedTuple):
     kind: str
 
 
+Table = Mapping[str, Parameter]
+Overlay = Tuple[Dict[str, Any], List[str]]  # all parameters, and warnings
+
+
 def _number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
@@ -79,21 +83,21 @@ KINDS: Mapping[str, Tuple[str, Callable[[Any], bool]]] = {
 }
 
 # Who belongs to the fleet: of both nodes.
-_BELONGING: Mapping[str, Parameter] = {
+_BELONGING: Table = {
     "strangers": Parameter(ALLOW, "strangers"),
     "allow": Parameter([], "networks"),
     "members": Parameter([], "members"),
 }
 
 # What people are shown: of both nodes.
-_SHOWN: Mapping[str, Parameter] = {
+_SHOWN: Table = {
     "diagnostics": Parameter(True, "flag"),
     "metrics": Parameter("", "text"),
 }
 
 _SETTINGS = Settings()  # has the defaults of what the core of discovery needs
 
-DISCOVERY: Mapping[str, Parameter] = {
+DISCOVERY: Table = {
     "name": Parameter("", "text"),
     "mcast_group": Parameter("226.0.0.0", "text"),
     "mcast_port": Parameter(11511, "port"),
@@ -118,7 +122,7 @@ DISCOVERY: Mapping[str, Parameter] = {
     "log_level": Parameter("INFO", "level"),
 }
 
-SYNC: Mapping[str, Parameter] = {
+SYNC: Table = {
     **{name: Parameter([], "patterns") for name in (*HOSTS, *NAMES)},
     "sync_topics_on_demand": Parameter(False, "flag"),
     "sync_parameters": Parameter([], "crossing"),
@@ -132,7 +136,7 @@ SYNC: Mapping[str, Parameter] = {
     "log_level": Parameter("INFO", "level"),
 }
 
-BORDER: Mapping[str, Parameter] = {
+BORDER: Table = {
     "robot": Parameter("", "text"),
     "port": Parameter(None, "port"),
     "channels": Parameter([], "channels"),
@@ -150,7 +154,7 @@ WITHOUT_EFFECT: Mapping[str, str] = {
 }
 
 
-def overlay(table: Mapping[str, Parameter], given: Mapping[str, Any]) -> Tuple[Dict[str, Any], List[str]]:
+def overlay(table: Table, given: Mapping[str, Any]) -> Overlay:
     """All parameters, and a warning for every name that is not known. Raises ParameterError."""
     values: Dict[str, Any] = {name: parameter.default for name, parameter in table.items()}
     warnings = []
@@ -173,7 +177,7 @@ def overlay(table: Mapping[str, Parameter], given: Mapping[str, Any]) -> Tuple[D
     return values, warnings
 
 
-def _check(table: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
+def _check(table: Table, values: Mapping[str, Any]) -> None:
     try:
         Filters(values).check()
     except InvalidPattern as problem:

@@ -12,7 +12,7 @@ import sys
 import warnings
 import xmlrpc.client
 from functools import partial
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
 from ...protocol import parameters
 from .. import journal
@@ -75,19 +75,16 @@ class LimitedLog:
 # Arguments and parameters
 
 
-def arguments(description: str) -> argparse.Namespace:
-    """The program's arguments; what ROS has to say (`name:=value`) is left to ROS."""
+def read_parameters(description: str, table: parameters.Table) -> Optional[parameters.Overlay]:
+    """The parameters of the file that the arguments name, or None without one. Raises Fatal.
+
+    What ROS has to say in the arguments (`name:=value`) is left to ROS.
+    """
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument(
         "--parameters", metavar="FILE.json", help="private parameters; they replace those on the parameter server"
     )
-    return parser.parse_args([word for word in sys.argv[1:] if ":=" not in word])
-
-
-def read_parameters(
-    path: Optional[str], table: Mapping[str, parameters.Parameter]
-) -> Optional[Tuple[Dict[str, Any], List[str]]]:
-    """The parameters of a file, or None without one. Raises Fatal."""
+    path = parser.parse_args([word for word in sys.argv[1:] if ":=" not in word]).parameters
     if path is None:
         return None
     try:
@@ -100,9 +97,7 @@ def read_parameters(
     return _overlay(table, given, path)
 
 
-def _overlay(
-    table: Mapping[str, parameters.Parameter], given: Mapping[str, Any], where: str
-) -> Tuple[Dict[str, Any], List[str]]:
+def _overlay(table: parameters.Table, given: Mapping[str, Any], where: str) -> parameters.Overlay:
     try:
         return parameters.overlay(table, given)
     except parameters.ParameterError as problem:
@@ -110,17 +105,18 @@ def _overlay(
 
 
 def settle_parameters(
-    roscore: Roscore,
-    node: str,
-    read: Optional[Tuple[Dict[str, Any], List[str]]],
-    table: Mapping[str, parameters.Parameter],
+    roscore: Roscore, node: str, read: Optional[parameters.Overlay], table: parameters.Table
 ) -> Dict[str, Any]:
     """The parameters in force. Those of a file replace the node's whole namespace; else they are read from there.
 
     Starts the log again at their level, and says there what is wrong with them. Raises Fatal.
     """
     if read is None:
-        read = _from_roscore(roscore, node, table)
+        given, do_not_sync = roscore.ask(("getParam", node), ("getParam", "/do_not_sync"))
+        given = given if isinstance(given, dict) else {}
+        if do_not_sync and "do_not_sync" not in given:
+            given["do_not_sync"] = do_not_sync
+        read = _overlay(table, given, "the parameter server")
     else:
         roscore.ask(("setParam", node, {name: value for name, value in read[0].items() if value is not None}))
     values, warnings = read
@@ -128,16 +124,6 @@ def settle_parameters(
     for warning in warnings:
         LOG.warning("%s", warning)
     return values
-
-
-def _from_roscore(
-    roscore: Roscore, node: str, table: Mapping[str, parameters.Parameter]
-) -> Tuple[Dict[str, Any], List[str]]:
-    given, do_not_sync = roscore.ask(("getParam", node), ("getParam", "/do_not_sync"))
-    given = given if isinstance(given, dict) else {}
-    if do_not_sync and "do_not_sync" not in given:
-        given["do_not_sync"] = do_not_sync
-    return _overlay(table, given, "the parameter server")
 
 
 # The end
