@@ -10,17 +10,14 @@ import socket
 import urllib.parse
 from collections import Counter, deque
 from functools import partial
-from typing import Any, Callable, Deque, Dict, Optional, Tuple
+from typing import Any, Deque, Dict, Optional, Tuple
 
-from ..edge.loop import Workers
+from ..edge.loop import Done, Job, Workers
 from ..edge.rpc_client import SMALL, Rpc
 
 SECONDS = 5.0  # for each question and each connection
 AT_ONCE = 2  # connections that are being made to one place
 MOST = 300  # connections to one place for topics
-
-Job = Callable[[], socket.socket]
-Done = Callable[[Any, Optional[Exception]], None]
 
 
 class PartyCounts:

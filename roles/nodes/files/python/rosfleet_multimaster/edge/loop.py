@@ -16,6 +16,9 @@ from typing import Any, Callable, Optional, Tuple, Union
 from .clock import monotonic, sleep
 from .process.systemd import notify, watchdog
 
+Job = Callable[[], Any]
+Done = Callable[[Any, Optional[Exception]], Any]  # takes the result of a job, and what it has raised
+
 _MAX_POSTED = 4096  # calls that wait for the loop
 
 
@@ -100,13 +103,11 @@ class Workers:
 
     def __init__(self, loop: Loop, threads: int, waiting: int = 1024) -> None:
         self._loop = loop
-        self._jobs: queue.Queue[Tuple[Callable[[], Any], Callable[[Any, Optional[Exception]], Any]]] = queue.Queue(
-            waiting
-        )
+        self._jobs: queue.Queue[Tuple[Job, Done]] = queue.Queue(waiting)
         for number in range(threads):
             start_thread(f"worker-{number}", self._work)
 
-    def submit(self, job: Callable[[], Any], done: Callable[[Any, Optional[Exception]], Any]) -> None:
+    def submit(self, job: Job, done: Done) -> None:
         """Run a job in a thread, then `done(result, exception)` in the loop."""
         try:
             self._jobs.put_nowait((job, done))
@@ -129,7 +130,7 @@ class Workers:
 class DirectRunner:
     """Runs jobs at once, in the loop: for jobs that do not block."""
 
-    def submit(self, job: Callable[[], Any], done: Callable[[Any, Optional[Exception]], Any]) -> None:
+    def submit(self, job: Job, done: Done) -> None:
         """Run a job, then `done(result, None)`."""
         done(job(), None)
 
@@ -144,8 +145,8 @@ class RecurringJob:
         self,
         runner: Union[Workers, DirectRunner],
         every: Callable[[], float],
-        job: Callable[[], Any],
-        done: Callable[[Any, Optional[Exception]], Any] = lambda _result, _problem: None,
+        job: Job,
+        done: Done = lambda _result, _problem: None,
         wanted: Callable[[], bool] = lambda: True,
         overlapping: bool = False,
         early: float = 0.0,
@@ -177,12 +178,12 @@ class RecurringJob:
         self._done(result, problem)
 
 
-def start_thread(name: str, job: Callable[[], Any]) -> None:
+def start_thread(name: str, job: Job) -> None:
     """Run a job in a thread of its own, which does not keep the process from ending."""
     threading.Thread(target=job, name=name, daemon=True).start()
 
 
-def run_later(seconds: float, job: Callable[[], Any]) -> None:
+def run_later(seconds: float, job: Job) -> None:
     """Run a job in a thread after a while, unless the process has ended before."""
     timer = threading.Timer(seconds, job)
     timer.daemon = True

@@ -82,17 +82,14 @@ KINDS: Mapping[str, Tuple[str, Callable[[Any], bool]]] = {
     "level": ("DEBUG, INFO, WARN, ERROR or FATAL", lambda value: value in ("DEBUG", "INFO", "WARN", "ERROR", "FATAL")),
 }
 
-# Who belongs to the fleet: of both nodes.
-_BELONGING: Table = {
+# Of all nodes: who belongs to the fleet, and what people are shown.
+_COMMON: Table = {
     "strangers": Parameter(ALLOW, "strangers"),
     "allow": Parameter([], "networks"),
     "members": Parameter([], "members"),
-}
-
-# What people are shown: of both nodes.
-_SHOWN: Table = {
     "diagnostics": Parameter(True, "flag"),
     "metrics": Parameter("", "text"),
+    "log_level": Parameter("INFO", "level"),
 }
 
 _SETTINGS = Settings()  # has the defaults of what the core of discovery needs
@@ -117,9 +114,7 @@ DISCOVERY: Table = {
     "exports": Parameter(None, "exports"),
     "do_not_sync": Parameter([], "names"),
     "differences": Parameter(True, "flag"),
-    **_BELONGING,
-    **_SHOWN,
-    "log_level": Parameter("INFO", "level"),
+    **_COMMON,
 }
 
 SYNC: Table = {
@@ -131,18 +126,14 @@ SYNC: Table = {
     "resync_on_reconnect_timeout": Parameter(0.0, "seconds"),
     "end_lost_connections": Parameter(True, "flag"),
     "differences": Parameter(True, "flag"),
-    **_BELONGING,
-    **_SHOWN,
-    "log_level": Parameter("INFO", "level"),
+    **_COMMON,
 }
 
 BORDER: Table = {
     "robot": Parameter("", "text"),
     "port": Parameter(None, "port"),
     "channels": Parameter([], "channels"),
-    **_BELONGING,
-    **_SHOWN,
-    "log_level": Parameter("INFO", "level"),
+    **_COMMON,
 }
 
 # Parameters of upstream that these nodes do not need, and why.
