@@ -53,7 +53,7 @@ LONGEST_WAIT = 60.0  # seconds that another border may wait for news
 ROBOT, NODE = "rosfleet_border", "rosfleet_publisher"
 
 
-NOTHING = View({}, {}, {}, {})
+NOTHING = View({}, {}, {}, {})  # before the own roscore was read
 
 
 class Provider(NamedTuple):
@@ -88,7 +88,7 @@ class MasterBorder:
         self.channels = [Channel.from_entry(entry) for entry in values["channels"]]
         self.peers = {channel.peer: channel for channel in self.channels}
         self.board = OfferBoard()
-        self.seen, self.was_read = NOTHING, False
+        self.seen = NOTHING
         self.topics: Own = {}
         self.services: Own = {}
         self.calls: Dict[str, Provider] = {}  # service of others -> how their border is reached
@@ -150,7 +150,8 @@ class MasterBorder:
             self.feeds_due = now + PATIENCE
             for feed in (*self.given.values(), *self.taken.values()):
                 self._request_feeds(feed.tick(now))
-            self._end_silent(now)
+            for wire in [wire for wire in self.wires if wire.header is None and now - wire.since > PATIENCE]:
+                wire.end()
         return min(self.jobs_due, self.feeds_due)
 
     def _request_feeds(self, due: Optional[float]) -> None:
@@ -219,10 +220,9 @@ class MasterBorder:
         if found is None:
             return  # its health is looked at elsewhere
         seen, claims = found
-        is_first, self.was_read = not self.was_read, True
         others = Others(claims, self.foreign_hosts)
         topics, services = (list_own(table, seen.node_uris, NAME, others) for table in (seen.publishers, seen.services))
-        if (topics, services, seen) == (self.topics, self.services, self.seen) and not is_first:
+        if (topics, services, seen) == (self.topics, self.services, self.seen) and self.seen is not NOTHING:
             return
         self.seen, self.topics, self.services = seen, topics, services
         for robot in self.peers:
@@ -244,7 +244,7 @@ class MasterBorder:
         wanted.update({(SUBSCRIBER, topic): kind for topic, kind in self.api.subscribed.items()})
         uri = f"rosrpc://{find_own_host()}:{self.api.port}"
         # A roscore keeps one provider: one of this robot is never replaced, so they have to be known.
-        others = self.calls if self.was_read else {}
+        others = {} if self.seen is NOTHING else self.calls
         wanted.update({(PROVIDER, service): uri for service in others if service not in self.services})
         self.registrar.want(wanted)
 
@@ -293,7 +293,8 @@ class MasterBorder:
                     published.setdefault(local, offer.type)
                     change = None if channel.inner_frames is None else channel.inner_frames.take_off
                     for node in offer.nodes:
-                        origin = Origin(dial, uri, self._ask_border(offer.name, node), change)
+                        question = {**self._ask(offer.name), ROBOT: self.robot, NODE: node}
+                        origin = Origin(dial, uri, question, change)
                         sources.setdefault(local, {})[offer.name, node, place] = origin
         self.api.published = {**published, **own}
         for topic in [topic for topic in self.taken if topic not in published]:
@@ -303,9 +304,6 @@ class MasterBorder:
                 self.taken[topic] = self._make_feed(topic)
             self.taken[topic].aim(sources[topic])
         self._register()
-
-    def _ask_border(self, name: str, node: str) -> Fields:
-        return {**self._ask(name), ROBOT: self.robot, NODE: node}
 
     def _ask(self, topic: str) -> Fields:
         return {"callerid": NAME, "topic": topic, "type": "*", "md5sum": "*", "tcp_nodelay": "1"}
@@ -348,10 +346,6 @@ class MasterBorder:
             return "too many connections of this computer at once"
         full = len(self.wires) >= MOST_WIRES - RESERVED or len(new) >= MOST_NEW
         return "too many connections at once" if full else ""
-
-    def _end_silent(self, now: float) -> None:
-        for wire in [wire for wire in self.wires if wire.header is None and now - wire.since > PATIENCE]:
-            wire.end()
 
     def _greet(self, wire: Wire) -> None:
         """Give a listener to its feed, and a client to its service."""

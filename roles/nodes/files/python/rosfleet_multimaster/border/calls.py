@@ -7,6 +7,7 @@ import socket
 from typing import Callable
 
 from ..edge.loop import EndFlag, start_thread
+from ..edge.rpc_client import cut
 from .wire import keep_alive
 
 _PIECE = 1 << 16  # bytes at once, and all that is held
@@ -47,6 +48,5 @@ def _copy(source: socket.socket, sink: socket.socket) -> None:
             if not data:
                 break
             sink.sendall(data)
-    for connection in (source, sink):
-        with contextlib.suppress(OSError):
-            connection.shutdown(socket.SHUT_RDWR)
+    cut(source)
+    cut(sink)

@@ -16,6 +16,7 @@ from ..protocol.plain_text import LINE, plain
 from ..protocol.xml_rpc import MAX_REQUEST, loads
 from .clock import monotonic
 from .loop import Count
+from .rpc_client import cut
 
 _log = logging.getLogger("rosfleet.rpc_server")
 
@@ -129,10 +130,7 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         """End the connections that take too long."""
         for request, connection in list(self._open.items()):
             if monotonic() - connection.since > (_KEPT_SECONDS if connection.kept else _MAX_SECONDS):
-                try:
-                    request.shutdown(socket.SHUT_RDWR)
-                except OSError:
-                    pass
+                cut(request)
 
     def shutdown_request(self, request: Any) -> None:
         """A connection has ended."""
