@@ -161,7 +161,7 @@ def test_without_the_capability_it_says_so():
 def test_what_is_not_between_nodes_is_never_ended(monkeypatch):
     """A robot may say that its node is at port 22, and one that came back may have an ssh from the port of a node."""
     for local, remote in ((40000, 22), (22, 40000)):
-        ssh = connections.Tcp(1, ("192.168.1.1", local), ("192.168.1.2", remote), 99.0, b"")
+        ssh = connections.Tcp(("192.168.1.1", local), ("192.168.1.2", remote), 99.0, b"")
         monkeypatch.setattr(connections, "connections", lambda ssh=ssh: [ssh])
         monkeypatch.setattr(connections, "end", lambda connection: True)
         assert connections.end_all(lambda item: True) == []

@@ -42,7 +42,7 @@ def test_a_request_and_its_answer(tmp_path):
 
 def test_many_connections_are_many_requests(tmp_path, monkeypatch):
     path = str(tmp_path / "socket")
-    found = [Tcp(1, ("192.168.1.1", 30000 + count), ("192.168.1.2", 40000), 0.0, b"") for count in range(300)]
+    found = [Tcp(("192.168.1.1", 30000 + count), ("192.168.1.2", 40000), 0.0, b"") for count in range(300)]
     monkeypatch.setattr(ender, "connections", lambda: found)
     with answering(path, lambda pairs: ender.Outcome(pairs, ""), 3) as counts:
         assert len(ender.end(lambda item: item.local[1] != 30007, path)) == 299
@@ -51,7 +51,7 @@ def test_many_connections_are_many_requests(tmp_path, monkeypatch):
 
 def test_where_nothing_could_be_ended_it_says_why(tmp_path, monkeypatch):
     path = str(tmp_path / "socket")
-    monkeypatch.setattr(ender, "connections", lambda: [Tcp(1, *PAIRS[0], 0.0, b"")])
+    monkeypatch.setattr(ender, "connections", lambda: [Tcp(*PAIRS[0], 0.0, b"")])
     with answering(path, lambda pairs: ender.Outcome([], "no right to")), pytest.raises(OSError, match="no right to"):
         ender.end(lambda item: True, path)
     with pytest.raises(OSError):

@@ -13,7 +13,6 @@ import logging
 import os
 import signal
 import sys
-from functools import partial
 from typing import Sequence
 
 from .edge.journal import plain_streams, say
@@ -25,7 +24,8 @@ def main(command: Sequence[str]) -> int:
     plain_streams()
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda *_about: None)  # a function: what is ignored would be ignored by the program too
-    child = Child(partial(_say_line, os.path.basename(command[0])))
+    name = os.path.basename(command[0])
+    child = Child(lambda line: say(f"{name} says: {line}", logging.INFO))
     try:
         child.start(command)
     except OSError as problem:
@@ -42,10 +42,6 @@ def _end_by(number: int) -> None:
     if number != signal.SIGKILL:
         signal.signal(number, signal.SIG_DFL)
     os.kill(os.getpid(), number)
-
-
-def _say_line(name: str, line: str) -> None:
-    say(f"{name} says: {line}", logging.INFO)
 
 
 if __name__ == "__main__":

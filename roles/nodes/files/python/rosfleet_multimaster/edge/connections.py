@@ -26,7 +26,6 @@ _OWNER = 64  # bytes into it: the user
 class Tcp(NamedTuple):
     """A TCP connection."""
 
-    state: int
     local: Tuple[str, int]
     remote: Tuple[str, int]
     silent: float  # seconds since anything came from the other side
@@ -96,11 +95,11 @@ def addresses_of(host: str) -> FrozenSet[str]:
 
 
 def _tcp(message: bytes) -> Tcp:
-    _family, state, _timer, _retransmits, identity = _MESSAGE.unpack_from(message)
+    _family, _state, _timer, _retransmits, identity = _MESSAGE.unpack_from(message)
     sport, dport, source, destination = struct.unpack_from(">HH4s12x4s", identity)
     info = attributes(message, _MESSAGE.size).get(_INFO, b"")
     times = (
         struct.unpack_from("=II", info, _INFO_LAST_DATA_RECEIVED) if len(info) >= _INFO_LAST_DATA_RECEIVED + 8 else (0,)
     )
     silent = min(times) / 1000.0
-    return Tcp(state, (socket.inet_ntoa(source), sport), (socket.inet_ntoa(destination), dport), silent, identity)
+    return Tcp((socket.inet_ntoa(source), sport), (socket.inet_ntoa(destination), dport), silent, identity)

@@ -91,14 +91,9 @@ def add_stamps(state: State, before: Optional[State], wall: float) -> State:
         return replace(state, stamp=wall, local_stamp=wall)
     if replace(state, stamp=before.stamp, local_stamp=before.local_stamp) == before:
         return before
-    stamp = _distinct_stamp(wall, before.stamp)
+    stamp = wall if abs(wall - before.stamp) > 1e-6 else wall + 1e-5  # a clock may step back to the very same time
     same = local_part(replace(state, stamp=before.stamp, local_stamp=before.local_stamp)) == local_part(before)
     return replace(state, stamp=stamp, local_stamp=before.local_stamp if same else stamp)
-
-
-def _distinct_stamp(wall: float, before: float) -> float:
-    """A stamp that differs from the one before, even if the clock has stepped back to exactly that one."""
-    return wall if abs(wall - before) > 1e-6 else wall + 1e-5
 
 
 def local_part(state: State) -> State:

@@ -71,15 +71,10 @@ def quote(value: typing.Any, most: int = LONGEST) -> str:
     of letters alone, a reason, a message. What is quoted already stays as it is.
     """
     text = str(value)
-    if not text or is_name(text):
+    if not text or (len(text) <= _NAME_LENGTH and _NAME.fullmatch(text)):
         return text
     inner = text[1:-1] if len(text) > 1 and text[0] == text[-1] == '"' else text
     return '"' + plain(inner, most).replace('"', "'") + '"'
-
-
-def is_name(text: str) -> bool:
-    """True where a text has the form of a name, an address, a URI or a time."""
-    return len(text) <= _NAME_LENGTH and _NAME.fullmatch(text) is not None
 
 
 def plain_lines(value: typing.Any, most: int = LINE) -> str:
