@@ -148,32 +148,30 @@ class MasterBorder:
             self.jobs_due = min([now + BEAT, *(time for time in due if time is not None)])
         if now >= self.feeds_due:
             self.feeds_due = now + PATIENCE
-            for feed in (*self.given.values(), *self.taken.values()):
-                self._request_feeds(feed.tick(now))
+            for feed in self._list_feeds():
+                feed.tick(now)
             for wire in [wire for wire in self.wires if wire.header is None and now - wire.since > PATIENCE]:
                 wire.end()
         return min(self.jobs_due, self.feeds_due)
 
-    def _request_feeds(self, due: Optional[float]) -> None:
+    def _request_feeds(self, due: float) -> None:
         """Have the feeds looked at then."""
-        if due is not None:
-            self.feeds_due = min(self.feeds_due, due)
+        self.feeds_due = min(self.feeds_due, due)
 
     def _list_passed(self) -> List[report.TopicCount]:
         return report.add_up(
-            report.TopicCount(topic, feed.messages, feed.size, feed.count_dropped())
-            for topic, feed in self._list_feeds()
+            report.TopicCount(feed.topic, feed.messages, feed.size, feed.count_dropped()) for feed in self._list_feeds()
         )
 
     def _list_links(self) -> List[Link]:
-        return [link for _topic, feed in self._list_feeds() for link in feed.list_links()]
+        return [link for feed in self._list_feeds() for link in feed.list_links()]
 
-    def _list_feeds(self) -> List[Tuple[str, Feed]]:
-        return [(topic, feed) for (topic, _node, _frames), feed in list(self.given.items())] + list(self.taken.items())
+    def _list_feeds(self) -> List[Feed]:
+        return [*list(self.given.values()), *list(self.taken.values())]  # other threads ask, too
 
     def _entries(self) -> List[Diagnosis]:
         away = sorted(set(self.peers) - set(self.offers))
-        kept_back = {topic: feed.problem for topic, feed in self._list_feeds() if feed.problem}
+        kept_back = {feed.topic: feed.problem for feed in self._list_feeds() if feed.problem}
         return [report.make_entry(away, len(self.peers), self._list_passed(), kept_back)]
 
     def _samples(self) -> metrics.Samples:
@@ -308,8 +306,8 @@ class MasterBorder:
     def _ask(self, topic: str) -> Fields:
         return {"callerid": NAME, "topic": topic, "type": "*", "md5sum": "*", "tcp_nodelay": "1"}
 
-    def _make_feed(self, title: str, of_one: bool = False) -> Feed:
-        return Feed(self.loop, self.dialers, self.limited, self.budget, title, self._request_feeds, of_one)
+    def _make_feed(self, topic: str, of_one: bool = False) -> Feed:
+        return Feed(self.loop, self.dialers, self.limited, self.budget, topic, self._request_feeds, of_one)
 
     # Those who listen
 

@@ -92,15 +92,15 @@ class Feed:
         dialers: Dialers,
         limited: program.LimitedLog,
         budget: Budget,
-        title: str,
+        topic: str,
         request_tick: Callable[[float], None],
         of_one: bool = False,
     ) -> None:
-        """`title`: the topic and whose it is, for the log; `request_tick(time)`: `tick` is to be called then.
+        """`request_tick(time)`: `tick` is to be called then.
 
         `of_one`: there is one publisher, and with its connection those of the listeners end, which ask again.
         """
-        self._loop, self._dialers, self._limited, self._title = loop, dialers, limited, title
+        self._loop, self._dialers, self._limited, self.topic = loop, dialers, limited, topic
         self._budget, self._request_tick, self._of_one = budget, request_tick, of_one
         self._sources: Dict[Hashable, _Source] = {}
         self._sinks: Dict[Wire, _Sink] = {}
@@ -175,9 +175,8 @@ class Feed:
         now = sum(sink.wire.outbox.dropped + sink.throttle.dropped for sink in self._sinks.values())
         return self.dropped + now + sum(of.wire.count_skipped() for of in self._sources.values() if of.wire is not None)
 
-    def tick(self, now: float) -> Optional[float]:
-        """Connect and send what is due; the time of the next call."""
-        due: List[Optional[float]] = []
+    def tick(self, now: float) -> None:
+        """Connect and send what is due."""
         for source in self._sources.values():
             if not self._sinks:
                 self._close(source)
@@ -189,13 +188,13 @@ class Feed:
                 if now >= source.retry_at:
                     self._dial(source)
                 else:
-                    due.append(source.retry_at)
+                    self._request_tick(source.retry_at)
         for sink in list(self._sinks.values()):
             message = sink.throttle.release(now)
             if message is not None:
                 sink.wire.send(message)
-            due.append(sink.throttle.due)
-        return min((time for time in due if time is not None), default=None)
+            elif sink.throttle.due is not None:
+                self._request_tick(sink.throttle.due)
 
     # Publishers
 
@@ -258,8 +257,8 @@ class Feed:
                 message = source.rewrite(message)
             except FramesError as problem:
                 self.dropped += 1
-                text = f"a message of {self._title} is left out: {plain(problem)}"
-                self._limited.say("warning", f"frames {self._title}", text)
+                text = f"a message of {self.topic} is left out: {plain(problem)}"
+                self._limited.say("warning", f"frames {self.topic}", text)
                 return
             if not message:
                 return
@@ -277,8 +276,8 @@ class Feed:
         is_kept = self._budget.latch(source.latched, message)
         source.latched = message if is_kept else None
         if not is_kept:
-            text = f"{self._title}: the last message of a latched publisher is not kept for who comes later; there are too many such bytes"
-            self._limited.say("warning", f"latched {self._title}", text)
+            text = f"{self.topic}: the last message of a latched publisher is not kept for who comes later; there are too many such bytes"
+            self._limited.say("warning", f"latched {self.topic}", text)
 
     def _on_end(self, source: _Source, wire: Wire, why: str) -> None:
         self._dialers.held.remove(source.origin.uri)
@@ -300,7 +299,7 @@ class Feed:
         source.failures = min(source.failures + 1, 10)
         self._request_tick(source.retry_at)
         if source.failures > 2:
-            self._limited.say("warning", self._title, f"{self._title} cannot be had from its publisher: {plain(why)}")
+            self._limited.say("warning", self.topic, f"{self.topic} cannot be had from its publisher: {plain(why)}")
 
     def _close(self, source: _Source) -> None:
         if source.wire is not None:
