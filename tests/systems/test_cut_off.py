@@ -313,7 +313,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import run as routes
 options = {"routes": [%(route)s], "backends": {}, "on_conflict": "replace", "root": "/", "records": "/var/lib/rosfleet-multimaster"}
 run = routes.Run(options)
-deadman.Switch("routes").arm("word", %(within)d, run.undo_commands(), run.undo_files(), run.memory)
+deadman.Switch("routes").arm("word", %(within)d, run.undo_steps(), run.memory)
 if %(half)s:
     run.apply_runtime()
 subprocess.run(["ip", "route", "show", "default"])  # here: another command may come after the switch has rung

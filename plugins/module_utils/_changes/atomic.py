@@ -94,6 +94,15 @@ def write_by_rename(
     sync_folder(os.path.dirname(path))
 
 
+def permissions(path: str) -> typing.Tuple[int, typing.Optional[typing.Tuple[int, int]]]:
+    """The permission bits and the (uid, gid) of a file; those of a new one where there is none."""
+    try:
+        status = os.stat(path)
+    except FileNotFoundError:
+        return 0o644, None
+    return stat.S_IMODE(status.st_mode), (status.st_uid, status.st_gid)
+
+
 def remove_leftovers(path: str) -> None:
     """Remove the neighbours that a killed writer of this path left behind."""
     for leftover in leftovers(path):

@@ -11,7 +11,6 @@ The script and the confirmation exclude each other by renaming one file (rename(
 `undoing`, the confirmation renames it to `confirmed`. Only one of them can.
 """
 
-import contextlib
 import json
 import os
 import shlex
@@ -43,6 +42,16 @@ try() {{ "$@" >>log 2>&1 || echo "$*" >>failures; }}
 put() {{ cp -p "$1" "$2.rosfleet-new-undo" && mv "$2.rosfleet-new-undo" "$2"; }}
 {steps}mv undoing rolled_back
 """
+
+
+class FileBefore(typing.NamedTuple):
+    """A file as it was before a change: a step of the way back gives it this content again."""
+
+    path: str
+    content: typing.Optional[bytes]  # None for no file
+
+
+UndoStep = typing.Union[typing.Sequence[str], FileBefore]  # a command, or a file
 
 
 class RolledBack(Problem):
@@ -107,25 +116,20 @@ class Switch:
         self,
         token: str,
         seconds: int,
-        undo: typing.Iterable[typing.Sequence[str]],
-        files: typing.Iterable[typing.Tuple[str, typing.Optional[bytes]]] = (),
+        undo: typing.Iterable[UndoStep],
         memory: typing.Any = None,
-        last: typing.Iterable[typing.Sequence[str]] = (),
     ) -> None:
         """Start the timer: `undo` happens in so many seconds, unless the switch is released.
 
-        `undo` are commands. They run in their order, each even if an earlier one fails. Then `files` get the content
-        given (None: no file). `memory` is data for JSON: all that the confirming run has to know of the state before.
+        The steps of `undo` go in their order, each even if an earlier one fails. `memory` is data for JSON: all that the
+        confirming run has to know of the state before.
         Raises Problem where the switch cannot be armed; then there is none.
         """
         try:
             self.clear()
             atomic.make_folders(self.base)
             os.mkdir(self.folder, 0o700)
-            steps = [["try"] + list(argv) for argv in undo]
-            for number, (path, content) in enumerate(files):
-                steps.append(["try", "rm", "-f", path] if content is None else self._keep(number, path, content))
-            steps += [["try"] + list(argv) for argv in last]
+            steps = [self._prepare(number, step) for number, step in enumerate(undo)]
             text = _SCRIPT.format(
                 path=commands.BASE_PATH,
                 folder=shlex.quote(self.folder),
@@ -231,14 +235,15 @@ class Switch:
     def _write(self, name: str, content: bytes) -> None:
         atomic.write_by_rename(self._path(name), content, mode=0o600)
 
-    def _keep(self, number: int, path: str, content: bytes) -> typing.List[str]:
-        """Store the content for a file, with the permissions that it has now; returns the step that restores it."""
+    def _prepare(self, number: int, step: UndoStep) -> typing.List[str]:
+        """The line of the script for a step; stores the content of a file, with the permissions that it has now."""
+        if not isinstance(step, FileBefore):
+            return ["try", *step]
+        path, content = step
+        if content is None:
+            return ["try", "rm", "-f", path]
         name = f"file-{number}"
-        mode, owner = 0o644, None
-        with contextlib.suppress(FileNotFoundError):
-            status = os.stat(path)
-            mode, owner = status.st_mode & 0o7777, (status.st_uid, status.st_gid)
-        atomic.write_by_rename(self._path(name), content, mode=mode, owner=owner)
+        atomic.write_by_rename(self._path(name), content, *atomic.permissions(path))
         return ["try", "put", name, path]
 
 
@@ -250,7 +255,7 @@ class Guard:
 
     runtime_changes   True if the run time changes
     memory            all that the second run has to know, for JSON
-    undo_commands()   for Switch.arm, as undo_files() and undo_last()
+    undo_steps()      for Switch.arm
     apply_runtime()   changes the run time alone
     apply()           changes all that is not yet as planned: the run time, then the boot part
 
@@ -308,7 +313,7 @@ class Guard:
         return None
 
     def _try_out(self, run: typing.Any) -> None:
-        self.switch.arm(self.token, self.seconds, run.undo_commands(), run.undo_files(), run.memory, run.undo_last())
+        self.switch.arm(self.token, self.seconds, run.undo_steps(), run.memory)
         try:
             run.apply_runtime()
             if not self.switch.waits():

@@ -62,14 +62,6 @@ class ModuleRun:
         """The sentences of `msg`."""
         raise NotImplementedError
 
-    def undo_files(self) -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]:
-        """The files that a dead-man's switch restores, each with its content; `apply_runtime` may write some."""
-        return []
-
-    def undo_last(self) -> typing.List[typing.List[str]]:
-        """The commands with which a dead-man's switch ends its way back, after the files."""
-        return []
-
     def apply(self) -> None:
         """Carry out the plan. Raises Problem; then everything is as it was before, or the sentence says what is not."""
         raise NotImplementedError

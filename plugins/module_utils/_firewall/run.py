@@ -13,6 +13,7 @@ import re
 import typing
 
 from .._changes import files
+from .._changes.deadman import UndoStep
 from .._changes.module import Fields, ModuleRun
 from .._changes.record import RECORDS
 from .._changes.transaction import Data, Step, carry_out, intent, outcome
@@ -192,21 +193,9 @@ class Run(ModuleRun):
             (ruleset for ruleset in self.rulesets if ruleset.changes), key=lambda ruleset: ruleset.packet_filter is None
         )
 
-    def undo_commands(self) -> typing.List[typing.List[str]]:
-        """The commands that restore the rules as this run found them."""
-        return [
-            command
-            for ruleset in self._rulesets_to_change
-            for command in ruleset.back_end.undo_commands(ruleset.before)
-        ]
-
-    def undo_files(self) -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]:
-        """The files to restore together with the rules."""
-        return [file for ruleset in self._rulesets_to_change for file in ruleset.back_end.undo_files()]
-
-    def undo_last(self) -> typing.List[typing.List[str]]:
-        """The commands after the files."""
-        return [command for ruleset in self._rulesets_to_change for command in ruleset.back_end.undo_last()]
+    def undo_steps(self) -> typing.List[UndoStep]:
+        """The steps that restore the rules as this run found them."""
+        return [step for ruleset in self._rulesets_to_change for step in ruleset.back_end.undo_steps(ruleset.before)]
 
     def apply_runtime(self) -> None:
         """Change the rules at run time alone. Raises Problem, with everything as it was before."""

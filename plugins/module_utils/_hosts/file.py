@@ -6,7 +6,6 @@
 import errno
 import os
 import socket
-import stat
 import time
 import typing
 
@@ -70,15 +69,11 @@ class HostsFile:
             os.unlink(self.path)
             atomic.sync_folder(os.path.dirname(self.path))
             return "removed"
-        if self.raw_content is None:
-            atomic.write_by_rename(self.path, content)
-            return "rename"
-        old = os.stat(self.path)
         try:
-            atomic.write_by_rename(self.path, content, stat.S_IMODE(old.st_mode), (old.st_uid, old.st_gid))
+            atomic.write_by_rename(self.path, content, *atomic.permissions(self.path))
             return "rename"
         except OSError as problem:
-            if problem.errno not in _NO_RENAME:
+            if self.raw_content is None or problem.errno not in _NO_RENAME:
                 raise
         self._replace_in_place(content)
         return "in_place"

@@ -283,7 +283,7 @@ class Run(ModuleRun):
         """The record as it must be while the change is on its way: for the run that confirms `apply_runtime`."""
         return self.recorded._replace(entries=self.plan.interim).to_json()
 
-    def undo_commands(self) -> typing.List[typing.List[str]]:
+    def undo_steps(self) -> typing.List[typing.List[str]]:
         """The commands that restore the kernel's routes as this run found them, also from half way."""
         return [plan.build_undo_command(change) for change in self.plan.undo]
 

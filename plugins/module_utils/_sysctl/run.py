@@ -305,7 +305,7 @@ class Run(ModuleRun):
         """The record for the run that confirms `apply_runtime`, which itself writes none."""
         return self.plan.interim.plain()
 
-    def undo_commands(self) -> typing.List[typing.List[str]]:
+    def undo_steps(self) -> typing.List[typing.List[str]]:
         """The commands that restore the present values."""
         values = [
             (key, self.current[key])

@@ -89,7 +89,7 @@ class Tunnel(file_bundle.ManagedFiles):
         """The return values beside `changed`, `msg` and `diff`."""
         return {name: value for name, value in super().result().items() if name in ("files", "removed")}
 
-    def undo_commands(self) -> typing.List[typing.List[str]]:
+    def undo_steps(self) -> typing.List[typing.List[str]]:
         """Return what brings the tunnel of before back: the unit by its own files, or none."""
         return [_END, ["systemctl", "restart", UNIT] if _runs() else _OPEN, ["rm", "-rf", self.folder]]
 

@@ -20,9 +20,12 @@ run the module calls, in this order:
 With the dead-man's switch, try_out(filter) comes first: it changes the run time alone. The filter is None where no rules are wanted.
 """
 
+import contextlib
 import shutil
 import typing
 
+from ..._changes import atomic
+from ..._changes.deadman import FileBefore, UndoStep
 from ..._module.plain_text import LINE, quote
 from ..._module.problem import Problem
 from ..._process import commands
@@ -72,6 +75,10 @@ class BackEnd:
         """Bring the run time back. Raises Problem or OSError."""
         raise NotImplementedError
 
+    def undo_steps(self, before: Rules) -> typing.List[UndoStep]:
+        """The steps with which the dead-man's switch brings it back. Raises OSError."""
+        raise NotImplementedError
+
     # For a back end to override where its program needs it
 
     def plan_files(self, packet_filter: PacketFilter) -> typing.List[File]:
@@ -89,17 +96,28 @@ class BackEnd:
     def prepare(self, packet_filter: typing.Optional[PacketFilter]) -> None:
         """Do what comes before the files change. Raises Problem."""
 
-    def undo_commands(self, before: Rules) -> typing.List[Command]:
-        """The commands with which the dead-man's switch begins the way back."""
-        return []
 
-    def undo_files(self) -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]:
-        """The files that the switch restores then; None for a file that was not there."""
-        return []
+def read_files(paths: typing.Iterable[str]) -> typing.List[FileBefore]:
+    """The files as they are now. Raises OSError."""
+    return [FileBefore(path, atomic.read_bytes(path)) for path in paths]
 
-    def undo_last(self) -> typing.List[Command]:
-        """The commands of the switch after the files."""
-        return []
+
+@contextlib.contextmanager
+def keep_files(files: typing.Iterable[FileBefore]) -> typing.Iterator[None]:
+    """Give files this content again at the end, whatever was written meanwhile. Raises OSError."""
+    try:
+        yield
+    finally:
+        write_files(files)
+
+
+def write_files(files: typing.Iterable[FileBefore]) -> None:
+    """Give files this content, with the permissions that they have. Raises OSError."""
+    for path, content in files:
+        if content is None:
+            atomic.remove(path)
+        elif atomic.read_bytes(path) != content:
+            atomic.write_by_rename(path, content, *atomic.permissions(path))
 
 
 def run_command(argv: typing.Sequence[str]) -> commands.Answer:

@@ -11,7 +11,7 @@ import os
 import re
 import typing
 
-from ..._changes import atomic
+from ..._changes.deadman import FileBefore, UndoStep
 from ..._module.plain_text import quote
 from ..packet_filter import FIRST, LAST, PacketFilter
 from . import contract
@@ -22,6 +22,7 @@ _EGRESS = {INPUT: "HOST", FORWARD: "ANY"}
 _PRIORITY = -14000  # after firewalld's own policy for IPv6, before every zone
 _ACCEPT, _DROP = -2, -1  # priorities of our rules: those that accept come first
 _RANGE = f"{FIRST}-{LAST}"
+_RELOAD = ["firewall-cmd", "--reload"]
 # An interface may be bound to a zone at run time, for example by NetworkManager; a reload keeps that.
 _BOUND = re.compile(r"(?m)^  interfaces:.*$|[ ]\((?:default, )?active\)$|[ ]\(default\)$")
 
@@ -129,29 +130,23 @@ class BackEnd(contract.BackEnd):
 
     def load(self, packet_filter: typing.Optional[PacketFilter]) -> None:
         if self.is_active() and self.read_rules() != ([] if packet_filter is None else self.plan_rules(packet_filter)):
-            contract.run_or_fail(["firewall-cmd", "--reload"])
+            contract.run_or_fail(_RELOAD)
 
     def try_out(self, packet_filter: typing.Optional[PacketFilter]) -> None:
         """Reload with the files of the plan. Then restore the former files, for the next boot."""
-        before = self.undo_files()
-        try:
-            files = self.plan_files(packet_filter) if packet_filter else []
-            planned = {file["path"]: file["content"].encode("utf-8") for file in files}
-            _write_files([(path, planned.get(path)) for path, _content in before])
-            contract.run_or_fail(["firewall-cmd", "--reload"])
-        finally:
-            _write_files(before)
+        before = _read_policies()
+        files = self.plan_files(packet_filter) if packet_filter else []
+        planned = {file["path"]: file["content"].encode("utf-8") for file in files}
+        with contract.keep_files(before):
+            contract.write_files(file._replace(content=planned.get(file.path)) for file in before)
+            contract.run_or_fail(_RELOAD)
 
     def restore(self, before: contract.Rules) -> None:
         if self.is_active() and self.read_rules() != before:
-            contract.run_or_fail(["firewall-cmd", "--reload"])
+            contract.run_or_fail(_RELOAD)
 
-    def undo_files(self) -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]:
-        paths = [f"{FOLDER}/{policy}.xml" for policy in _EGRESS]
-        return [(path, atomic.read_bytes(path)) for path in paths]
-
-    def undo_last(self) -> typing.List[contract.Command]:
-        return [["firewall-cmd", "--reload"]]
+    def undo_steps(self, before: contract.Rules) -> typing.List[UndoStep]:
+        return [*_read_policies(), _RELOAD]
 
 
 def plan_policies(packet_filter: PacketFilter) -> typing.Dict[str, typing.List[RichRule]]:
@@ -204,9 +199,5 @@ def _strip_own_policies(listing: str) -> str:
     return "\n\n".join(sorted(block for block in blocks if block and block.split("\n")[0].strip() not in _EGRESS))
 
 
-def _write_files(files: typing.Iterable[typing.Tuple[str, typing.Optional[bytes]]]) -> None:
-    for path, content in files:
-        if content is None:
-            atomic.remove(path)
-        else:
-            atomic.write_by_rename(path, content)
+def _read_policies() -> typing.List[FileBefore]:
+    return contract.read_files(f"{FOLDER}/{policy}.xml" for policy in _EGRESS)

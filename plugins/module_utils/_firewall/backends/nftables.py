@@ -14,6 +14,7 @@ interface, and the copies of its own multicast. For these copies, `fib` names an
 import os
 import typing
 
+from ..._changes.deadman import UndoStep
 from ..._machine import systemd
 from ..._module.plain_text import LINE, quote
 from ..._module.problem import Problem
@@ -121,11 +122,14 @@ class BackEnd(contract.BackEnd):
                 contract.run_or_fail(["systemctl", "enable", "--now", UNIT])
             elif not os.path.lexists(UNIT_FILE):
                 contract.run_command(["systemctl", "disable", UNIT])
-        for command in self.undo_commands(before):
-            contract.run_or_fail(command)
+        contract.run_or_fail(_load_command(before))
 
-    def undo_commands(self, before: contract.Rules) -> typing.List[contract.Command]:
-        return [["nft", _DELETE + "\n".join(before)]]
+    def undo_steps(self, before: contract.Rules) -> typing.List[UndoStep]:
+        return [_load_command(before)]
+
+
+def _load_command(rules: contract.Rules) -> contract.Command:
+    return ["nft", _DELETE + "\n".join(rules)]
 
 
 def _explain_failure(message: str) -> str:

@@ -7,12 +7,10 @@ ufw keeps its rules in files that it writes itself. This file only reads them. O
 dead-man's switch is confirmed, it restores them as they were.
 """
 
-import os
 import re
-import stat
 import typing
 
-from ..._changes import atomic
+from ..._changes.deadman import UndoStep
 from ..._module.plain_text import quote
 from ..._module.problem import Problem
 from ..._process import commands
@@ -115,18 +113,11 @@ class BackEnd(contract.BackEnd):
             contract.run_or_fail(rule.command(*self._choose_position(rule.version)))
 
     def try_out(self, packet_filter: typing.Optional[PacketFilter]) -> None:
-        before = self.undo_files()
-        try:
+        with contract.keep_files(contract.read_files(FILES.values())):
             self.load(packet_filter)
-        finally:
-            for path, content in before:
-                _restore_file(path, content)
 
-    def undo_files(self) -> typing.List[typing.Tuple[str, typing.Optional[bytes]]]:
-        return [(path, atomic.read_bytes(path)) for path in FILES.values() if os.path.exists(path)]
-
-    def undo_last(self) -> typing.List[contract.Command]:
-        return [["ufw", "reload"]]
+    def undo_steps(self, before: contract.Rules) -> typing.List[UndoStep]:
+        return [*contract.read_files(FILES.values()), ["ufw", "reload"]]
 
     # The files of ufw
 
@@ -197,9 +188,3 @@ def _list_port_rules(
         for action, ranges in (("allow", opens), ("deny", packet_filter.list_closed_ranges(protocol)))
         for first, last in ranges
     ]
-
-
-def _restore_file(path: str, content: typing.Optional[bytes]) -> None:
-    status = os.stat(path)
-    if content is not None and atomic.read_bytes(path) != content:
-        atomic.write_by_rename(path, content, stat.S_IMODE(status.st_mode), (status.st_uid, status.st_gid))

@@ -18,6 +18,7 @@ import types
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.deadman import FileBefore
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.processes import SSH_SERVERS
 
@@ -99,7 +100,7 @@ def test_files_come_back_with_their_permissions(switch, tmp_path):
     kept, new = tmp_path / "kept file", tmp_path / "new"
     kept.write_text("old")
     kept.chmod(0o640)
-    switch.arm("t", HOUR, [], [(str(kept), kept.read_bytes()), (str(new), None)])
+    switch.arm("t", HOUR, [FileBefore(str(kept), kept.read_bytes()), FileBefore(str(new), None)])
     kept.unlink()
     kept.write_text("other")
     new.write_text("x")
@@ -213,7 +214,7 @@ def test_killed_while_arming_at_any_moment(tmp_path, timer):
         if child == 0:
             die_at_call(step, "mkdir", "chmod", "open", "write", "fchmod", "fsync", "rename", "rmdir")
             switch.timer = types.SimpleNamespace(start=lambda *words: None, stop=lambda unit: None)
-            switch.arm("t", HOUR, [], [(str(place), b"before")])
+            switch.arm("t", HOUR, [FileBefore(str(place), b"before")])
             os._exit(0)
         killed = os.WIFSIGNALED(os.waitpid(child, 0)[1])
         assert switch.look("u") in ("none", "other")
@@ -316,14 +317,8 @@ class FilesRun:
     def changed(self):
         return self.runtime_changes or self.boot.read_text() != f"{self.wanted} after {self.before}"
 
-    def undo_commands(self):
+    def undo_steps(self):
         return [["sh", "-c", 'printf "%s" "$2" >"$1"', "sh", str(self.runtime), self.now]]
-
-    def undo_files(self):
-        return ()
-
-    def undo_last(self):
-        return []
 
     def apply_runtime(self):
         if self.breaks == "runtime":

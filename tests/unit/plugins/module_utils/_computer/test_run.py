@@ -46,11 +46,8 @@ class Change(ModuleRun):
         if self.options["fails"] == when:
             raise Problem(f"{self.options['name']} fails.")
 
-    def undo_commands(self):
+    def undo_steps(self):
         return [["rm", "-f", str(self.now)]]
-
-    def undo_files(self):
-        return []
 
     def apply_runtime(self):
         self.now.touch()

@@ -57,7 +57,7 @@ nftables.UNIT_FILE = root + "/etc/systemd/system/multimaster-firewall.service"
 for options, left, half in json.load(sys.stdin):
     if os.fork() == 0:
         made = run.Run(dict(options, records=root + "/var/records"))
-        undo = made.undo_commands()
+        undo = made.undo_steps()
         if half:
             made.apply_runtime()
         else:

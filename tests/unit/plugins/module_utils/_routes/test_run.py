@@ -471,7 +471,7 @@ run = Run(json.load(sys.stdin))
 for half in range(len(run.plan.changes) + 1):
     for change in run.plan.changes[:half]:
         change_route(change.command)
-    for argv in run.undo_commands():
+    for argv in run.undo_steps():
         subprocess.run(argv, check=True)
 """
     done = computer.python("-c", program, input=json.dumps(computer.full((FOUR, SIX, HOLE))))
@@ -520,7 +520,7 @@ import json, subprocess, sys
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.run import Run
 run = Run(json.load(sys.stdin))
 run.apply_runtime()
-for argv in run.undo_commands():
+for argv in run.undo_steps():
     subprocess.run(argv, check=True)
 """
     done = computer.python("-c", program, input=json.dumps(computer.full(())))

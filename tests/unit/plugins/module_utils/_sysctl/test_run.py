@@ -510,7 +510,7 @@ def test_run_time_first_then_the_rest_is_what_one_run_does(tmp_path, first, want
 
     one = sysctl.Run(in_two.options(wanted))
     assert one.runtime_changes
-    undo, memory = one.undo_commands(), json.loads(json.dumps(one.memory))
+    undo, memory = one.undo_steps(), json.loads(json.dumps(one.memory))
     one.apply_runtime()
     values = {path for path, content in in_two.state().items() if content != untouched[path]}
     assert values and all(path.startswith("proc/") for path in values)  # no record, no file
@@ -752,7 +752,7 @@ def test_kernel_undo_commands_bring_everything_back(namespace):
     program = (
         "import json, subprocess, sys\n"
         "from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.run import Run\n"
-        "run = Run(json.loads(sys.argv[1]))\nundo = run.undo_commands()\nrun.apply_runtime()\n"
+        "run = Run(json.loads(sys.argv[1]))\nundo = run.undo_steps()\nrun.apply_runtime()\n"
         "print(open('/proc/sys/net/ipv4/ip_forward').read())\n"
         "for command in undo:\n    subprocess.run(command, check=True)\n"
     )

@@ -78,7 +78,7 @@ def test_a_new_key_is_in_use_only_when_it_was_confirmed(make, tmp_path):
 @pytest.mark.parametrize(("state", "back"), [("active", "restart"), ("inactive", "delete")])
 def test_the_way_back_is_the_unit_with_its_own_files(make, state, back):
     make.states[0]["ActiveState"] = state
-    first, second, last = make("multimaster0.conf").undo_commands()
+    first, second, last = make("multimaster0.conf").undo_steps()
     assert first[:3] == ["ip", "link", "delete"] and back in second and last[0] == "rm"
 
 
