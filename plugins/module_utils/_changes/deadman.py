@@ -112,13 +112,7 @@ class Switch:
         self.folder = os.path.join(folder, f"rollback-{name}")
         self.timer = timer or Timer()
 
-    def arm(
-        self,
-        token: str,
-        seconds: int,
-        undo: typing.Iterable[UndoStep],
-        memory: typing.Any = None,
-    ) -> None:
+    def arm(self, token: str, seconds: int, undo: typing.Iterable[UndoStep], memory: typing.Any = None) -> None:
         """Start the timer: `undo` happens in so many seconds, unless the switch is released.
 
         The steps of `undo` go in their order, each even if an earlier one fails. `memory` is data for JSON: all that the

@@ -16,12 +16,12 @@ from .._changes import files
 from .._changes.deadman import UndoStep
 from .._changes.module import Fields, ModuleRun
 from .._changes.record import RECORDS
-from .._changes.transaction import Data, Step, carry_out, intent, outcome
+from .._changes.transaction import Data, Step, carry_out, do_nothing, intent, outcome
 from .._module.difference import difference_of_lines
 from .._module.plain_text import quote
 from .._module.problem import Problem, unreadable
 from . import access
-from .backends.contract import BackEnd, Rules
+from .backends.contract import BackEnd
 from .backends.table import AUTO, BACKENDS, CHOICES
 from .packet_filter import PacketFilter, read_options
 
@@ -38,20 +38,6 @@ OPTIONS: typing.Dict[str, typing.Any] = {
 _WORDS = re.compile(r'[\s,{}"]+')
 
 
-class Ruleset(typing.NamedTuple):
-    """Our rules in one back end, before and after the run."""
-
-    back_end: BackEnd
-    before: Rules
-    after: Rules
-    packet_filter: typing.Optional[PacketFilter]  # None where the back end shall have no rule of ours
-
-    @property
-    def changes(self) -> bool:
-        """True where the rules change at run time."""
-        return self.before != self.after
-
-
 def has_systemd() -> bool:
     """True where systemd runs on this computer."""
     return os.path.isdir("/run/systemd/system")
@@ -64,19 +50,23 @@ class Run(ModuleRun):
         """Read and plan; changes nothing. Raises Problem for options, rules or files that cannot be used."""
         self.access = access.read_access()
         self.packet_filter = read_options(options, self.access.ssh)
-        back_ends = [kind(has_systemd()) for kind in BACKENDS.values()]
-        self.back_end = self._choose_back_end(options["backend"], back_ends)
+        chosen = self._choose_back_end(options["backend"])
+        self.back_ends = [
+            kind(has_systemd(), self.packet_filter if kind is chosen else None) for kind in BACKENDS.values()
+        ]
+        # The chosen one comes first.
+        self.in_turn = sorted(self.back_ends, key=lambda back_end: back_end.packet_filter is None)
+        self.back_end = self.in_turn[0] if chosen else None
+        own_files = self.back_end.plan_files(self.packet_filter) if self.back_end and self.packet_filter else []
         try:
-            self.rulesets = [self._plan_ruleset(back_end) for back_end in back_ends]
-            own_files = self.back_end.plan_files(self.packet_filter) if self.back_end and self.packet_filter else []
             self.files = files.FileBundle("firewall", options["records"], own_files)
         except OSError as problem:
             raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
         self.record_after = self._plan_record()
         self.removed = [
-            ruleset.back_end.name for ruleset in self.rulesets if ruleset.before and ruleset.packet_filter is None
+            back_end.name for back_end in self.back_ends if back_end.before and back_end.packet_filter is None
         ]
-        ready_for_boot = all(ruleset.back_end.is_ready_for_boot(ruleset.packet_filter) for ruleset in self.rulesets)
+        ready_for_boot = all(back_end.is_ready_for_boot() for back_end in self.back_ends)
         self.changed = bool(
             self.runtime_changes
             or self.files.changed
@@ -84,23 +74,17 @@ class Run(ModuleRun):
             or self.record_after != self.files.remembered
         )
 
-    def _choose_back_end(self, name: str, back_ends: typing.Iterable[BackEnd]) -> typing.Optional[BackEnd]:
+    def _choose_back_end(self, name: str) -> typing.Optional[typing.Type[BackEnd]]:
         """The back end for the rules, None where no packet filter is wanted. Raises Problem."""
         if self.packet_filter is None:
             return None
         if name == AUTO:
-            return next(back_end for back_end in back_ends if back_end.is_active())
-        back_end = next(back_end for back_end in back_ends if back_end.name == name)
-        if not back_end.is_active():
+            return next(kind for kind in BACKENDS.values() if kind.is_active())
+        if not BACKENDS[name].is_active():
             raise Problem(
                 f"backend is {name}, which is not active here, expected it to filter packets: turn it on, or set backend to auto."
             )
-        return back_end
-
-    def _plan_ruleset(self, back_end: BackEnd) -> Ruleset:
-        packet_filter = self.packet_filter if back_end is self.back_end else None
-        after = back_end.plan_rules(packet_filter) if packet_filter else []
-        return Ruleset(back_end, back_end.read_rules(), after, packet_filter)
+        return BACKENDS[name]
 
     def _plan_record(self) -> Data:
         """The record after the run, empty where nothing of ours is left."""
@@ -113,52 +97,42 @@ class Run(ModuleRun):
     def refusals(self) -> typing.List[str]:
         """The sentences that prevent the plan."""
         sentences = [self.access.refusal(self.packet_filter)] if self.packet_filter else []
-        sentences += [ruleset.back_end.refusal() for ruleset in self.rulesets if ruleset.changes]
+        sentences += [back_end.refusal() for back_end in self.back_ends if back_end.changes]
         return [sentence for sentence in sentences if sentence]
 
     @property
     def difference(self) -> typing.List[typing.Dict[str, str]]:
         """The rules at run time and the files that change, for `diff`."""
         differences = []
-        for ruleset in self.rulesets:
-            header = f"{ruleset.back_end.name} (our rules at run time)"
-            differences += difference_of_lines(header, ruleset.before, ruleset.after)
+        for back_end in self.back_ends:
+            header = f"{back_end.name} (our rules at run time)"
+            differences += difference_of_lines(header, back_end.before, back_end.after)
         return differences + self.files.differences()
 
     def result(self) -> Fields:
         """The return values of the module."""
-        members = self.packet_filter.members if self.packet_filter else ()
-        networks = self.packet_filter.networks if self.packet_filter else ()
+        wanted = self.packet_filter or PacketFilter((), (), ())
         return {
             "backend": self.back_end.name if self.back_end else None,
-            "members": [self._describe_address(member) for member in members],
-            "networks": [self._describe_address(network) for network in networks],
-            "open_ports": [
-                f"{port}/{name}" for name in ("tcp", "udp") for port in self.packet_filter.list_open_ports(name)
-            ]
-            if self.packet_filter
-            else [],
+            "members": [self._describe_address(member) for member in wanted.members],
+            "networks": [self._describe_address(network) for network in wanted.networks],
+            "open_ports": [f"{port}/{name}" for name in ("tcp", "udp") for port in wanted.list_open_ports(name)],
             "removed": self.removed,
             "notes": self._notes(),
         }
 
     def _describe_address(self, address: str) -> Fields:
         """The result for an address. It is "ok" where our rules had the address before."""
-        before = {
-            word
-            for ruleset in self.rulesets
-            if ruleset.packet_filter
-            for line in ruleset.before
-            for word in _WORDS.split(line)
-        }
+        lines = self.back_end.before if self.back_end else []
+        before = {word for line in lines for word in _WORDS.split(line)}
         return {"address": address, "changed": address not in before, "state": "ok" if address in before else "changed"}
 
     def _notes(self) -> typing.List[str]:
         names = self.files.remembered.get("back_ends", [])
         lost = [
-            ruleset.back_end.name
-            for ruleset in self.rulesets
-            if ruleset.packet_filter and not ruleset.before and ruleset.back_end.name in names
+            back_end.name
+            for back_end in self.back_ends
+            if back_end.packet_filter and not back_end.before and back_end.name in names
         ]
         return [f"Our rules in {name} had been removed by hand since." for name in lost] + self.files.plan.notes
 
@@ -179,27 +153,20 @@ class Run(ModuleRun):
     @property
     def runtime_changes(self) -> bool:
         """True where rules change at run time."""
-        return any(ruleset.changes for ruleset in self.rulesets)
+        return any(back_end.changes for back_end in self.back_ends)
 
     @property
     def memory(self) -> Data:
         """The memory for the confirming run: it is empty, since our rules carry their mark."""
         return {}
 
-    @property
-    def _rulesets_to_change(self) -> typing.List[Ruleset]:
-        """The rulesets that change, that of the chosen back end first."""
-        return sorted(
-            (ruleset for ruleset in self.rulesets if ruleset.changes), key=lambda ruleset: ruleset.packet_filter is None
-        )
-
     def undo_steps(self) -> typing.List[UndoStep]:
         """The steps that restore the rules as this run found them."""
-        return [step for ruleset in self._rulesets_to_change for step in ruleset.back_end.undo_steps(ruleset.before)]
+        return [step for back_end in self.in_turn if back_end.changes for step in back_end.undo_steps()]
 
     def apply_runtime(self) -> None:
         """Change the rules at run time alone. Raises Problem, with everything as it was before."""
-        carry_out([self._rules_step(ruleset, ruleset.back_end.try_out) for ruleset in self._rulesets_to_change])
+        carry_out([_make_step(back_end, back_end.try_out) for back_end in self.in_turn if back_end.changes])
 
     # The change
 
@@ -212,33 +179,30 @@ class Run(ModuleRun):
             return
         names = {*remembered.get("back_ends", []), *self.record_after.get("back_ends", [])}
         touched = [
-            ruleset
-            for ruleset in sorted(self.rulesets, key=lambda ruleset: ruleset.packet_filter is None)
-            if ruleset.packet_filter or ruleset.changes or ruleset.back_end.name in remembered.get("back_ends", [])
+            back_end
+            for back_end in self.in_turn
+            if back_end.packet_filter or back_end.changes or back_end.name in remembered.get("back_ends", [])
         ]
         steps = [intent(record, dict(self.files.plan.intent, back_ends=sorted(names)), remembered)]
         # These steps do nothing. They are undone last, when the files are as before.
-        steps += [self._rules_step(ruleset, lambda _filter: None) for ruleset in touched]
-        for back_end, _before, _after, packet_filter in touched:
-            steps.append(Step(back_end.name, functools.partial(back_end.prepare, packet_filter)))
+        steps += [_make_step(back_end, do_nothing) for back_end in touched]
+        steps += [Step(back_end.name, back_end.prepare) for back_end in touched]
         steps += files.steps(self.files.plan, self.files.machine)
-        for ruleset in touched:
-            steps.append(
-                Step(f"the rules of {ruleset.back_end.name}", functools.partial(self._load_and_check, ruleset))
-            )
+        steps += [Step(back_end.name, functools.partial(_load_and_check, back_end)) for back_end in touched]
         carry_out([*steps, outcome(record, self.record_after)])
 
-    def _rules_step(self, ruleset: Ruleset, do: typing.Callable[[typing.Optional[PacketFilter]], None]) -> Step:
-        name = f"the rules of {ruleset.back_end.name}"
-        return Step(name, lambda: do(ruleset.packet_filter), lambda: ruleset.back_end.restore(ruleset.before))
 
-    def _load_and_check(self, ruleset: Ruleset) -> None:
-        """Load the rules, and check that the back end has them. Raises Problem."""
-        ruleset.back_end.load(ruleset.packet_filter)
-        now = ruleset.back_end.read_rules()
-        if now != ruleset.after:
-            differing = sorted(set(now) ^ set(ruleset.after))[:3]
-            raise Problem(
-                f"{ruleset.back_end.name} has other rules than were loaded ({'; '.join(map(quote, differing))}), expected the same: find "
-                "out which program changes them."
-            )
+def _make_step(back_end: BackEnd, do: typing.Callable[[], None]) -> Step:
+    return Step(f"the rules of {back_end.name}", do, back_end.restore)
+
+
+def _load_and_check(back_end: BackEnd) -> None:
+    """Load the rules, and check that the back end has them. Raises Problem."""
+    back_end.load()
+    now = back_end.read_rules()
+    if now != back_end.after:
+        differing = sorted(set(now) ^ set(back_end.after))[:3]
+        raise Problem(
+            f"{back_end.name} has other rules than were loaded ({'; '.join(map(quote, differing))}), expected the same: find "
+            "out which program changes them."
+        )

@@ -5,19 +5,18 @@
 
 A back end is a file in this folder with a class BackEnd(contract.BackEnd), and a row in table.py. Its rules are lines of
 text in the words of the program. They are those of this collection only: rules of others are neither read nor touched. For one
-run the module calls, in this order:
+run the module asks the class for is_active(): does the program filter the packets of this computer now? Then it makes a back end with
+the filter that it shall have, None where no rules are wanted. That plans and reads our rules, and has them as `after` and `before`.
+The module calls, in this order:
 
-    is_active()             does the program filter the packets of this computer now?
-    read_rules()            which rules are ours at run time?
-    plan_rules(filter)      which rules are wanted, in the same words?
-    plan_files(filter)      which files of ours does the program read at boot?
-    is_ready_for_boot(...)  is everything else right that the next boot needs?
-    refusal()               would a change of the rules lose something of others?
-    prepare(filter)         before the files change
-    load(filter)            after the files have changed: make run time and boot as planned
-    restore(before)         if something fails, after the former files are back
+    plan_files()          which files of ours does the program read at boot?
+    is_ready_for_boot()   is everything else right that the next boot needs?
+    refusal()             would a change of the rules lose something of others?
+    prepare()             before the files change
+    load()                after the files have changed: make run time and boot as planned
+    restore()             if something fails, after the former files are back
 
-With the dead-man's switch, try_out(filter) comes first: it changes the run time alone. The filter is None where no rules are wanted.
+With the dead-man's switch, try_out() comes first: it changes the run time alone.
 """
 
 import contextlib
@@ -41,17 +40,25 @@ File = typing.Dict[str, str]  # path, content and mode, as _changes/files.py tak
 
 
 class BackEnd:
-    """One program that filters packets."""
+    """One program that filters packets, and our rules in it before and after the run."""
 
     name = ""  # the value of the option `backend`
 
-    def __init__(self, booted: bool) -> None:
-        """`booted`: systemd runs here, so units can be started and stopped."""
-        self.booted = booted
+    def __init__(self, booted: bool, packet_filter: typing.Optional[PacketFilter]) -> None:
+        """`booted`: systemd runs here, so units can be started and stopped. Raises Problem."""
+        self.booted, self.packet_filter = booted, packet_filter
+        self.after = self.plan_rules(packet_filter) if packet_filter else []
+        self.before = self.read_rules()
+
+    @property
+    def changes(self) -> bool:
+        """True where the rules change at run time."""
+        return self.before != self.after
 
     # For every back end to write
 
-    def is_active(self) -> bool:
+    @staticmethod
+    def is_active() -> bool:
         """True where this program filters the packets of this computer now."""
         raise NotImplementedError
 
@@ -63,19 +70,19 @@ class BackEnd:
         """The wanted rules in the words of `read_rules`. Raises Problem where this computer cannot have them."""
         raise NotImplementedError
 
-    def load(self, packet_filter: typing.Optional[PacketFilter]) -> None:
+    def load(self) -> None:
         """Make run time and boot as planned; the files are there already. Raises Problem or OSError."""
         raise NotImplementedError
 
-    def try_out(self, packet_filter: typing.Optional[PacketFilter]) -> None:
+    def try_out(self) -> None:
         """Make the run time alone as planned. Raises Problem or OSError; then the caller restores."""
         raise NotImplementedError
 
-    def restore(self, before: Rules) -> None:
+    def restore(self) -> None:
         """Bring the run time back. Raises Problem or OSError."""
         raise NotImplementedError
 
-    def undo_steps(self, before: Rules) -> typing.List[UndoStep]:
+    def undo_steps(self) -> typing.List[UndoStep]:
         """The steps with which the dead-man's switch brings it back. Raises OSError."""
         raise NotImplementedError
 
@@ -85,7 +92,7 @@ class BackEnd:
         """The files of ours that the program reads at boot."""
         return []
 
-    def is_ready_for_boot(self, packet_filter: typing.Optional[PacketFilter]) -> bool:
+    def is_ready_for_boot(self) -> bool:
         """True where the next boot finds all that it needs beside rules and files, for example a unit that is enabled."""
         return True
 
@@ -93,7 +100,7 @@ class BackEnd:
         """The sentence why the rules cannot be changed now, empty where they can. Raises Problem."""
         return ""
 
-    def prepare(self, packet_filter: typing.Optional[PacketFilter]) -> None:
+    def prepare(self) -> None:
         """Do what comes before the files change. Raises Problem."""
 
 

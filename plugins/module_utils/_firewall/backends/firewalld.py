@@ -81,7 +81,8 @@ class BackEnd(contract.BackEnd):
 
     name = "firewalld"
 
-    def is_active(self) -> bool:
+    @staticmethod
+    def is_active() -> bool:
         if not contract.find_program("firewall-cmd"):
             return False
         return contract.run_command(["firewall-cmd", "--state"]).status == 0
@@ -128,24 +129,24 @@ class BackEnd(contract.BackEnd):
                 )
         return ""
 
-    def load(self, packet_filter: typing.Optional[PacketFilter]) -> None:
-        if self.is_active() and self.read_rules() != ([] if packet_filter is None else self.plan_rules(packet_filter)):
+    def load(self) -> None:
+        if self.is_active() and self.read_rules() != self.after:
             contract.run_or_fail(_RELOAD)
 
-    def try_out(self, packet_filter: typing.Optional[PacketFilter]) -> None:
+    def try_out(self) -> None:
         """Reload with the files of the plan. Then restore the former files, for the next boot."""
         before = _read_policies()
-        files = self.plan_files(packet_filter) if packet_filter else []
+        files = self.plan_files(self.packet_filter) if self.packet_filter else []
         planned = {file["path"]: file["content"].encode("utf-8") for file in files}
         with contract.keep_files(before):
             contract.write_files(file._replace(content=planned.get(file.path)) for file in before)
             contract.run_or_fail(_RELOAD)
 
-    def restore(self, before: contract.Rules) -> None:
-        if self.is_active() and self.read_rules() != before:
+    def restore(self) -> None:
+        if self.is_active() and self.read_rules() != self.before:
             contract.run_or_fail(_RELOAD)
 
-    def undo_steps(self, before: contract.Rules) -> typing.List[UndoStep]:
+    def undo_steps(self) -> typing.List[UndoStep]:
         return [*_read_policies(), _RELOAD]
 
 

@@ -14,7 +14,6 @@ interface, and the copies of its own multicast. For these copies, `fib` names an
 import os
 import typing
 
-from ..._changes.deadman import UndoStep
 from ..._machine import systemd
 from ..._module.plain_text import LINE, quote
 from ..._module.problem import Problem
@@ -61,7 +60,8 @@ class BackEnd(contract.BackEnd):
 
     name = "nftables"
 
-    def is_active(self) -> bool:
+    @staticmethod
+    def is_active() -> bool:
         return True
 
     def read_rules(self) -> contract.Rules:
@@ -90,46 +90,45 @@ class BackEnd(contract.BackEnd):
             {"path": UNIT_FILE, "content": unit, "mode": "0644"},
         ]
 
-    def is_ready_for_boot(self, packet_filter: typing.Optional[PacketFilter]) -> bool:
+    def is_ready_for_boot(self) -> bool:
         if not self.booted:
             return True
-        if packet_filter is None:
+        if self.packet_filter is None:
             return not os.path.lexists(UNIT_FILE)
         unit = systemd.show([UNIT], ["ActiveState", "UnitFileState", "NeedDaemonReload"]).units
         right = {"ActiveState": "active", "UnitFileState": "enabled", "NeedDaemonReload": "no"}
         return unit == [right]
 
-    def prepare(self, packet_filter: typing.Optional[PacketFilter]) -> None:
-        if self.booted and packet_filter is None and os.path.lexists(UNIT_FILE):
+    def prepare(self) -> None:
+        if self.booted and self.packet_filter is None and os.path.lexists(UNIT_FILE):
             contract.run_or_fail(["systemctl", "disable", "--now", UNIT])
 
-    def load(self, packet_filter: typing.Optional[PacketFilter]) -> None:
-        self.try_out(packet_filter)
+    def load(self) -> None:
+        self.try_out()
         if self.booted:
             contract.run_or_fail(["systemctl", "daemon-reload"])
-            if packet_filter is not None:
+            if self.packet_filter is not None:
                 contract.run_or_fail(["systemctl", "enable", "--now", UNIT])
             else:
                 contract.run_command(["systemctl", "reset-failed", UNIT])
 
-    def try_out(self, packet_filter: typing.Optional[PacketFilter]) -> None:
-        contract.run_or_fail(["nft", _DELETE + ("" if packet_filter is None else render_table(packet_filter))])
+    def try_out(self) -> None:
+        contract.run_or_fail(
+            ["nft", _DELETE + ("" if self.packet_filter is None else render_table(self.packet_filter))]
+        )
 
-    def restore(self, before: contract.Rules) -> None:
+    def restore(self) -> None:
         if self.booted:
             contract.run_or_fail(["systemctl", "daemon-reload"])
-            if os.path.lexists(UNIT_FILE) and before:
+            if os.path.lexists(UNIT_FILE) and self.before:
                 contract.run_or_fail(["systemctl", "enable", "--now", UNIT])
             elif not os.path.lexists(UNIT_FILE):
                 contract.run_command(["systemctl", "disable", UNIT])
-        contract.run_or_fail(_load_command(before))
+        for command in self.undo_steps():
+            contract.run_or_fail(command)
 
-    def undo_steps(self, before: contract.Rules) -> typing.List[UndoStep]:
-        return [_load_command(before)]
-
-
-def _load_command(rules: contract.Rules) -> contract.Command:
-    return ["nft", _DELETE + "\n".join(rules)]
+    def undo_steps(self) -> typing.List[contract.Command]:
+        return [["nft", _DELETE + "\n".join(self.before)]]
 
 
 def _explain_failure(message: str) -> str:

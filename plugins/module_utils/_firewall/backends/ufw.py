@@ -75,7 +75,8 @@ class BackEnd(contract.BackEnd):
 
     name = "ufw"
 
-    def is_active(self) -> bool:
+    @staticmethod
+    def is_active() -> bool:
         enabled = re.search(r"(?mi)^[ \t]*ENABLED=[\"']?yes", commands.text(SETTINGS))
         if not enabled or not contract.find_program("ufw"):
             return False
@@ -89,14 +90,14 @@ class BackEnd(contract.BackEnd):
     def plan_rules(self, packet_filter: PacketFilter) -> contract.Rules:
         return sorted(rule.text for rule in list_rules(packet_filter, self._list_versions()))
 
-    def is_ready_for_boot(self, packet_filter: typing.Optional[PacketFilter]) -> bool:
+    def is_ready_for_boot(self) -> bool:
         return not self._find_misplaced()
 
-    def load(self, packet_filter: typing.Optional[PacketFilter]) -> None:
-        self._arrange([] if packet_filter is None else list_rules(packet_filter, self._list_versions()))
+    def load(self) -> None:
+        self._arrange(list_rules(self.packet_filter, self._list_versions()) if self.packet_filter else [])
 
-    def restore(self, before: contract.Rules) -> None:
-        self._arrange([_parse_rule(text) for text in before])
+    def restore(self) -> None:
+        self._arrange([_parse_rule(text) for text in self.before])
 
     def _arrange(self, planned: typing.List[UfwRule]) -> None:
         """Make these rules our only ones, each in its place."""
@@ -112,11 +113,11 @@ class BackEnd(contract.BackEnd):
         for rule in [rule for rule in missing if not rule.is_allow]:
             contract.run_or_fail(rule.command(*self._choose_position(rule.version)))
 
-    def try_out(self, packet_filter: typing.Optional[PacketFilter]) -> None:
+    def try_out(self) -> None:
         with contract.keep_files(contract.read_files(FILES.values())):
-            self.load(packet_filter)
+            self.load()
 
-    def undo_steps(self, before: contract.Rules) -> typing.List[UndoStep]:
+    def undo_steps(self) -> typing.List[UndoStep]:
         return [*contract.read_files(FILES.values()), ["ufw", "reload"]]
 
     # The files of ufw

@@ -28,7 +28,7 @@ OWN = "\n\nrosfleet-input (active)\n  priority: -14000\n"
 
 
 def test_rules_in_the_words_of_firewall_cmd():
-    rules = firewalld.BackEnd(False).plan_rules(WANTED)
+    rules = firewalld.BackEnd(False, WANTED).after
     for rule in (
         'rosfleet-input: rule priority="-2" family="ipv4" source address="10.5.0.1" port port="1024-65535" protocol="tcp" accept',
         'rosfleet-input: rule priority="-2" family="ipv6" source address="fd00::1" port port="1024-65535" protocol="udp" accept',
@@ -49,7 +49,7 @@ def test_a_port_is_opened_to_the_protected_networks_alone():
 
 
 def test_ports_of_ssh_are_neither_opened_nor_closed():
-    rules = firewalld.BackEnd(False).plan_rules(WANTED._replace(open_ports=(), ssh=(2222,)))
+    rules = firewalld.BackEnd(False, WANTED._replace(open_ports=(), ssh=(2222,))).after
     assert not any('"2222"' in rule for rule in rules)
     for ports in ("1024-2221", "2223-65535"):
         assert f'rosfleet-input: rule priority="-1" port port="{ports}" protocol="tcp" drop' in rules
@@ -57,13 +57,13 @@ def test_ports_of_ssh_are_neither_opened_nor_closed():
 
 
 def test_files_hold_the_same_rules():
-    files = {file["path"]: ET.fromstring(file["content"]) for file in firewalld.BackEnd(False).plan_files(WANTED)}
+    files = {file["path"]: ET.fromstring(file["content"]) for file in firewalld.BackEnd(False, None).plan_files(WANTED)}
     assert sorted(files) == [
         "/etc/firewalld/policies/rosfleet-forward.xml",
         "/etc/firewalld/policies/rosfleet-input.xml",
     ]
     counted = sum(len(root.findall("rule")) for root in files.values())
-    assert counted == len(firewalld.BackEnd(False).plan_rules(WANTED))
+    assert counted == len(firewalld.BackEnd(False, WANTED).after)
     root = files["/etc/firewalld/policies/rosfleet-input.xml"]
     assert root.attrib == {"target": "CONTINUE", "priority": "-14000"}
     assert root.find("egress-zone").attrib == {"name": "HOST"}
@@ -89,7 +89,7 @@ def test_what_a_reload_would_lose_is_named(monkeypatch, tmp_path, permanent, ref
     monkeypatch.setattr(firewalld, "FOLDER", str(tmp_path))
     monkeypatch.setattr(firewalld.BackEnd, "is_active", lambda _self: True)
     monkeypatch.setattr(contract, "run_or_fail", lambda argv: permanent if "--permanent" in argv else LISTING + OWN)
-    sentence = firewalld.BackEnd(False).refusal()
+    sentence = firewalld.BackEnd(False, None).refusal()
     assert ("ports: 8080/tcp" in sentence) is refused
     assert bool(sentence) is refused
 
@@ -98,5 +98,7 @@ def test_a_firewalld_without_policies_is_named(monkeypatch, tmp_path):
     monkeypatch.setattr(firewalld, "FOLDER", str(tmp_path / "policies"))
     monkeypatch.setattr(firewalld.BackEnd, "is_active", lambda _self: True)
     assert (
-        firewalld.BackEnd(False).refusal().startswith(f"firewalld has no {tmp_path}/policies, expected firewalld 0.9")
+        firewalld.BackEnd(False, None)
+        .refusal()
+        .startswith(f"firewalld has no {tmp_path}/policies, expected firewalld 0.9")
     )

@@ -41,7 +41,7 @@ SMALL = PacketFilter(("10.5.0.1",), (), ())
 def test_a_computer_without_nft(monkeypatch):
     monkeypatch.setattr(contract, "find_program", lambda _name: "")
     with pytest.raises(Problem, match=r"^There is no nft, expected it .* install it \(apt-get install nftables\)"):
-        nftables.BackEnd(False).plan_rules(SMALL)
+        nftables.BackEnd(False, SMALL)
 
 
 def test_a_kernel_without_nftables(monkeypatch):
@@ -49,7 +49,7 @@ def test_a_kernel_without_nftables(monkeypatch):
     monkeypatch.setattr(contract, "find_program", lambda name: "/usr/sbin/" + name)
     monkeypatch.setattr(contract, "run_command", lambda _argv: Answer(1, b"", said))
     with pytest.raises(Problem, match="^This computer does not take the packet filter") as found:
-        nftables.BackEnd(False).plan_rules(SMALL)
+        nftables.BackEnd(False, SMALL)
     assert 'nft says: "Error: Could not process rule: Operation not supported' in str(found.value)
     assert "set multimaster_firewall to none" in str(found.value) and len(str(found.value)) < 500
 
@@ -65,7 +65,7 @@ def test_a_container_that_may_make_no_network_namespace(monkeypatch):
     with pytest.raises(
         Problem, match='could not be tried in a network namespace of their own ."unshare: unshare failed'
     ):
-        nftables.BackEnd(False).plan_rules(SMALL)
+        nftables.BackEnd(False, SMALL)
 
 
 def may_drop(restricted):

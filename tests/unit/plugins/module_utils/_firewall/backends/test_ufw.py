@@ -71,12 +71,12 @@ def test_the_words_of_ufw():
 
 def test_only_ours_are_read(machine):
     machine(OTHERS, ALLOW + OURS, ALLOW + " comment=78")
-    assert ufw.BackEnd(False).read_rules() == [ALLOW]
+    assert ufw.BackEnd(False, None).before == [ALLOW]
 
 
 def test_a_robot_that_is_new_goes_on_top(machine):
     asked = machine(ALLOW + OURS, DENY + OURS, OTHERS)
-    ufw.BackEnd(False).load(PacketFilter(("10.5.0.1", "10.5.0.2"), (), ()))
+    ufw.BackEnd(False, PacketFilter(("10.5.0.1", "10.5.0.2"), (), ())).load()
     news = [line for line in asked if "10.5.0.2" in line]
     assert news == [
         f"ufw prepend allow proto {protocol} from 10.5.0.2 to 0.0.0.0/0 port 1024:65535 comment rosfleet.multimaster"
@@ -87,48 +87,52 @@ def test_a_robot_that_is_new_goes_on_top(machine):
 
 def test_a_closing_rule_goes_below_ours_and_above_others(machine):
     machine(ALLOW + OURS, OTHERS)
-    assert ufw.BackEnd(False)._choose_position(4) == ("insert", "2")
+    assert ufw.BackEnd(False, None)._choose_position(4) == ("insert", "2")
     machine(OTHERS, ALLOW + OURS)
-    assert ufw.BackEnd(False)._choose_position(4) == ()
+    assert ufw.BackEnd(False, None)._choose_position(4) == ()
     machine(OTHERS)
-    assert ufw.BackEnd(False)._choose_position(4) == ("prepend",)
+    assert ufw.BackEnd(False, None)._choose_position(4) == ("prepend",)
 
 
 def test_a_rule_in_the_wrong_place_is_moved(machine):
     asked = machine(DENY + OURS, ALLOW + OURS, OTHERS)
-    back_end = ufw.BackEnd(False)
-    assert not back_end.is_ready_for_boot(WANTED)
-    back_end.load(PacketFilter(("10.5.0.1",), (), ()))
+    back_end = ufw.BackEnd(False, PacketFilter(("10.5.0.1",), (), ()))
+    assert not back_end.is_ready_for_boot()
+    back_end.load()
     assert asked[0] == "ufw --force delete deny proto tcp from 0.0.0.0/0 to 0.0.0.0/0 port 1024:65535"
 
 
 def test_the_rules_that_keep_out_go_first(machine):
     asked = machine(ALLOW + OURS, DENY + OURS, OTHERS)
-    ufw.BackEnd(False).load(None)
+    ufw.BackEnd(False, None).load()
     assert [line.split()[3] for line in asked] == ["deny", "allow"]
 
 
 def test_missing_rules_are_restored_in_their_places(machine):
+    machine(ALLOW + OURS, ALLOW.replace("10.5.0.1", "10.5.0.2") + OURS, DENY + OURS, OTHERS)
+    back_end = ufw.BackEnd(False, None)
     asked = machine(ALLOW + OURS, OTHERS)
-    ufw.BackEnd(False).restore(sorted([ALLOW, ALLOW.replace("10.5.0.1", "10.5.0.2"), DENY]))
+    back_end.restore()
     assert [line.split(" proto")[0] for line in asked] == ["ufw prepend allow", "ufw insert 2 deny"]
 
 
 def test_rules_that_were_not_there_are_taken_back(machine):
+    machine(OTHERS)
+    back_end = ufw.BackEnd(False, None)
     asked = machine(ALLOW + OURS, DENY + OURS, OTHERS)
-    ufw.BackEnd(False).restore([])
+    back_end.restore()
     assert [line.split()[3] for line in asked] == ["deny", "allow"]
 
 
 def test_a_strange_rule_with_our_comment_is_named(machine):
     machine("limit tcp 22 0.0.0.0/0 any 0.0.0.0/0 in_eth0 x" + OURS)
     with pytest.raises(Problem, match="ufw has a rule with the comment rosfleet.multimaster that this module has not"):
-        ufw.BackEnd(False).is_ready_for_boot(None)
+        ufw.BackEnd(False, None).is_ready_for_boot()
 
 
 def test_a_trial_leaves_the_files_as_they_were(machine, tmp_path, monkeypatch):
     machine(OTHERS)
     before = (tmp_path / "user.rules").read_bytes()
     monkeypatch.setattr(contract, "run_or_fail", lambda _argv: (tmp_path / "user.rules").write_text("new"))
-    ufw.BackEnd(False).try_out(PacketFilter(("10.5.0.1",), (), ()))
+    ufw.BackEnd(False, PacketFilter(("10.5.0.1",), (), ())).try_out()
     assert (tmp_path / "user.rules").read_bytes() == before
