@@ -10,7 +10,7 @@ from .._changes import atomic
 from .._module.difference import difference, mode_difference
 from .._module.problem import Problem
 from .kernel import Route, format_route
-from .managers.contract import Machine, PlannedTexts
+from .managers.contract import Machine, PlannedTexts, RoutesByInterface
 from .managers.table import AUTO, BACKENDS, NONE
 from .options import RouteRequest
 from .plan import Entries
@@ -29,7 +29,7 @@ def _check_expressible(name: str, inexpressible: typing.Tuple[str, ...], routes:
 
 
 # back end -> interface -> routes
-Choice = typing.Dict[str, typing.Dict[str, typing.List[Route]]]
+Choice = typing.Dict[str, RoutesByInterface]
 
 
 class Boot:
@@ -41,7 +41,8 @@ class Boot:
         self.recorded = record
         self.folders = list(record.folders)
         self.backends = {name: kind(machine, root, self._list_texts(name)) for name, kind in BACKENDS.items()}
-        self.before = {place: text for backend in self.backends.values() for place, text in backend.read().items()}
+        self.texts = {name: backend.read() for name, backend in self.backends.items()}
+        self.before = {place: text for texts in self.texts.values() for place, text in texts.items()}
         self.wanted: PlannedTexts = {}
         self.modes: typing.Dict[str, int] = {}  # of our files whose mode was changed by hand
         #: back end -> its places that change, or that a killed run has written before its manager read them
@@ -82,11 +83,12 @@ class Boot:
     def plan(self, choice: Choice) -> None:
         """Plan the places for these routes. Raises Problem where a manager's own tool refuses a change."""
         for name, backend in self.backends.items():
-            wanted = backend.render(choice.get(name, {}))
-            routes: typing.Dict[str, typing.List[Route]] = {}
+            routes: typing.Dict[str, RoutesByInterface] = {}
             for interface, interface_routes in choice.get(name, {}).items():
                 _check_expressible(name, backend.inexpressible, interface_routes)
-                routes.setdefault(backend.find_place(interface), []).extend(interface_routes)
+                routes.setdefault(backend.find_place(interface), {})[interface] = interface_routes
+            wanted: PlannedTexts = dict.fromkeys(self.texts[name])
+            wanted.update({place: backend.render(place, there) for place, there in routes.items()})
             differing = set(self.recorded.pending.get(name, []))
             for place, text in wanted.items():
                 mode = None if text is None else backend.find_wrong_mode(place)
@@ -95,7 +97,8 @@ class Boot:
                 if mode is not None or text != self.before.get(place):
                     differing.add(place)
                 if text is not None:
-                    self.places[place] = Place(name, [text], routes.get(place, []))
+                    there = [route for some in routes[place].values() for route in some]
+                    self.places[place] = Place(name, [text], there)
             if differing:
                 backend.check(wanted)
                 self.changes[name] = sorted(differing)

@@ -10,7 +10,7 @@ order:
     list_interfaces()     which interfaces does the manager configure now?
     read()                what did earlier runs leave in our places?
     find_place(interface) where do the routes of this interface go?
-    render(routes)        what is wanted in our places?
+    render(place, routes) what is wanted there?
     check(wanted)         does the manager accept that?
     write(place, text)    for every place that changes
     activate(places)      tell the manager about them
@@ -77,23 +77,27 @@ class BackEnd:
         """The names of the interfaces that this manager configures now."""
         raise NotImplementedError
 
-    def read(self) -> Places:
-        """The texts in our places now. Raises Problem where something there is not ours."""
-        raise NotImplementedError
-
     def find_place(self, interface: str) -> str:
         """The place for the routes of an interface. Raises Problem where the manager has none."""
         raise NotImplementedError
 
-    def render(self, routes: RoutesByInterface) -> PlannedTexts:
-        """The wanted texts for these routes: of every place of `read`, and of every place of these interfaces.
+    def render(self, place: str, routes: RoutesByInterface) -> typing.Optional[str]:
+        """The wanted text of a place for all routes of its interfaces, None for nothing.
 
         A route without a device (blackhole and its like) is listed with the interface that brings it back at boot.
-        This runs no command: all facts have been read before.
         """
         raise NotImplementedError
 
     # For a back end to override where its manager needs it
+
+    def list_places(self) -> typing.List[str]:
+        """The files in which earlier runs may have left routes."""
+        return []
+
+    def read(self) -> Places:
+        """The texts in our places now. Raises Problem where something there is not ours."""
+        texts = {place: self.read_own_text(place) for place in self.list_places()}
+        return {place: text for place, text in texts.items() if text is not None}
 
     def check(self, wanted: PlannedTexts) -> None:
         """Raises Problem where the manager's own tool refuses the texts, or would not use them at boot."""

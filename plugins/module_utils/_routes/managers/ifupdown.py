@@ -46,9 +46,8 @@ class BackEnd(contract.BackEnd):
         names = {line.partition("=")[0].split()[0] for line in lines if line.strip()}
         return {name for name in names if name in self.machine.interfaces}
 
-    def read(self) -> contract.Places:
-        text = self.read_own_text(HOOK)
-        return {} if text is None else {HOOK: text}
+    def list_places(self) -> typing.List[str]:
+        return [HOOK]
 
     def find_place(self, interface: str) -> str:
         if not os.path.isdir(self.path("/etc/network")):
@@ -58,16 +57,14 @@ class BackEnd(contract.BackEnd):
             )
         return HOOK
 
-    def render(self, routes: contract.RoutesByInterface) -> contract.PlannedTexts:
-        if not any(routes.values()):
-            return {HOOK: None}
+    def render(self, place: str, routes: contract.RoutesByInterface) -> str:
         # A route without a device belongs to no interface: the first interface that comes up makes it.
         everywhere = [route for name in sorted(routes) for route in routes[name] if not route.device]
         text = _BEGIN + "".join(f"\n{_line(route)}" for route in everywhere) + ("\n" if everywhere else "")
         cases = [_case(name, [route for route in routes[name] if route.device]) for name in sorted(routes)]
         if any(cases):
             text += f'\ncase "$IFACE" in\n{"".join(cases)}esac\n'
-        return {HOOK: text}
+        return text
 
 
 def _case(interface: str, routes: typing.List[Route]) -> str:

@@ -90,9 +90,8 @@ class BackEnd(contract.BackEnd):
         """The interfaces that netplan configures, by what it has generated for the manager behind it."""
         return set(self._definitions)
 
-    def read(self) -> contract.Places:
-        text = self.read_own_text(FILE)
-        return {} if text is None else {FILE: text}
+    def list_places(self) -> typing.List[str]:
+        return [FILE]
 
     def find_place(self, interface: str) -> str:
         definition = self._definitions.get(interface)
@@ -109,22 +108,18 @@ class BackEnd(contract.BackEnd):
 
     # Our file
 
-    def render(self, routes: contract.RoutesByInterface) -> contract.PlannedTexts:
+    def render(self, place: str, routes: contract.RoutesByInterface) -> str:
         sections: typing.Dict[str, typing.Dict[str, typing.List[str]]] = {}
         for interface, interface_routes in sorted(routes.items()):
-            if interface_routes:
-                self.find_place(interface)
-                definition = self._definitions[interface]
-                lines = [line for route in interface_routes for line in _render_route(route)]
-                sections.setdefault(definition.section, {}).setdefault(definition.name, []).extend(lines)
-        if not sections:
-            return {FILE: None}
+            definition = self._definitions[interface]
+            lines = [line for route in interface_routes for line in _render_route(route)]
+            sections.setdefault(definition.section, {})[definition.name] = lines
         lines = ["network:", "  version: 2"]
         for section, definitions in sorted(sections.items()):
             lines.append(f"  {section}:")
             for name, entries in sorted(definitions.items()):
                 lines += [f"    {_quote_yaml(name)}:", "      routes:", *entries]
-        return {FILE: contract.HEADER + "".join(f"{line}\n" for line in lines)}
+        return contract.HEADER + "".join(f"{line}\n" for line in lines)
 
     def check(self, wanted: contract.PlannedTexts) -> None:
         """Run `netplan generate` on a copy of its folders with our file as wanted. Raises Problem where it refuses."""

@@ -36,14 +36,12 @@ class BackEnd(contract.BackEnd):
         state = dict(line.partition("=")[::2] for line in text.splitlines())
         return "" if state.get("ADMIN_STATE", "") in _FREE else state.get("NETWORK_FILE", "")
 
-    def read(self) -> contract.Places:
+    def list_places(self) -> typing.List[str]:
         try:
             names = sorted(os.listdir(self.path(FOLDER)))
         except OSError:
-            return {}
-        places = [f"{FOLDER}/{name}/{DROP_IN}" for name in names if name.endswith(".network.d")]
-        texts = {place: self.read_own_text(place) for place in places}
-        return {place: text for place, text in texts.items() if text is not None}
+            return []
+        return [f"{FOLDER}/{name}/{DROP_IN}" for name in names if name.endswith(".network.d")]
 
     def find_place(self, interface: str) -> str:
         file = self.network_file(interface)
@@ -62,14 +60,8 @@ class BackEnd(contract.BackEnd):
         self.refuse_shared(interface, sharers, what, "and so is {}", "a .network file")
         return f"{FOLDER}/{os.path.basename(file)}.d/{DROP_IN}"
 
-    def render(self, routes: contract.RoutesByInterface) -> contract.PlannedTexts:
-        wanted: contract.PlannedTexts = dict.fromkeys(self.read())
-        for interface, interface_routes in sorted(routes.items()):
-            if interface_routes:
-                wanted[self.find_place(interface)] = contract.HEADER + "".join(
-                    _render_section(route) for route in interface_routes
-                )
-        return wanted
+    def render(self, place: str, routes: contract.RoutesByInterface) -> str:
+        return contract.HEADER + "".join(_render_section(route) for some in routes.values() for route in some)
 
     def activate(self, places: typing.List[str]) -> None:
         """Restart networkd, so that it knows the routes when the link comes back after an interruption.

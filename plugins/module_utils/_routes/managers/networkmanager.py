@@ -126,18 +126,14 @@ class BackEnd(contract.BackEnd):
                 texts[place] = text
         return texts
 
-    def render(self, routes: contract.RoutesByInterface) -> contract.PlannedTexts:
-        wanted: contract.PlannedTexts = dict.fromkeys(self.read())
-        for interface, interface_routes in routes.items():
-            place = self.find_place(interface)
-            profile = _read_profile(place)
-            if profile is None:
-                raise Problem(f"routes: the profile {place} of {interface} is gone: run again.")
-            # Routes that the profile had before are not ours, so they are never removed from it.
-            others = set(profile.lines) - self._ours.get(place, set())
-            lines = {format_line(route, profile.tables[route.version]) for route in interface_routes}
-            wanted[place] = _join_lines(lines - others)
-        return wanted
+    def render(self, place: str, routes: contract.RoutesByInterface) -> typing.Optional[str]:
+        profile = _read_profile(place)
+        if profile is None:
+            raise Problem(f"routes: the profile {place} of {', '.join(routes)} is gone: run again.")
+        # Routes that the profile had before are not ours, so they are never removed from it.
+        others = set(profile.lines) - self._ours.get(place, set())
+        lines = {format_line(route, profile.tables[route.version]) for some in routes.values() for route in some}
+        return _join_lines(lines - others)
 
     def check(self, wanted: contract.PlannedTexts) -> None:
         """Raises Problem where other settings of a profile prevent its routes at boot. (nmcli checks the routes in `write`.)"""

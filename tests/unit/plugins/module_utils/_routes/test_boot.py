@@ -11,7 +11,6 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.probl
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot import Boot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers.table import BACKENDS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.options import RouteRequest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import read_record
 
@@ -87,8 +86,7 @@ def test_a_failure_half_way_puts_the_files_back(tree):
 
 
 @pytest.mark.parametrize("backend", ["netplan", "networkmanager"])
-def test_what_a_back_end_has_no_word_for_is_one_sentence(tree, backend, monkeypatch):
-    monkeypatch.setattr(BACKENDS[backend], "render", lambda self, routes: {})
+def test_what_a_back_end_has_no_word_for_is_one_sentence(tree, backend):
     routes = [Route("0.0.0.0/0", "192.168.11.101", "eth0", advmss=1360)]
     with pytest.raises(Problem, match=f"advmss 1360: the backend {backend} has no word for advmss"):
         boot(tree, choice={backend: {"eth0": routes}})
@@ -105,6 +103,21 @@ def test_the_finer_points_at_boot(tree):
         "InitialCongestionWindow=20\n"
     )
     assert "10.1.0.0/16 dev eth0 proto static scope host mtu 1400 advmss 1360 initcwnd 20" in hook
+
+
+def test_no_routes_no_hook(tree):
+    plan = boot(tree, choice={"ifupdown": {"eth0": ROUTES["eth0"]}})
+    plan.apply()
+    assert boot(tree, final(plan)).wanted == {HOOK: None}
+
+
+def test_a_drop_in_of_an_earlier_file_goes(tree):
+    old, new = DROP_IN.format("10-old.network"), DROP_IN.format("50-robot.network")
+    back_end = boot(tree).backends["networkd"]
+    (tree / old.lstrip("/")).parent.mkdir(parents=True)
+    back_end.write(old, contract.HEADER)
+    plan = boot(tree, choice={"networkd": {"eth1.5": ROUTES["eth1.5"]}})
+    assert plan.wanted == {old: None, new: back_end.render(new, {"eth1.5": ROUTES["eth1.5"]})}
 
 
 def test_an_interface_that_changes_hands_leaves_no_hook(tree):

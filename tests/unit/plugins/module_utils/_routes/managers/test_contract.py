@@ -50,19 +50,15 @@ def test_ifupdown_owns_what_ifup_brought_up(tree):
 
 
 def test_the_hook_of_ifupdown(tree):
-    hook = end(ifupdown, tree).render(ROUTES)[ifupdown.HOOK]
+    hook = end(ifupdown, tree).render(ifupdown.HOOK, ROUTES)
     assert hook == (FIXTURES / "if-up.d").read_text()
     subprocess.run(["sh", "-n"], input=hook, text=True, check=True)
-
-
-def test_no_routes_no_hook(tree):
-    assert end(ifupdown, tree).render({"eth0": []}) == {ifupdown.HOOK: None}
 
 
 def test_the_name_of_the_hook_is_one_that_run_parts_runs(tree):
     back_end = end(ifupdown, tree)
     os.mkdir(tree / "etc/network/if-up.d")
-    back_end.write(ifupdown.HOOK, back_end.render(ROUTES)[ifupdown.HOOK])
+    back_end.write(ifupdown.HOOK, back_end.render(ifupdown.HOOK, ROUTES))
     listed = subprocess.run(
         ["run-parts", "--test", tree / "etc/network/if-up.d"], capture_output=True, text=True, check=True
     )
@@ -99,22 +95,11 @@ def test_networkd_owns_what_it_configures(tree):
 
 
 def test_the_drop_in_of_networkd(tree):
-    wanted = end(networkd, tree).render({"eth1.5": [route for routes in ROUTES.values() for route in routes]})
-    assert list(wanted) == [DROP_IN.format("50-robot.network")]
-    assert next(iter(wanted.values())) == (FIXTURES / "networkd.conf").read_text()
-
-
-def test_a_drop_in_of_an_earlier_file_goes(tree):
     back_end = end(networkd, tree)
-    old = DROP_IN.format("10-old.network")
-    os.makedirs(os.path.dirname(back_end.path(old)))
-    back_end.write(old, contract.HEADER)
-    assert back_end.render(ROUTES | {"eth0": []}) == {
-        old: None,
-        DROP_IN.format("50-robot.network"): back_end.render({"eth1.5": ROUTES["eth1.5"]})[
-            DROP_IN.format("50-robot.network")
-        ],
-    }
+    place = back_end.find_place("eth1.5")
+    assert place == DROP_IN.format("50-robot.network")
+    wanted = back_end.render(place, {"eth1.5": [route for routes in ROUTES.values() for route in routes]})
+    assert wanted == (FIXTURES / "networkd.conf").read_text()
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,11 @@ import yaml
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot import Boot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract, netplan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import networkmanager as nm
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import read_record
 
 ROUTES = [
     Route("192.168.11.0/24", "192.168.1.201", "eth0"),
@@ -70,9 +72,9 @@ def test_netplans_generated_files_are_owned(tmp_path):
 def test_the_section_is_that_of_the_definition(tmp_path, path, text, section):
     if path:
         write(tmp_path, path, text)
-    wanted = back_end(tmp_path, {"eth0": generated("x")}).render({"eth0": ROUTES})
-    assert list(yaml.safe_load(wanted[netplan.FILE])["network"]) == ["version", section]
-    assert list(yaml.safe_load(wanted[netplan.FILE])["network"][section]) == ["x"]
+    wanted = back_end(tmp_path, {"eth0": generated("x")}).render(netplan.FILE, {"eth0": ROUTES})
+    assert list(yaml.safe_load(wanted)["network"]) == ["version", section]
+    assert list(yaml.safe_load(wanted)["network"][section]) == ["x"]
 
 
 @pytest.mark.parametrize(
@@ -92,11 +94,9 @@ def test_the_definition_behind_a_profile_of_networkmanager(tmp_path, monkeypatch
 
 
 def test_the_file_says_what_netplan_reads(tmp_path):
-    wanted = back_end(tmp_path, {"eth0": generated("eth0"), "eth1": generated("id1")}).render(
-        {"eth0": ROUTES, "eth1": []}
-    )
-    text = wanted.pop(netplan.FILE)
-    assert not wanted and text.startswith(contract.HEADER)
+    end = back_end(tmp_path, {"eth0": generated("eth0"), "eth1": generated("id1")})
+    text = end.render(netplan.FILE, {"eth0": ROUTES})
+    assert text.startswith(contract.HEADER)
     assert yaml.safe_load(text) == {
         "network": {
             "version": 2,
@@ -124,20 +124,23 @@ def test_the_file_says_what_netplan_reads(tmp_path):
 
 
 def test_no_routes_no_file(tmp_path):
-    assert back_end(tmp_path, {"eth0": generated("eth0")}).render({"eth0": []}) == {netplan.FILE: None}
-    assert back_end(tmp_path, {}).render({}) == {netplan.FILE: None}
+    write(tmp_path, netplan.FILE, contract.HEADER)
+    plan = Boot(machine(tmp_path, {"eth0": generated("eth0")}), str(tmp_path), read_record({}))
+    plan.backends["netplan"].check = lambda wanted: None
+    plan.plan({})
+    assert plan.wanted == {netplan.FILE: None}
 
 
 def test_a_definition_of_two_interfaces_is_refused(tmp_path):
     end = back_end(tmp_path, {"eth0": generated("all"), "eth1": generated("all")})
     with pytest.raises(Problem, match='definition "all" is that of eth1 too'):
-        end.render({"eth0": ROUTES})
+        end.find_place("eth0")
 
 
 def test_written_for_root_alone_and_read_back(tmp_path):
     end = back_end(tmp_path, {"eth0": generated("eth0")})
     os.makedirs(str(tmp_path / "etc/netplan"))
-    text = end.render({"eth0": ROUTES})[netplan.FILE]
+    text = end.render(netplan.FILE, {"eth0": ROUTES})
     end.write(netplan.FILE, text)
     assert os.stat(end.path(netplan.FILE)).st_mode & 0o777 == 0o600
     assert end.read() == {netplan.FILE: text}

@@ -155,15 +155,16 @@ def test_a_profile_of_two_interfaces_is_refused():
 
 def test_a_route_is_added_beside_others_and_taken_away_again(daemon):
     end = back_end()
-    wanted = end.render({"eth0": [STATIC]})
-    assert wanted == {PLACE: LINE + "\n"}
-    end.check(wanted)
-    end.write(PLACE, wanted[PLACE])
+    wanted = end.render(PLACE, {"eth0": [STATIC]})
+    assert wanted == LINE + "\n"
+    end.check({PLACE: wanted})
+    end.write(PLACE, wanted)
     assert daemon.lines[UUID] == [OWNERS, LINE]
 
     later = back_end({PLACE: [LINE + "\n"]})
-    assert later.read() == wanted == later.render({"eth0": [STATIC]})
-    assert later.render({}) == {PLACE: None}
+    assert later.read() == {PLACE: wanted}
+    assert later.render(PLACE, {"eth0": [STATIC]}) == wanted
+    assert later.render(PLACE, {}) is None
     later.write(PLACE, None)
     assert daemon.lines[UUID] == [OWNERS]
 
@@ -171,7 +172,7 @@ def test_a_route_is_added_beside_others_and_taken_away_again(daemon):
 def test_a_change_is_one_step_and_can_be_taken_back(daemon):
     daemon.lines[UUID].append(LINE)
     end = back_end({PLACE: [LINE + "\n"]})
-    other = end.render({"eth0": [STATIC._replace(gateway="192.168.1.202")]})[PLACE]
+    other = end.render(PLACE, {"eth0": [STATIC._replace(gateway="192.168.1.202")]})
     end.write(PLACE, other)
     assert [words for words in daemon.calls if "modify" in words] == [
         ("connection", "modify", "uuid", UUID)
@@ -184,7 +185,7 @@ def test_a_change_is_one_step_and_can_be_taken_back(daemon):
 
 def test_a_route_that_the_profile_has_by_itself_is_not_ours(daemon):
     daemon.lines[UUID].append(LINE)
-    assert back_end().render({"eth0": [STATIC]}) == {PLACE: None}
+    assert back_end().render(PLACE, {"eth0": [STATIC]}) is None
 
 
 def test_a_refusal_is_a_sentence_and_changes_nothing(daemon):
@@ -211,7 +212,7 @@ def test_a_profile_without_routes_at_boot_is_refused_before(daemon, setting, val
     daemon.settings[setting] = value
     end = back_end()
     with pytest.raises(Problem, match=words):
-        end.check(end.render({"eth0": [STATIC]}))
+        end.check({PLACE: end.render(PLACE, {"eth0": [STATIC]})})
     end.check({PLACE: None})
 
 
@@ -228,7 +229,7 @@ def test_any_record_keeps_foreign_items(profile, texts, wanted):
         recorded = {PLACE: ["".join(line + "\n" for line in sorted(lines)) for lines in texts]}
         end = back_end(recorded)
         routes = [Route(line.split()[1], "192.168.1.1", "eth0") for line in wanted]
-        content = end.render({"eth0": routes})[PLACE]
+        content = end.render(PLACE, {"eth0": routes})
         end.write(PLACE, content)
         ours = {line for lines in texts for line in lines}
         assert set(daemon.lines[UUID]) == (set(profile) - ours) | set(wanted)
