@@ -25,12 +25,12 @@ _NUMBER = re.compile(r"\d{1,18}")
 _DROP = re.compile(r"\bdrop\s*$", re.M)  # the end of a rule (nft(8))
 
 
-def look(interface: str = INTERFACE) -> typing.Dict[str, typing.Any]:
+def look() -> typing.Dict[str, typing.Any]:
     """Read the tunnel: whether it is up, its key and port, and its peers, with whether each was heard meanwhile."""
-    before = count_received(interface)
-    heard = _listen(interface, before, before.keys(), LISTENS)
-    key, port = _ask(interface, "public-key"), _ask(interface, "listen-port")
-    ends, networks, times = (_read(interface, word) for word in ("endpoints", "allowed-ips", "latest-handshakes"))
+    before = count_received()
+    heard = _listen(before, before.keys(), LISTENS)
+    key, port = _ask("public-key"), _ask("listen-port")
+    ends, networks, times = (_read(word) for word in ("endpoints", "allowed-ips", "latest-handshakes"))
     now = time.time()
     peers = [
         {
@@ -39,7 +39,7 @@ def look(interface: str = INTERFACE) -> typing.Dict[str, typing.Any]:
             "networks": sorted(_NETWORK.findall(allowed))[:MOST],
             "handshake_age_s": _measure_age(times.get(peer, ""), now),
             "heard": peer in heard,
-            "beside": _list_beside(interface, allowed),
+            "beside": _list_beside(allowed),
             "carrier_mtu": _measure_carrier(ends.get(peer, "")),
         }
         for peer, allowed in sorted(networks.items())
@@ -50,7 +50,7 @@ def look(interface: str = INTERFACE) -> typing.Dict[str, typing.Any]:
         "public_key": key if _KEY.fullmatch(key) else "",
         "port": int(port) if _NUMBER.fullmatch(port) else 0,
         "time_s": round(now, 1),
-        "mtu": _read_mtu(interface),
+        "mtu": _read_mtu(INTERFACE),
         "peers": peers[:MOST],
     }
 
@@ -60,52 +60,50 @@ def is_guard(listing: Answer) -> bool:
     return listing.status == 0 and _DROP.search(listing.text) is not None
 
 
-def wait_for_sessions(before: typing.Mapping[str, int], interface: str = INTERFACE) -> None:
+def wait_for_sessions(before: typing.Mapping[str, int]) -> None:
     """Wait until something has come from all with whom there was a handshake lately. `before`: count_received, some time ago.
 
     The tunnel at the other end may have been started again. Who knows its endpoint notices that at once, and others when nothing answers.
     """
-    now, times = time.time(), _read(interface, "latest-handshakes")
+    now, times = time.time(), _read("latest-handshakes")
     ages = {peer: _measure_age(times.get(peer, ""), now) for peer in before}
-    _listen(interface, before, {peer for peer, age in ages.items() if age is not None and age < SESSION}, NOTICED)
+    _listen(before, {peer for peer, age in ages.items() if age is not None and age < SESSION}, NOTICED)
 
 
-def count_received(interface: str = INTERFACE) -> typing.Dict[str, int]:
+def count_received() -> typing.Dict[str, int]:
     """Count the bytes that have come from each peer: {public key: bytes}; empty where there is no tunnel."""
-    numbers = {peer: line.partition("\t")[0] for peer, line in _read(interface, "transfer").items()}
+    numbers = {peer: line.partition("\t")[0] for peer, line in _read("transfer").items()}
     return {peer: int(number) if _NUMBER.fullmatch(number) else 0 for peer, number in numbers.items()}
 
 
-def _listen(
-    interface: str, before: typing.Mapping[str, int], wanted: typing.AbstractSet[str], limit: float
-) -> typing.Set[str]:
+def _listen(before: typing.Mapping[str, int], wanted: typing.AbstractSet[str], limit: float) -> typing.Set[str]:
     """Return the peers that something comes from, as soon as all that are wanted are among them."""
     heard: typing.Set[str] = set()
     for _look in range(int(limit / LOOKS)):
         if wanted <= heard:
             break
         time.sleep(LOOKS)
-        after = count_received(interface)
+        after = count_received()
         heard = {peer for peer in before if before[peer] < after.get(peer, 0)}
     return heard
 
 
-def _ask(interface: str, word: str) -> str:
+def _ask(word: str) -> str:
     """Ask wg for one thing; empty where it does not answer."""
-    answer = run(["wg", "show", interface, word])
+    answer = run(["wg", "show", INTERFACE, word])
     return answer.text.strip() if answer.status == 0 else ""
 
 
-def _read(interface: str, word: str) -> typing.Dict[str, str]:
+def _read(word: str) -> typing.Dict[str, str]:
     """Read lines of a key and a value."""
-    lines = (line.partition("\t") for line in _ask(interface, word).splitlines())
+    lines = (line.partition("\t") for line in _ask(word).splitlines())
     return {key: value for key, _tab, value in lines if _KEY.fullmatch(key)}
 
 
-def _list_beside(interface: str, allowed: str) -> typing.List[str]:
+def _list_beside(allowed: str) -> typing.List[str]:
     """List the addresses of a peer to which another route leads than by the tunnel."""
     addresses = [place[:-3] for place in _NETWORK.findall(allowed)[:MOST] if place.endswith("/32")]
-    return [address for address in addresses if network.route_to(address).device not in (None, interface)]
+    return [address for address in addresses if network.route_to(address).device not in (None, INTERFACE)]
 
 
 def _measure_carrier(endpoint: str) -> int:

@@ -47,17 +47,10 @@ class Tunnel(file_bundle.ManagedFiles):
 
     memory: typing.Mapping[str, typing.Any] = {}
 
-    def __init__(
-        self,
-        options: typing.Mapping[str, typing.Any],
-        confirms: bool = False,
-        folder: str = FOLDER,
-        path: str = key.KEY,
-    ) -> None:
-        """`confirms`: an earlier run has the tunnel up by these files already. `path`: of the private key."""
+    def __init__(self, options: typing.Mapping[str, typing.Any], confirms: bool = False) -> None:
+        """`confirms`: an earlier run has the tunnel up by these files already."""
         super().__init__({**options, "bundle": "tunnel", "brief": []})
-        self.folder, self.path = folder, path
-        self._left = [] if options["files"] else key.list_keys(path)
+        self._left = [] if options["files"] else key.list_keys(key.KEY)
         self._waits = bool(options["files"]) and self._is_next_planned()
         self._lost = not self.changed and bool(options["files"]) and not confirms and self._has_lost()
         self._becomes_another = self.changed or bool(self._left) or self._waits or self._lost
@@ -91,7 +84,7 @@ class Tunnel(file_bundle.ManagedFiles):
 
     def undo_steps(self) -> typing.List[typing.List[str]]:
         """Return what brings the tunnel of before back: the unit by its own files, or none."""
-        return [_END, ["systemctl", "restart", UNIT] if _runs() else _OPEN, ["rm", "-rf", self.folder]]
+        return [_END, ["systemctl", "restart", UNIT] if _runs() else _OPEN, ["rm", "-rf", FOLDER]]
 
     def apply_runtime(self) -> None:
         """Bring the tunnel up by the new files, or end it where there are none. Raises Problem."""
@@ -99,16 +92,16 @@ class Tunnel(file_bundle.ManagedFiles):
         if not self.options["files"]:
             commands.run(_OPEN)
             return
-        used = self.path + key.NEXT if self._waits else self.path
+        used = key.KEY + key.NEXT if self._waits else key.KEY
         try:
-            atomic.make_folders(self.folder)
+            atomic.make_folders(FOLDER)
             for entry in self.options["files"]:
                 here, name = os.path.split(entry["path"])
-                text = entry["content"].replace(f"{here}/", f"{self.folder}/").replace(self.path, used)
-                atomic.write_by_rename(os.path.join(self.folder, name), text.encode(), 0o600)
+                text = entry["content"].replace(f"{here}/", f"{FOLDER}/").replace(key.KEY, used)
+                atomic.write_by_rename(os.path.join(FOLDER, name), text.encode(), 0o600)
         except OSError as problem:
             raise Problem(f"{unreadable(problem)} The tunnel is as it was before.") from problem
-        answer = commands.run([*_TRIAL, f"{self.folder}/{INTERFACE}.conf"], limit=_LIMIT)
+        answer = commands.run([*_TRIAL, f"{FOLDER}/{INTERFACE}.conf"], limit=_LIMIT)
         if answer.status != 0:
             reason = quote(answer.last_error, LINE) or f"status {answer.status}"
             remedy = "".join(map(_free, self._find_holders())) or "look at what wg-quick says."
@@ -126,7 +119,7 @@ class Tunnel(file_bundle.ManagedFiles):
         super().apply()
         try:
             if self._waits:
-                os.rename(self.path + key.NEXT, self.path)
+                os.rename(key.KEY + key.NEXT, key.KEY)
             for path in self._left:
                 os.unlink(path)
         except OSError as problem:
@@ -136,7 +129,7 @@ class Tunnel(file_bundle.ManagedFiles):
         if self._becomes_another and not self.options["files"]:  # its unit cannot end it without them
             commands.run(_END)
             commands.run(_OPEN)
-        shutil.rmtree(self.folder, ignore_errors=True)
+        shutil.rmtree(FOLDER, ignore_errors=True)
         if self._is_unread:
             self._read_units()
 
@@ -155,7 +148,7 @@ class Tunnel(file_bundle.ManagedFiles):
     def _is_next_planned(self) -> bool:
         """Say if the key that waits is the one of the new configuration. Raises Problem."""
         planned = {found for entry in self.options["files"] for found in _PUBLIC.findall(entry["content"])}
-        return os.path.lexists(self.path + key.NEXT) and key.publish(self.path + key.NEXT) in planned
+        return os.path.lexists(key.KEY + key.NEXT) and key.publish(key.KEY + key.NEXT) in planned
 
 
 def make_run(module: typing.Any, memory: typing.Any) -> Tunnel:

@@ -80,9 +80,9 @@ def test_it_listens_until_each_was_heard(told, monkeypatch, later, looks):
     """A handshake that was lost is tried again after 5 s."""
     answers = iter([{ONE: "1\t5"}] + [{ONE: f"{count}\t5"} for count in later] if later else [{}])
     asked = []
-    monkeypatch.setattr(probe, "_read", lambda interface, word: asked.append(word) or next(answers))
+    monkeypatch.setattr(probe, "_read", lambda word: asked.append(word) or next(answers))
     before = probe.count_received()
-    heard = probe._listen(probe.INTERFACE, before, before.keys(), probe.LISTENS)
+    heard = probe._listen(before, before.keys(), probe.LISTENS)
     assert heard == ({ONE} if later[-1:] == ["8"] else set()) and len(asked) == looks
 
 
@@ -101,7 +101,7 @@ def test_it_waits_for_who_had_a_handshake_lately(told, monkeypatch, ages, counts
     told[0]["latest-handshakes"] = "\n".join(times)
     answers, asked = iter(counts), []
     monkeypatch.setattr(
-        probe, "count_received", lambda interface: asked.append(1) or dict.fromkeys((ONE, TWO), int(next(answers)))
+        probe, "count_received", lambda: asked.append(1) or dict.fromkeys((ONE, TWO), int(next(answers)))
     )
     probe.wait_for_sessions({ONE: 1, TWO: 1})
     assert len(asked) == looks

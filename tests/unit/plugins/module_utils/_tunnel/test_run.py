@@ -29,6 +29,8 @@ def fixture_make(tmp_path, monkeypatch):
         return Answer(0, make.listing if argv == tunnel.LISTING else b"", "")
 
     monkeypatch.setattr(tunnel.commands, "run", answer)
+    monkeypatch.setattr(tunnel, "FOLDER", str(tmp_path / "trial"))
+    monkeypatch.setattr(tunnel.key, "KEY", str(tmp_path / "x.key"))
     states = [{"ActiveState": "active"}]
     monkeypatch.setattr(tunnel.systemd, "states", lambda units, properties: states)
 
@@ -37,7 +39,7 @@ def fixture_make(tmp_path, monkeypatch):
         files = [{"path": f"{tmp_path}/etc/{name}", "content": text, "mode": "0600"} for name in names]
         entries = [{**file, "owner": None, "group": None, "validate": []} for file in files]
         options = {"files": entries, "records": str(tmp_path / "records")}
-        return tunnel.Tunnel(options, confirms, str(tmp_path / "trial"), str(tmp_path / "x.key"))
+        return tunnel.Tunnel(options, confirms)
 
     make.asked, make.wrong, make.states = asked, wrong, states
     make.listing = b'\t\tiifname != { "lo", "multimaster0" } ip saddr { 10.77.0.1 } drop\n'
