@@ -38,8 +38,11 @@ class RichRule(typing.NamedTuple):
 
     @property
     def elements(self) -> typing.List[typing.Tuple[str, typing.Dict[str, str]]]:
-        """The elements of the rule with their attributes, the action last."""
-        elements: typing.List[typing.Tuple[str, typing.Dict[str, str]]] = []
+        """The rule itself and its elements with their attributes, in the order of firewall-cmd."""
+        elements = [("rule", {"priority": str(_ACCEPT if self.action == "accept" else _DROP)})]
+        addresses = self.source + self.destination
+        if addresses:
+            elements[0][1]["family"] = "ipv6" if ":" in addresses else "ipv4"
         if self.source:
             elements.append(("source", {"address": self.source}))
         if self.destination:
@@ -51,25 +54,15 @@ class RichRule(typing.NamedTuple):
         return [*elements, (self.action, {})]
 
     @property
-    def attributes(self) -> typing.Dict[str, str]:
-        """The attributes of the rule itself, in the order of firewall-cmd."""
-        attributes = {"priority": str(_ACCEPT if self.action == "accept" else _DROP)}
-        addresses = self.source + self.destination
-        if addresses:
-            attributes["family"] = "ipv6" if ":" in addresses else "ipv4"
-        return attributes
-
-    @property
     def text(self) -> str:
         """The rule as firewall-cmd lists it."""
-        words = [name + _format_attributes(attributes) for name, attributes in self.elements]
-        return " ".join(["rule" + _format_attributes(self.attributes), *words])
+        return " ".join(name + _format_attributes(attributes) for name, attributes in self.elements)
 
     @property
     def xml(self) -> str:
         """The rule as a file of firewalld has it."""
-        inner = "".join(f"<{name}{_format_attributes(attributes)}/>" for name, attributes in self.elements)
-        return f"  <rule{_format_attributes(self.attributes)}>{inner}</rule>\n"
+        rule, *inner = [f"<{name}{_format_attributes(attributes)}" for name, attributes in self.elements]
+        return f"  {rule}>{''.join(f'{element}/>' for element in inner)}</rule>\n"
 
 
 def _format_attributes(values: typing.Mapping[str, str]) -> str:
