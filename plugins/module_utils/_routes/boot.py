@@ -11,7 +11,7 @@ from .._module.difference import difference, mode_difference
 from .._module.problem import Problem
 from .kernel import Route, format_route
 from .managers.contract import Machine, PlannedTexts, RoutesByInterface
-from .managers.table import AUTO, BACKENDS, NONE
+from .managers.table import AUTO, BACKENDS
 from .options import RouteRequest
 from .plan import Entries
 from .record import Place, RoutesRecord
@@ -73,10 +73,6 @@ class Boot:
                 "expected one of them: let one manage the interface, or set backend to none for a route at run time only."
             )
         return name
-
-    def find_place(self, backend: str, interface: str) -> typing.Optional[str]:
-        """The place for the routes of an interface, None with the back end `none`. Raises Problem."""
-        return None if backend == NONE else self.backends[backend].find_place(interface)
 
     # The plan
 

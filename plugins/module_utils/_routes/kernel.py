@@ -140,19 +140,7 @@ _KNOWN = {
     "type", "dst", "gateway", "via", "dev", "proto", "scope", "src", "metric", "table", "flags", "metrics",
     "pref", "nexthops", "error", "weight",
 }  # fmt: skip
-_PATH_METRICS = (
-    "mtu",
-    "advmss",
-    "window",
-    "rtt",
-    "rttvar",
-    "cwnd",
-    "initcwnd",
-    "initrwnd",
-    "ssthresh",
-    "hoplimit",
-    "rto_min",
-)
+_PATH_METRICS = PATH + ("window", "rtt", "rttvar", "cwnd", "initrwnd", "ssthresh", "hoplimit", "rto_min")
 _NUMBER = re.compile(r"(lock )?[0-9]+$")  # locked: not to be changed by what the kernel finds out
 
 

@@ -156,7 +156,7 @@ class Run(ModuleRun):
         return [self._describe_route(*row) for row in zip(items, names, self.plan.results)]
 
     def _describe_route(self, item: route_options.RouteRequest, backend: str, runtime: plan.RouteResult) -> Data:
-        place = self.boot.find_place(backend, item.boot_device)
+        place = None if backend == NONE else self.boot.backends[backend].find_place(item.boot_device)
         state, problem = runtime.state, runtime.problem
         conflict = self._find_boot_conflict(item.route) if backend != NONE else None
         if conflict:

@@ -24,14 +24,8 @@ SYSCTL_FOLDERS = ("/etc/sysctl.d", "/run/sysctl.d", "/usr/local/lib/sysctl.d", "
 _SYSTEMD_FOLDERS = ("/etc/systemd", "/run/systemd", "/usr/local/lib/systemd", "/usr/lib/systemd", "/lib/systemd")
 _NETWORK_FOLDERS = tuple(folder + "/network" for folder in _SYSTEMD_FOLDERS)
 _NETWORKD_FOLDERS = tuple(folder + "/networkd.conf.d" for folder in _SYSTEMD_FOLDERS)
-_UNIT_FOLDERS = (
-    "/etc/systemd/system",
-    "/run/systemd/system",
-    "/run/systemd/generator",
-    "/run/systemd/generator.late",
-    "/usr/lib/systemd/system",
-    "/lib/systemd/system",
-)
+_UNIT_FOLDERS = tuple(folder + "/system" for folder in _SYSTEMD_FOLDERS)
+_GENERATED_FOLDERS = ("/run/systemd/generator", "/run/systemd/generator.late")
 
 # Two names of one variable of the kernel (net/ipv4/devinet.c: ip_forward is the `forwarding` of `all`;
 # net/netfilter/nf_conntrack_standalone.c).
@@ -195,7 +189,7 @@ class Tree:
 
     def find_enabling_link(self, unit: str) -> typing.Optional[str]:
         """The link by which a unit starts at boot, or None."""
-        for folder in _UNIT_FOLDERS:
+        for folder in _UNIT_FOLDERS + _GENERATED_FOLDERS:
             for wants in sorted(name for name in self.names(folder) if name.endswith((".wants", ".requires"))):
                 if unit in self.names(f"{folder}/{wants}") and not self.is_masked(unit):
                     return f"{folder}/{wants}/{unit}"
