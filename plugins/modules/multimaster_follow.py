@@ -327,26 +327,22 @@ from ..module_utils._follow.run import ACTIONS, find_wrong_option
 from ..module_utils._module import actions
 from ..module_utils._module.module import Module
 
+PROBE = {
+    "number": {"type": "int", "required": True},
+    "sender": {"type": "str", "required": True},
+    "target": {"type": "str", "default": ""},
+    "traffic": {"type": "str", "default": ""},
+    "protocol": {"type": "str", "choices": ["icmp", "udp", "tcp"], "required": True},
+    "address": {"type": "str", "required": True},
+    "port": {"type": "int", "default": 0},
+    "size": {"type": "int", "default": 0},
+    "interface_address": {"type": "str", "default": ""},
+}
 ARGUMENTS = {
     "action": {"type": "str", "choices": list(ACTIONS), "required": True},
     "run": {"type": "str", "required": True},
     "name": {"type": "str", "default": ""},
-    "probes": {
-        "type": "list",
-        "elements": "dict",
-        "default": [],
-        "options": {
-            "number": {"type": "int", "required": True},
-            "sender": {"type": "str", "required": True},
-            "target": {"type": "str", "default": ""},
-            "traffic": {"type": "str", "default": ""},
-            "protocol": {"type": "str", "choices": ["icmp", "udp", "tcp"], "required": True},
-            "address": {"type": "str", "required": True},
-            "port": {"type": "int", "default": 0},
-            "size": {"type": "int", "default": 0},
-            "interface_address": {"type": "str", "default": ""},
-        },
-    },
+    "probes": {"type": "list", "elements": "dict", "default": [], "options": PROBE},
     "lifetime": {"type": "int", "default": 30},
 }
 

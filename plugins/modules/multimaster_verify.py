@@ -1922,82 +1922,55 @@ from ..module_utils._probe.options import find_wrong_option
 from ..module_utils._probe.run import ACTIONS
 
 TEXT = {"type": "str", "required": True}
+MEMBER = {
+    "name": TEXT,
+    "address": TEXT,
+    "robot": {"type": "str", "default": ""},
+    "network": {"type": "str", "default": ""},
+    "discovery_address": {"type": "str", "default": ""},
+    "discovery": {"type": "bool", "default": False},
+    "multicast": {"type": "bool", "default": False},
+}
+MASTER = {
+    "computer": TEXT,
+    "address": TEXT,
+    "name": TEXT,
+    "rpc_port": {"type": "int", "required": True},
+    "monitor_uri": TEXT,
+    "robot": {"type": "str", "default": ""},
+    "uri": {"type": "str", "default": ""},
+    "declared": {"type": "bool", "default": False},
+    "roscore": {"type": "str", "default": ""},
+}
+SETTING = {"name": TEXT, "value": TEXT, "enough": {"type": "list", "elements": "str", "default": []}}
+ROUTE = {"destination": TEXT, "gateway": TEXT}
+BOOT = {
+    "settings": {"type": "list", "elements": "dict", "default": [], "options": SETTING},
+    "routes": {"type": "list", "elements": "dict", "default": [], "options": ROUTE},
+    "hosts": {"type": "bool", "default": True},
+}
+PARAMETERS = {name: {"type": "dict", "default": {}} for name in ("master_discovery", "master_sync")}
 ARGUMENTS = {
-    "action": {
-        "type": "str",
-        "choices": actions.list_words(*ACTIONS),
-        "aliases": ["state"],
-        "default": "collect",
-    },
+    "action": {"type": "str", "choices": actions.list_words(*ACTIONS), "aliases": ["state"], "default": "collect"},
     "run": {"type": "str", "default": "default"},
     "name": {"type": "str"},
     "is_master": {"type": "bool", "default": False},
     "is_router": {"type": "bool", "default": False},
-    "members": {
-        "type": "list",
-        "elements": "dict",
-        "options": {
-            "name": TEXT,
-            "address": TEXT,
-            "robot": {"type": "str", "default": ""},
-            "network": {"type": "str", "default": ""},
-            "discovery_address": {"type": "str", "default": ""},
-            "discovery": {"type": "bool", "default": False},
-            "multicast": {"type": "bool", "default": False},
-        },
-    },
+    "members": {"type": "list", "elements": "dict", "options": MEMBER},
     "port": {"type": "int", "default": 11511},
-    "masters": {
-        "type": "list",
-        "elements": "dict",
-        "options": {
-            "computer": TEXT,
-            "address": TEXT,
-            "name": TEXT,
-            "rpc_port": {"type": "int", "required": True},
-            "monitor_uri": TEXT,
-            "robot": {"type": "str", "default": ""},
-            "uri": {"type": "str", "default": ""},
-            "declared": {"type": "bool", "default": False},
-            "roscore": {"type": "str", "default": ""},
-        },
-    },
+    "masters": {"type": "list", "elements": "dict", "options": MASTER},
     "present": {"type": "list", "elements": "str"},
     "talkers": {"type": "list", "elements": "str"},
     "tried": {"type": "list", "elements": "str"},
     "services": {"type": "list", "elements": "str", "default": []},
     "environment_file": {"type": "path", "default": "/etc/rosfleet-multimaster/environment"},
     "variables": {"type": "dict", "default": {}},
-    "parameters": {
-        "type": "dict",
-        "options": {name: {"type": "dict", "default": {}} for name in ("master_discovery", "master_sync")},
-    },
+    "parameters": {"type": "dict", "options": PARAMETERS},
     "crossing": {"type": "list", "elements": "str", "default": []},
     "environment": {"type": "dict", "default": {}},
     "multicast": {"type": "dict"},
     "look": {"type": "dict"},
-    "boot": {
-        "type": "dict",
-        "options": {
-            "settings": {
-                "type": "list",
-                "elements": "dict",
-                "default": [],
-                "options": {
-                    "name": TEXT,
-                    "value": TEXT,
-                    "enough": {"type": "list", "elements": "str", "default": []},
-                },
-            },
-            "routes": {
-                "type": "list",
-                "elements": "dict",
-                "default": [],
-                "options": {"destination": TEXT, "gateway": TEXT},
-            },
-            "hosts": {"type": "bool", "default": True},
-        },
-    },
+    "boot": {"type": "dict", "options": BOOT},
     "patience": {"type": "int", "default": 20},
     "lifetime": {"type": "int", "default": 300},
     "seconds": {"type": "float", "default": 0.5},
