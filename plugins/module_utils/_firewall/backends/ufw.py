@@ -85,7 +85,7 @@ class BackEnd(contract.BackEnd):
     def read_rules(self) -> contract.Rules:
         if not contract.find_program("ufw"):
             return []
-        return sorted(text for texts in self._read_tuples(ours=True).values() for text in texts)
+        return sorted(text for texts in _read_tuples().values() for text in _select_own(texts))
 
     def plan_rules(self, packet_filter: PacketFilter) -> contract.Rules:
         return sorted(rule.text for rule in list_rules(packet_filter, self._list_versions()))
@@ -126,27 +126,18 @@ class BackEnd(contract.BackEnd):
         without_ipv6 = re.search(r"(?mi)^[ \t]*IPV6=[\"']?no", commands.text(DEFAULTS))
         return [4] if without_ipv6 else [4, 6]
 
-    def _read_tuples(self, ours: bool) -> typing.Dict[int, typing.List[str]]:
-        """The rules of each version in their order: ours without the comment, or all."""
-        tuples = {version: _TUPLE.findall(commands.text(path)) for version, path in FILES.items()}
-        if not ours:
-            return tuples
-        own = {version: [text for text in texts if text.endswith(_COMMENT)] for version, texts in tuples.items()}
-        return {version: [text[: -len(_COMMENT)] for text in texts] for version, texts in own.items()}
-
     def _find_misplaced(self) -> typing.Set[str]:
         """Our rules that deny and stand before one of ours that allows."""
         misplaced = set()
-        for texts in self._read_tuples(ours=True).values():
-            allows = [number for number, text in enumerate(texts) if _parse_rule(text).is_allow]
-            misplaced |= {
-                text for number, text in enumerate(texts) if allows and number < allows[-1] and number not in allows
-            }
+        for texts in _read_tuples().values():
+            rules = [_parse_rule(text) for text in _select_own(texts)]
+            last = max((number for number, rule in enumerate(rules) if rule.is_allow), default=0)
+            misplaced |= {rule.text for rule in rules[:last] if not rule.is_allow}
         return misplaced
 
     def _choose_position(self, version: int) -> typing.Tuple[str, ...]:
         """The position of a rule that denies: below our last one that allows. ufw counts all rules of IPv4 first."""
-        tuples = self._read_tuples(ours=False)
+        tuples = _read_tuples()
         ours = [number for number, text in enumerate(tuples[version]) if text.endswith(_COMMENT)]
         allows = [number for number in ours if _parse_rule(tuples[version][number][: -len(_COMMENT)]).is_allow]
         if not allows:
@@ -155,6 +146,16 @@ class BackEnd(contract.BackEnd):
         if place >= len(tuples[version]):
             return ()
         return ("insert", str(place + 1 + (len(tuples[4]) if version == 6 else 0)))
+
+
+def _read_tuples() -> typing.Dict[int, typing.List[str]]:
+    """The rules of each version in their order."""
+    return {version: _TUPLE.findall(commands.text(path)) for version, path in FILES.items()}
+
+
+def _select_own(texts: typing.Iterable[str]) -> typing.List[str]:
+    """Our rules among these, without the comment."""
+    return [text[: -len(_COMMENT)] for text in texts if text.endswith(_COMMENT)]
 
 
 def list_rules(packet_filter: PacketFilter, versions: typing.Iterable[int]) -> typing.List[UfwRule]:
