@@ -28,8 +28,10 @@ class Forecast(typing.NamedTuple):
 class ModuleRun:
     """One run of a module. Making it reads the machine and plans; it changes nothing and raises Problem."""
 
-    #: whether anything changes on the machine
-    changed = False
+    #: whether anything changes on the machine, and at run time, which a dead-man's switch guards
+    changed = runtime_changes = False
+    #: all that the run has to know which confirms a change at run time, for JSON
+    memory: Fields = {}
 
     @property
     def refusals(self) -> typing.List[str]:

@@ -67,6 +67,7 @@ class Run(ModuleRun):
             back_end.name for back_end in self.back_ends if back_end.before and back_end.packet_filter is None
         ]
         ready_for_boot = all(back_end.is_ready_for_boot() for back_end in self.back_ends)
+        self.runtime_changes = any(back_end.changes for back_end in self.back_ends)
         self.changed = bool(
             self.runtime_changes
             or self.files.changed
@@ -148,17 +149,7 @@ class Run(ModuleRun):
             )
         return " ".join((sentences or ["No packet filter is ours."]) + self._notes())
 
-    # For the dead-man's switch
-
-    @property
-    def runtime_changes(self) -> bool:
-        """True where rules change at run time."""
-        return any(back_end.changes for back_end in self.back_ends)
-
-    @property
-    def memory(self) -> Data:
-        """The memory for the confirming run: it is empty, since our rules carry their mark."""
-        return {}
+    # For the dead-man's switch. The confirming run needs no memory, since our rules carry their mark.
 
     def undo_steps(self) -> typing.List[UndoStep]:
         """The steps that restore the rules as this run found them."""

@@ -110,7 +110,10 @@ class Run(ModuleRun):
         self.taken_back = self.plan.taken_back
         self.boot = Boot(self.machine, options["root"], self.recorded)
         self.items = self._plan_boot([self._choose_boot_device(item, requests) for item in requests])
-        self.changed = bool(self.plan.changes or self.boot.changes)
+        self.runtime_changes = bool(self.plan.changes)
+        self.changed = self.runtime_changes or bool(self.boot.changes)
+        # The record as it must be while the change of the kernel is on its way.
+        self.memory = self.recorded._replace(entries=self.plan.interim).to_json()
 
     def _list_near_routes(self) -> typing.List[Route]:
         """The kernel's routes that may lead to a gateway: those of our tables, and of main for the other tables."""
@@ -272,16 +275,6 @@ class Run(ModuleRun):
         ]
 
     # For the dead-man's switch
-
-    @property
-    def runtime_changes(self) -> bool:
-        """True where the kernel's routes change."""
-        return bool(self.plan.changes)
-
-    @property
-    def memory(self) -> Data:
-        """The record as it must be while the change is on its way: for the run that confirms `apply_runtime`."""
-        return self.recorded._replace(entries=self.plan.interim).to_json()
 
     def undo_steps(self) -> typing.List[typing.List[str]]:
         """The commands that restore the kernel's routes as this run found them, also from half way."""

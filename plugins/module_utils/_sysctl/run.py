@@ -94,6 +94,8 @@ class Run(ModuleRun):
         self.texts_after = {self.drop_in: self.plan.text, **dict.fromkeys(self.stale, None)}
         self.items = self._items()
         self.wrong_mode = self._wrong_mode()
+        self.runtime_changes = bool(self.plan.writes)
+        self.memory = self.plan.interim.plain()  # the record while the change is on its way
         # Anything to do: in the kernel, in the drop-ins, or in the record.
         text, final = self.plan.text, self.plan.final.plain()
         self.changed = bool(
@@ -295,16 +297,6 @@ class Run(ModuleRun):
 
     # For the dead-man's switch
 
-    @property
-    def runtime_changes(self) -> bool:
-        """True where values of the kernel change."""
-        return bool(self.plan.writes)
-
-    @property
-    def memory(self) -> Data:
-        """The record for the run that confirms `apply_runtime`, which itself writes none."""
-        return self.plan.interim.plain()
-
     def undo_steps(self) -> typing.List[typing.List[str]]:
         """The commands that restore the present values."""
         values = [
@@ -331,7 +323,7 @@ class Run(ModuleRun):
         steps = [transaction.Step("leftovers of a killed run", lambda: atomic.remove_leftovers(self.file))]
         if self.changed:
             steps += [
-                transaction.intent(self.record, self.plan.interim.plain(), self.stored),
+                transaction.intent(self.record, self.memory, self.stored),
                 self._kernel_step(),
                 transaction.Step(
                     self.drop_in,

@@ -45,17 +45,15 @@ _PUBLIC = re.compile(r"^# PublicKey = (\S+)$", re.M)  # in the configuration, of
 class Tunnel(file_bundle.ManagedFiles):
     """The run, planned from the options of the module. The state of before is in its unit and files, so it needs no memory."""
 
-    memory: typing.Mapping[str, typing.Any] = {}
-
     def __init__(self, options: typing.Mapping[str, typing.Any], confirms: bool = False) -> None:
         """`confirms`: an earlier run has the tunnel up by these files already."""
         super().__init__({**options, "bundle": "tunnel", "brief": []})
         self._left = [] if options["files"] else key.list_keys(key.KEY)
         self._waits = bool(options["files"]) and self._is_next_planned()
         self._lost = not self.changed and bool(options["files"]) and not confirms and self._has_lost()
-        self._becomes_another = self.changed or bool(self._left) or self._waits or self._lost
+        self.runtime_changes = self.changed or bool(self._left) or self._waits or self._lost
         self._is_unread = self._expect_reading()
-        self.changed = self._becomes_another or self._is_unread
+        self.changed = self.runtime_changes or self._is_unread
 
     def _has_lost(self) -> bool:
         """Say if somebody has taken the interface, or the rules that guard it, from under the unit."""
@@ -72,11 +70,6 @@ class Tunnel(file_bundle.ManagedFiles):
             return False
         self.plan.intent["pending"] = self.plan.after["pending"] = [_READ]
         return True
-
-    @property
-    def runtime_changes(self) -> bool:
-        """Say if the tunnel is to be another one."""
-        return self._becomes_another
 
     def result(self) -> typing.Dict[str, typing.Any]:
         """The return values beside `changed`, `msg` and `diff`."""
@@ -126,7 +119,7 @@ class Tunnel(file_bundle.ManagedFiles):
             raise Problem(
                 f"{unreadable(problem)} The files of the tunnel are as planned; run the play again."
             ) from problem
-        if self._becomes_another and not self.options["files"]:  # its unit cannot end it without them
+        if self.runtime_changes and not self.options["files"]:  # its unit cannot end it without them
             commands.run(_END)
             commands.run(_OPEN)
         shutil.rmtree(FOLDER, ignore_errors=True)
