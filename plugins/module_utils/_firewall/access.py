@@ -95,12 +95,8 @@ def _find_ssh_servers(candidates: typing.Set[int], proc: str) -> typing.Set[int]
     return {
         holder["port"]
         for holder in (ports.holders(queries, proc) if queries else [])
-        if holder["user"] == "root" and holder["pid"] and _read_process_name(holder["pid"], proc) in SSH_SERVERS
+        if holder["user"] == "root" and holder["pid"] and text(f"{proc}/{holder['pid']}/comm").strip() in SSH_SERVERS
     }
-
-
-def _read_process_name(pid: int, proc: str) -> str:
-    return text(f"{proc}/{pid}/comm").strip()
 
 
 def _read_ssh_connection(connections: typing.Iterable[ports.Socket]) -> typing.Set[int]:

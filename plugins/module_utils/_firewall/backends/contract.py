@@ -82,7 +82,7 @@ class BackEnd:
         """Bring the run time back. Raises Problem or OSError."""
         raise NotImplementedError
 
-    def undo_steps(self) -> typing.List[UndoStep]:
+    def undo_steps(self) -> typing.Sequence[UndoStep]:
         """The steps with which the dead-man's switch brings it back. Raises OSError."""
         raise NotImplementedError
 

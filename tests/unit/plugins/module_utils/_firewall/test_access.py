@@ -169,5 +169,6 @@ def test_a_users_program_with_the_name_sshd_opens_nothing(monkeypatch):
         {"port": 5555, "user": "root", "pid": 12},
     ]
     monkeypatch.setattr(access.ports, "holders", lambda *_arguments: holders)
-    monkeypatch.setattr(access, "_read_process_name", lambda pid, _proc: {10: "sshd", 11: "sshd", 12: "other"}[pid])
+    names = {"/proc/10/comm": "sshd\n", "/proc/11/comm": "sshd\n", "/proc/12/comm": "other\n"}
+    monkeypatch.setattr(access, "text", names.__getitem__)
     assert access._find_ssh_servers({2222, 4444, 5555}, "/proc") == {2222}
