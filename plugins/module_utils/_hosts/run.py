@@ -61,11 +61,11 @@ class Run(ModuleRun):
         self.rewritten = self.plan.content != self.before
         self.changed = self.rewritten or bool(self.guard and self.guard.changed)
         self.back_up = back_up if options["backup"] else None
-        self.backup_file = ""
+        self.backup_file = self.written = ""
         self.own_name: str = options["own_name"] or socket.gethostname()
         self.only_report = options["on_conflict"] == "report"
-        self.written = ""
-        self.answers: typing.List[typing.Dict[str, typing.List[str]]] = []  # for each entry: name -> addresses
+        # For each entry: name -> the addresses that libc answers, as far as it was asked.
+        self.answers: typing.List[typing.Dict[str, typing.List[str]]] = [{} for entry in self.plan.entries]
 
     @property
     def refusals(self) -> typing.List[str]:
@@ -140,8 +140,7 @@ class Run(ModuleRun):
 
     def _entries(self) -> typing.List[Fields]:
         """The entries with what libc answers."""
-        answers: typing.List[typing.Dict[str, typing.List[str]]] = self.answers or [{} for entry in self.plan.entries]
-        return [dict(entry, resolved=resolved) for entry, resolved in zip(self.plan.entries, answers)]
+        return [dict(entry, resolved=resolved) for entry, resolved in zip(self.plan.entries, self.answers)]
 
     def _find_unresolved(self) -> typing.List[Fields]:
         """The names that libc answers with another address first, or not at all."""
