@@ -74,8 +74,8 @@ class Run(ModuleRun):
             plan.settings_of(options["settings"]), plan.enough_of(options["settings"])
         )
         self.file = self._place(self.drop_in)
-        self.before = self._read_own_text()
-        self.stale = self._stale()
+        # Our drop-in, and those under earlier names.
+        self.texts_before = {self.drop_in: self._read_own_text(), **self._read_stale_texts()}
         self.lost: typing.List[str] = []  # the keys with which IPv6 was off for a moment
 
         keys = [setting.key for setting in self.settings]
@@ -90,17 +90,14 @@ class Run(ModuleRun):
             atomic.find_missing_folders(os.path.dirname(self.file)),
             self.optional,
         )
-        self.texts_before = {self.drop_in: self.before, **self.stale}
-        self.texts_after = {self.drop_in: self.plan.text, **dict.fromkeys(self.stale, None)}
+        self.texts_after = {**dict.fromkeys(self.texts_before), self.drop_in: self.plan.text}
         self.items = self._items()
         self.wrong_mode = self._wrong_mode()
         self.runtime_changes = bool(self.plan.writes)
         self.memory = self.plan.interim.plain()  # the record while the change is on its way
         # Anything to do: in the kernel, in the drop-ins, or in the record.
-        text, final = self.plan.text, self.plan.final.plain()
-        self.changed = bool(
-            self.plan.writes or self.stale or self.before != text or self.wrong_mode is not None or self.stored != final
-        )
+        files = self.texts_before != self.texts_after or self.wrong_mode is not None
+        self.changed = self.runtime_changes or files or self.stored != self.plan.final.plain()
 
     def _prefer_boot_values(
         self, settings: typing.List[kernel.Setting], enough: typing.Mapping[str, typing.Container[str]]
@@ -111,12 +108,8 @@ class Run(ModuleRun):
         ours = [self.drop_in, *self.stored.get("drop_ins", [])]
         decides = boot.find_boot_assignments(boot.Tree(self.tree.root, dict.fromkeys(ours)), enough)
         values = {key: boot.normal(one.value) for key, one in decides.items() if one and one.value is not None}
-        return [
-            setting._replace(value=values[setting.key])
-            if setting.key in values and values[setting.key] in enough.get(setting.key, ())
-            else setting
-            for setting in settings
-        ]
+        taken = {key: value for key, value in values.items() if value in enough[key]}
+        return [setting._replace(value=taken.get(setting.key, setting.value)) for setting in settings]
 
     # The drop-in
 
@@ -140,12 +133,12 @@ class Run(ModuleRun):
 
     def _wrong_mode(self) -> typing.Optional[int]:
         """The mode of our drop-in where it stays and is not 0644; else None."""
-        if self.before is None or self.plan.text is None:
+        if None in (self.texts_before[self.drop_in], self.plan.text):
             return None
         mode = stat.S_IMODE(os.lstat(self.file).st_mode)
         return None if mode == _MODE else mode
 
-    def _stale(self) -> typing.Dict[str, str]:
+    def _read_stale_texts(self) -> typing.Dict[str, str]:
         """Our drop-ins under earlier names, with their texts. A file that is no longer ours stays."""
         others = [path for path in self.stored.get("drop_ins", []) if path != self.drop_in]
         texts = {path: self.tree.read(path) for path in others if not os.path.islink(self._place(path))}
@@ -157,7 +150,7 @@ class Run(ModuleRun):
         after = boot.Tree(self.tree.root, self.texts_after)
         deciding = boot.find_boot_assignments(after, [setting.key for setting in self.settings])
         hidden = boot.find_hiding_file(after, self.drop_in)
-        lines = {line.key: line.value for line in boot.parse(self.before or "", self.drop_in)}
+        lines = {line.key: line.value for line in boot.parse(self.texts_before[self.drop_in] or "", self.drop_in)}
         items = []
         for setting in self.settings:
             decides, present, writes = deciding[setting.key], self.states[setting.key], setting in self.plan.writes
@@ -232,7 +225,7 @@ class Run(ModuleRun):
     def refusals(self) -> typing.List[str]:
         """The sentences that prevent the plan: refused settings, and conflicts unless they are to be reported only."""
         problems = self.problems
-        files = [self.file, *map(self._place, self.stale), self.record.path] if self.changed and not problems else []
+        files = [*map(self._place, self.texts_before), self.record.path] if self.changed and not problems else []
         return problems + (self.conflicts if self.fails_on_conflict else []) + writable.obstacles(files)
 
     def foresee(self) -> Forecast:
@@ -262,7 +255,7 @@ class Run(ModuleRun):
         """The files and the kernel's values that change, for `diff`."""
         after = self.texts_after
         entries = [difference(path, old, after[path]) for path, old in self.texts_before.items() if old != after[path]]
-        if self.wrong_mode is not None and self.before == self.plan.text:
+        if self.wrong_mode is not None and self.texts_before[self.drop_in] == self.plan.text:
             entries.append(mode_difference(self.drop_in, self.wrong_mode, _MODE))
         keys = sorted({write.key for write in self.plan.writes})
         lines = ([f"{boot.name_of(key)} = {values[key]}" for key in keys] for values in (self.current, self.plan.after))

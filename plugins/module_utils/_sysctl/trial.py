@@ -8,6 +8,7 @@ So check mode knows what the run would find out, and nothing of the machine chan
 keys outside of net, nothing is known.
 """
 
+import contextlib
 import ctypes
 import errno
 import json
@@ -60,11 +61,9 @@ def _read_neighbours(kernel: Kernel, wanted: Values) -> typing.Dict[str, str]:
     for folder in sorted({os.path.dirname(key) for key in wanted}):
         for name in sorted(os.listdir(kernel.path(folder))) if os.path.isdir(kernel.path(folder)) else ():
             key = f"{folder}/{name}"
-            try:
+            with contextlib.suppress(OSError):
                 if os.path.isfile(kernel.path(key)):
                     values[key] = kernel.read(key)
-            except OSError:
-                continue
     return values
 
 
