@@ -132,21 +132,20 @@ def plan(
         if setting.key in kernel.values:
             kernel.write(setting.key, setting.value)
 
-    interim: typing.Dict[str, Entry] = {}
-    final: typing.Dict[str, Entry] = {}
-    for setting in settings:
-        variable = variable_of(setting.key)
-        if setting.key in start or variable in record.settings:
-            interim[variable], final[variable] = _plan_entries(setting, start, record.settings)
-    for variable, entry in record.settings.items():
-        interim.setdefault(variable, entry)
+    entries = {
+        variable_of(setting.key): _plan_entry(setting, start, record.settings)
+        for setting in settings
+        if setting.key in start or variable_of(setting.key) in record.settings
+    }
+    others = {variable: entry for variable, entry in record.settings.items() if variable not in entries}
+    final = {variable: entry._replace(set=entry.set[-1:]) for variable, entry in entries.items()}
     drop_ins = sorted(set(record.drop_ins) | {drop_in})
     made = record.folders or list(folders)
     return Plan(
         writes=kernel.writes,
         goals=kernel.goals,
         text=drop_in_text(settings, optional),
-        interim=SettingsRecord(drop_ins, made, interim),
+        interim=SettingsRecord(drop_ins, made, {**entries, **others}),
         final=SettingsRecord([drop_in], made, final) if settings else SettingsRecord(),
         after={key: kernel.values.get(key) for key in current},
         removals=removals,
@@ -221,14 +220,11 @@ def _restore(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> None:
 # One listed setting
 
 
-def _plan_entries(
-    setting: Setting, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]
-) -> typing.Tuple[Entry, Entry]:
-    """The record of a listed setting: on the way, when either value may be there, and afterwards."""
+def _plan_entry(setting: Setting, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]) -> Entry:
+    """The record of a listed setting on the way, when an earlier value of ours or the last one may be there."""
     entry = owned.get(variable_of(setting.key)) or _new_entry(setting.key, start, owned)
     earlier = [value for value in entry.set if value != setting.value]
-    interim = entry._replace(key=setting.key, set=[*earlier, setting.value])
-    return interim, interim._replace(set=[setting.value])
+    return entry._replace(key=setting.key, set=[*earlier, setting.value])
 
 
 def _new_entry(key: str, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]) -> Entry:
