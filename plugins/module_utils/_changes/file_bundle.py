@@ -7,7 +7,7 @@ import typing
 
 from .._machine import systemd
 from .._module.plain_text import LINE, quote
-from .._module.problem import Problem, sentence, unreadable
+from .._module.problem import Problem, explain_unreadable, sentence
 from .._process import commands
 from . import files, transaction, writable
 from .module import Fields, ModuleRun
@@ -51,10 +51,8 @@ class ManagedFiles(ModuleRun):
     def __init__(self, options: typing.Mapping[str, typing.Any]) -> None:
         self.options = options
         self.bundle = options["bundle"]
-        try:
+        with explain_unreadable():
             self.files = files.FileBundle(self.bundle, options["records"], options["files"])
-        except OSError as problem:
-            raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
         self.plan, self.machine = self.files.plan, self.files.machine
         self.restarts = bool((options.get("reload") or {}).get("restart"))
         self.reloaded = self._to_reload(options.get("reload") or {})

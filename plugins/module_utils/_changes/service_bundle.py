@@ -6,7 +6,7 @@
 import os
 import typing
 
-from .._module.problem import Problem, sentence, unreadable
+from .._module.problem import Problem, explain_unreadable, sentence
 from . import files, unit_steps, units, writable
 from .module import Fields, ModuleRun
 from .record import RECORDS
@@ -45,11 +45,9 @@ class ManagedServices(ModuleRun):
 
     def __init__(self, options: typing.Mapping[str, typing.Any], systemd: typing.Optional[Systemd] = None) -> None:
         self.systemd = systemd or Systemd(options["timeout"])
-        try:
+        with explain_unreadable():
             self._read_options(options)
             self._read_machine()
-        except OSError as problem:
-            raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
         self._plan()
 
     def _read_options(self, options: typing.Mapping[str, typing.Any]) -> None:

@@ -19,7 +19,7 @@ from .._changes.record import RECORDS
 from .._changes.transaction import Data, Step, carry_out, do_nothing, intent, outcome
 from .._module.difference import difference_of_lines
 from .._module.plain_text import quote
-from .._module.problem import Problem, unreadable
+from .._module.problem import Problem, explain_unreadable
 from . import access
 from .backends.contract import BackEnd
 from .backends.table import AUTO, BACKENDS, CHOICES
@@ -58,10 +58,8 @@ class Run(ModuleRun):
         self.in_turn = sorted(self.back_ends, key=lambda back_end: back_end.packet_filter is None)
         self.back_end = self.in_turn[0] if chosen else None
         own_files = self.back_end.plan_files(self.packet_filter) if self.back_end and self.packet_filter else []
-        try:
+        with explain_unreadable():
             self.files = files.FileBundle("firewall", options["records"], own_files)
-        except OSError as problem:
-            raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
         self.record_after = self._plan_record()
         self.removed = [
             back_end.name for back_end in self.back_ends if back_end.before and back_end.packet_filter is None

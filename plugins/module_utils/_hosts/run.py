@@ -12,7 +12,7 @@ from .._changes.module import Fields, ModuleRun
 from .._changes.record import RECORDS
 from .._module.difference import difference
 from .._module.plain_text import quote
-from .._module.problem import Problem, remedy, unreadable
+from .._module.problem import Problem, explain_unreadable, remedy
 from . import cloud_init
 from .bindings import bindings_of
 from .file import HostsFile, resolve
@@ -49,14 +49,12 @@ class Run(ModuleRun):
         for option in ("path", "records"):
             if not os.path.isabs(options[option]):
                 raise Problem(f"{option} is {options[option]!r}, expected an absolute path.")
-        try:
+        with explain_unreadable(""):
             self.bindings = bindings_of(options["entries"])
             self.file = HostsFile(options["path"], options["records"])
             self.before = self.file.raw_content
             self.is_system = self.file.path == os.path.realpath(SYSTEM)
             self.guard = cloud_init.plan_files(bool(self.bindings), options["records"]) if self.is_system else None
-        except OSError as problem:
-            raise Problem(unreadable(problem)) from problem
         self.plan = plan(self.file.content, self.bindings)
         self.rewritten = self.plan.content != self.before
         self.changed = self.rewritten or bool(self.guard and self.guard.changed)

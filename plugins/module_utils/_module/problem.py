@@ -3,8 +3,10 @@
 
 """The exception Problem, whose text is a sentence for the user, and the remedies of an OSError."""
 
+import contextlib
 import errno
 import os
+import typing
 
 from .plain_text import quote
 
@@ -38,6 +40,15 @@ def remedy(problem: OSError) -> str:
 def unreadable(problem: OSError) -> str:
     """Return the sentence for a user about a file that cannot be read."""
     return f"{_file(problem)} cannot be read ({problem.strerror or quote(problem)}); expected a regular file: {remedy(problem)}."
+
+
+@contextlib.contextmanager
+def explain_unreadable(end: str = "Nothing was changed.") -> typing.Iterator[None]:
+    """Raise Problem for an OSError in this block: the sentence about the file, and how things stand."""
+    try:
+        yield
+    except OSError as problem:
+        raise Problem(f"{unreadable(problem)} {end}".rstrip()) from problem
 
 
 def sentence(problem: Exception) -> str:

@@ -15,7 +15,7 @@ from .._changes import atomic
 from .._changes.module import Fields, ModuleRun
 from .._changes.record import RECORDS
 from .._module.plain_text import LINE, quote
-from .._module.problem import Problem, unreadable
+from .._module.problem import Problem, explain_unreadable
 from .._process import commands
 
 KEY = "/etc/wireguard/multimaster0.key"
@@ -41,13 +41,11 @@ class TunnelKey(ModuleRun):
         """Make the key. Raises Problem."""
         if not self.changed:
             return
-        try:
+        with explain_unreadable("The key is as it was before."):
             key = _run_wg("genkey", b"").encode() + b"\n"
             os.makedirs(os.path.dirname(self.path), 0o700, exist_ok=True)
             atomic.write_by_rename(self.path + NEXT, key, 0o600)
             self.public = _run_wg("pubkey", key)
-        except OSError as problem:
-            raise Problem(f"{unreadable(problem)} The key is as it was before.") from problem
 
     def result(self) -> Fields:
         """The return values beside `changed` and `msg`. In check mode a new key is not known yet."""
@@ -66,21 +64,18 @@ def list_keys(path: str) -> typing.List[str]:
 
 def publish(path: str) -> str:
     """Return the public half of the key in a file. Raises Problem."""
-    try:
+    with explain_unreadable():
         key = atomic.read_bytes(path) or b""
-    except OSError as problem:
-        raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
     return _run_wg("pubkey", key)
 
 
 def _is_there(path: str) -> bool:
     """Say if a key is there. Raises Problem where others than root may read or replace it."""
-    try:
-        state = os.lstat(path)
-    except FileNotFoundError:
-        return False
-    except OSError as problem:
-        raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
+    with explain_unreadable():
+        try:
+            state = os.lstat(path)
+        except FileNotFoundError:
+            return False
     if not stat.S_ISREG(state.st_mode) or state.st_uid != os.geteuid() or state.st_mode & 0o077:
         raise Problem(
             f"{quote(path, LINE)} is no file that its owner alone may read (mode {stat.S_IMODE(state.st_mode):04o}, owner "

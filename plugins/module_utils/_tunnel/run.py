@@ -17,7 +17,7 @@ from .._changes import atomic, file_bundle
 from .._changes.record import RECORDS
 from .._machine import ports, systemd
 from .._module.plain_text import LINE, quote
-from .._module.problem import Problem, unreadable
+from .._module.problem import Problem, explain_unreadable
 from .._process import commands
 from . import key
 from .probe import INTERFACE, LISTING, TABLE, is_guard
@@ -86,14 +86,12 @@ class Tunnel(file_bundle.ManagedFiles):
             commands.run(_OPEN)
             return
         used = key.KEY + key.NEXT if self._waits else key.KEY
-        try:
+        with explain_unreadable("The tunnel is as it was before."):
             atomic.make_folders(FOLDER)
             for entry in self.options["files"]:
                 here, name = os.path.split(entry["path"])
                 text = entry["content"].replace(f"{here}/", f"{FOLDER}/").replace(key.KEY, used)
                 atomic.write_by_rename(os.path.join(FOLDER, name), text.encode(), 0o600)
-        except OSError as problem:
-            raise Problem(f"{unreadable(problem)} The tunnel is as it was before.") from problem
         answer = commands.run([*_TRIAL, f"{FOLDER}/{INTERFACE}.conf"], limit=_LIMIT)
         if answer.status != 0:
             reason = quote(answer.last_error, LINE) or f"status {answer.status}"
@@ -110,15 +108,11 @@ class Tunnel(file_bundle.ManagedFiles):
         if self._lost and commands.run(["systemctl", "restart", UNIT], limit=_LIMIT).status != 0:
             raise Problem(f"{UNIT} cannot be started again: look at systemctl status {UNIT}.")
         super().apply()
-        try:
+        with explain_unreadable("The files of the tunnel are as planned; run the play again."):
             if self._waits:
                 os.rename(key.KEY + key.NEXT, key.KEY)
             for path in self._left:
                 os.unlink(path)
-        except OSError as problem:
-            raise Problem(
-                f"{unreadable(problem)} The files of the tunnel are as planned; run the play again."
-            ) from problem
         if self.runtime_changes and not self.options["files"]:  # its unit cannot end it without them
             commands.run(_END)
             commands.run(_OPEN)

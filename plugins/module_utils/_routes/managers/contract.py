@@ -25,7 +25,7 @@ import typing
 from ..._changes import atomic
 from ..._machine import network
 from ..._module.plain_text import quote
-from ..._module.problem import Problem, unreadable
+from ..._module.problem import Problem, explain_unreadable
 from ..kernel import Route
 
 NAME = "rosfleet-multimaster"
@@ -127,10 +127,8 @@ class BackEnd:
         if not os.path.lexists(path):
             return None
         regular = os.path.isfile(path) and not os.path.islink(path)
-        try:
+        with explain_unreadable():
             text = (atomic.read_bytes(path) or b"").decode("utf-8", "replace") if regular else ""
-        except OSError as problem:
-            raise Problem(f"{unreadable(problem)} Nothing was changed.") from problem
         if HEADER in text or text in self.recorded.get(place, []):
             return text
         why = "neither our first line nor our record" if regular else "no regular file, as this module writes one"

@@ -9,6 +9,7 @@ import os
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import (
     Problem,
+    explain_unreadable,
     remedy,
     sentence,
     unreadable,
@@ -39,3 +40,13 @@ def test_no_sentence_has_the_number_of_an_error():
     assert unreadable(problem) == f"/f cannot be read {end} regular file: make room on its file system."
     assert sentence(problem) == f"/f cannot be written {end} writable file: make room on its file system."
     assert sentence(Problem("As it is.")) == "As it is."
+
+
+@pytest.mark.parametrize(
+    ("ends", "words"), [((), " Nothing was changed."), (("So it stays.",), " So it stays."), (("",), "")]
+)
+def test_a_file_that_cannot_be_read_is_a_sentence(ends, words):
+    problem = OSError(errno.ENOSPC, "No space left on device", "/f")
+    with pytest.raises(Problem) as found, explain_unreadable(*ends):
+        raise problem
+    assert str(found.value) == unreadable(problem) + words
