@@ -18,20 +18,9 @@ from .._module.difference import difference_of_lines
 from .._module.plain_text import quote
 from .._module.problem import Problem
 from .._process.rights import may_change_network
+from . import kernel, plan, record
 from . import options as route_options
-from . import plan, record
 from .boot import Boot, Choice
-from .kernel import (
-    DEFAULTS,
-    MAIN,
-    NO_WAY,
-    PATH,
-    KernelRoute,
-    Route,
-    change_route,
-    format_route,
-    read_routes,
-)
 from .managers import contract
 from .managers.table import CHOICES, NONE
 from .tables import read_tables
@@ -62,7 +51,7 @@ ROUTE = {
     "table": {"type": "str", "default": "254"},
     "source": {"type": "str"},
     "on_link": {"type": "bool", "default": False},
-    "type": {"type": "str", "default": "unicast", "choices": ["unicast", *NO_WAY]},
+    "type": {"type": "str", "default": "unicast", "choices": ["unicast", *kernel.NO_WAY]},
     "scope": {"type": "str", "choices": ["global", "link", "host"]},
     "mtu": {"type": "int"},
     "advmss": {"type": "int"},
@@ -115,9 +104,9 @@ class Run(ModuleRun):
         # The record as it must be while the change of the kernel is on its way.
         self.memory = self.recorded._replace(entries=self.plan.interim).to_json()
 
-    def _list_near_routes(self) -> typing.List[Route]:
+    def _list_near_routes(self) -> typing.List[kernel.Route]:
         """The kernel's routes that may lead to a gateway: those of our tables, and of main for the other tables."""
-        versions = {route.version for route in self.routes if route.gateway and route.table != MAIN}
+        versions = {route.version for route in self.routes if route.gateway and route.table != kernel.MAIN}
         return [kernel_route.route for kernel_route in _flatten(self.current)] + [
             route for version in sorted(versions) for route in _read_main_table(version)
         ]
@@ -126,7 +115,7 @@ class Run(ModuleRun):
         """The kernel's routes in the tables of our keys."""
         current: plan.Current = {}
         for version, table in sorted({(key[0], key[2]) for key in self.keys}):
-            for kernel_route in read_routes(version, table):
+            for kernel_route in kernel.read_routes(version, table):
                 current.setdefault(kernel_route.route.key, []).append(kernel_route)
         return current
 
@@ -143,7 +132,7 @@ class Run(ModuleRun):
         devices += [
             kernel_route.route.device
             for kernel_route in _flatten(self.current)
-            if kernel_route.route.destination in DEFAULTS.values()
+            if kernel_route.route.destination in kernel.DEFAULTS.values()
         ]
         devices += sorted(link.name for link in interfaces if link.up and not link.loopback)
         return item._replace(boot_device=next((device for device in devices if device), ""))
@@ -172,7 +161,7 @@ class Run(ModuleRun):
             "on_link": item.route.on_link,
             "type": item.route.type,
             "scope": item.route.scope or None,
-            **{name: getattr(item.route, name) or None for name in PATH},
+            **{name: getattr(item.route, name) or None for name in kernel.PATH},
             "backend": backend,
             "before": runtime.before,
             "after": runtime.after,
@@ -182,7 +171,7 @@ class Run(ModuleRun):
             "problem": problem,
         }
 
-    def _find_boot_conflict(self, route: Route) -> typing.Optional[str]:
+    def _find_boot_conflict(self, route: kernel.Route) -> typing.Optional[str]:
         """The sentence where a manager would make a route of another owner again at boot, beside ours."""
         entry = self.recorded.entries.get(route.key)
         ours = {other.way for other in entry.made} if entry else set()
@@ -195,7 +184,7 @@ class Run(ModuleRun):
                 owner = self.boot.find_owner(kernel_route.route.device)
                 if owner and not self.boot.backends[owner].takes_precedence:
                     return (
-                        f"routes: {format_route(route)}: {quote(kernel_route.text)} comes from {owner}, which would make it again at the next "
+                        f"routes: {kernel.format_route(route)}: {quote(kernel_route.text)} comes from {owner}, which would make it again at the next "
                         f"boot, beside this one: remove it from the configuration of {quote(kernel_route.route.device)}, or give this one "
                         "another metric."
                     )
@@ -322,7 +311,7 @@ class Run(ModuleRun):
 
     def _change_route(self, change: plan.Change) -> None:
         try:
-            change_route(change.command)
+            kernel.change_route(change.command)
         except Problem:
             if not change.may_fail:
                 raise
@@ -336,7 +325,7 @@ class Run(ModuleRun):
             if not same:
                 texts = " and ".join(quote(kernel_route.text) for kernel_route in kernel_routes) or "nothing"
                 raise Problem(
-                    f"routes: {format_route(route)}: the kernel holds {texts} afterwards, expected this route: something else "
+                    f"routes: {kernel.format_route(route)}: the kernel holds {texts} afterwards, expected this route: something else "
                     "changes it at the same time."
                 )
             item["after"] = same[0].text
@@ -365,11 +354,11 @@ class Run(ModuleRun):
         self._check_kernel()
 
 
-def _read_main_table(version: int) -> typing.List[Route]:
-    return [kernel_route.route for kernel_route in read_routes(version, MAIN)]
+def _read_main_table(version: int) -> typing.List[kernel.Route]:
+    return [kernel_route.route for kernel_route in kernel.read_routes(version, kernel.MAIN)]
 
 
-def _flatten(current: plan.Current) -> typing.List[KernelRoute]:
+def _flatten(current: plan.Current) -> typing.List[kernel.KernelRoute]:
     return [kernel_route for kernel_routes in current.values() for kernel_route in kernel_routes]
 
 

@@ -37,7 +37,7 @@ def until(step):
             os.kill(os.getpid(), signal.SIGKILL)
         return step(*arguments, **options)
     return counted
-routes_run.change_route = until(routes_run.change_route)
+routes_run.kernel.change_route = until(routes_run.kernel.change_route)
 for name in ("write_by_rename", "remove", "make_folders", "remove_folder_if_empty"):
     setattr(atomic, name, until(getattr(atomic, name)))
 for options, left in json.load(sys.stdin):
