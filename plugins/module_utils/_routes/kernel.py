@@ -136,11 +136,11 @@ _FLAGS = (
     ("onlink", "linkdown", "dead", "pervasive", "offload", "offload_failed", "trap", "rt_offload", "rt_trap")
     + ("notify", "unresolved", "rt_offload_failed")
 )  # fmt: skip
-_KNOWN = {
-    "type", "dst", "gateway", "via", "dev", "proto", "scope", "src", "metric", "table", "flags", "metrics",
+_PATH_METRICS = {*PATH, "window", "rtt", "rttvar", "cwnd", "initrwnd", "ssthresh", "hoplimit", "rto_min"}
+_KNOWN = _PATH_METRICS | {
+    "type", "dst", "gateway", "via", "dev", "proto", "scope", "src", "metric", "table", "flags",
     "pref", "nexthops", "error", "weight",
 }  # fmt: skip
-_PATH_METRICS = PATH + ("window", "rtt", "rttvar", "cwnd", "initrwnd", "ssthresh", "hoplimit", "rto_min")
 _NUMBER = re.compile(r"(lock )?[0-9]+$")  # locked: not to be changed by what the kernel finds out
 
 
@@ -158,9 +158,9 @@ def parse_route(line: str, version: int, table: int) -> KernelRoute:
         words += ["scope", fields["scope"]]
     words += _option_words(route)
     inexpressible = sorted(set(fields) - _KNOWN)
-    for name, value in sorted(fields["metrics"].items()):
-        if _NUMBER.match(value):
-            words += [name, *value.split()]
+    for name in sorted(_PATH_METRICS & set(fields)):
+        if _NUMBER.match(fields[name]):
+            words += [name, *fields[name].split()]
         else:
             inexpressible.append(name)
     if fields.get("pref", "medium") != "medium":
@@ -177,7 +177,7 @@ def _parse_fields(fields: Fields, version: int, table: int) -> Route:
     destination = DEFAULTS[version] if fields["dst"] == "default" else fields["dst"]
     # With IPv6, several next hops, and without a way, a scope says nothing: NetworkManager gives a blackhole another one than ip.
     scope = "" if version == 6 or "nexthops" in fields or kind in NO_WAY else fields.get("scope", "")
-    numbers = {name: fields["metrics"].get(name, "0") for name in PATH}
+    numbers = {name: fields.get(name, "0") for name in PATH}
     return Route(
         destination=str(ipaddress.ip_network(destination)),
         gateway=gateway,
@@ -206,12 +206,12 @@ def _hop_words(fields: Fields) -> typing.List[str]:
 def _read_line(line: str) -> Fields:
     """The fields of a route in a line of `ip`, with those of its next hops."""
     kind, destination, *words = line.replace("\\", " ").split()
-    route: Fields = {"type": kind, "dst": destination, "flags": [], "metrics": {}}
+    route: Fields = {"type": kind, "dst": destination, "flags": []}
     fields = route
     while words:
         name = words.pop(0)
         if name == "nexthop":
-            fields = {"flags": [], "metrics": {}}
+            fields = {"flags": []}
             route.setdefault("nexthops", []).append(fields)
         elif name in _FLAGS:
             fields["flags"].append(name)
@@ -221,10 +221,7 @@ def _read_line(line: str) -> Fields:
                 words[:1] in (["inet"], ["inet6"]) if name == "via" else name in _PATH_METRICS and words[:1] == ["lock"]
             )
             value, words = words[: 1 + more], words[1 + more :]
-            if name in _PATH_METRICS:
-                fields["metrics"][name] = " ".join(value)
-            else:
-                fields[name] = value if name == "via" else " ".join(value)
+            fields[name] = value if name == "via" else " ".join(value)
     return route
 
 
