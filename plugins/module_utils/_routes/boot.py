@@ -35,12 +35,12 @@ Choice = typing.Dict[str, RoutesByInterface]
 class Boot:
     """The places of the boot part: their contents now, and their wanted contents."""
 
-    def __init__(self, machine: Machine, root: str, record: RoutesRecord) -> None:
+    def __init__(self, machine: Machine, record: RoutesRecord) -> None:
         """Read the places; changes nothing. Raises Problem where something in a place of ours is not ours."""
-        self.root = root
+        self.machine = machine
         self.recorded = record
         self.folders = list(record.folders)
-        self.backends = {name: kind(machine, root, self._list_texts(name)) for name, kind in BACKENDS.items()}
+        self.backends = {name: kind(machine, self._list_texts(name)) for name, kind in BACKENDS.items()}
         self.texts = {name: backend.read() for name, backend in self.backends.items()}
         self.before = {place: text for texts in self.texts.values() for place, text in texts.items()}
         self.wanted: PlannedTexts = {}
@@ -124,8 +124,10 @@ class Boot:
     def _find_missing_folders(self) -> typing.List[str]:
         """The missing folders of the wanted files, as the machine sees them, each outermost first."""
         files = [place for place in self.places if place.startswith("/")]
-        missing = [path for place in files for path in atomic.find_missing_folders(os.path.dirname(self._path(place)))]
-        return ["/" + os.path.relpath(path, self.root) for path in dict.fromkeys(missing)]
+        missing = [
+            path for place in files for path in atomic.find_missing_folders(os.path.dirname(self.machine.path(place)))
+        ]
+        return ["/" + os.path.relpath(path, self.machine.root) for path in dict.fromkeys(missing)]
 
     # The record
 
@@ -165,13 +167,10 @@ class Boot:
         for name, places in self.changes.items():
             for place in places:
                 if place in kept and place.startswith("/"):
-                    atomic.make_folders(os.path.dirname(self._path(place)))
+                    atomic.make_folders(os.path.dirname(self.machine.path(place)))
                 self.backends[name].write(place, texts.get(place))
             for folder in reversed(self.folders):
-                path = self._path(folder)
+                path = self.machine.path(folder)
                 if os.path.isdir(path) and not any(place.startswith(folder + "/") for place in kept):
                     atomic.remove_folder_if_empty(path)
             self.backends[name].activate(places)
-
-    def _path(self, place: str) -> str:
-        return os.path.join(self.root, place.lstrip("/"))

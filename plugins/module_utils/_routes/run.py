@@ -81,7 +81,6 @@ class Run(ModuleRun):
         for option in ("root", "records"):
             if not os.path.isabs(options[option]):
                 raise Problem(f"{option} is {options[option]!r}, expected an absolute path.")
-        self.options = options
         self.machine = contract.read_machine(options["root"])
         self.overrides = _check_overrides(options["backends"] or {}, self.machine.interfaces)
         requests = route_options.parse_routes(
@@ -97,7 +96,7 @@ class Run(ModuleRun):
         replace = options["on_conflict"] == "replace"
         self.plan = plan.plan_routes(self.routes, self.current, self.recorded.entries, replace, self.machine.interfaces)
         self.taken_back = self.plan.taken_back
-        self.boot = Boot(self.machine, options["root"], self.recorded)
+        self.boot = Boot(self.machine, self.recorded)
         self.items = self._plan_boot([self._choose_boot_device(item, requests) for item in requests])
         self.runtime_changes = bool(self.plan.changes)
         self.changed = self.runtime_changes or bool(self.boot.changes)
@@ -199,8 +198,7 @@ class Run(ModuleRun):
 
     def _find_obstacles(self) -> typing.List[str]:
         files = [place for places in self.boot.changes.values() for place in places if place.startswith("/")]
-        places = [os.path.join(self.options["root"], place.lstrip("/")) for place in files]
-        locked = writable.obstacles([*places, self.record.path]) if self.changed else []
+        locked = writable.obstacles([*map(self.machine.path, files), self.record.path]) if self.changed else []
         if locked:
             return locked
         if self.plan.changes and not may_change_network():

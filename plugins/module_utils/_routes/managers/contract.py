@@ -42,15 +42,21 @@ class Machine(typing.NamedTuple):
 
     interfaces: typing.Dict[str, network.Interface]  # by name
     booted: bool  # this is the running system with systemd, so commands reach its managers
+    root: str = "/"  # the folder that holds the files of the machine
+
+    def path(self, place: str) -> str:
+        """The path of a file below `root`."""
+        return os.path.join(self.root, place.lstrip("/"))
 
 
-def read_machine(root: str = "/") -> Machine:
+def read_machine(root: str) -> Machine:
     """This machine. Raises Problem where its interfaces cannot be read."""
     try:
         interfaces = network.interfaces()
     except OSError as problem:
         raise Problem(f"routes: {problem}; expected the command ip (package iproute2).") from problem
-    return Machine({link.name: link for link in interfaces}, root == "/" and os.path.isdir("/run/systemd/system"))
+    booted = root == "/" and os.path.isdir("/run/systemd/system")
+    return Machine({link.name: link for link in interfaces}, booted, root)
 
 
 class BackEnd:
@@ -65,11 +71,9 @@ class BackEnd:
     takes_precedence = False  # True where its routes replace routes of others at boot, too
     inexpressible: typing.Tuple[str, ...] = ()  # fields of a route that its configuration cannot express
 
-    def __init__(self, machine: Machine, root: str, recorded: RecordedTexts) -> None:
-        """`root`: the folder that holds the files of the machine. `recorded`: two texts of a place after a killed run."""
-        self.machine = machine
-        self.root = root
-        self.recorded = recorded
+    def __init__(self, machine: Machine, recorded: RecordedTexts) -> None:
+        """`recorded`: two texts of a place after a killed run."""
+        self.machine, self.recorded = machine, recorded
 
     # For every back end to write
 
@@ -104,7 +108,7 @@ class BackEnd:
 
     def write(self, place: str, content: typing.Optional[str]) -> None:
         """Write a text into a place; None leaves nothing there. The caller has made the folder of a file."""
-        path = self.path(place)
+        path = self.machine.path(place)
         if content is None:
             atomic.remove_leftovers(path)
             if os.path.lexists(path):
@@ -117,13 +121,9 @@ class BackEnd:
 
     # For every back end to use
 
-    def path(self, place: str) -> str:
-        """The path of a file below `root`."""
-        return os.path.join(self.root, place.lstrip("/"))
-
     def read_own_text(self, place: str) -> typing.Optional[str]:
         """The text of a file of ours, None where it does not exist. Raises Problem where the file is not ours."""
-        path = self.path(place)
+        path = self.machine.path(place)
         if not os.path.lexists(path):
             return None
         regular = os.path.isfile(path) and not os.path.islink(path)
@@ -146,7 +146,7 @@ class BackEnd:
 
     def find_wrong_mode(self, place: str) -> typing.Optional[int]:
         """The mode of a file of ours that is not as it was written, else None: run-parts(8) passes over a hook that is not executable."""
-        path = self.path(place)
+        path = self.machine.path(place)
         if not place.startswith("/") or not os.path.isfile(path):
             return None
         mode = stat.S_IMODE(os.stat(path).st_mode)

@@ -42,7 +42,7 @@ class BackEnd(contract.BackEnd):
 
     def list_interfaces(self) -> typing.Set[str]:
         """The interfaces that ifup has brought up, from its own list of them."""
-        lines = [line for path in STATES for line in commands.text(self.path(path)).splitlines()]
+        lines = [line for path in STATES for line in commands.text(self.machine.path(path)).splitlines()]
         names = {line.partition("=")[0].split()[0] for line in lines if line.strip()}
         return {name for name in names if name in self.machine.interfaces}
 
@@ -50,7 +50,7 @@ class BackEnd(contract.BackEnd):
         return [HOOK]
 
     def find_place(self, interface: str) -> str:
-        if not os.path.isdir(self.path("/etc/network")):
+        if not os.path.isdir(self.machine.path("/etc/network")):
             raise Problem(
                 f"routes: {interface} shall have its routes by ifupdown, and there is no /etc/network, expected ifupdown "
                 "installed: install it, or choose another backend."

@@ -57,21 +57,21 @@ class BackEnd(contract.BackEnd):
     mode = 0o600
     inexpressible = ("advmss",)
 
-    def __init__(self, machine: contract.Machine, root: str, recorded: contract.RecordedTexts) -> None:
-        super().__init__(machine, root, recorded)
+    def __init__(self, machine: contract.Machine, recorded: contract.RecordedTexts) -> None:
+        super().__init__(machine, recorded)
         # by the interface on which they are in effect
         self._definitions = dict([*self._read_networkmanager(), *self._read_networkd()])
 
     # The definition of an interface
 
     def _read_networkd(self) -> typing.Iterator[typing.Tuple[str, Definition]]:
-        manager = networkd.BackEnd(self.machine, self.root, {})
+        manager = networkd.BackEnd(self.machine, {})
         for interface in self.machine.interfaces:
             file = manager.network_file(interface)
             if file.startswith(_GENERATED):
                 name = file[len(_GENERATED) : -len(".network")]
-                kind = _read_setting(commands.text(self.path(f"{_GENERATED}{name}.netdev")), "Kind")
-                wifi = os.path.exists(self.path(f"/run/netplan/wpa-{name}.conf"))
+                kind = _read_setting(commands.text(self.machine.path(f"{_GENERATED}{name}.netdev")), "Kind")
+                wifi = os.path.exists(self.machine.path(f"/run/netplan/wpa-{name}.conf"))
                 yield interface, Definition(_choose_section("wifi" if wifi else kind), name, file)
 
     def _read_networkmanager(self) -> typing.Iterator[typing.Tuple[str, Definition]]:
@@ -126,8 +126,10 @@ class BackEnd(contract.BackEnd):
         copy = tempfile.mkdtemp(prefix=f"{contract.NAME}-netplan-")
         try:
             for folder in FOLDERS:
-                if os.path.isdir(self.path(folder)):
-                    shutil.copytree(self.path(folder), os.path.join(copy, folder), ignore_dangling_symlinks=True)
+                if os.path.isdir(self.machine.path(folder)):
+                    shutil.copytree(
+                        self.machine.path(folder), os.path.join(copy, folder), ignore_dangling_symlinks=True
+                    )
             path = os.path.join(copy, FILE.lstrip("/"))
             text = wanted.get(FILE)
             if text is None:
@@ -170,7 +172,7 @@ class BackEnd(contract.BackEnd):
                     f"routes: NetworkManager cannot load what netplan has generated ({quote(_read_error(answer), LINE)}), expected it running."
                 )
         if any(file.startswith(_GENERATED) for file in files):
-            networkd.BackEnd(self.machine, self.root, {}).activate(places)
+            networkd.BackEnd(self.machine, {}).activate(places)
 
 
 def _choose_section(kind: str) -> str:

@@ -32,13 +32,13 @@ class BackEnd(contract.BackEnd):
     def network_file(self, interface: str) -> str:
         """The .network file with which networkd configures an interface, "" for none."""
         # networkctl prints the same for people only. The names in this file are unchanged since systemd 209.
-        text = commands.text(self.path(f"/run/systemd/netif/links/{self.machine.interfaces[interface].index}"))
+        text = commands.text(self.machine.path(f"/run/systemd/netif/links/{self.machine.interfaces[interface].index}"))
         state = dict(line.partition("=")[::2] for line in text.splitlines())
         return "" if state.get("ADMIN_STATE", "") in _FREE else state.get("NETWORK_FILE", "")
 
     def list_places(self) -> typing.List[str]:
         try:
-            names = sorted(os.listdir(self.path(FOLDER)))
+            names = sorted(os.listdir(self.machine.path(FOLDER)))
         except OSError:
             return []
         return [f"{FOLDER}/{name}/{DROP_IN}" for name in names if name.endswith(".network.d")]

@@ -76,8 +76,8 @@ class BackEnd(contract.BackEnd):
     name = "networkmanager"
     inexpressible = ("advmss",)  # before 1.46
 
-    def __init__(self, machine: contract.Machine, root: str, recorded: contract.RecordedTexts) -> None:
-        super().__init__(machine, root, recorded)
+    def __init__(self, machine: contract.Machine, recorded: contract.RecordedTexts) -> None:
+        super().__init__(machine, recorded)
         self._active = active_profiles() if machine.booted else {}
         self._ours = {place: set("".join(texts).splitlines()) for place, texts in recorded.items()}
 

@@ -30,13 +30,13 @@ ROUTES = {
 }
 
 
-def machine(*names):
+def machine(tree, *names):
     links = {name: Interface(name, number, up=True) for number, name in enumerate(names, 2)}
-    return contract.Machine(links, booted=False)
+    return contract.Machine(links, booted=False, root=str(tree))
 
 
 def boot(tree, record=None, choice=None):
-    plan = Boot(machine("eth0", "eth1.5"), str(tree), read_record({"boot": record or {}}))
+    plan = Boot(machine(tree, "eth0", "eth1.5"), read_record({"boot": record or {}}))
     plan.plan(choice or {})
     return plan
 

@@ -33,13 +33,13 @@ ROUTES = {
 }
 
 
-def machine(*names):
+def machine(tree, *names):
     links = {name: Interface(name, number, up=True) for number, name in enumerate(names, 2)}
-    return contract.Machine(links, booted=False)
+    return contract.Machine(links, booted=False, root=str(tree))
 
 
 def end(kind, tree, names=("eth0", "eth1.5"), recorded=None):
-    return kind.BackEnd(machine(*names), str(tree), recorded or {})
+    return kind.BackEnd(machine(tree, *names), recorded or {})
 
 
 # ifupdown

@@ -39,11 +39,11 @@ def machine(root, files):
         text = "ADMIN_STATE=configured\n" + ("NETWORK_FILE=%s\n" % file if file else "")
         write(root, "/run/systemd/netif/links/%d" % index, text)
     interfaces = {name: Interface(name, index) for index, name in enumerate(sorted(files), 2)}
-    return contract.Machine(interfaces, booted=False)
+    return contract.Machine(interfaces, booted=False, root=str(root))
 
 
 def back_end(root, files, recorded=None):
-    return netplan.BackEnd(machine(root, files), str(root), recorded or {})
+    return netplan.BackEnd(machine(root, files), recorded or {})
 
 
 def generated(name):
@@ -89,7 +89,7 @@ def test_the_definition_behind_a_profile_of_networkmanager(tmp_path, monkeypatch
     write("/", start + "x.nmconnection", text)
     monkeypatch.setattr(nm, "NETPLANS", start)
     monkeypatch.setattr(nm, "active_profiles", lambda: {"eth0": nm.Active("1-2", False, start + "x.nmconnection")})
-    end = netplan.BackEnd(contract.Machine({"eth0": Interface("eth0", 99999)}, booted=True), str(tmp_path), {})
+    end = netplan.BackEnd(contract.Machine({"eth0": Interface("eth0", 99999)}, True, str(tmp_path)), {})
     assert end._definitions == {"eth0": netplan.Definition(section, name, start + "x.nmconnection")}
 
 
@@ -125,7 +125,7 @@ def test_the_file_says_what_netplan_reads(tmp_path):
 
 def test_no_routes_no_file(tmp_path):
     write(tmp_path, netplan.FILE, contract.HEADER)
-    plan = Boot(machine(tmp_path, {"eth0": generated("eth0")}), str(tmp_path), read_record({}))
+    plan = Boot(machine(tmp_path, {"eth0": generated("eth0")}), read_record({}))
     plan.backends["netplan"].check = lambda wanted: None
     plan.plan({})
     assert plan.wanted == {netplan.FILE: None}
@@ -142,7 +142,7 @@ def test_written_for_root_alone_and_read_back(tmp_path):
     os.makedirs(str(tmp_path / "etc/netplan"))
     text = end.render(netplan.FILE, {"eth0": ROUTES})
     end.write(netplan.FILE, text)
-    assert os.stat(end.path(netplan.FILE)).st_mode & 0o777 == 0o600
+    assert os.stat(end.machine.path(netplan.FILE)).st_mode & 0o777 == 0o600
     assert end.read() == {netplan.FILE: text}
     end.write(netplan.FILE, None)
     assert end.read() == {}
@@ -177,7 +177,7 @@ def test_netplan_is_asked_on_a_copy_that_goes_away(tmp_path, tool):
     write(tmp_path, "/etc/netplan/01-site.yaml", "site")
     write(tmp_path, netplan.FILE, "old")
     os.symlink("/nowhere", str(tmp_path / "etc/netplan/dangling.yaml"))
-    end = netplan.BackEnd(machine(tmp_path, {}), str(tmp_path), {})
+    end = netplan.BackEnd(machine(tmp_path, {}), {})
     end.check({netplan.FILE: "new"})
     assert tool["argv"] == ["netplan", "generate", "--root-dir"]
     assert tool["files"] == {"etc/netplan/01-site.yaml": "site", netplan.FILE.lstrip("/"): "new"}

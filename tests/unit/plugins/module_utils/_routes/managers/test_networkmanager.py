@@ -74,7 +74,7 @@ def back_end(recorded=None, booted=True):
     machine = contract.Machine(
         {name: Interface(name, index) for index, name in enumerate(("lo", "eth0", "wlan0"), 1)}, booted
     )
-    return nm.BackEnd(machine, "/", recorded or {})
+    return nm.BackEnd(machine, recorded or {})
 
 
 @pytest.mark.parametrize(
