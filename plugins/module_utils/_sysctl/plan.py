@@ -21,11 +21,10 @@ HEADER = "# Managed by Ansible: rosfleet.multimaster.sysctl writes this whole fi
 
 
 class Plan(typing.NamedTuple):
-    """The writes of one run in their order, the drop-in, and the record before and after them."""
+    """The writes of one run in their order, and the record before and after them."""
 
     writes: typing.List[Setting]
     goals: typing.Dict[str, str]  # what the writes are for: key -> value
-    text: typing.Optional[str]  # of the drop-in, None for no drop-in
     interim: SettingsRecord
     final: SettingsRecord
     after: Values
@@ -110,18 +109,11 @@ def check_drop_in(path: str) -> None:
 # The plan
 
 
-def plan(
-    settings: typing.List[Setting],
-    current: Values,
-    record: SettingsRecord,
-    drop_in: str,
-    folders: typing.Iterable[str] = (),
-    optional: typing.Container[str] = (),
-) -> Plan:
+def plan(settings: typing.List[Setting], current: Values, record: SettingsRecord, drop_in: str) -> Plan:
     """The plan from the kernel's current values and the record to the settings.
 
     `current` holds the value of every key of settings and record, and of every key that the kernel changes beside them;
-    None where there is no such key. `folders`: those that will be made for the drop-in. `optional`: keys that may be missing.
+    None where there is no such key. `record` has the folders that will be made for the drop-in, too.
     """
     start = {key: value for key, value in current.items() if value is not None}
     kernel = _Simulation(start)
@@ -140,13 +132,11 @@ def plan(
     others = {variable: entry for variable, entry in record.settings.items() if variable not in entries}
     final = {variable: entry._replace(set=entry.set[-1:]) for variable, entry in entries.items()}
     drop_ins = sorted(set(record.drop_ins) | {drop_in})
-    made = record.folders or list(folders)
     return Plan(
         writes=kernel.writes,
         goals=kernel.goals,
-        text=drop_in_text(settings, optional),
-        interim=SettingsRecord(drop_ins, made, {**entries, **others}),
-        final=SettingsRecord([drop_in], made, final) if settings else SettingsRecord(),
+        interim=SettingsRecord(drop_ins, record.folders, {**entries, **others}),
+        final=SettingsRecord([drop_in], record.folders, final) if settings else SettingsRecord(),
         after={key: kernel.values.get(key) for key in current},
         removals=removals,
         side_effects=_find_side_effects(settings, kernel, base),

@@ -82,15 +82,10 @@ class Run(ModuleRun):
         owned = [entry.key for entry in self.recorded.settings.values()]
         self.states = self.kernel.read_with_others(keys + owned)
         self.current = {key: state.value for key, state in self.states.items()}
-        self.plan = plan.plan(
-            self.settings,
-            self.current,
-            self.recorded,
-            self.drop_in,
-            atomic.find_missing_folders(os.path.dirname(self.file)),
-            self.optional,
-        )
-        self.texts_after = {**dict.fromkeys(self.texts_before), self.drop_in: self.plan.text}
+        folders = self.recorded.folders or atomic.find_missing_folders(os.path.dirname(self.file))
+        self.plan = plan.plan(self.settings, self.current, self.recorded._replace(folders=folders), self.drop_in)
+        text = plan.drop_in_text(self.settings, self.optional)
+        self.texts_after = {**dict.fromkeys(self.texts_before), self.drop_in: text}
         self.items = self._items()
         self.wrong_mode = self._wrong_mode()
         self.runtime_changes = bool(self.plan.writes)
@@ -133,7 +128,7 @@ class Run(ModuleRun):
 
     def _wrong_mode(self) -> typing.Optional[int]:
         """The mode of our drop-in where it stays and is not 0644; else None."""
-        if None in (self.texts_before[self.drop_in], self.plan.text):
+        if None in (self.texts_before[self.drop_in], self.texts_after[self.drop_in]):
             return None
         mode = stat.S_IMODE(os.lstat(self.file).st_mode)
         return None if mode == _MODE else mode
@@ -255,7 +250,7 @@ class Run(ModuleRun):
         """The files and the kernel's values that change, for `diff`."""
         after = self.texts_after
         entries = [difference(path, old, after[path]) for path, old in self.texts_before.items() if old != after[path]]
-        if self.wrong_mode is not None and self.texts_before[self.drop_in] == self.plan.text:
+        if self.wrong_mode is not None and self.texts_before[self.drop_in] == self.texts_after[self.drop_in]:
             entries.append(mode_difference(self.drop_in, self.wrong_mode, _MODE))
         keys = sorted({write.key for write in self.plan.writes})
         lines = ([f"{boot.name_of(key)} = {values[key]}" for key in keys] for values in (self.current, self.plan.after))
