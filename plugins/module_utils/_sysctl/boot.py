@@ -123,14 +123,11 @@ def last_write(assignments: typing.Iterable[Assignment], names: typing.Collectio
 # Files
 
 
-class Tree:
+class Tree(typing.NamedTuple):
     """The configuration files below a root folder, with the planned files in place."""
 
-    def __init__(
-        self, root: str = "/", overlay: typing.Optional[typing.Mapping[str, typing.Optional[str]]] = None
-    ) -> None:
-        self.root = root
-        self.overlay = overlay or {}
+    root: str = "/"
+    overlay: typing.Mapping[str, typing.Optional[str]] = {}  # the texts of planned files, None for no file
 
     def real(self, path: str) -> str:
         """The path on this machine. Links lead to where they will lead when the root is `/`."""

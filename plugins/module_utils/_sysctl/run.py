@@ -70,9 +70,7 @@ class Run(ModuleRun):
         self.stored = self.record.load()
         self.recorded = self.record.parse(record.read, self.stored if memory is None else memory)
         self.tree = boot.Tree(options["root"])
-        self.settings = self._prefer_boot_values(
-            plan.settings_of(options["settings"]), plan.enough_of(options["settings"])
-        )
+        self.settings = self._prefer_boot_values(options["settings"])
         self.file = self._place(self.drop_in)
         # Our drop-in, and those under earlier names.
         self.texts_before = {self.drop_in: self._read_own_text(), **self._read_stale_texts()}
@@ -94,10 +92,9 @@ class Run(ModuleRun):
         files = self.texts_before != self.texts_after or self.wrong_mode is not None
         self.changed = self.runtime_changes or files or self.stored != self.plan.final.plain()
 
-    def _prefer_boot_values(
-        self, settings: typing.List[kernel.Setting], enough: typing.Mapping[str, typing.Container[str]]
-    ) -> typing.List[kernel.Setting]:
-        """The settings. Where the value of another file is enough, it is taken, so the file stays."""
+    def _prefer_boot_values(self, items: typing.Iterable[Options]) -> typing.List[kernel.Setting]:
+        """The listed settings. Where the value of another file is enough, it is taken, so the file stays."""
+        settings, enough = plan.settings_of(items), plan.enough_of(items)
         if not enough:
             return settings
         ours = [self.drop_in, *self.stored.get("drop_ins", [])]
