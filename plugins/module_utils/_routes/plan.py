@@ -13,7 +13,8 @@ import typing
 from .._module.plain_text import quote
 from .kernel import DEFAULTS, NO_WAY, KernelRoute, Key, Route, format_route, to_words
 
-Current = typing.Dict[Key, typing.List[KernelRoute]]  # the kernel's routes
+Held = typing.List[KernelRoute]  # the kernel's routes of one key
+Current = typing.Dict[Key, Held]  # the kernel's routes
 
 
 class Entry(typing.NamedTuple):
@@ -112,7 +113,7 @@ def _flat(lists: typing.Iterable[typing.List[Change]]) -> typing.List[Change]:
 # One listed route
 
 
-def _plan_listed(route: Route, kernel_routes: typing.List[KernelRoute], entry: Entry, replace: bool) -> KeyPlan:
+def _plan_listed(route: Route, kernel_routes: Held, entry: Entry, replace: bool) -> KeyPlan:
     """The plan for a listed route. `kernel_routes`: the kernel's routes of its key. `entry`: the record of its key."""
     same, others, foreign = _sort_routes(route, kernel_routes, entry)
     state, problem = _judge(route, kernel_routes, foreign, replace)
@@ -134,9 +135,7 @@ def _plan_listed(route: Route, kernel_routes: typing.List[KernelRoute], entry: E
     return part._replace(interim=Entry(earlier + (route,), replaced), final=Entry((route,), replaced))
 
 
-def _sort_routes(
-    route: Route, kernel_routes: typing.List[KernelRoute], entry: Entry
-) -> typing.Tuple[typing.List[KernelRoute], typing.List[KernelRoute], typing.List[KernelRoute]]:
+def _sort_routes(route: Route, kernel_routes: Held, entry: Entry) -> typing.Tuple[Held, Held, Held]:
     """The routes that go the wanted way, the other ones, and those of the other ones that are not ours."""
     same = [kernel_route for kernel_route in kernel_routes if _is_match(kernel_route, route, entry)]
     others = [kernel_route for kernel_route in kernel_routes if kernel_route not in same]
@@ -161,7 +160,7 @@ def _ways(entry: Entry) -> typing.Set[Route]:
     return {route.way for route in entry.made}
 
 
-def _list_replaced(entry: Entry, kernel_routes: typing.List[KernelRoute]) -> typing.Tuple[typing.Tuple[str, ...], ...]:
+def _list_replaced(entry: Entry, kernel_routes: Held) -> typing.Tuple[typing.Tuple[str, ...], ...]:
     """The routes of others that come back when ours is no longer listed."""
     foreign = [kernel_route.words for kernel_route in kernel_routes if kernel_route.route.way not in _ways(entry)]
     ours = len(foreign) < len(kernel_routes)
@@ -170,9 +169,7 @@ def _list_replaced(entry: Entry, kernel_routes: typing.List[KernelRoute]) -> typ
     return earlier + tuple(words for words in foreign if words not in earlier)
 
 
-def _judge(
-    route: Route, kernel_routes: typing.List[KernelRoute], foreign: typing.List[KernelRoute], replace: bool
-) -> typing.Tuple[str, typing.Optional[str]]:
+def _judge(route: Route, kernel_routes: Held, foreign: Held, replace: bool) -> typing.Tuple[str, typing.Optional[str]]:
     """The state of a listed route and its sentence. It is conflict or refused where routes of others have its place."""
     name = format_route(route)
     connected = [kernel_route for kernel_route in kernel_routes if kernel_route.protocol == "kernel"]
@@ -204,9 +201,7 @@ def _list_returns(entry: Entry, interfaces: typing.Container[str]) -> typing.Lis
     return [words for words, device in devices if device is None or device in interfaces]
 
 
-def _plan_removal(
-    key: Key, entry: Entry, kernel_routes: typing.List[KernelRoute], interfaces: typing.Container[str]
-) -> KeyPlan:
+def _plan_removal(key: Key, entry: Entry, kernel_routes: Held, interfaces: typing.Container[str]) -> KeyPlan:
     """The plan for a route of the record that is no longer listed."""
     ours = [kernel_route for kernel_route in kernel_routes if kernel_route.route.way in _ways(entry)]
     others = [kernel_route for kernel_route in kernel_routes if kernel_route not in ours]
@@ -225,9 +220,7 @@ def _plan_removal(
     return KeyPlan(adds, [remove(kernel_route) for kernel_route in ours], after, result)
 
 
-def _state(
-    ours: typing.Sequence[KernelRoute], others: typing.Sequence[KernelRoute], back: typing.Sequence[typing.Any]
-) -> str:
+def _state(ours: Held, others: Held, back: typing.Sequence[typing.Any]) -> str:
     if back:
         return "restored"
     if ours:
