@@ -127,13 +127,10 @@ class Run(ModuleRun):
         return {"address": address, "changed": address not in before, "state": "ok" if address in before else "changed"}
 
     def _notes(self) -> typing.List[str]:
-        names = self.files.remembered.get("back_ends", [])
-        lost = [
-            back_end.name
-            for back_end in self.back_ends
-            if back_end.packet_filter and not back_end.before and back_end.name in names
-        ]
-        return [f"Our rules in {name} had been removed by hand since." for name in lost] + self.files.plan.notes
+        back_end, notes = self.back_end, self.files.plan.notes
+        if back_end and not back_end.before and back_end.name in self.files.remembered.get("back_ends", []):
+            return [f"Our rules in {back_end.name} had been removed by hand since.", *notes]
+        return notes
 
     def summary(self, check_mode: bool) -> str:
         """The sentences of `msg`."""

@@ -32,11 +32,7 @@ class HostsFile:
         self.record = Record("hosts_entries", records, {"*": {"before": str, "after": str}})
         self.raw_content = atomic.read_bytes(self.path)
         self.content = self._repair()  # without a torn writing
-
-    @property
-    def was_torn(self) -> bool:
-        """True if a run was killed while it wrote in place."""
-        return self.raw_content != self.content
+        self.was_torn = self.raw_content != self.content  # a run was killed while it wrote in place
 
     def _repair(self) -> typing.Optional[bytes]:
         stored = self.record.load()

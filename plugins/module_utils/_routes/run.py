@@ -230,7 +230,7 @@ class Run(ModuleRun):
         """The return values of the module."""
         return {
             "routes": self.items,
-            "conflicts": self.conflicts,
+            "conflicts": [item["problem"] for item in self.items if item["state"] == "conflict"],
             "taken_back": self.taken_back,
             "other_defaults": self.foreign_defaults,
         }
@@ -244,11 +244,6 @@ class Run(ModuleRun):
             places = sorted(place for changed_places in self.boot.changes.values() for place in changed_places)
             sentences.append(f"{', '.join(places)} is brought up to date.")
         return " ".join(sentences) or "No routes are ours."
-
-    @property
-    def conflicts(self) -> typing.List[str]:
-        """The sentences of the conflicts that on_conflict decides."""
-        return [item["problem"] for item in self.items if item["state"] == "conflict"]
 
     @property
     def foreign_defaults(self) -> typing.List[Data]:

@@ -199,16 +199,6 @@ class Run(ModuleRun):
     # For the shell of the modules
 
     @property
-    def problems(self) -> typing.List[str]:
-        """One sentence per setting that the kernel refuses, known before anything changes."""
-        sentences = [item["problem"] for item in self.items if item["problem"]]
-        keys = {setting.key for setting in self.settings}
-        for write in self.plan.writes:
-            if write.key not in keys and self.states[write.key].refusal:
-                sentences.append("Taking back " + self.kernel.refusal(write, *self.states[write.key])[1])
-        return sentences
-
-    @property
     def conflicts(self) -> typing.List[str]:
         """One sentence per setting that will have another value after the next boot."""
         return [_conflict_sentence(item, self.drop_in) for item in self.items if item["conflict"]]
@@ -216,7 +206,11 @@ class Run(ModuleRun):
     @property
     def refusals(self) -> typing.List[str]:
         """The sentences that prevent the plan: refused settings, and conflicts unless they are to be reported only."""
-        problems = self.problems
+        problems = [item["problem"] for item in self.items if item["problem"]]
+        keys = {setting.key for setting in self.settings}
+        for write in self.plan.writes:
+            if write.key not in keys and self.states[write.key].refusal:
+                problems.append("Taking back " + self.kernel.refusal(write, *self.states[write.key])[1])
         files = [*map(self._place, self.texts_before), self.record.path] if self.changed and not problems else []
         return problems + (self.conflicts if self.fails_on_conflict else []) + writable.obstacles(files)
 

@@ -26,6 +26,7 @@ FOLDERS = ("etc/netplan", "run/netplan", "lib/netplan")  # those that netplan re
 _GENERATED = "/run/systemd/network/10-netplan-"
 _LIMIT = 60.0  # seconds; netplan generate takes a few tenths
 
+_OTHERS = "tunnels"
 # The section of a definition, by the kind of device that is generated for it; other kinds are tunnels.
 _SECTIONS = {
     "": "ethernets",
@@ -72,7 +73,7 @@ class BackEnd(contract.BackEnd):
                 name = file[len(_GENERATED) : -len(".network")]
                 kind = _read_setting(commands.text(self.machine.path(f"{_GENERATED}{name}.netdev")), "Kind")
                 wifi = os.path.exists(self.machine.path(f"/run/netplan/wpa-{name}.conf"))
-                yield interface, Definition(_choose_section("wifi" if wifi else kind), name, file)
+                yield interface, Definition(_SECTIONS.get("wifi" if wifi else kind, _OTHERS), name, file)
 
     def _read_networkmanager(self) -> typing.Iterator[typing.Tuple[str, Definition]]:
         if not self.machine.booted or not glob.glob(networkmanager.NETPLANS + "*"):
@@ -84,7 +85,7 @@ class BackEnd(contract.BackEnd):
                 kind = _read_setting(text, "type")
                 if kind == "wifi":  # one profile per access point
                     name = name[: -len("-" + _read_setting(text, "ssid"))]
-                yield interface, Definition(_choose_section(kind), name, active.file)
+                yield interface, Definition(_SECTIONS.get(kind, _OTHERS), name, active.file)
 
     def list_interfaces(self) -> typing.Set[str]:
         """The interfaces that netplan configures, by what it has generated for the manager behind it."""
@@ -173,10 +174,6 @@ class BackEnd(contract.BackEnd):
                 )
         if any(file.startswith(_GENERATED) for file in files):
             networkd.BackEnd(self.machine, {}).activate(places)
-
-
-def _choose_section(kind: str) -> str:
-    return _SECTIONS.get(kind, "tunnels")
 
 
 def _read_setting(text: str, key: str) -> str:
