@@ -98,7 +98,7 @@ def permissions(path: str) -> typing.Tuple[int, typing.Optional[typing.Tuple[int
     """The permission bits and the (uid, gid) of a file; those of a new one where there is none."""
     try:
         status = os.stat(path)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return 0o644, None
     return stat.S_IMODE(status.st_mode), (status.st_uid, status.st_gid)
 

@@ -194,19 +194,15 @@ class Run(ModuleRun):
     @property
     def refusals(self) -> typing.List[str]:
         """One sentence for each route that conflicts with routes of others, and one where the right to change routes is missing."""
-        return [item["problem"] for item in self.items if item["problem"]] + self._find_obstacles()
-
-    def _find_obstacles(self) -> typing.List[str]:
+        problems = [item["problem"] for item in self.items if item["problem"]]
         files = [place for places in self.boot.changes.values() for place in places if place.startswith("/")]
         locked = writable.obstacles([*map(self.machine.path, files), self.record.path]) if self.changed else []
-        if locked:
-            return locked
-        if self.plan.changes and not may_change_network():
-            return [
+        if not locked and self.plan.changes and not may_change_network():
+            locked.append(
                 f"routes: user {os.geteuid()} may not change the kernel's routes, expected root: run as root (become: true), in a "
                 "container with the capability NET_ADMIN."
-            ]
-        return []
+            )
+        return problems + locked
 
     @property
     def warnings(self) -> typing.List[str]:

@@ -10,7 +10,6 @@ after a killed run, the next one knows everything that it needs to repair.
 import errno
 import os
 import re
-import stat
 import typing
 
 from .._changes import atomic, transaction, writable
@@ -124,10 +123,8 @@ class Run(ModuleRun):
         )
 
     def _wrong_mode(self) -> typing.Optional[int]:
-        """The mode of our drop-in where it stays and is not 0644; else None."""
-        if None in (self.texts_before[self.drop_in], self.texts_after[self.drop_in]):
-            return None
-        mode = stat.S_IMODE(os.lstat(self.file).st_mode)
+        """The mode of our drop-in where it is there and not 0644; else None."""
+        mode, _owner = atomic.permissions(self.file)
         return None if mode == _MODE else mode
 
     def _read_stale_texts(self) -> typing.Dict[str, str]:

@@ -65,8 +65,6 @@ class BackEnd(contract.BackEnd):
         return True
 
     def read_rules(self) -> contract.Rules:
-        if not contract.find_program("nft"):
-            return []
         answer = contract.run_command(["nft", "-s", "list", "table", "inet", TABLE])
         return answer.text.splitlines() if answer.status == 0 else []
 

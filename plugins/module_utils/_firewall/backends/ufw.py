@@ -78,9 +78,7 @@ class BackEnd(contract.BackEnd):
     @staticmethod
     def is_active() -> bool:
         enabled = re.search(r"(?mi)^[ \t]*ENABLED=[\"']?yes", commands.text(SETTINGS))
-        if not enabled or not contract.find_program("ufw"):
-            return False
-        return "Status: active" in contract.run_command(["ufw", "status"]).text
+        return bool(enabled) and "Status: active" in contract.run_command(["ufw", "status"]).text
 
     def read_rules(self) -> contract.Rules:
         if not contract.find_program("ufw"):

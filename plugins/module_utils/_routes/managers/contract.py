@@ -19,7 +19,6 @@ Only the last two change anything. ifupdown.py is the shortest example.
 """
 
 import os
-import stat
 import typing
 
 from ..._changes import atomic
@@ -149,5 +148,5 @@ class BackEnd:
         path = self.machine.path(place)
         if not place.startswith("/") or not os.path.isfile(path):
             return None
-        mode = stat.S_IMODE(os.stat(path).st_mode)
+        mode, _owner = atomic.permissions(path)
         return None if mode == self.mode else mode
