@@ -16,7 +16,7 @@ from .._case.registrations import BORDER, TEST_NODES
 from .._fleet.filters import matches
 from .._fleet.flows import find_inner_name, find_outer_name
 from .._fleet.sentences import shorten_list
-from .engine import FAILED, MASTER, OK, Check, Judgement
+from .engine import FAILED, MASTER, Check, Judgement, judge_fault
 
 DIAGNOSTICS = "/diagnostics"  # the border has something to say itself
 STATIC = "/tf_static"  # by which it says how the frames of robots hang together
@@ -94,13 +94,6 @@ def _is_of(case: Case, kind: str, name: str) -> bool:
     return matches(names, name)
 
 
-def _evidence(case: Case) -> Parts:
-    missing, more = _find_wrong(case) or ([], [])
-    if not missing and not more:
-        return frozenset()
-    return frozenset({Part.from_pair("border", "lacking", *case.robots, what=shorten_list(missing or more, NAMED))})
-
-
 def _suspects(case: Case) -> Parts:
     own, its = case.masters
     return (
@@ -116,7 +109,6 @@ def _suspects(case: Case) -> Parts:
     about="with `as`, `rate`, `newest` or `frames` in `multimaster_exports`",
     expected="each topic and service of own nodes of the one robot that the border takes across is there from the border of the other, and no more",
     suspects=_suspects,
-    evidence=_evidence,
 )
 def _judge_border(case: Case) -> Judgement | None:
     if not _list_channels(case):
@@ -127,4 +119,5 @@ def _judge_border(case: Case) -> Judgement | None:
     missing, more = wrong
     parts = [("not there", missing), ("there without an owner", more)]
     found = "; ".join(f"{words}: {shorten_list(topics, NAMED)}" for words, topics in parts if topics)
-    return Judgement(FAILED if found else OK, "what the channels take across", found or "just that")
+    lacking = Part.from_pair("border", "lacking", *case.robots, what=shorten_list(missing or more, NAMED))
+    return judge_fault(FAILED, "what the channels take across", found, "just that", frozenset({lacking}))

@@ -13,7 +13,7 @@ from .._case.packet_filters import ROSCORE
 from .._case.ways import COMMON
 from .._observed.observations import DefaultRoute, ForwardingInterface, Service
 from .._observed.uris import is_one_of, is_same_uri
-from .engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement
+from .engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement, judge_fault
 from .manual_setup import guard
 
 # The kernel of gateways and of the router
@@ -29,32 +29,25 @@ def _interfaces(case: Case) -> list[ForwardingInterface]:
     return [entry for entry in case.observer.interfaces if planned & set(entry.addresses)]
 
 
-def _forwarding_evidence(case: Case) -> Parts:
-    name = case.observer.name
-    if case.probe.forwarding.ip_forward is None:
-        return make_parts("setting", name, "unread", what="net.ipv4.ip_forward")
-    return make_parts("forwarding", name, "off")
-
-
 @Check(
     title="gateways and the router pass packets on",
     about="gateways, router",
     expected="`net.ipv4.ip_forward` is 1, also on the interfaces of the plan",
     report="4.2",
     needs=lambda case: make_parts("forwarding", case.observer.name, "off"),
-    evidence=_forwarding_evidence,
 )
 def _judge_forwarding(case: Case) -> Judgement | None:
     if not case.observer.is_probed or not _passes_packets_on(case):
         return None
-    ip_forward = case.probe.forwarding.ip_forward
+    ip_forward, name = case.probe.forwarding.ip_forward, case.observer.name
     expected = "net.ipv4.ip_forward is 1"
     if ip_forward is None:
-        return Judgement(UNKNOWN, expected, "it cannot be read")
+        unread = make_parts("setting", name, "unread", what="net.ipv4.ip_forward")
+        return Judgement(UNKNOWN, expected, "it cannot be read", unread)
     closed = [entry.interface for entry in _interfaces(case) if entry.forwarding == 0]
-    if ip_forward == 0 or not closed:
-        return Judgement(OK if ip_forward else FAILED, expected, str(ip_forward))
-    return Judgement(FAILED, expected, f"1, but net.ipv4.conf.{closed[0]}.forwarding is 0")
+    found = f"1, but net.ipv4.conf.{closed[0]}.forwarding is 0" if ip_forward and closed else str(ip_forward)
+    good = ip_forward and not closed
+    return Judgement(OK if good else FAILED, expected, found, make_parts("forwarding", name, "off"))
 
 
 # Reachable
@@ -110,23 +103,6 @@ def _describe_state(entry: Service) -> str:
     return "not there" if entry.load_state == "not-found" else f"{entry.active_state} ({entry.sub_state})"
 
 
-def _services_evidence(case: Case) -> Parts:
-    parts: Parts = frozenset()
-    name = case.observer.name
-    states = {entry.name: entry for entry in case.probe.services}
-    for service in case.observer.services:
-        entry, unit = states.get(service), f"multimaster-{service}.service"
-        if entry is None or entry.active_state != "active":
-            parts |= _inactive_parts(case, service, entry)
-        elif entry.stopped:
-            parts |= make_parts("service", name, "stopped", what=unit)
-        elif _is_full(entry):
-            parts |= make_parts("service", name, "full", what=unit)
-        elif _was_started_again(case, entry):
-            parts |= make_parts("service", name, "restarting", what=unit)
-    return parts
-
-
 def _inactive_parts(case: Case, service: str, entry: Service | None) -> Parts:
     name, unit = case.observer.name, f"multimaster-{service}.service"
     if entry is not None and entry.load_state == "not-found":
@@ -153,54 +129,46 @@ def _services_needs(case: Case) -> Parts:
     )
 
 
-@guard(_has_services)
 @Check(
     title="services are active",
     expected="its services are active, may open more files, and were not started again by systemd since the last verification or in the last ten minutes",
     report="3.3",
     needs=_services_needs,
-    evidence=_services_evidence,
 )
+@guard(_has_services)
 def _judge_services(case: Case) -> Judgement | None:
-    planned = case.observer.services
     if not _has_services(case):
         return None
     states = {entry.name: entry for entry in case.probe.services}
+    parts: Parts = frozenset()
     broken, restarted = [], []
-    for name in planned:
-        entry = states.get(name)
+    for name in case.observer.services:
+        entry, unit = states.get(name), f"multimaster-{name}.service"
         if entry is None or entry.active_state != "active":
-            state = "unknown" if entry is None else _describe_state(entry)
-            broken.append(f"multimaster-{name}.service is {state}")
+            broken.append(f"{unit} is {'unknown' if entry is None else _describe_state(entry)}")
+            parts |= _inactive_parts(case, name, entry)
         elif entry.stopped:
             broken.append(f"the process of {entry.unit} is stopped")
+            parts |= make_parts("service", case.observer.name, "stopped", what=unit)
         elif _is_full(entry):
             broken.append(f"{entry.unit} has all of its {entry.most_files} files open")
+            parts |= make_parts("service", case.observer.name, "full", what=unit)
         elif _was_started_again(case, entry):
             restarted.append(f"{entry.unit} was started again {entry.age_s:.0f} s ago, {entry.restarts} in all")
-    expected = f"{', '.join(planned)} active"
+            parts |= make_parts("service", case.observer.name, "restarting", what=unit)
+    expected = f"{', '.join(case.observer.services)} active"
     if broken:
-        return Judgement(FAILED, expected, ", ".join(broken))
-    verdict = WARNING if restarted else OK
-    return Judgement(verdict, f"{expected}, not started again", ", ".join(restarted) or "all active")
+        return Judgement(FAILED, expected, ", ".join(broken), parts)
+    return judge_fault(WARNING, f"{expected}, not started again", ", ".join(restarted), "all active", parts)
 
 
-def _environment_evidence(case: Case) -> Parts:
-    services = case.probe.services
-    differing = sorted({name for entry in services if entry.active_state == "active" for name in entry.differing or ()})
-    if not differing:
-        return make_parts("setting", case.observer.name, "unread", what="the environment of a service")
-    return make_parts("environment", case.observer.name, "service", what=", ".join(differing))
-
-
-@guard(_has_services)
 @Check(
     title="services run with the planned environment",
     expected="the process of each service really has the variables of the environment file and of the plan",
     report="3.2",
     needs=lambda case: make_parts("environment", case.observer.name, "service"),
-    evidence=_environment_evidence,
 )
+@guard(_has_services)
 def _judge_environment(case: Case) -> Judgement | None:
     running = [entry for entry in case.probe.services if entry.active_state == "active"]
     if not running:
@@ -209,36 +177,35 @@ def _judge_environment(case: Case) -> Judgement | None:
     differing = [f"{', '.join(entry.differing)} of {entry.unit}" for entry in running if entry.differing]
     closed = [entry.unit for entry in running if entry.differing is None]
     if closed and not differing:
-        return Judgement(UNKNOWN, expected, f"the process of {', '.join(closed)} cannot be looked at")
-    return Judgement(FAILED if differing else OK, expected, "; ".join(differing) or "the same")
+        unread = make_parts("setting", case.observer.name, "unread", what="the environment of a service")
+        return Judgement(UNKNOWN, expected, f"the process of {', '.join(closed)} cannot be looked at", unread)
+    names = ", ".join(sorted({name for entry in running for name in entry.differing or ()}))
+    parts = make_parts("environment", case.observer.name, "service", what=names)
+    return judge_fault(FAILED, expected, "; ".join(differing), "the same", parts)
 
 
 # Measured
-
-
-def _find_problem(case: Case) -> str:
-    seen = case.observer.seen
-    return (seen.problem or next(iter(seen.probe.problems if seen.probe else ()), "")).rstrip(".")
 
 
 @Check(
     title="computer could be looked at",
     expected="the measurements gave a result",
     needs=lambda case: make_parts("computer", case.observer.name, "unmeasured"),
-    evidence=lambda case: make_parts("computer", case.observer.name, "unmeasured", what=_find_problem(case)),
 )
 def _judge_measured(case: Case) -> Judgement | None:
     seen = case.observer.seen
     if seen.unreachable:
         return None
     problems = list(seen.probe.problems) if seen.probe is not None else []
+    first = (seen.problem or next(iter(problems), "")).rstrip(".")
     measures_udp = case.own is not None and case.own.discovery
     if seen.probe is None or (seen.multicast is None and measures_udp) or seen.problem:
         problems.insert(0, seen.problem or "a measurement gave no result")
     expected, good = (
         ("results of both measurements", "both") if measures_udp else ("a result of the measurement", "one")
     )
-    return Judgement(FAILED if problems else OK, expected, " ".join(problems).rstrip(".") or good)
+    parts = make_parts("computer", case.observer.name, "unmeasured", what=first)
+    return Judgement(FAILED if problems else OK, expected, " ".join(problems).rstrip(".") or good, parts)
 
 
 # Addresses
@@ -254,14 +221,7 @@ def _find_down_links(case: Case) -> list[str]:
     return [network for network, interface in networks if interface.state in DOWN]
 
 
-def _addresses_evidence(case: Case) -> Parts:
-    name = case.observer.name
-    parts = make_parts("interface", name, "address") if _find_missing_addresses(case) else frozenset()
-    parts |= make_parts("interface", name, "prefix") if case.observer.find_wrong_prefixes() else frozenset()
-    return parts | join_parts(_link_evidence(case, network) for network in _find_down_links(case))
-
-
-def _link_evidence(case: Case, network: str) -> Parts:
+def _find_dead_link(case: Case, network: str) -> Parts:
     """Blame the network where no computer on it has a link. A single observed computer is not enough."""
     states = _states(case, network)
     if len(states) < 2:
@@ -304,17 +264,19 @@ def _addresses_needs(case: Case) -> Parts:
     expected="an interface has each of its addresses with the prefix length of its network, and its link is up (warning)",
     needs=_addresses_needs,
     suspects=_addresses_suspects,
-    evidence=_addresses_evidence,
 )
 def _judge_addresses(case: Case) -> Judgement | None:
     if not case.observer.interfaces:
         return None
     expected = ", ".join(f"{entry.address}/{entry.network.prefixlen}" for entry in case.observer.plan.networks)
-    problems = [f"no interface has {address}" for address in _find_missing_addresses(case)]
-    problems += [f"the link to {network} is down" for network in _find_down_links(case)]
-    problems += [f"{address}/{size}" for _name, address, size, _planned in case.observer.find_wrong_prefixes()]
+    missing, down, sizes = _find_missing_addresses(case), _find_down_links(case), case.observer.find_wrong_prefixes()
+    problems = [f"no interface has {address}" for address in missing]
+    problems += [f"the link to {network} is down" for network in down]
+    problems += [f"{address}/{size}" for _name, address, size, _planned in sizes]
+    modes = [mode for mode, wrong in (("address", missing), ("prefix", sizes)) if wrong]
+    parts = make_parts("interface", case.observer.name, *modes) | join_parts(_find_dead_link(case, one) for one in down)
     # Where it does harm, other checks fail. A robot alone works without any network.
-    return Judgement(WARNING if problems else OK, expected, ", ".join(problems) or "all of them")
+    return judge_fault(WARNING, expected, ", ".join(problems), "all of them", parts)
 
 
 def _odd_sizes(case: Case) -> dict[str, str]:
@@ -333,15 +295,13 @@ def _odd_sizes(case: Case) -> dict[str, str]:
     needs=lambda case: join_parts(
         make_parts("interface", case.observer.name, "mtu", what=network) for network in case.observer.mtus
     ),
-    evidence=lambda case: join_parts(
-        make_parts("interface", case.observer.name, "mtu", what=network) for network in _odd_sizes(case)
-    ),
 )
 def _judge_mtu(case: Case) -> Judgement | None:
     if not case.observer.mtus:
         return None
     odd = _odd_sizes(case)
-    return Judgement(WARNING if odd else OK, "the MTU of the others", "; ".join(odd.values()) or "the same")
+    parts = join_parts(make_parts("interface", case.observer.name, "mtu", what=network) for network in odd)
+    return judge_fault(WARNING, "the MTU of the others", "; ".join(odd.values()), "the same", parts)
 
 
 # More of the kernel
@@ -352,42 +312,40 @@ def _judge_mtu(case: Case) -> Judgement | None:
     about="gateways, router",
     expected="the reverse-path filter is not strict: the larger value of `all` and the interface is not 1 (warning)",
     needs=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
-    evidence=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
 )
 def _judge_reverse_path(case: Case) -> Judgement | None:
     if not case.observer.is_probed or not _passes_packets_on(case):
         return None
-    expected = "a loose reverse-path filter, or none"
     strict = [entry.interface for entry in _interfaces(case) if entry.rp_filter == 1]
-    found = f"a strict one on {', '.join(strict)}" if strict else "no strict one"
-    return Judgement(WARNING if strict else OK, expected, found)
+    found = f"a strict one on {', '.join(strict)}" if strict else ""
+    parts = make_parts("reverse_path", case.observer.name, "strict")
+    return judge_fault(WARNING, "a loose reverse-path filter, or none", found, "no strict one", parts)
 
 
 @Check(
     title="router sends no redirects",
     about="router",
     expected="no ICMP redirects are sent into the common network (warning)",
-    evidence=lambda case: make_parts("redirects", case.observer.name, "sent"),
 )
 def _judge_redirects(case: Case) -> Judgement | None:
     if not case.observer.is_probed or not case.observer.plan.is_router:
         return None
     sending = [entry.interface for entry in _interfaces(case) if entry.send_redirects]
-    found = f"they are sent on {', '.join(sending)}" if sending else "none"
-    return Judgement(WARNING if sending else OK, "no ICMP redirects", found)
+    found = f"they are sent on {', '.join(sending)}" if sending else ""
+    return judge_fault(WARNING, "no ICMP redirects", found, "none", make_parts("redirects", case.observer.name, "sent"))
 
 
 @Check(
     title="kernel answers pings",
     expected="`net.ipv4.icmp_echo_ignore_all` is 0, as pings of the fleet need it (warning)",
     needs=lambda case: make_parts("setting", case.observer.name, "icmp_all"),
-    evidence=lambda case: make_parts("setting", case.observer.name, "icmp_all"),
 )
 def _judge_answers_pings(case: Case) -> Judgement | None:
     ignored = case.probe.forwarding.icmp_echo_ignore_all
     if ignored is None:
         return None
-    return Judgement(WARNING if ignored else OK, "net.ipv4.icmp_echo_ignore_all is 0", str(ignored))
+    expected, parts = "net.ipv4.icmp_echo_ignore_all is 0", make_parts("setting", case.observer.name, "icmp_all")
+    return Judgement(WARNING if ignored else OK, expected, str(ignored), parts)
 
 
 # Computers where nobody logs in
@@ -404,11 +362,13 @@ def _list_sealed(case: Case) -> list[str]:
 @Check(
     title="sealed computer could be looked at",
     expected="listed, and not judged, where a robot has sealed computers",
-    evidence=lambda case: join_parts(make_parts("computer", name, "sealed") for name in _list_sealed(case)),
 )
 def _judge_sealed(case: Case) -> Judgement | None:
-    names = ", ".join(_list_sealed(case))
-    return Judgement(UNKNOWN, "what only a login shows", f"nobody logs in on {names}") if names else None
+    names = _list_sealed(case)
+    if not names:
+        return None
+    parts = join_parts(make_parts("computer", name, "sealed") for name in names)
+    return Judgement(UNKNOWN, "what only a login shows", f"nobody logs in on {', '.join(names)}", parts)
 
 
 # The robot's roscore
@@ -419,13 +379,6 @@ def _roscore_suspects(case: Case) -> Parts:
     return needs.roscore(case, name, master) - make_parts("roscore", master, "dead")
 
 
-def _master_uri_evidence(case: Case) -> Parts:
-    seen = case.probe.roscore
-    if seen.uri and not is_same_uri(seen.uri, case.ways.masters[case.observer.plan.robot].uri):
-        return make_parts("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {seen.uri}")
-    return frozenset() if seen.error else make_parts("roscore", case.masters[0], "name", what=seen.answer)
-
-
 @Check(
     title="ROS_MASTER_URI means the robot's roscore",
     carries=ROSCORE,
@@ -433,8 +386,6 @@ def _master_uri_evidence(case: Case) -> Parts:
     report="3.2",
     needs=lambda case: needs.roscore(case, case.observer.name, case.masters[0]),
     suspects=_roscore_suspects,
-    evidence=_master_uri_evidence,
-    outcome=lambda case: case.probe.roscore.outcome,
 )
 def _judge_master_uri(case: Case) -> Judgement | None:
     if not case.observer.is_probed or case.observer.lacks_ros:
@@ -442,15 +393,19 @@ def _judge_master_uri(case: Case) -> Judgement | None:
     expected = case.ways.masters[case.observer.plan.robot].uri
     named = case.ways.master_uris[case.observer.plan.robot]  # a sealed roscore may have any of its names
     roscore = case.probe.roscore
+    is_asked = is_same_uri(roscore.uri, expected)
+    shell = make_parts("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {roscore.uri}")
+    broken = shell if roscore.uri and not is_asked else frozenset()
     if roscore.error:
-        return Judgement(FAILED, expected, roscore.error)
-    good = is_one_of(roscore.answer, named) and is_same_uri(roscore.uri, expected)
+        return Judgement(FAILED, expected, roscore.error, broken, roscore.outcome)
+    good = is_one_of(roscore.answer, named) and is_asked
     found = (
         roscore.answer
         if is_same_uri(roscore.answer, roscore.uri)
         else f"ROS_MASTER_URI {roscore.uri}, and the roscore calls itself {roscore.answer}"
     )
-    return Judgement(OK if good else FAILED, expected, found)
+    broken = broken or make_parts("roscore", case.masters[0], "name", what=roscore.answer)
+    return Judgement(OK if good else FAILED, expected, found, broken, roscore.outcome)
 
 
 # Names
@@ -463,7 +418,6 @@ ASK_OTHERS = ("dns", "mdns", "nis", "ldap", "wins")  # the beginnings of sources
     expected="the line `hosts` of `/etc/nsswitch.conf` has `files` before what asks a name server (warning)",
     report="3.1",
     needs=lambda case: make_parts("names", case.observer.name, "order"),
-    evidence=lambda case: make_parts("names", case.observer.name, "order"),
 )
 def _judge_name_order(case: Case) -> Judgement | None:
     sources = case.probe.name_sources
@@ -471,7 +425,8 @@ def _judge_name_order(case: Case) -> Judgement | None:
         return None
     before = sources[: sources.index("files")] if "files" in sources else sources
     first = not any(source.startswith(ASK_OTHERS) for source in before) and {"files", "resolve"} & set(sources)
-    return Judgement(OK if first else WARNING, "files before dns", " ".join(sources))
+    parts = make_parts("names", case.observer.name, "order")
+    return Judgement(OK if first else WARNING, "files before dns", " ".join(sources), parts)
 
 
 # Default routes
@@ -487,29 +442,29 @@ def _describe_route(route: DefaultRoute) -> str:
     expected="one at most, of whatever metric (warning)",
     report="4.2",
     needs=lambda case: make_parts("route", case.observer.name, "defaults"),
-    evidence=lambda case: make_parts("route", case.observer.name, "defaults"),
 )
 def _judge_default_routes(case: Case) -> Judgement | None:
     if not case.observer.is_probed:
         return None
     routes = case.probe.default_routes
     found = ", ".join(map(_describe_route, routes)) or "none"
-    return Judgement(OK if len(routes) <= 1 else WARNING, "one default route at most", found)
+    parts = make_parts("route", case.observer.name, "defaults")
+    return Judgement(OK if len(routes) <= 1 else WARNING, "one default route at most", found, parts)
 
 
 # The packet filter
 
 
-@guard(lambda case: case.observer.seen.packet_filter is not None)
 @Check(
     title="the packet filter is as planned",
     expected="with `multimaster_firewall: fleet`: all its rules are there, now and at boot",
     needs=lambda case: make_parts("filter", case.observer.name, "changed"),
-    evidence=lambda case: make_parts("filter", case.observer.name, "changed"),
 )
+@guard(lambda case: case.observer.seen.packet_filter is not None)
 def _judge_packet_filter(case: Case) -> Judgement | None:
     found = case.observer.seen.packet_filter
     if found is None:
         return None
     expected = "the packet filter of the plan" if case.observer.plan.firewall else "no packet filter of the collection"
-    return Judgement(FAILED if found.changed or found.failed else OK, expected, found.msg)
+    parts = make_parts("filter", case.observer.name, "changed")
+    return Judgement(FAILED if found.changed or found.failed else OK, expected, found.msg, parts)

@@ -47,11 +47,6 @@ def _membership_interfaces(case: Case) -> set[str] | None:
     about="masters",
     expected="a program has joined the group on the planned interface, as the kernel has it in `/proc/net/igmp`",
     report="3.3",
-    evidence=lambda case: (
-        make_parts("interface", case.observer.name, "multicast")
-        if _membership_interfaces(case)
-        else make_parts("discovery", case.observer.name, "group")
-    ),
 )
 def _judge_membership(case: Case) -> Judgement | None:
     interfaces = _membership_interfaces(case)
@@ -60,7 +55,9 @@ def _judge_membership(case: Case) -> Judgement | None:
         return None
     expected = f"a program has joined {case.fleet.multicast_group} on {planned.interface}"
     found = f"on {' and '.join(sorted(interfaces))}" if interfaces else "on no interface"
-    return Judgement(OK if planned.interface in interfaces else _transport_verdict(case, True), expected, found)
+    verdict = OK if planned.interface in interfaces else _transport_verdict(case, True)
+    kind, mode = ("interface", "multicast") if interfaces else ("discovery", "group")
+    return Judgement(verdict, expected, found, make_parts(kind, case.observer.name, mode))
 
 
 # Datagrams on the group
@@ -100,15 +97,6 @@ def _group_suspects(case: Case) -> Parts:
     return _group_needs(case) - needs.loss_parts(case, one, other)
 
 
-def _group_evidence(case: Case) -> Parts:
-    udp = case.udp
-    if udp and udp.heard_from and udp.source_address != case.ways.discovery_addresses.get(case.target):
-        return _translator(case, case.target)
-    if udp and udp.other_interfaces:
-        return make_parts("interface", case.observer.name, "multicast")
-    return frozenset()
-
-
 def _translator(case: Case, computer: str) -> Parts:
     """Find what translates the addresses of a computer: its gateway, or the computer itself (a container, a virtual machine)."""
     between = needs.translation_parts(case, computer, case.observer.name if computer == case.target else case.target)
@@ -129,7 +117,6 @@ def _translator(case: Case, computer: str) -> Parts:
     report="3.3",
     needs=_group_needs,
     suspects=_group_suspects,
-    evidence=_group_evidence,
 )
 def _judge_udp_multicast(case: Case) -> Judgement | None:
     udp = _on_group(case)
@@ -138,13 +125,14 @@ def _judge_udp_multicast(case: Case) -> Judgement | None:
     address = case.ways.discovery_addresses[case.target]
     loss = (case.back_udp.loss if case.back_udp else None) or 0.0  # the sender knows how many it has sent
     expected = f"datagrams on {case.ways.group} from {address}"
+    elsewhere = make_parts("interface", case.observer.name, "multicast") if udp.other_interfaces else frozenset()
     if not udp.heard_from:
-        elsewhere = f"none, but on {', '.join(udp.other_interfaces)}" if udp.other_interfaces else "none"
-        return Judgement(_transport_verdict(case, udp.unicast), expected, elsewhere)
+        found = f"none, but on {', '.join(udp.other_interfaces)}" if udp.other_interfaces else "none"
+        return Judgement(_transport_verdict(case, udp.unicast), expected, found, elsewhere)
     if udp.source_address != address:
-        return Judgement(FAILED, expected, f"from {udp.source_address}")
+        return Judgement(FAILED, expected, f"from {udp.source_address}", _translator(case, case.target))
     if loss > LOSS:
-        return Judgement(WARNING, expected, f"{loss:.0%} of them are lost")
+        return Judgement(WARNING, expected, f"{loss:.0%} of them are lost", elsewhere)
     return Judgement(OK, expected, f"{udp.heard} datagrams")
 
 
@@ -178,7 +166,6 @@ def _unicast_needs(case: Case) -> Parts:
         | needs.active_translations(case, case.target, case.observer.name)
         | needs.passes(case.target, case.observer.name, "udp")  # the counts come back by the same port
     ),
-    evidence=lambda case: _translator(case, case.observer.name) if _is_translated(case) else frozenset(),
 )
 def _judge_udp_unicast(case: Case) -> Judgement | None:
     if case.udp is None:
@@ -189,7 +176,8 @@ def _judge_udp_unicast(case: Case) -> Judgement | None:
     if case.fleet.transport == "multicast":
         return None  # no computer needs them
     found = "no answer" if case.udp.unicast is None else "none arrives"
-    return Judgement(_transport_verdict(case, case.udp.heard_from), expected, found)
+    broken = _translator(case, case.observer.name) if _is_translated(case) else frozenset()
+    return Judgement(_transport_verdict(case, case.udp.heard_from), expected, found, broken)
 
 
 # The source address of datagrams
@@ -289,7 +277,7 @@ def _port_suspects(case: Case) -> Parts:
     return _port_needs(case) - nobody | make_parts("discovery", case.target, "hung") | filtered
 
 
-def _port_evidence(case: Case) -> Parts:
+def _find_port_fault(case: Case) -> Parts:
     if _connect_outcome(case) == Outcome.NETWORK_UNREACHABLE and _outside(case):  # no ping was sent to that address
         return make_parts("route", case.observer.name, "missing", what=COMMON)
     if (
@@ -308,8 +296,6 @@ def _port_evidence(case: Case) -> Parts:
     expected="the TCP port of the discovery node opens",
     needs=_port_needs,
     suspects=_port_suspects,
-    evidence=_port_evidence,
-    outcome=_connect_outcome,
 )
 def _judge_rpc_port(case: Case) -> Judgement | None:
     entry = case.observer.masters.get(case.target)
@@ -318,7 +304,7 @@ def _judge_rpc_port(case: Case) -> Judgement | None:
     expected = f"TCP port {entry.port} of {case.address} opens"
     if entry.open:
         return Judgement(OK, expected, f"{entry.connect_ms} ms")
-    return Judgement(FAILED, expected, entry.error)
+    return Judgement(FAILED, expected, entry.error, _find_port_fault(case), entry.outcome)
 
 
 # The route to a discovery node
@@ -338,16 +324,17 @@ def _judge_route(case: Case, route: Route | None, address: IPv4Address) -> Judge
         return None
     by, hops = route.gateway or "", _hops(case, address)
     expected = " or ".join(f"a route by {hop}" if hop else "a route without a gateway" for hop in sorted(hops))
-    if route.error:
-        return Judgement(FAILED, expected, route.error)
-    return Judgement(OK if by in hops else FAILED, expected, f"by {by}" if by else "without a gateway")
+    if not route.error and by in hops:
+        return Judgement(OK, expected, f"by {by}" if by else "without a gateway")
+    found = route.error or (f"by {by}" if by else "without a gateway")
+    return Judgement(FAILED, expected, found, _find_route_fault(case, route, address))
 
 
-def _route_evidence(case: Case, route: Route | None, address: IPv4Address) -> Parts:
+def _find_route_fault(case: Case, route: Route, address: IPv4Address) -> Parts:
     mode, what = taker(case.probe.policy, str(address))
     if mode:
         return make_parts("route", case.observer.name, mode, what=what)
-    if route is None or _hops(case, address) == {""}:
+    if _hops(case, address) == {""}:
         return frozenset()  # on one network: the checks of addresses and routes tell it
     return make_parts("route", case.observer.name, "missing" if route.error else "other", what=_beyond(case, address))
 
@@ -355,11 +342,6 @@ def _route_evidence(case: Case, route: Route | None, address: IPv4Address) -> Pa
 def _beyond(case: Case, address: IPv4Address) -> str:
     """The network of the address of a discovery node, as seen from the observer."""
     return COMMON if address in case.fleet.common_network else case.ways.network(case.robots[1])
-
-
-def _to_master(case: Case) -> Route | None:
-    entry = case.observer.masters.get(case.target)
-    return entry.route if entry and case.target != case.observer.name else None
 
 
 def _route_suspects(case: Case) -> Parts:
@@ -377,10 +359,10 @@ def _route_suspects(case: Case) -> Parts:
         "route", case.observer.name, "missing", "other", what=_beyond(case, case.master.address)
     ),
     suspects=_route_suspects,
-    evidence=lambda case: _route_evidence(case, _to_master(case), case.master.address),
 )
 def _judge_master_route(case: Case) -> Judgement | None:
-    return _judge_route(case, _to_master(case), case.master.address)
+    entry = case.observer.masters.get(case.target)
+    return _judge_route(case, entry.route, case.master.address) if entry and case.target != case.observer.name else None
 
 
 # The same for the other address of a gateway, which is no master: its datagrams are measured there
@@ -388,10 +370,6 @@ def _judge_master_route(case: Case) -> Judgement | None:
 
 def _outer(case: Case) -> IPv4Address:
     return case.planned.discovery_address if case.planned else case.fleet.common_network.network_address
-
-
-def _to_outer(case: Case) -> Route | None:
-    return case.member.discovery_route if case.member else None
 
 
 @Check(
@@ -402,18 +380,12 @@ def _to_outer(case: Case) -> Route | None:
     report="4.2",
     needs=lambda case: make_parts("route", case.observer.name, "missing", "other", what=_beyond(case, _outer(case))),
     suspects=_route_suspects,
-    evidence=lambda case: _route_evidence(case, _to_outer(case), _outer(case)),
 )
 def _judge_outer_route(case: Case) -> Judgement | None:
-    return _judge_route(case, _to_outer(case), _outer(case))
+    return _judge_route(case, case.member.discovery_route, _outer(case)) if case.member else None
 
 
 # The port of a roscore, seen from others: no other computer needs it, but it tells a roscore that has ended
-
-
-def _has_roscore(case: Case) -> bool:
-    """The roscore answers on its own computer, so something else refuses."""
-    return case.peer is not None and bool(case.peer.probe.roscore.answer)
 
 
 @Check(
@@ -422,7 +394,6 @@ def _has_roscore(case: Case) -> bool:
     expected="the TCP port of its roscore opens, or nothing comes back; refused: it has ended (warning)",
     needs=lambda case: make_parts("roscore", case.target, "dead"),
     suspects=lambda case: list_refusers(case, case.target, ROSCORE),
-    evidence=lambda case: frozenset() if _has_roscore(case) else make_parts("roscore", case.target, "dead"),
 )
 def _judge_roscore_port(case: Case) -> Judgement | None:
     entry = case.observer.masters.get(case.target)
@@ -431,8 +402,11 @@ def _judge_roscore_port(case: Case) -> Judgement | None:
     expected = "the TCP port of the roscore opens"
     if entry.roscore_outcome == Outcome.OPEN:
         return Judgement(OK, expected, "it opens")
-    # No other computer needs it, so a packet filter may drop it.
-    return Judgement(WARNING, expected, entry.roscore) if entry.roscore_outcome == Outcome.REFUSED else None
+    if entry.roscore_outcome != Outcome.REFUSED:
+        return None  # no other computer needs it, so a packet filter may drop it
+    answers = case.peer is not None and bool(case.peer.probe.roscore.answer)  # there, so something else refuses
+    dead = frozenset() if answers else make_parts("roscore", case.target, "dead")
+    return Judgement(WARNING, expected, entry.roscore, dead)
 
 
 # Clocks
@@ -462,7 +436,7 @@ def _clock_suspects(case: Case) -> Parts:
         return join_parts(make_parts("clock", name, "off") | time_sources.list_parts(case, name) for name in suspects)
     if entry is not None and entry.open:
         return make_parts("discovery", case.target, "hung") | needs.large(case, case.observer.name, case.target)
-    return _port_evidence(case) or find_parts(case, _connect_outcome(case), "rpc") or _port_suspects(case)
+    return _find_port_fault(case) or find_parts(case, _connect_outcome(case), "rpc") or _port_suspects(case)
 
 
 @Check(
@@ -535,17 +509,6 @@ def _list_suspects(case: Case) -> Parts:
     )
 
 
-def _list_evidence(case: Case) -> Parts:
-    entry = case.observer.listed.get(case.master.name)
-    if entry is None or not entry.online:
-        return frozenset()
-    if not _has_planned_uri(entry, case):
-        return make_parts("roscore", case.target, "name", what=entry.uri)
-    if case.robots[0] == case.robots[1]:  # the node tells the address from which it sends
-        return make_parts("interface", case.target, "multicast")
-    return _translator(case, case.target)
-
-
 @Check(
     title="rosservice call /master_discovery/list_masters",
     scope=MASTER_TOO,
@@ -554,18 +517,24 @@ def _list_evidence(case: Case) -> Parts:
     report="3.3, Fig. 8",
     needs=_list_needs,
     suspects=_list_suspects,
-    evidence=_list_evidence,
 )
 def _judge_list_masters(case: Case) -> Judgement | None:
     if not case.observer.is_probed or case.observer.lacks_ros:
         return None
     master = case.master
     entry = case.observer.listed.get(master.name)
-    good = entry is not None and entry.online and _has_planned_uri(entry, case) and _has_planned_address(entry, case)
     expected = f"{master.name} online, {master.uri}, monitored at {master.monitor_uri}"
     if entry is None:
         error = case.probe.list_masters.error
         return Judgement(FAILED, expected, error or f"not among {', '.join(sorted(case.observer.listed)) or 'none'}")
     state = "online" if entry.online else "offline"
     found = f"{entry.name} {state}, {entry.uri}, monitored at {entry.monitoruri}"
-    return Judgement(OK if good else FAILED, expected, found)
+    if not entry.online:
+        return Judgement(FAILED, expected, found)
+    if not _has_planned_uri(entry, case):
+        return Judgement(FAILED, expected, found, make_parts("roscore", case.target, "name", what=entry.uri))
+    if _has_planned_address(entry, case):
+        return Judgement(OK, expected, found)
+    if case.robots[0] == case.robots[1]:  # the node tells the address from which it sends
+        return Judgement(FAILED, expected, found, make_parts("interface", case.target, "multicast"))
+    return Judgement(FAILED, expected, found, _translator(case, case.target))

@@ -44,11 +44,22 @@ class Row(NamedTuple):  # there are millions in a large fleet, and a frozen data
 
 
 class Judgement(NamedTuple):
-    """Verdict, expected and found of one check."""
+    """Verdict, expected and found of one check, and what it shows of the parts of the fleet, where it is not ok.
+
+    `broken` are parts that a value shows to be broken; then no other part is suspected. `outcome` is that of what the check has
+    sent itself: an error leaves few parts (errors.py).
+    """
 
     verdict: str
     expected: str = ""
     found: str = ""
+    broken: Parts = frozenset()
+    outcome: Outcome = Outcome.NOT_TRIED
+
+
+def judge_fault(verdict: str, expected: str, found: str, fine: str, broken: Parts = frozenset()) -> Judgement:
+    """Judge what was found: an empty text is no fault, and `fine` says so."""
+    return Judgement(verdict, expected, found, broken) if found else Judgement(OK, expected, fine)
 
 
 # robot of the observer, robot of the target, and the checks that passed -> number of pairs
@@ -62,17 +73,13 @@ def _find_no_parts(_case: Case) -> Parts:
     return frozenset()
 
 
-def _was_not_tried(_case: Case) -> Outcome:
-    return Outcome.NOT_TRIED
-
-
 @dataclass(frozen=True)
 class Check:
     """A check: its targets, its judge, and the meaning of its results for the parts of the fleet. It decorates its judge.
 
     The judge returns None where there is nothing to judge, for example since a different check says it already. A success
     needs the parts of `needs`, so it clears them. A failure has its reason among `suspects`; without such a function it is
-    among `needs`. `evidence` are parts that a value shows to be broken; then no other part is suspected.
+    among `needs`. Where the judge names the parts that are broken, no other is suspected.
     """
 
     title: str
@@ -82,10 +89,6 @@ class Check:
     report: str = ""  # where the report has it
     needs: Callable[[Case], Parts] = _find_no_parts
     suspects: Callable[[Case], Parts] | None = None
-    evidence: Callable[[Case], Parts] = _find_no_parts
-    outcome: Callable[[Case], Outcome] = (
-        _was_not_tried  # of what it has sent itself: an error leaves few parts (errors.py)
-    )
     carries: str = ""  # its packets, a word of packet_filters.TRAFFIC: a rule that drops them is evidence, too
     shown: bool = False  # good results have rows, too
     id: str = ""  # the name of the judge without `_judge_`
@@ -135,7 +138,7 @@ class Verification:
                 if counts and judgement.verdict == OK and not check.shown:
                     good.append(check.id)
                 else:
-                    yield Row(check.id, case.observer.name, case.target, *judgement)
+                    yield Row(check.id, case.observer.name, case.target, *judgement[:3])
             if passed is not None and counts:
                 own, its = case.robots
                 passed[own or case.observer.name, its or case.target, tuple(good)] += 1

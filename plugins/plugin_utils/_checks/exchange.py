@@ -6,19 +6,19 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from itertools import islice
 
 from .._case import needs, stages
 from .._case.case import Case
 from .._case.needs import Parts, join_parts, make_parts
 from .._case.parts import Part
-from .._case.registrations import Conflict
+from .._case.registrations import Clash, Conflict, Item
 from .._case.stages import Stage
 from .._fleet.sentences import shorten_list
-from .._observed.observations import SilentNode
+from .._observed.observations import Exchange, SilentNode
 from .._observed.outcomes import Outcome
-from .engine import FAILED, MASTER, OK, UNKNOWN, WARNING, Check, Judgement
+from .engine import FAILED, MASTER, OK, UNKNOWN, WARNING, Check, Judgement, judge_fault
 
 NAMED = 4  # registrations, names or connections that a finding names
 
@@ -35,17 +35,18 @@ def _silent_suspects(case: Case) -> Parts:
     )
 
 
-def _silent_evidence(case: Case) -> Parts:
+def _find_silent_parts(case: Case, exchange: Exchange) -> Parts:
     """The collection's own nodes hang, or those of fkie_mas; services that do not run have a check of their own."""
-    silent = case.exchange.silent if case.exchange else ()
     hung = {
         "/master_discovery": "discovery",
         "/master_sync": "sync",
         "/mas_discovery": "discovery",
         "/mas_sync": "sync",
     }
-    nodes = join_parts(make_parts(kind, case.observer.name, "hung") for node, kind in hung.items() if node in silent)
-    refused = [entry.node for entry in (case.exchange.silences if case.exchange else ()) if _has_ended(case, entry)]
+    nodes = join_parts(
+        make_parts(kind, case.observer.name, "hung") for node, kind in hung.items() if node in exchange.silent
+    )
+    refused = [entry.node for entry in exchange.silences if _has_ended(case, entry)]
     ended = make_parts("registration", case.observer.name, "ghost", what=shorten_list(refused, NAMED))
     return nodes | stages.find_mute_talkers(case) | (ended if refused else frozenset())
 
@@ -64,14 +65,15 @@ def _has_ended(case: Case, entry: SilentNode) -> bool:
         make_parts("sync", case.observer.name, "hung") | make_parts("discovery", case.observer.name, "hung")
     ),
     suspects=_silent_suspects,
-    evidence=_silent_evidence,
 )
 def _judge_nodes_answer(case: Case) -> Judgement | None:
     if case.exchange is None or case.exchange.error:
         return None
-    silent = case.exchange.silent
-    found = f"no answer of {shorten_list(silent, NAMED)}" if silent else "they answer"
-    return Judgement(WARNING if silent else OK, "every node that is registered answers", found)
+    expected, silent = "every node that is registered answers", case.exchange.silent
+    if not silent:
+        return Judgement(OK, expected, "they answer")
+    broken = _find_silent_parts(case, case.exchange)
+    return Judgement(WARNING, expected, f"no answer of {shorten_list(silent, NAMED)}", broken)
 
 
 # Names
@@ -81,20 +83,11 @@ def _has_both_contents(case: Case) -> bool:
     return case.exchange is not None and all(robot in case.state.exchanges.robots for robot in case.robots)
 
 
-def _names_evidence(case: Case) -> Parts:
-    own, its = case.robots
-    clashes = case.state.exchanges.clashes(its, own)
-    return frozenset(
-        Part.from_pair("registration", "twin", *clash.robots, what=f"{clash.kind} {clash.name}") for clash in clashes
-    )
-
-
 @Check(
     title="no node or service name twice",
     scope=MASTER,
     about="pair of roscores",
     expected="no node and no service that is exchanged has a name that another robot has too",
-    evidence=_names_evidence,
 )
 def _judge_names(case: Case) -> Judgement | None:
     if not _has_both_contents(case):
@@ -102,8 +95,10 @@ def _judge_names(case: Case) -> Judgement | None:
     own, its = case.robots
     clashes = case.state.exchanges.clashes(its, own)
     names = (f"the {clash.kind} {clash.name} is of {' and of '.join(clash.robots)}" for clash in clashes)
-    found = shorten_list(names, NAMED)
-    return Judgement(FAILED if clashes else OK, "each name once", found or "no name twice")
+    twins = frozenset(
+        Part.from_pair("registration", "twin", *clash.robots, what=f"{clash.kind} {clash.name}") for clash in clashes
+    )
+    return judge_fault(FAILED, "each name once", shorten_list(names, NAMED), "no name twice", twins)
 
 
 # Types
@@ -116,18 +111,11 @@ def _describe_conflict(conflict: Conflict) -> str:
     return f"{conflict.topic} is {type_name} on both, with the md5 sum {its_sum} on {one} and {md5sum} on {other}"
 
 
-def _types_evidence(case: Case) -> Parts:
-    own, its = case.robots
-    if conflicts := case.state.exchanges.conflicts(its, own):
-        return frozenset(
-            Part("messages", odd, "differ", conflict.topic)
-            if (odd := case.state.exchanges.odd(conflict))
-            else Part.from_pair("messages", "differ", own, its, what=conflict.topic)
-            for conflict in conflicts
-        )
-    return make_parts(
-        "messages", case.observer.name, "unknown", what=case.exchange.types_error if case.exchange else ""
-    )
+def _make_conflict_part(case: Case, conflict: Conflict) -> Part:
+    odd = case.state.exchanges.odd(conflict)
+    if odd:
+        return Part("messages", odd, "differ", conflict.topic)
+    return Part.from_pair("messages", "differ", *case.robots, what=conflict.topic)
 
 
 @Check(
@@ -135,7 +123,6 @@ def _types_evidence(case: Case) -> Parts:
     scope=MASTER,
     about="pair of roscores",
     expected="a topic that is exchanged has one type and one md5 sum on both robots",
-    evidence=_types_evidence,
 )
 def _judge_types(case: Case) -> Judgement | None:
     if case.exchange is None or not _has_both_contents(case):
@@ -143,20 +130,21 @@ def _judge_types(case: Case) -> Judgement | None:
     own, its = case.robots
     conflicts, expected = case.state.exchanges.conflicts(its, own), "each topic has one type"
     if conflicts:
-        return Judgement(FAILED, expected, shorten_list(map(_describe_conflict, conflicts), NAMED))
-    if case.exchange.types_error:
-        return Judgement(UNKNOWN, expected, f"the md5 sums are not known: {case.exchange.types_error}")
-    return Judgement(OK, expected, "the same types")
+        broken = frozenset(_make_conflict_part(case, conflict) for conflict in conflicts)
+        return Judgement(FAILED, expected, shorten_list(map(_describe_conflict, conflicts), NAMED), broken)
+    error = case.exchange.types_error
+    found = f"the md5 sums are not known: {error}" if error else ""
+    unread = make_parts("messages", case.observer.name, "unknown", what=error)
+    return judge_fault(UNKNOWN, expected, found, "the same types", unread)
 
 
 # Topics of two publishers
 
 
-def _topics_evidence(case: Case) -> Parts:
+def _list_sharers(shared: Iterable[Clash]) -> Parts:
     """One finding for two robots, whoever hears both of them."""
-    own, its = case.robots
     topics: dict[tuple[str, str], list[str]] = defaultdict(list)
-    for clash in case.state.exchanges.find_shared_topics(its, own):
+    for clash in shared:
         topics[clash.robots].append(clash.name)
     return frozenset(
         Part.from_pair("topic", "shared", *robots, what=shorten_list(names, NAMED)) for robots, names in topics.items()
@@ -169,7 +157,6 @@ def _topics_evidence(case: Case) -> Parts:
     about="pair of roscores",
     expected="no topic that is exchanged is published by a robot that gets it, or by two that give it to a third one; two robots that "
     "name it in their `multimaster_exports` mean it, and diagnostics are meant (warning)",
-    evidence=_topics_evidence,
 )
 def _judge_shared_topics(case: Case) -> Judgement | None:
     if not _has_both_contents(case):
@@ -177,18 +164,11 @@ def _judge_shared_topics(case: Case) -> Judgement | None:
     own, its = case.robots
     shared = case.state.exchanges.find_shared_topics(its, own)
     found = shorten_list((f"{clash.name} of {' and of '.join(clash.robots)}" for clash in shared), NAMED)
-    return Judgement(
-        WARNING if shared else OK, "each topic is published by one robot", found or "no topic of two robots"
-    )
+    expected = "each topic is published by one robot"
+    return judge_fault(WARNING, expected, found, "no topic of two robots", _list_sharers(shared))
 
 
 # Bridges to ROS 2
-
-
-def _bridges_evidence(case: Case) -> Parts:
-    own, its = case.robots
-    topics = case.state.exchanges.find_bridged_topics(its, own)
-    return frozenset({Part.from_pair("topic", "circle", own, its, what=shorten_list(topics, NAMED))})
 
 
 @Check(
@@ -196,15 +176,14 @@ def _bridges_evidence(case: Case) -> Parts:
     scope=MASTER,
     about="pair of roscores",
     expected="no topic that is exchanged passes a node of ros1_bridge on both robots (warning)",
-    evidence=_bridges_evidence,
 )
 def _judge_bridges(case: Case) -> Judgement | None:
     if not _has_both_contents(case):
         return None
     own, its = case.robots
-    topics = case.state.exchanges.find_bridged_topics(its, own)
-    found = shorten_list(topics, NAMED)
-    return Judgement(WARNING if topics else OK, "each topic passes one bridge", found or "no topic passes two")
+    found = shorten_list(case.state.exchanges.find_bridged_topics(its, own), NAMED)
+    circle = frozenset({Part.from_pair("topic", "circle", own, its, what=found)})
+    return judge_fault(WARNING, "each topic passes one bridge", found, "no topic passes two", circle)
 
 
 # The flow
@@ -221,17 +200,14 @@ def _flow_suspects(case: Case) -> Parts:
     return sync | fetched | needs.heartbeats(case, own, its)
 
 
-def _flow_evidence(case: Case) -> Parts:
+def _find_flow_faults(case: Case, missing: Sequence[Item], superfluous: Sequence[Item]) -> Parts:
     """Superfluous registrations come from parameters of the sync node."""
     own, its = case.robots
     observer = case.observer.name
-    if case.exchange is not None and case.exchange.error:
-        return make_parts("sync", observer, "untold")
-    if superfluous := case.state.exchanges.superfluous(its, own):
+    if superfluous:
         return make_parts("sync", observer, "configuration", what=shorten_list(map(str, superfluous), NAMED))
     if len(case.state.exchanges.find_imports(its, own)) >= MOST_REGISTRATIONS:
         return make_parts("sync", observer, "limit", what=case.target)
-    missing = case.state.exchanges.find_missing(its, own)
     refused = stages.find_refusals(case, [name for item in missing for name in (item.name, item.node)])
     if _loses_large(case):
         return refused  # what is told over HTTP comes in large packets: no node is at fault
@@ -266,21 +242,22 @@ def _find_lacking_stages(case: Case, missing: Iterable[str] = ()) -> dict[str, S
     # registrations stay after a node has died, so a success clears no node
     needs=lambda case: make_parts("sync", case.masters[0], "configuration"),
     suspects=_flow_suspects,
-    evidence=_flow_evidence,
 )
 def _judge_flow(case: Case) -> Judgement | None:
     if case.exchange is None:
         return None
     own, its = case.robots
     if case.exchange.error:
-        return Judgement(UNKNOWN, f"what {its} gives", case.exchange.error)
+        untold = make_parts("sync", case.observer.name, "untold")
+        return Judgement(UNKNOWN, f"what {its} gives", case.exchange.error, untold)
     missing, superfluous = case.state.exchanges.find_missing(its, own), case.state.exchanges.superfluous(its, own)
     parts: list[tuple[str, Sequence[object]]] = [("not there", missing), ("there against the plan", superfluous)]
     parts.append(
         ("of its talkers", [f"{name} is not {stage.value}" for name, stage in _find_lacking_stages(case).items()])
     )
     found = "; ".join(f"{words}: {shorten_list(map(str, items), NAMED)}" for words, items in parts if items)
-    return Judgement(FAILED if found else OK, f"what {its} gives to {own}, and nothing else", found or "just that")
+    broken = _find_flow_faults(case, missing, superfluous) if found else frozenset()
+    return judge_fault(FAILED, f"what {its} gives to {own}, and nothing else", found, "just that", broken)
 
 
 # Parameters that cross
@@ -316,19 +293,13 @@ def _compare_copies(case: Case) -> dict[str, str] | None:
     }
 
 
-def _copies_part(case: Case) -> Parts:
-    found = shorten_list((_compare_copies(case) or {}).values(), NAMED)
-    return frozenset({Part.from_pair("parameter", "copy", *case.robots, what=found)})
-
-
-def _copies_evidence(case: Case) -> Parts:
+def _find_copy_faults(case: Case, wrong: Collection[str]) -> Parts:
     """A copy that differs shows itself. One that is not there may be missing with all the rest, since sync does not work."""
-    wrong = (_compare_copies(case) or {}).values()
-    if not any("another value" in words for words in wrong) and case.exchange and not case.exchange.error:
-        own, its = case.robots
-        if case.state.exchanges.find_missing(its, own):
-            return frozenset()
-    return _copies_part(case)
+    own, its = case.robots
+    is_read = case.exchange is not None and not case.exchange.error
+    if is_read and not any("another value" in words for words in wrong) and case.state.exchanges.find_missing(its, own):
+        return frozenset()
+    return frozenset({Part.from_pair("parameter", "copy", own, its, what=shorten_list(wrong, NAMED))})
 
 
 @Check(
@@ -337,15 +308,16 @@ def _copies_evidence(case: Case) -> Parts:
     about="pair of roscores",
     expected="each parameter that the one robot gives by `multimaster_exports` has the same value at the other, where it is set at all",
     suspects=_flow_suspects,
-    evidence=_copies_evidence,
 )
 def _judge_copies(case: Case) -> Judgement | None:
     if not _list_copied(case):
         return None
     wrong = _compare_copies(case)
     if wrong is None:
-        return Judgement(UNKNOWN, "the same values", "the parameters of one of the two are not known")
-    return Judgement(FAILED if wrong else OK, "the same values", shorten_list(wrong.values(), NAMED) or "the same")
+        found = "the parameters of one of the two are not known"
+        return Judgement(UNKNOWN, "the same values", found, _find_copy_faults(case, ()))
+    broken = _find_copy_faults(case, wrong.values()) if wrong else frozenset()
+    return judge_fault(FAILED, "the same values", shorten_list(wrong.values(), NAMED), "the same", broken)
 
 
 # Connections
@@ -356,7 +328,6 @@ def _judge_copies(case: Case) -> Judgement | None:
     scope=MASTER,
     about="pair of roscores",
     expected="nodes of the two robots are connected only by what is exchanged",
-    evidence=lambda case: frozenset({Part.from_pair("registration", "link", *case.robots)}),
 )
 def _judge_cross_link(case: Case) -> Judgement | None:
     if case.exchange is None or case.exchange.error:
@@ -366,5 +337,6 @@ def _judge_cross_link(case: Case) -> Judgement | None:
         f"{link.node} {'hears' if link.direction == 'in' else 'is heard by'} {link.peer} of {link.robot} on {link.topic}"
         for link in crossing
     )
-    found = shorten_list(links, NAMED)
-    return Judgement(FAILED if crossing else OK, "only connections of what is exchanged", found or "only such")
+    between = frozenset({Part.from_pair("registration", "link", *case.robots)})
+    expected = "only connections of what is exchanged"
+    return judge_fault(FAILED, expected, shorten_list(links, NAMED), "only such", between)

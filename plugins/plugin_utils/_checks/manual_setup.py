@@ -6,59 +6,50 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from functools import wraps
 
 from .._case.case import Case
-from .._case.needs import Parts, make_parts
+from .._case.needs import make_parts
 from .._case.parts import ANY
-from .engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement
-
-NOT_OURS = Judgement(UNKNOWN, "what site.yml sets up", "the collection has not set this computer up")
+from .engine import FAILED, UNKNOWN, WARNING, Check, Judge, Judgement, judge_fault
 
 
-def guard(looked: Callable[[Case], bool]) -> Callable[[Check], Check]:
-    """Decorate a check on the work of site.yml. Where that has not run, the result is unknown if `looked` is true.
+def guard(looked: Callable[[Case], bool]) -> Callable[[Judge], Judge]:
+    """Decorate the judge of a check on the work of site.yml. Where that has not run, the result is unknown if `looked` is true."""
 
-    Then that is the only evidence.
-    """
-
-    def guard_check(check: Check) -> Check:
-        def judge(case: Case) -> Judgement | None:
+    def guard_judge(judge: Judge) -> Judge:
+        @wraps(judge)
+        def judge_ours(case: Case) -> Judgement | None:
             if not case.is_set_up_by_hand:
-                return check.judge(case)
-            return NOT_OURS if looked(case) else None
+                return judge(case)
+            by_hand = make_parts("set_up", case.observer.name, "by_hand")
+            found = "the collection has not set this computer up"
+            return Judgement(UNKNOWN, "what site.yml sets up", found, by_hand) if looked(case) else None
 
-        def find_evidence(case: Case) -> Parts:
-            by_hand = case.is_set_up_by_hand
-            return make_parts("set_up", case.observer.name, "by_hand") if by_hand else check.evidence(case)
+        return judge_ours
 
-        return replace(check, judge=judge, evidence=find_evidence)
-
-    return guard_check
+    return guard_judge
 
 
 @Check(
     title="site.yml has run",
     expected="the collection has its records there; listed only where it has none",
-    evidence=lambda case: make_parts("set_up", ANY if case.was_none_set_up else case.observer.name, "never"),
 )
 def _judge_set_up(case: Case) -> Judgement | None:
-    return Judgement(FAILED, "site.yml has run", "no record of the collection") if case.was_never_set_up else None
-
-
-def _conflict_evidence(case: Case) -> Parts:
-    found = case.observer.seen.found
-    return make_parts("set_up", case.observer.name, "others" if found is not None and found.runs else "refused")
+    if not case.was_never_set_up:
+        return None
+    never = make_parts("set_up", ANY if case.was_none_set_up else case.observer.name, "never")
+    return Judgement(FAILED, "site.yml has run", "no record of the collection", never)
 
 
 @Check(
     title="nothing stands against the plan",
     expected="nobody else holds the ports of its services, and site.yml would refuse nothing else there (warning)",
-    evidence=_conflict_evidence,
 )
 def _judge_as_planned(case: Case) -> Judgement | None:
     found = case.observer.seen.found
     if found is None:
         return None
     other = [text.removeprefix(f"{case.observer.name}: ") for text in (*found.runs, *found.noted)]
-    return Judgement(WARNING if other else OK, "nothing that site.yml would refuse", " ".join(other) or "nothing")
+    parts = make_parts("set_up", case.observer.name, "others" if found.runs else "refused")
+    return judge_fault(WARNING, "nothing that site.yml would refuse", " ".join(other), "nothing", parts)

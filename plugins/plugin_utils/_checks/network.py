@@ -14,7 +14,7 @@ from .._case.policy_routing import taker
 from .._case.ways import COMMON
 from .._observed.observations import Ping, Route
 from .._observed.outcomes import Outcome
-from .engine import FAILED, ITSELF_TOO, MEMBER, OK, WARNING, Check, Judgement
+from .engine import FAILED, ITSELF_TOO, MEMBER, OK, WARNING, Check, Judgement, judge_fault
 
 LOST = 0.2  # of the pings to one computer: in a wireless network some are always lost, and few are sent
 
@@ -37,12 +37,6 @@ def _find_duplicates(case: Case) -> dict[str, list[str]]:
     return found
 
 
-def _duplicate_evidence(case: Case) -> Parts:
-    return join_parts(
-        make_parts("interface", case.ways.name_at(address), "duplicate") for address in _find_duplicates(case)
-    )
-
-
 def _duplicate_needs(case: Case) -> Parts:
     """A computer that gets no ARP answer for its own address is alone with it, for all observers."""
     name = case.observer.name
@@ -56,14 +50,14 @@ def _duplicate_needs(case: Case) -> Parts:
     about="computer, its networks",
     expected="asked by ARP, one hardware address answers for each address of the fleet, none for its own",
     needs=_duplicate_needs,
-    evidence=_duplicate_evidence,
 )
 def _judge_address_once(case: Case) -> Judgement | None:
     if not case.probe.claims:
         return None
     twice = _find_duplicates(case)
     found = "; ".join(f"for {address} also {' and '.join(macs)}" for address, macs in twice.items())
-    return Judgement(FAILED if twice else OK, "one computer answers for each address", found or "one for each")
+    parts = join_parts(make_parts("interface", case.ways.name_at(address), "duplicate") for address in twice)
+    return judge_fault(FAILED, "one computer answers for each address", found, "one for each", parts)
 
 
 # The name
@@ -74,18 +68,16 @@ def _addresses(case: Case) -> tuple[str, ...]:
     return case.member.addresses if case.member else ()
 
 
-def _name_evidence(case: Case) -> Parts:
-    """Say how the name is wrong."""
+def _name_mistake(case: Case) -> str:
+    """Return the mode in which the name is wrong."""
     addresses = _addresses(case)
     if not addresses:
-        mode = "unknown"
-    elif _is_own_too(case):
-        mode = "own"
-    elif any(_is_loopback(address) for address in addresses):
-        mode = "loopback"
-    else:
-        mode = "several" if len(addresses) > 1 else "old"
-    return make_parts("names", case.observer.name, mode, what=case.target)
+        return "unknown"
+    if _is_own_too(case):
+        return "own"
+    if any(_is_loopback(address) for address in addresses):
+        return "loopback"
+    return "several" if len(addresses) > 1 else "old"
 
 
 def _is_own_too(case: Case) -> bool:
@@ -107,17 +99,18 @@ def _is_loopback(address: str) -> bool:
     expected="the name resolves to the planned address and no other",
     report="3.1, Fig. 6",
     needs=lambda case: needs.names(case.observer.name, case.target),
-    evidence=_name_evidence,
 )
 def _judge_name(case: Case) -> Judgement | None:
     if case.member is None or case.observer.plan.is_router:
         return None
     addresses, expected = case.member.addresses, case.address
-    good = addresses == (expected,)
     found = ", ".join(addresses) or case.member.resolve_error
+    if addresses == (expected,):
+        return Judgement(OK, expected, found)
     # Fig. 6 of the report leaves 127.0.1.1 at the own name, and these robots talk.
     verdict = WARNING if case.is_set_up_by_hand and _is_own_too(case) else FAILED
-    return Judgement(OK if good else verdict, expected, found)
+    parts = make_parts("names", case.observer.name, _name_mistake(case), what=case.target)
+    return Judgement(verdict, expected, found, parts)
 
 
 # The name, as others than root look it up
@@ -128,14 +121,14 @@ def _judge_name(case: Case) -> Judgement | None:
     scope=ITSELF_TOO,
     expected="a user without rights, as nodes are, gets the same addresses for the name",
     needs=lambda case: make_parts("names", case.observer.name, "rights"),
-    evidence=lambda case: make_parts("names", case.observer.name, "rights", what=case.target),
 )
 def _judge_user_name(case: Case) -> Judgement | None:
     found = case.member.user_addresses if case.member else None
     if found is None or _addresses(case) != (case.address,) or case.observer.plan.is_router:
         return None  # another check judges what root finds
-    good = found == (case.address,)
-    return Judgement(OK if good else FAILED, f"{case.address}, as for root", ", ".join(found) or "no address")
+    verdict = OK if found == (case.address,) else FAILED
+    parts = make_parts("names", case.observer.name, "rights", what=case.target)
+    return Judgement(verdict, f"{case.address}, as for root", ", ".join(found) or "no address", parts)
 
 
 # The route
@@ -148,13 +141,12 @@ def _route_needs(case: Case) -> Parts:
     return found | make_parts("route", case.observer.name, "missing")
 
 
-def _route_evidence(case: Case) -> Parts:
-    route, name = case.member.route if case.member else None, case.observer.name
-    if route is None or case.planned is None:
+def _find_route_fault(case: Case, route: Route) -> Parts:
+    if case.planned is None:
         return frozenset()
     mode, what = taker(case.probe.policy, case.address)
     if mode and (route.error or (route.gateway or "") not in case.way.hops):
-        return make_parts("route", name, mode, what=what)
+        return make_parts("route", case.observer.name, mode, what=what)
     return _route_absence_parts(case) if route.error else _wrong_route_parts(case, route)
 
 
@@ -202,7 +194,6 @@ def _has_no_routes(case: Case) -> bool:
     expected="packets leave from the planned address, and by the planned gateway",
     report="4.2",
     needs=_route_needs,
-    evidence=_route_evidence,
 )
 def _judge_route(case: Case) -> Judgement | None:
     route = case.member.route if case.member else None
@@ -211,10 +202,11 @@ def _judge_route(case: Case) -> Judgement | None:
     way = case.way
     good = not route.error and route.source == way.source and (route.gateway or "") in way.hops
     expected = f"a route from {way.source}" + (f" by {way.next_hop}" if way.next_hop else "")
-    if route.error:
-        return Judgement(FAILED, expected, route.error)
     via = f" by {route.gateway}" if route.gateway else ""
-    return Judgement(OK if good else FAILED, expected, f"on {route.device} from {route.source}{via}")
+    found = route.error or f"on {route.device} from {route.source}{via}"
+    return (
+        Judgement(OK, expected, found) if good else Judgement(FAILED, expected, found, _find_route_fault(case, route))
+    )
 
 
 # The ping by address
@@ -230,12 +222,6 @@ def _answers_sometimes(case: Case) -> bool:
     return case.member is not None and case.member.loss is not None and case.member.loss < 1.0
 
 
-def _ping_outcome(case: Case) -> Outcome:
-    """The outcome of the pings. Where only some were lost on the way, an error says nothing."""
-    ping = case.member.ping_address if case.member else None
-    return Outcome.NOT_TRIED if ping is None or _answers_sometimes(case) else ping.outcome
-
-
 def _ping_suspects(case: Case) -> Parts:
     if _answers_sometimes(case):
         return needs.loss_parts(case, case.observer.name, case.target)
@@ -243,12 +229,12 @@ def _ping_suspects(case: Case) -> Parts:
     return _ping_needs(case) - needs.arp_parts(case, case.observer.name, case.target) if silent else _ping_needs(case)
 
 
-def _judge_ping(case: Case, ping: Ping | None, whom: str, size: str = "") -> Judgement | None:
+def _judge_ping(ping: Ping | None, whom: str, outcome: Outcome = Outcome.NOT_TRIED) -> Judgement | None:
     if ping is None:
         return None
-    expected = f"an answer of {whom}{size}"
+    expected = f"an answer of {whom}"
     if not ping.ok:
-        return Judgement(FAILED, expected, ping.error)
+        return Judgement(FAILED, expected, ping.error, outcome=outcome)
     return Judgement(OK, expected, "as planned" if ping.rtt_ms is None else f"{ping.rtt_ms} ms")
 
 
@@ -260,10 +246,12 @@ def _judge_ping(case: Case, ping: Ping | None, whom: str, size: str = "") -> Jud
     report="3.2, 4.2",
     needs=_ping_needs,
     suspects=_ping_suspects,
-    outcome=_ping_outcome,
 )
 def _judge_ping_address(case: Case) -> Judgement | None:
-    return _judge_ping(case, case.member.ping_address if case.member else None, case.address)
+    ping = case.member.ping_address if case.member else None
+    if ping is None or _answers_sometimes(case):
+        return _judge_ping(ping, case.address)  # where only some were lost on the way, an error says nothing
+    return _judge_ping(ping, case.address, ping.outcome)
 
 
 # TCP, where no ping is answered: a packet filter that drops pings alone is told from a computer that is off
@@ -302,7 +290,7 @@ def _judge_tcp_answer(case: Case) -> Judgement | None:
 def _judge_ping_name(case: Case) -> Judgement | None:
     if case.observer.plan.is_router:
         return None
-    return _judge_ping(case, case.member.ping_name if case.member else None, case.target)
+    return _judge_ping(case.member.ping_name if case.member else None, case.target)
 
 
 # Large packets
@@ -316,7 +304,7 @@ def _judge_ping_name(case: Case) -> Judgement | None:
 )
 def _judge_ping_large(case: Case) -> Judgement | None:
     """Judge by warnings: some devices drop only large pings. Where large packets are lost, other checks fail, too."""
-    judged = _judge_ping(case, case.member.ping_large if case.member else None, case.address, " to a large packet")
+    judged = _judge_ping(case.member.ping_large if case.member else None, f"{case.address} to a large packet")
     if judged is not None and judged.verdict != OK and case.member and (case.member.loss or 0.0) > LOST:
         return None  # small ones are lost, too: the size need not be the reason
     return judged if judged is None or judged.verdict == OK else judged._replace(verdict=WARNING)
@@ -341,35 +329,29 @@ def _judge_ping_loss(case: Case) -> Judgement | None:
 # The neighbour
 
 
-def _neighbour_evidence(case: Case) -> Parts:
-    if case.member is not None and case.member.neighbour_fixed:
-        return make_parts("neighbour", case.observer.name, "fixed", what=case.target)
-    return make_parts("interface", case.target, "duplicate", what=case.observer.name)
-
-
 @Check(
     title="address belongs to one computer",
     scope=MEMBER,
     about="pair on one network",
     expected="the hardware address of its address is one of that computer's own (warning)",
     needs=lambda case: make_parts("interface", case.target, "duplicate", what=case.observer.name),
-    evidence=_neighbour_evidence,
 )
 def _judge_neighbour(case: Case) -> Judgement | None:
-    seen = case.member.neighbour.lower() if case.member else ""
-    known = case.peer.macs if seen and case.peer is not None and not case.way.crosses else None
-    if not known:
+    if case.member is None or case.peer is None or case.way.crosses:
+        return None
+    seen, known = case.member.neighbour.lower(), case.peer.macs
+    if not seen or not known:
         return None
     expected = f"{case.address} is at {' or '.join(sorted(known))}"
-    return Judgement(OK if seen in known else WARNING, expected, f"it is at {seen}")  # a proxy may answer for it
+    parts = (
+        make_parts("neighbour", case.observer.name, "fixed", what=case.target)
+        if case.member.neighbour_fixed
+        else make_parts("interface", case.target, "duplicate", what=case.observer.name)
+    )
+    return Judgement(OK if seen in known else WARNING, expected, f"it is at {seen}", parts)  # a proxy may answer for it
 
 
 # Whether a neighbour answers, whatever its packet filters drop
-
-
-def _list_arp_filters(case: Case) -> tuple[str, ...]:
-    filters = case.observer.seen.filters
-    return filters.arp if filters else ()
 
 
 @Check(
@@ -377,15 +359,14 @@ def _list_arp_filters(case: Case) -> tuple[str, ...]:
     about="where `nft` is there",
     expected="no rule drops all questions for hardware addresses, or all answers; what is known from before hides it for a while",
     needs=lambda case: make_parts("neighbour", case.observer.name, "filter"),
-    evidence=lambda case: make_parts(
-        "neighbour", case.observer.name, "filter", what=", ".join(_list_arp_filters(case))
-    ),
 )
 def _judge_arp_filter(case: Case) -> Judgement | None:
-    if case.observer.seen.filters is None or not case.observer.seen.filters.readable:
+    filters = case.observer.seen.filters
+    if filters is None or not filters.readable:
         return None
-    found = ", ".join(_list_arp_filters(case))
-    return Judgement(FAILED if found else OK, "no packet filter that drops ARP", found or "none")
+    found = ", ".join(filters.arp)
+    parts = make_parts("neighbour", case.observer.name, "filter", what=found)
+    return judge_fault(FAILED, "no packet filter that drops ARP", found, "none", parts)
 
 
 def _arp_question(case: Case) -> tuple[str, str]:

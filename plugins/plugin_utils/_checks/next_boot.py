@@ -8,33 +8,28 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from .._case.case import Case
-from .._case.needs import Parts, join_parts, make_parts
-from .engine import FAILED, OK, WARNING, Check, Judgement
+from .._case.needs import join_parts, make_parts
+from .engine import FAILED, WARNING, Check, Judgement, judge_fault
 from .manual_setup import guard
 
 
 def _check(kind: str, title: str, planned: Callable[[Case], bool], fine: str, expected: str) -> Check:
-    def find_evidence(case: Case) -> Parts:
-        names = [entry.name for entry in case.probe.next_boot if entry.kind == kind]
-        return join_parts(make_parts("boot", case.observer.name, kind, what=name) for name in names)
-
+    # Where the collection has not set it up, one sentence for all kinds is enough.
+    @guard(lambda case: kind == "unit" and case.observer.is_probed and planned(case))
     def judge(case: Case) -> Judgement | None:
         if not case.observer.is_probed or not planned(case) or not case.observer.is_set_up:
             return None
         entries = [entry for entry in case.probe.next_boot if entry.kind == kind]
         states = "; ".join(f"{entry.name}: {entry.found}" for entry in entries)
-        return Judgement(FAILED if entries else OK, entries[0].expected if entries else fine, states or fine)
+        parts = join_parts(make_parts("boot", case.observer.name, kind, what=entry.name) for entry in entries)
+        return judge_fault(FAILED, entries[0].expected if entries else fine, states, fine, parts)
 
-    # Where the collection has not set it up, one sentence for all kinds is enough.
-    return guard(lambda case: kind == "unit" and case.observer.is_probed and planned(case))(
-        Check(
-            title=title,
-            expected=expected,
-            needs=lambda case: make_parts("boot", case.observer.name, kind),
-            evidence=find_evidence,
-            id=f"next_boot_{kind}",
-            judge=judge,
-        )
+    return Check(
+        title=title,
+        expected=expected,
+        needs=lambda case: make_parts("boot", case.observer.name, kind),
+        id=f"next_boot_{kind}",
+        judge=judge,
     )
 
 
@@ -73,7 +68,6 @@ NAMES = _check(
     expected="where ROS is installed, a user without rights can import rospy now: nodes that run were started before (on a computer "
     "without a service: warning)",
     needs=lambda case: make_parts("ros", case.observer.name, "broken"),
-    evidence=lambda case: make_parts("ros", case.observer.name, "broken"),
 )
 def _judge_next_start(case: Case) -> Judgement | None:
     found = case.observer.seen.found
@@ -81,4 +75,5 @@ def _judge_next_start(case: Case) -> Judgement | None:
         return None
     verdict = FAILED if case.observer.plan.is_master else WARNING
     broken = found.broken_ros.removeprefix(f"{case.observer.name}: ")
-    return Judgement(verdict if broken else OK, "nodes that are started now find their modules", broken or "as planned")
+    parts = make_parts("ros", case.observer.name, "broken")
+    return judge_fault(verdict, "nodes that are started now find their modules", broken, "as planned", parts)

@@ -9,7 +9,7 @@ from .._case.case import Case
 from .._case.needs import Parts, join_parts, make_parts
 from .._fleet.sentences import shorten_list
 from .._observed.observations import ContainerNames, Disk, FileLimit, ParameterDifference
-from .engine import FAILED, OK, WARNING, Check, Judgement
+from .engine import FAILED, WARNING, Check, Judgement, judge_fault
 from .manual_setup import guard
 
 # The parameters of the nodes
@@ -28,10 +28,6 @@ def _has_parameters(case: Case) -> bool:
     return case.observer.plan.is_master and bool(case.probe.parameters.nodes)
 
 
-def _parameters_evidence(case: Case) -> Parts:
-    return join_parts(_parameter_part(case, entry) for entry in case.probe.parameters.differing)
-
-
 def _parameter_part(case: Case, entry: ParameterDifference) -> Parts:
     kind, mode = DECIDES.get((entry.node, entry.name), (KINDS[entry.node], "configuration"))
     what = {"group": f"{entry.name} {entry.found}", "port": entry.expected, "multicast": ""}
@@ -47,22 +43,21 @@ def _parameters_needs(case: Case) -> Parts:
     return parts | (make_parts("sync", name, "configuration") if "master_sync" in nodes else frozenset())
 
 
-@guard(_has_parameters)
 @Check(
     title="nodes have the planned parameters",
     about="roscore",
     expected="the parameters of discovery and sync on the roscore are those of the plan",
     report="3.3",
     needs=_parameters_needs,
-    evidence=_parameters_evidence,
 )
+@guard(_has_parameters)
 def _judge_parameters(case: Case) -> Judgement | None:
     if not _has_parameters(case):
         return None
     differing = case.probe.parameters.differing
-    expected = "; ".join(f"{entry.name} {entry.expected}" for entry in differing)
+    expected = "; ".join(f"{entry.name} {entry.expected}" for entry in differing) or "the parameters of the plan"
     found = "; ".join(f"{entry.name} of {entry.node} is {entry.found}" for entry in differing)
-    return Judgement(FAILED, expected, found) if differing else Judgement(OK, "the parameters of the plan", "the same")
+    return judge_fault(FAILED, expected, found, "the same", join_parts(_parameter_part(case, one) for one in differing))
 
 
 # Room
@@ -70,31 +65,23 @@ def _judge_parameters(case: Case) -> Judgement | None:
 LEAST_BYTES, LEAST_FILES = 1 << 20, 16
 
 
-def _full(case: Case) -> list[Disk]:
-    disks = case.probe.disks
-    return [
-        disk
-        for disk in disks
-        if (disk.free_bytes is not None and disk.free_bytes < LEAST_BYTES)
-        or (disk.free_files is not None and disk.free_files < LEAST_FILES)
-    ]
+def _is_full(disk: Disk) -> bool:
+    few_bytes = disk.free_bytes is not None and disk.free_bytes < LEAST_BYTES
+    return few_bytes or (disk.free_files is not None and disk.free_files < LEAST_FILES)
 
 
 @Check(
     title="services have room to write",
     expected="where services write, 1 MiB and 16 files are left for others than root",
     needs=lambda case: make_parts("computer", case.observer.name, "disk"),
-    evidence=lambda case: join_parts(
-        make_parts("computer", case.observer.name, "disk", what=disk.path) for disk in _full(case)
-    ),
 )
 def _judge_room(case: Case) -> Judgement | None:
     if not case.probe.disks:
         return None
-    full = [f"{disk.path}: {disk.free_bytes} bytes and {disk.free_files} files" for disk in _full(case)]
-    return Judgement(
-        FAILED if full else OK, "1 MiB and 16 files left where services write", "; ".join(full) or "enough"
-    )
+    full = [disk for disk in case.probe.disks if _is_full(disk)]
+    found = "; ".join(f"{disk.path}: {disk.free_bytes} bytes and {disk.free_files} files" for disk in full)
+    parts = join_parts(make_parts("computer", case.observer.name, "disk", what=disk.path) for disk in full)
+    return judge_fault(FAILED, "1 MiB and 16 files left where services write", found, "enough", parts)
 
 
 # Limits
@@ -111,13 +98,13 @@ def _limit_part(case: Case, entry: FileLimit) -> Parts:
     title="nodes have an ordinary limit of open files",
     expected="no process of ROS may open more than 1048576 files: libxmlrpcpp takes memory and time for each that may be (warning)",
     needs=lambda case: make_parts("limit", case.observer.name, "unit", "shell"),
-    evidence=lambda case: join_parts(_limit_part(case, entry) for entry in case.probe.file_limits),
 )
 def _judge_file_limits(case: Case) -> Judgement | None:
     if not case.observer.is_probed or case.observer.lacks_ros:
         return None
     found = shorten_list(f"{entry.limit} for {entry.node}" for entry in case.probe.file_limits)
-    return Judgement(WARNING if found else OK, "1048576 open files at most", found or "no process of ROS with more")
+    parts = join_parts(_limit_part(case, entry) for entry in case.probe.file_limits)
+    return judge_fault(WARNING, "1048576 open files at most", found, "no process of ROS with more", parts)
 
 
 # Containers
@@ -131,13 +118,10 @@ def _describe_container(entry: ContainerNames) -> str:
     title="containers have the names of the fleet",
     expected="a container with ROS has the names of the fleet in its own /etc/hosts, which it got when it was started (warning)",
     needs=lambda case: make_parts("container", case.observer.name, "names"),
-    evidence=lambda case: join_parts(
-        make_parts("container", case.observer.name, "names", what=_describe_container(entry))
-        for entry in case.probe.container_names
-    ),
 )
 def _judge_container_names(case: Case) -> Judgement | None:
     if not case.observer.is_probed or "ROS_HOSTNAME" not in case.observer.plan.environment:
         return None  # without names, addresses are told
-    found = "; ".join(map(_describe_container, case.probe.container_names))
-    return Judgement(WARNING if found else OK, "the names of the fleet in each container", found or "none lacks one")
+    lacking = list(map(_describe_container, case.probe.container_names))
+    parts = join_parts(make_parts("container", case.observer.name, "names", what=one) for one in lacking)
+    return judge_fault(WARNING, "the names of the fleet in each container", "; ".join(lacking), "none lacks one", parts)

@@ -9,6 +9,7 @@ from .._case import needs, stages
 from .._case.case import Case
 from .._case.needs import Parts, make_parts
 from .._case.stages import Stage
+from .._observed.observations import HeardTopic
 from .._observed.outcomes import Outcome
 from .._observed.uris import host_of
 from .engine import FAILED, MEMBER, OK, UNKNOWN, WARNING, Check, Judgement
@@ -67,9 +68,9 @@ def _topic_suspects(case: Case) -> Parts:
     return needs.registration_parts(case, one, other) | sizes | (beyond if own != its else frozenset())
 
 
-def _topic_evidence(case: Case) -> Parts:
-    topic, there = case.topic, case.peer.seen.probe if case.peer else None
-    if topic is None or not topic.listened:
+def _find_topic_fault(case: Case, topic: HeardTopic) -> Parts:
+    there = case.peer.seen.probe if case.peer else None
+    if not topic.listened:
         return frozenset()
     if stages.is_filtered(case, topic.topic):
         return make_parts("declaration", case.robots[0], "narrow", what="the test topic /multimaster_verify/*")
@@ -89,8 +90,6 @@ def _topic_evidence(case: Case) -> Parts:
     needs=_topic_needs,
     suspects=_topic_suspects,
     carries="nodes",
-    evidence=_topic_evidence,
-    outcome=lambda case: case.topic.reached_outcome if case.topic else Outcome.NOT_TRIED,
 )
 def _judge_topic_heard(case: Case) -> Judgement | None:
     target = case.peer
@@ -104,22 +103,14 @@ def _judge_topic_heard(case: Case) -> Judgement | None:
     expected = f"a message on {entry.topic}"
     if entry.heard:
         return Judgement(OK, expected, "heard")
+    broken = _find_topic_fault(case, entry)
     if stages.is_filtered(case, entry.topic):
-        return Judgement(UNKNOWN, expected, "the topic is left out by multimaster_filters")
-    return Judgement(FAILED, expected, entry.error or "nothing")
+        found = "the topic is left out by multimaster_filters"
+        return Judgement(UNKNOWN, expected, found, broken, entry.reached_outcome)
+    return Judgement(FAILED, expected, entry.error or "nothing", broken, entry.reached_outcome)
 
 
 # The connection is direct
-
-
-def _connection_evidence(case: Case) -> Parts:
-    uris = [entry.uri for entry in case.topic.publishers if entry.uri] if case.topic else []
-    hosts = sorted({host_of(uri) for uri in uris} - case.ways.called[case.target])
-    return (
-        make_parts("environment", case.target, "shell", what=f"they call themselves {', '.join(hosts)}")
-        if hosts
-        else frozenset()
-    )
 
 
 @Check(
@@ -128,15 +119,19 @@ def _connection_evidence(case: Case) -> Parts:
     expected="the publisher in `rostopic info` is a node on that computer",
     report="3.3",
     suspects=lambda case: needs.registration_parts(case, case.observer.name, case.target),
-    evidence=_connection_evidence,
 )
 def _judge_direct_connection(case: Case) -> Judgement | None:
     if case.topic is None or not case.topic.publishers:
         return None
     publishers = case.topic.publishers
-    good = all(host_of(publisher.uri) in case.ways.called[case.target] for publisher in publishers)
+    called = case.ways.called[case.target]
+    good = all(host_of(publisher.uri) in called for publisher in publishers)
     found = ", ".join(publisher.uri or f"{publisher.node}, which is not registered here" for publisher in publishers)
-    return Judgement(OK if good else FAILED, f"the publisher is on {case.target}", found)
+    others = sorted({host_of(publisher.uri) for publisher in publishers if publisher.uri} - called)
+    shell = make_parts("environment", case.target, "shell", what=f"they call themselves {', '.join(others)}")
+    return Judgement(
+        OK if good else FAILED, f"the publisher is on {case.target}", found, shell if others else frozenset()
+    )
 
 
 # Throughput, where it is measured

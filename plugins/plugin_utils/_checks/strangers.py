@@ -12,7 +12,7 @@ from .._case.needs import Parts, join_parts, make_parts
 from .._case.ways import COMMON
 from .._observed.observations import Outsider
 from .._observed.uris import host_of, is_one_of
-from .engine import OK, WARNING, Check, Judgement
+from .engine import WARNING, Check, Judgement, judge_fault
 
 
 def _find_guests(case: Case) -> dict[str, str]:
@@ -45,7 +45,7 @@ def _is_allowed(case: Case, address: str) -> bool:
         return False
 
 
-def _evidence(case: Case) -> Parts:
+def _list_strangers(case: Case) -> Parts:
     """Each of them is one, by whomever it is seen."""
     outsiders = case.probe.outsiders
     found = {**_find_unwanted(case), **{entry.address: entry.name for entry in outsiders}}
@@ -75,7 +75,6 @@ def _misread_member_parts(case: Case, entry: Outsider) -> Parts:
 @Check(
     title="nobody else is on the group",
     expected="nobody else on the group, no other master, none that is ignored (warning)",
-    evidence=_evidence,
 )
 def _judge_strangers(case: Case) -> Judgement | None:
     if not case.observer.is_probed or not (case.observer.seen.multicast or case.observer.listed):
@@ -87,4 +86,4 @@ def _judge_strangers(case: Case) -> Judgement | None:
     named = {*guests.values(), *(entry.address for entry in case.probe.outsiders)}
     found = [*ignored, *unwanted, *_datagrams(case, named)]
     fine = f"only those, and the allowed {', '.join(welcome)}" if welcome else "only those"
-    return Judgement(WARNING if found else OK, "only computers of the fleet", ", ".join(found) or fine)
+    return judge_fault(WARNING, "only computers of the fleet", ", ".join(found), fine, _list_strangers(case))

@@ -34,20 +34,6 @@ def _list_strange(case: Case, clock: Clock) -> list[str]:
     return others or ([] if _find_own(case, clock) else ["nobody"])
 
 
-def _evidence(case: Case) -> Parts:
-    clock, name = case.observer.plan.clock, case.observer.name
-    if clock is None:
-        return frozenset()
-    if not case.probe.clock.answers:
-        return make_parts("time_source", name, "none")
-    if clock.server is None:
-        return frozenset()
-    strange, own = _list_strange(case, clock), _find_own(case, clock)
-    if strange:
-        return make_parts("time_source", name, "wrong", what=shorten_list(strange))
-    return make_parts("clock", name, "off") if own and own.selected and own.reachable else frozenset()
-
-
 def list_parts(case: Case, computer: str) -> Parts:
     """List what keeps a computer from the fleet's time, where it has one."""
     plan = case.fleet.computers.get(computer)
@@ -75,31 +61,32 @@ def _needs(case: Case) -> Parts:
     return list_parts(case, name) | _silence(case)
 
 
-@guard(_is_asked)
 @Check(
     title="its clock follows the source of the fleet's time",
     about="with `multimaster_clock`",
     expected="it follows the planned source and no other, less than 0.1 s apart (warning), less than 0.5 s (failure)",
     needs=_needs,
     suspects=_silence,
-    evidence=_evidence,
 )
+@guard(_is_asked)
 def _judge_time_source(case: Case) -> Judgement | None:
-    clock = case.observer.plan.clock
+    clock, name = case.observer.plan.clock, case.observer.name
     if clock is None or not _is_asked(case):
         return None
     expected = f"it follows {clock.source} ({clock.server})" if clock.server else "a time service that answers"
     if not case.probe.clock.answers:
-        return Judgement(FAILED, expected, "no time service answers")
+        return Judgement(FAILED, expected, "no time service answers", make_parts("time_source", name, "none"))
     if clock.server is None:
         return Judgement(OK, expected, case.probe.clock.service)
     strange, own = _list_strange(case, clock), _find_own(case, clock)
     if strange or own is None:
-        return Judgement(FAILED, expected, f"it follows {shorten_list(strange)}")
+        parts = make_parts("time_source", name, "wrong", what=shorten_list(strange))
+        return Judgement(FAILED, expected, f"it follows {shorten_list(strange)}", parts)
     if not own.reachable or not own.selected:
         return Judgement(
             FAILED, expected, "it does not answer" if not own.reachable else "it answers, and is not followed"
         )
     off = abs(own.offset_s or 0.0)
     verdict = OK if off < OFF_WARNING else WARNING if off < OFF_FAILED else FAILED
-    return Judgement(verdict, expected, "it does" if own.offset_s is None else f"{own.offset_s:+.4f} s")
+    found = "it does" if own.offset_s is None else f"{own.offset_s:+.4f} s"
+    return Judgement(verdict, expected, found, make_parts("clock", name, "off"))

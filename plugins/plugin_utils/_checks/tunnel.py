@@ -13,7 +13,7 @@ from .._case.needs import Parts, make_parts
 from .._case.parts import Part
 from .._observed.observations import SeenTunnel, TunnelPeer
 from .._plan.model import Peer
-from .engine import FAILED, MEMBER, OK, Check, Judgement
+from .engine import FAILED, MEMBER, OK, Check, Judgement, judge_fault
 
 HEADERS = 60  # bytes: of IPv4, UDP and WireGuard around each packet
 
@@ -25,27 +25,22 @@ def _find_small_carrier(case: Case) -> int:
     return min(sizes, default=0)
 
 
-def _find_own_fault(case: Case) -> Parts:
-    if not case.probe.tunnel.up:
-        return make_parts("tunnel", case.observer.name, "ended")
-    return make_parts("tunnel", case.observer.name, "mtu", what=f"{_find_small_carrier(case)} bytes at most")
-
-
 @Check(
     title="its tunnel is up",
     about="with `multimaster_tunnel`",
     expected="WireGuard knows the tunnel of the collection, and what carries it takes its packets",
     needs=lambda case: make_parts("tunnel", case.observer.name, "ended", "mtu"),
-    evidence=_find_own_fault,
 )
 def _judge_own_tunnel(case: Case) -> Judgement | None:
     if case.observer.plan.tunnel is None or case.probe.tunnel.up is None:
         return None
     if not case.probe.tunnel.up:
-        return Judgement(FAILED, "a tunnel", "none")
+        return Judgement(FAILED, "a tunnel", "none", make_parts("tunnel", case.observer.name, "ended"))
     expected = f"a tunnel over a network that takes packets of {case.probe.tunnel.mtu + HEADERS} bytes"
     small = _find_small_carrier(case)
-    return Judgement(FAILED if small else OK, expected, f"one that takes {small} at most" if small else "as planned")
+    found = f"one that takes {small} at most" if small else ""
+    parts = make_parts("tunnel", case.observer.name, "mtu", what=f"{small} bytes at most")
+    return judge_fault(FAILED, expected, found, "as planned", parts)
 
 
 @Check(
@@ -53,13 +48,13 @@ def _judge_own_tunnel(case: Case) -> Judgement | None:
     about="with `multimaster_tunnel`",
     expected="nftables has the table that drops what comes in the name of a robot beside the tunnel",
     needs=lambda case: make_parts("tunnel", case.observer.name, "open"),
-    evidence=lambda case: make_parts("tunnel", case.observer.name, "open"),
 )
 def _judge_guard(case: Case) -> Judgement | None:
     seen = case.probe.tunnel
     if case.observer.plan.tunnel is None or not seen.up or seen.guarded is None:
         return None
-    return Judgement(OK if seen.guarded else FAILED, "its table", "as planned" if seen.guarded else "none")
+    found, parts = "" if seen.guarded else "none", make_parts("tunnel", case.observer.name, "open")
+    return judge_fault(FAILED, "its table", found, "as planned", parts)
 
 
 # Between two computers
@@ -86,12 +81,6 @@ def _find_peer(case: Case, observer: str, planned: Peer) -> TunnelPeer | None:
     if seen is None or _find_planned(case, observer, planned.computer) is None:
         return None
     return next((peer for peer in seen.peers if str(planned.networks[0]) in peer.networks), None)
-
-
-def _list_beside(case: Case, planned: Peer) -> tuple[str, ...]:
-    """List the addresses of a peer to which another route leads than by the tunnel."""
-    peer = _find_peer(case, case.observer.name, planned)
-    return peer.beside if peer else ()
 
 
 def _is_as_planned(peer: TunnelPeer | None, planned: Peer) -> bool:
@@ -157,13 +146,10 @@ def _has_ended(case: Case, computer: str) -> bool:
     return probe is not None and probe.tunnel.up is False
 
 
-def _evidence(case: Case) -> Parts:
+def _find_fault(case: Case, planned: Peer, peer: TunnelPeer | None) -> Parts:
     name, target = case.observer.name, case.target
-    planned = _find_planned(case, name, target)
-    if planned is None:
-        return frozenset()
-    if beside := _list_beside(case, planned):
-        return make_parts("tunnel", name, "beside", what=", ".join(beside))
+    if peer and peer.beside:
+        return make_parts("tunnel", name, "beside", what=", ".join(peer.beside))
     if mistake := _find_mistake(case, name, target) or _find_mistake(case, target, name):
         return mistake
     return make_parts("tunnel", target, "ended") if _has_ended(case, target) else _find_silence(case, planned)
@@ -175,7 +161,6 @@ def _evidence(case: Case) -> Parts:
     about="with `multimaster_tunnel`",
     expected="each is a peer of the other with its own key and its planned addresses, is heard within 9 s, and no other route leads there",
     needs=lambda case: needs.list_tunnel_parts(case, case.observer.name, case.target),
-    evidence=_evidence,
 )
 def _judge_tunnel(case: Case) -> Judgement | None:
     planned = _find_planned(case, case.observer.name, case.target)
@@ -184,11 +169,14 @@ def _judge_tunnel(case: Case) -> Judgement | None:
     peer = _find_peer(case, case.observer.name, planned)
     if peer is None or not _is_as_planned(peer, planned):
         networks = ", ".join(map(str, planned.networks))
-        return Judgement(FAILED, f"a peer with {networks}", f"one with {', '.join(peer.networks)}" if peer else "none")
+        found = f"one with {', '.join(peer.networks)}" if peer else "none"
+        return Judgement(FAILED, f"a peer with {networks}", found, _find_fault(case, planned, peer))
     if not _has_its_key(case, case.observer.name, planned):
-        return Judgement(FAILED, "its own key", f"the key {peer.public_key}")
+        return Judgement(FAILED, "its own key", f"the key {peer.public_key}", _find_fault(case, planned, peer))
     if peer.beside:
-        return Judgement(FAILED, "routes by the tunnel", f"others to {', '.join(peer.beside)}")
+        others = f"others to {', '.join(peer.beside)}"
+        return Judgement(FAILED, "routes by the tunnel", others, _find_fault(case, planned, peer))
     age = "there was none" if peer.handshake_age_s is None else f"the last was {peer.handshake_age_s:.0f} s ago"
     found = f"{'it is heard' if peer.heard else 'nothing in 9 s'}; of handshakes {age}"
-    return Judgement(OK if peer.heard else FAILED, "something from it within 9 s", found)
+    broken = frozenset() if peer.heard else _find_fault(case, planned, peer)
+    return Judgement(OK if peer.heard else FAILED, "something from it within 9 s", found, broken)

@@ -19,7 +19,7 @@ from .._case.case import Participant
 from .._case.errors import find_parts
 from .._case.needs import Parts
 from .._case.parts import ALWAYS, ANY, FOLLOWS, HEARSAY, RULED, Part
-from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Check, Row, Verification
+from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement, Row, Verification
 from .._fleet.sentences import shorten_list
 from .._follow.findings import SeenEnd, find_ends
 from .._follow.probes import find_trip, list_links, list_trips
@@ -140,14 +140,10 @@ class _Diagnosis:
         """Note what a row shows to be broken, or whom it lets suspect."""
         check = self.checks[row.check]
         case = self.verification.case(check, row.observer, row.target)
-        told = case.ways.seal(find_parts(case, check.outcome(case), check.carries))
+        judged = check.judge(case) or Judgement(row.verdict)
+        told = case.ways.seal(find_parts(case, judged.outcome, check.carries))
         shown = told if len(told) == 1 else frozenset()
-        if (
-            evidence := self._find_drop(check, row)
-            or self._read_end(row)
-            or case.ways.seal(check.evidence(case))
-            or shown
-        ):
+        if evidence := self._find_drop(check, row) or self._read_end(row) or case.ways.seal(judged.broken) or shown:
             for part in sorted(evidence):  # a set of texts has another order in each run
                 self._finding(part).proof.append(row)
         else:
