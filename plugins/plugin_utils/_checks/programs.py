@@ -21,7 +21,8 @@ DECIDES = {
     ("master_discovery", "rpc_port"): ("discovery", "port"),
     ("master_discovery", "interface"): ("interface", "multicast"),
 }
-KINDS = {"master_discovery": "discovery", "master_sync": "sync"}
+# node -> the kind of its parts, and the modes that its parameters decide
+NODES = {"master_discovery": ("discovery", "group", "port", "configuration"), "master_sync": ("sync", "configuration")}
 
 
 def _has_parameters(case: Case) -> bool:
@@ -29,18 +30,17 @@ def _has_parameters(case: Case) -> bool:
 
 
 def _parameter_part(case: Case, entry: ParameterDifference) -> Parts:
-    kind, mode = DECIDES.get((entry.node, entry.name), (KINDS[entry.node], "configuration"))
+    if entry.node not in NODES:
+        return frozenset()  # a strange computer tells of a node that nobody asked for
+    kind, mode = DECIDES.get((entry.node, entry.name), (NODES[entry.node][0], "configuration"))
     what = {"group": f"{entry.name} {entry.found}", "port": entry.expected, "multicast": ""}
     return make_parts(kind, case.observer.name, mode, what=what.get(mode, f"{entry.name} is {entry.found}"))
 
 
 def _parameters_needs(case: Case) -> Parts:
     """A node that was compared has the parameters of the plan."""
-    name, nodes = case.observer.name, case.probe.parameters.nodes
-    parts = (
-        make_parts("discovery", name, "group", "port", "configuration") if "master_discovery" in nodes else frozenset()
-    )
-    return parts | (make_parts("sync", name, "configuration") if "master_sync" in nodes else frozenset())
+    compared = [NODES[node] for node in case.probe.parameters.nodes if node in NODES]
+    return join_parts(make_parts(kind, case.observer.name, *modes) for kind, *modes in compared)
 
 
 @Check(

@@ -63,6 +63,12 @@ def test_the_finding_says_which_parameter_and_which_disk():
     assert f"docker-0badcafe.scope lacks {TWO}" in old.sentence()
 
 
+def test_a_strange_node_is_told_and_costs_nobody_the_report():
+    found = diagnosed(_differs("/strange_node", "mcast_group", "239.1.2.3"))
+    (row,) = found.unexplained or found.findings[0].rows
+    assert row.check == "parameters" and row.found == "mcast_group of /strange_node is 239.1.2.3"
+
+
 def test_files_that_are_not_counted_are_enough():
     assert not notable(evaluate(_disk(10**9, None)))
 
