@@ -19,10 +19,6 @@ from .manual_setup import guard
 # The kernel of gateways and of the router
 
 
-def _passes_packets_on(case: Case) -> bool:
-    return case.observer.plan.forwards
-
-
 def _interfaces(case: Case) -> list[ForwardingInterface]:
     """List the observer's interfaces on the networks of the plan."""
     planned = {str(entry.address) for entry in case.observer.plan.networks}
@@ -37,7 +33,7 @@ def _interfaces(case: Case) -> list[ForwardingInterface]:
     needs=lambda case: make_parts("forwarding", case.observer.name, "off"),
 )
 def _judge_forwarding(case: Case) -> Judgement | None:
-    if not case.observer.is_probed or not _passes_packets_on(case):
+    if not case.observer.is_probed or not case.observer.plan.forwards:
         return None
     ip_forward, name = case.probe.forwarding.ip_forward, case.observer.name
     expected = "net.ipv4.ip_forward is 1"
@@ -111,29 +107,24 @@ def _inactive_parts(case: Case, service: str, entry: Service | None) -> Parts:
         return make_parts("service", name, "looping", what=unit)
     if service == "roscore" and case.probe.roscore.answer:
         return make_parts("set_up", name, "others")  # a roscore answers that is not the unit's
-    return _service_down_parts(name, service, unit)
+    return _service_down_parts(name, service)
 
 
-def _service_down_parts(computer: str, service: str, unit: str) -> Parts:
+def _service_down_parts(computer: str, service: str) -> Parts:
     if service in ("roscore", "discovery", "sync"):
         return make_parts(service, computer, "dead")
     if service == "tunnel":
         return make_parts("tunnel", computer, "ended")
-    return make_parts("service", computer, "down", what=unit)
-
-
-def _services_needs(case: Case) -> Parts:
-    name = case.observer.name
-    return join_parts(
-        _service_down_parts(name, service, f"multimaster-{service}.service") for service in case.observer.services
-    )
+    return make_parts("service", computer, "down", what=f"multimaster-{service}.service")
 
 
 @Check(
     title="services are active",
     expected="its services are active, may open more files, and were not started again by systemd since the last verification or in the last ten minutes",
     report="3.3",
-    needs=_services_needs,
+    needs=lambda case: join_parts(
+        _service_down_parts(case.observer.name, service) for service in case.observer.services
+    ),
 )
 @guard(_has_services)
 def _judge_services(case: Case) -> Judgement | None:
@@ -223,7 +214,8 @@ def _find_down_links(case: Case) -> list[str]:
 
 def _find_dead_link(case: Case, network: str) -> Parts:
     """Blame the network where no computer on it has a link. A single observed computer is not enough."""
-    states = _states(case, network)
+    there = [computer.interface_on.get(network) for computer in case.run.values()]
+    states = [interface.state for interface in there if interface is not None]
     if len(states) < 2:
         return frozenset()
     if all(state in DOWN for state in states):
@@ -236,12 +228,6 @@ def _is_flapping(case: Case, network: str) -> bool:
     name = case.observer.name
     near = (one for one in case.run.values() if one.name != name and network in one.interface_on)
     return any(name in one.answered for one in near)
-
-
-def _states(case: Case, network: str) -> list[str]:
-    """The states of all observed interfaces on a network."""
-    there = [computer.interface_on.get(network) for computer in case.run.values()]
-    return [interface.state for interface in there if interface is not None]
 
 
 def _addresses_suspects(case: Case) -> Parts:
@@ -314,7 +300,7 @@ def _judge_mtu(case: Case) -> Judgement | None:
     needs=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
 )
 def _judge_reverse_path(case: Case) -> Judgement | None:
-    if not case.observer.is_probed or not _passes_packets_on(case):
+    if not case.observer.is_probed or not case.observer.plan.forwards:
         return None
     strict = [entry.interface for entry in _interfaces(case) if entry.rp_filter == 1]
     found = f"a strict one on {', '.join(strict)}" if strict else ""

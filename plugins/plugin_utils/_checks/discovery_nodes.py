@@ -22,8 +22,6 @@ from .engine import FAILED, MASTER, MASTER_TOO, MEMBER, OK, WARNING, Check, Judg
 
 # The share of datagrams that may be lost.
 LOSS = 0.05
-# Seconds that two clocks may differ: tf extrapolates and messages are dropped from some tenths on.
-CLOCK_WARNING, CLOCK_FAILED = 0.1, 0.5
 
 
 # Who has joined the group: also of nodes that a person started by hand; their parameters are not known
@@ -450,13 +448,12 @@ def _judge_clock(case: Case) -> Judgement | None:
     entry = case.observer.masters.get(case.target)
     if entry is None:
         return None
-    expected = f"less than {CLOCK_WARNING} s apart"
+    expected = f"less than {time_sources.OFF_WARNING} s apart"
     offset = entry.clock_offset_s
     if offset is None:
         return Judgement(FAILED, expected, entry.clock_error or "no answer")
     sure = abs(offset) - (entry.clock_uncertainty_s or 0.0)
-    verdict = OK if sure < CLOCK_WARNING else WARNING if sure < CLOCK_FAILED else FAILED
-    return Judgement(verdict, expected, f"{offset:+.4f} s")
+    return Judgement(time_sources.rate_offset(sure), expected, f"{offset:+.4f} s")
 
 
 # The masters that a discovery node lists

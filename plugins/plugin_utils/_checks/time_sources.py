@@ -18,6 +18,11 @@ from .manual_setup import guard
 OFF_WARNING, OFF_FAILED = 0.1, 0.5
 
 
+def rate_offset(seconds: float) -> str:
+    """Return the verdict of a clock that is off by so much."""
+    return OK if seconds < OFF_WARNING else WARNING if seconds < OFF_FAILED else FAILED
+
+
 def _is_asked(case: Case) -> bool:
     return case.observer.is_probed and case.observer.plan.clock is not None and case.probe.clock.answers is not None
 
@@ -86,7 +91,5 @@ def _judge_time_source(case: Case) -> Judgement | None:
         return Judgement(
             FAILED, expected, "it does not answer" if not own.reachable else "it answers, and is not followed"
         )
-    off = abs(own.offset_s or 0.0)
-    verdict = OK if off < OFF_WARNING else WARNING if off < OFF_FAILED else FAILED
     found = "it does" if own.offset_s is None else f"{own.offset_s:+.4f} s"
-    return Judgement(verdict, expected, found, make_parts("clock", name, "off"))
+    return Judgement(rate_offset(abs(own.offset_s or 0.0)), expected, found, make_parts("clock", name, "off"))
