@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from .._case.registrations import BORDER, TEST_NODES
@@ -16,7 +16,7 @@ from .._data.plain import to_plain
 from .._diagnosis.diagnosis import Diagnosis
 from .._fleet.filters import matches
 from .._fleet.flows import find_outer_name
-from .._observed.observations import Exchange, Observation, Traffic
+from .._observed.observations import Exchange, Observation, SentTopic, Traffic
 from .._observed.uris import normalise_uri
 from .._plan.model import FleetPlan
 from .summary import Summary
@@ -161,41 +161,32 @@ def list_streams(observations: Mapping[str, Observation]) -> list[dict[str, Any]
 
 def list_traffic(fleet: FleetPlan, observations: Mapping[str, Observation]) -> dict[str, Any]:
     """List the topics that robots send to each other, the dearest first. Bytes and messages are summed over all connections."""
-    topics: dict[tuple[str, str], dict[str, Any]] = {}
+    flows: dict[tuple[str, str], list[SentTopic]] = defaultdict(list)
     seconds = 0.0
     for robot, master in fleet.master_of.items():
         seen = observations.get(master.computer)
         traffic = seen.probe.traffic if seen and seen.probe else Traffic()
         seconds = max(seconds, traffic.seconds)
         for flow in traffic.flows:
-            if flow.robot not in fleet.master_of:
-                continue
-            nothing = {
-                "topic": flow.topic,
-                "from": robot,
-                "nodes": set(),
-                "to": Counter(),
-                "messages_s": 0.0,
-                "bytes_s": 0.0,
-            }
-            entry = topics.setdefault((robot, flow.topic), nothing)
-            entry["nodes"].add(flow.node)
-            entry["to"][flow.robot] += flow.subscribers
-            entry["messages_s"] += flow.messages_s
-            entry["bytes_s"] += flow.bytes_s
-    order = sorted(topics.values(), key=lambda entry: (-entry["bytes_s"], entry["topic"], entry["from"]))
-    numbers = ("messages_s", "bytes_s")
+            if flow.robot in fleet.master_of:
+                flows[robot, flow.topic].append(flow)
+    topics = [_sum_flows(robot, topic, group) for (robot, topic), group in flows.items()]
+    order = sorted(topics, key=lambda entry: (-entry["bytes_s"], entry["topic"], entry["from"]))
+    return {"seconds": seconds, "topics": order[:MOST]}
+
+
+def _sum_flows(robot: str, topic: str, flows: Sequence[SentTopic]) -> dict[str, Any]:
+    """Sum what the nodes of a robot send on a topic to all others."""
+    to = Counter[str]()
+    for flow in flows:
+        to[flow.robot] += flow.subscribers
     return {
-        "seconds": seconds,
-        "topics": [
-            {
-                **entry,
-                "nodes": sorted(entry["nodes"]),
-                "to": dict(sorted(entry["to"].items())),
-                **{key: round(entry[key], 1) for key in numbers},
-            }
-            for entry in order[:MOST]
-        ],
+        "topic": topic,
+        "from": robot,
+        "nodes": sorted({flow.node for flow in flows}),
+        "to": dict(sorted(to.items())),
+        "messages_s": round(sum((flow.messages_s for flow in flows), 0.0), 1),
+        "bytes_s": round(sum((flow.bytes_s for flow in flows), 0.0), 1),
     }
 
 
