@@ -32,9 +32,7 @@ class Addresses:
 
     def address(self, old: IPv4Address) -> IPv4Address:
         """Return the address in the place of `old`."""
-        if _stays(old):
-            return old
-        return self._move(old, self._around(old) or IPv4Network((old, _NEIGHBOURS), strict=False))
+        return self.network(IPv4Network(old)).network_address
 
     def network(self, old: IPv4Network) -> IPv4Network:
         """Return the network in the place of `old`."""
