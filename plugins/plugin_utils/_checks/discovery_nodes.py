@@ -97,13 +97,12 @@ def _group_suspects(case: Case) -> Parts:
 
 def _translator(case: Case, computer: str) -> Parts:
     """Find what translates the addresses of a computer: its gateway, or the computer itself (a container, a virtual machine)."""
-    between = needs.translation_parts(case, computer, case.observer.name if computer == case.target else case.target)
-    first = needs.gateways(case, computer, case.observer.name if computer == case.target else case.target)
-    return (
-        frozenset(part for part in between if part.place == first[0])
-        if between
-        else make_parts("translation", computer, "on")
-    )
+    other = case.observer.name if computer == case.target else case.target
+    between = needs.translation_parts(case, computer, other)
+    if not between:
+        return make_parts("translation", computer, "on")
+    first = needs.gateways(case, computer, other)[0]
+    return frozenset(part for part in between if part.place == first)
 
 
 @Check(
@@ -254,10 +253,9 @@ def _connect_outcome(case: Case) -> Outcome:
 def _outside(case: Case) -> Parts:
     """A computer's own gateway is asked at its other side, where its discovery node is."""
     own, planned = case.own, case.planned
-    inner = own is not None and planned is not None and own.robot == planned.robot and own.name != planned.name
-    if own is None or planned is None or not inner or planned.discovery_address in own.network:
+    if own is None or planned is None or own.robot != planned.robot or own.name == planned.name:
         return frozenset()
-    return needs.route_parts(own.name, COMMON)
+    return frozenset() if planned.discovery_address in own.network else needs.route_parts(own.name, COMMON)
 
 
 def _port_needs(case: Case) -> Parts:
@@ -268,19 +266,17 @@ def _port_needs(case: Case) -> Parts:
 
 def _port_suspects(case: Case) -> Parts:
     """A computer that is silent would refuse if no program listened on the port."""
-    filtered = make_parts(
-        "filter", case.target, "rpc in", "rpc", "all in", "all"
-    )  # one for all interfaces also drops what a computer sends itself
+    # One for all interfaces also drops what a computer sends itself.
+    filtered = make_parts("filter", case.target, "rpc in", "rpc", "all in", "all")
     nobody = make_parts("discovery", case.target, "dead", "port")
     return _port_needs(case) - nobody | make_parts("discovery", case.target, "hung") | filtered
 
 
 def _find_port_fault(case: Case) -> Parts:
-    if _connect_outcome(case) == Outcome.NETWORK_UNREACHABLE and _outside(case):  # no ping was sent to that address
+    outcome = _connect_outcome(case)
+    if outcome == Outcome.NETWORK_UNREACHABLE and _outside(case):  # no ping was sent to that address
         return make_parts("route", case.observer.name, "missing", what=COMMON)
-    if (
-        case.target == case.observer.name and _connect_outcome(case) == Outcome.REFUSED
-    ):  # its node has ended, or listens elsewhere
+    if outcome == Outcome.REFUSED and case.target == case.observer.name:  # its node has ended, or listens elsewhere
         runs = bool(case.probe.list_masters.masters)
         return make_parts("discovery", case.target, "port" if runs else "dead")
     return frozenset()
@@ -411,19 +407,13 @@ def _judge_roscore_port(case: Case) -> Judgement | None:
 
 
 def _clock_needs(case: Case) -> Parts:
-    one, other = case.observer.name, case.target
-    return (
-        _port_needs(case)
-        | make_parts("discovery", other, "hung")
-        | make_parts("clock", one, "off")
-        | make_parts("clock", other, "off")
-    )
+    clocks = join_parts(make_parts("clock", name, "off") for name in (case.observer.name, case.target))
+    return _port_needs(case) | make_parts("discovery", case.target, "hung") | clocks
 
 
 def _has_time_source(case: Case, computer: str) -> bool:
     """Something keeps the clock of a computer right, as chrony does."""
-    seen = case.run[computer].seen.probe if computer in case.run else None
-    return seen is not None and seen.clock.synchronised is True
+    return computer in case.run and case.run[computer].probe.clock.synchronised is True
 
 
 def _clock_suspects(case: Case) -> Parts:
@@ -485,13 +475,11 @@ def _service_call_needs(case: Case) -> Parts:
 def _list_needs(case: Case) -> Parts:
     """A master stays in the list for a while, and one of two transports is enough: so little is cleared."""
     own, its = case.masters[0], case.target
+    cleared = _service_call_needs(case) | make_parts("roscore", its, "name")
     if own == its:
-        return _service_call_needs(case) | make_parts("roscore", its, "name")
+        return cleared
     group = make_parts("discovery", own, "group") | make_parts("discovery", its, "group")
-    # the address of its heartbeats is in the list
-    return (
-        _service_call_needs(case) | group | make_parts("roscore", its, "name") | needs.translation_parts(case, its, own)
-    )
+    return cleared | group | needs.translation_parts(case, its, own)  # the address of its heartbeats is in the list
 
 
 def _list_suspects(case: Case) -> Parts:

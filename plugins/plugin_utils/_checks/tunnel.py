@@ -69,16 +69,15 @@ def _find_planned(case: Case, observer: str, target: str) -> Peer | None:
     return next((peer for peer in peers if peer.computer == target), None)
 
 
-def _look_at(case: Case, computer: str) -> SeenTunnel | None:
-    """Return the tunnel of a computer, if it was looked at and is up."""
-    probe = case.run[computer].seen.probe if computer in case.run else None
-    return probe.tunnel if probe and probe.tunnel.up else None
+def _look_at(case: Case, computer: str) -> SeenTunnel:
+    """Return the tunnel of a computer; that of one that was not looked at is not up."""
+    return case.run[computer].probe.tunnel if computer in case.run else SeenTunnel()
 
 
 def _find_peer(case: Case, observer: str, planned: Peer) -> TunnelPeer | None:
     """Find a planned peer at a computer by its own address; none where it is reached through the hub."""
     seen = _look_at(case, observer)
-    if seen is None or _find_planned(case, observer, planned.computer) is None:
+    if not seen.up or _find_planned(case, observer, planned.computer) is None:
         return None
     return next((peer for peer in seen.peers if str(planned.networks[0]) in peer.networks), None)
 
@@ -90,13 +89,13 @@ def _is_as_planned(peer: TunnelPeer | None, planned: Peer) -> bool:
 def _has_its_key(case: Case, observer: str, planned: Peer) -> bool:
     """Say if a computer has the key of the target; where the target was not looked at, nothing else is known."""
     there, peer = _look_at(case, planned.computer), _find_peer(case, observer, planned)
-    return there is None or peer is None or peer.public_key == there.public_key
+    return not there.up or peer is None or peer.public_key == there.public_key
 
 
 def _hears(case: Case, observer: str) -> bool:
     """Say if a computer hears another one by its tunnel, or was not looked at."""
     seen = _look_at(case, observer)
-    return seen is None or any(peer.heard for peer in seen.peers)
+    return not seen.up or any(peer.heard for peer in seen.peers)
 
 
 def _is_heard(case: Case, planned: Peer, observer: str) -> bool:
@@ -120,7 +119,8 @@ def _find_silence(case: Case, planned: Peer) -> Parts:
 
 def _measure_lateness(case: Case, place: str) -> float:
     """Return the seconds by which the clock of a computer is behind those of the others. They are asked within some seconds."""
-    times = {name: seen.time_s for name in case.run if (seen := _look_at(case, name)) and seen.time_s is not None}
+    seen = {name: _look_at(case, name) for name in case.run}
+    times = {name: tunnel.time_s for name, tunnel in seen.items() if tunnel.up and tunnel.time_s is not None}
     others = [moment for name, moment in times.items() if name != place]
     return median(others) - times[place] if others and place in times else 0.0
 
@@ -128,7 +128,7 @@ def _measure_lateness(case: Case, place: str) -> float:
 def _find_mistake(case: Case, one: str, other: str) -> Parts:
     """Return the mistake of one computer about another one: other addresses, or a key that is not its own."""
     planned = _find_planned(case, one, other)
-    if planned is None or _look_at(case, one) is None:
+    if planned is None or not _look_at(case, one).up:
         return frozenset()
     if not _is_as_planned(_find_peer(case, one, planned), planned):
         return make_parts("tunnel", one, "peer", what=other)
@@ -140,19 +140,14 @@ def _find_mistake(case: Case, one: str, other: str) -> Parts:
     return make_parts("tunnel", other, "key")
 
 
-def _has_ended(case: Case, computer: str) -> bool:
-    """Say if the tunnel of a computer was looked at, and is not up."""
-    probe = case.run[computer].seen.probe if computer in case.run else None
-    return probe is not None and probe.tunnel.up is False
-
-
 def _find_fault(case: Case, planned: Peer, peer: TunnelPeer | None) -> Parts:
     name, target = case.observer.name, case.target
     if peer and peer.beside:
         return make_parts("tunnel", name, "beside", what=", ".join(peer.beside))
     if mistake := _find_mistake(case, name, target) or _find_mistake(case, target, name):
         return mistake
-    return make_parts("tunnel", target, "ended") if _has_ended(case, target) else _find_silence(case, planned)
+    has_ended = _look_at(case, target).up is False  # not None: it was looked at
+    return make_parts("tunnel", target, "ended") if has_ended else _find_silence(case, planned)
 
 
 @Check(
@@ -164,7 +159,7 @@ def _find_fault(case: Case, planned: Peer, peer: TunnelPeer | None) -> Parts:
 )
 def _judge_tunnel(case: Case) -> Judgement | None:
     planned = _find_planned(case, case.observer.name, case.target)
-    if planned is None or _look_at(case, case.observer.name) is None:
+    if planned is None or not _look_at(case, case.observer.name).up:
         return None  # the check above has a row for it
     peer = _find_peer(case, case.observer.name, planned)
     if peer is None or not _is_as_planned(peer, planned):
