@@ -54,6 +54,7 @@ class Participant:
         probe, multicast = seen.probe or Probe(), seen.multicast or Multicast()
         self.name, self.seen = name, seen
         self.probe, self.is_probed = probe, seen.probe is not None
+        self.multicast = multicast  # empty where it was not measured, as `probe`
         # without the services that cannot run there, as preflight found
         self.plan = plan if seen.services is None else replace(plan, services=seen.services)
         self.members = _index(probe.members, lambda entry: entry.name)

@@ -250,9 +250,8 @@ def translation_parts(case: Case, one: str, other: str) -> Parts:
 def active_translations(case: Case, one: str, other: str) -> Parts:
     """List the translations that may be at work: the gateway's address has called the other end, if that end listened."""
     hearer = case.run.get(other)
-    heard = hearer.seen.multicast if hearer else None
     parts = translation_parts(case, one, other)
-    if hearer is None or heard is None or not heard.udp:
+    if hearer is None or not hearer.multicast.udp:
         return parts
     return frozenset(part for part in parts if _outer_addresses(case, part) & hearer.callers)
 

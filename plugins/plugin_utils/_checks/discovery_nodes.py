@@ -31,13 +31,13 @@ ALL_HOSTS = "224.0.0.1"  # every kernel has joined it
 
 def _membership_interfaces(case: Case) -> set[str] | None:
     """The interfaces on which a program has joined the group; None where that cannot be known, or is not needed."""
-    multicast, own, group = case.observer.seen.multicast, case.own, str(case.fleet.multicast_group)
-    if multicast is None or not multicast.memberships or own is None or not own.multicast or group == ALL_HOSTS:
+    memberships, own, group = case.observer.multicast.memberships, case.own, str(case.fleet.multicast_group)
+    if not memberships or own is None or not own.multicast or group == ALL_HOSTS:
         return None
     runs = case.observer.plan.is_master and bool(case.observer.listed)
     if not runs or case.fleet.transport == "unicast":
         return None
-    return {entry.interface for entry in multicast.memberships if entry.group == group}
+    return {entry.interface for entry in memberships if entry.group == group}
 
 
 @Check(
@@ -89,8 +89,7 @@ def _group_suspects(case: Case) -> Parts:
     one, other = case.observer.name, case.target
     if case.hears_target():
         return needs.loss_parts(case, one, other)
-    sender = case.peer.seen.multicast if case.peer else None
-    if sender is not None and sender.send_errors.count:  # its own kernel refuses to send
+    if case.peer and case.peer.multicast.send_errors.count:  # its own kernel refuses to send
         return make_parts("filter", other, "group out", "group", "udp out", "udp", "all out", "all")
     return _group_needs(case) - needs.loss_parts(case, one, other)
 
@@ -196,8 +195,7 @@ def _judge_udp_unicast(case: Case) -> Judgement | None:
 )
 def _judge_source(case: Case) -> Judgement | None:
     """Judge if a gateway between networks translates addresses: the helper on the target counts who called."""
-    multicast = case.peer.seen.multicast if case.peer else None
-    if not case.observer.is_probed or case.peer is None or multicast is None or not multicast.udp:
+    if not case.observer.is_probed or case.peer is None or not case.peer.multicast.udp:
         return None
     source = case.way.source
     arrived = source in case.peer.callers
@@ -230,7 +228,7 @@ def _judge_source(case: Case) -> Judgement | None:
     ),
 )
 def _judge_icmp_rounds(case: Case) -> Judgement | None:
-    icmp = case.observer.seen.multicast.icmp if case.observer.seen.multicast else None
+    icmp = case.observer.multicast.icmp
     if icmp is None or case.peer is None or not case.peer.answers_broadcasts or case.observer.plan.tunnel:
         return None  # by plan it does not answer: the kernel's default, and no harm
     if not (case.observer.plan.common_address and case.peer.plan.common_address):

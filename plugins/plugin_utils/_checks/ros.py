@@ -9,7 +9,7 @@ from .._case import needs, stages
 from .._case.case import Case
 from .._case.needs import Parts, make_parts
 from .._case.stages import Stage
-from .._observed.observations import HeardTopic
+from .._observed.observations import HeardTopic, Probe
 from .._observed.outcomes import Outcome
 from .._observed.uris import host_of
 from .engine import FAILED, MEMBER, OK, UNKNOWN, WARNING, Check, Judgement
@@ -69,16 +69,14 @@ def _topic_suspects(case: Case) -> Parts:
 
 
 def _find_topic_fault(case: Case, topic: HeardTopic) -> Parts:
-    there = case.peer.seen.probe if case.peer else None
     if not topic.listened:
         return frozenset()
     if stages.is_filtered(case, topic.topic):
         return make_parts("declaration", case.robots[0], "narrow", what="the test topic /multimaster_verify/*")
-    ended = there is not None and there.talker is not None and not there.talker.running
-    if (
-        there is not None and ended and not there.roscore.error and not topic.publishers
-    ):  # without its roscore no talker runs
-        return make_parts("registration", case.target, "talker", what=there.talker.error if there.talker else "")
+    there = case.peer.probe if case.peer else Probe()
+    # Without its roscore no talker runs.
+    if there.talker and not there.talker.running and not there.roscore.error and not topic.publishers:
+        return make_parts("registration", case.target, "talker", what=there.talker.error)
     return stages.find_lacking(case, stages.find_stage(stages.observe_call(case)), topic.topic)
 
 

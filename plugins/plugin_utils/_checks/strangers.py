@@ -23,10 +23,9 @@ def _find_guests(case: Case) -> dict[str, str]:
 
 def _datagrams(case: Case, named: set[str]) -> list[str]:
     """Return who else sends to the group, beside those that are named already."""
-    multicast = case.observer.seen.multicast
     return [
         f"datagrams from {entry.address} on {entry.interface}"
-        for entry in (multicast.unexpected if multicast else ())
+        for entry in case.observer.multicast.unexpected
         if entry.address not in named and not _is_allowed(case, entry.address)
     ]
 
@@ -56,8 +55,7 @@ def _list_strangers(case: Case) -> Parts:
 
 def _find_unwanted(case: Case) -> dict[str, str]:
     """List those on the group and in the list of masters that are neither planned nor allowed: address -> name."""
-    multicast = case.observer.seen.multicast
-    senders = {entry.address: "" for entry in (multicast.unexpected if multicast else ())}
+    senders = {entry.address: "" for entry in case.observer.multicast.unexpected}
     guests = {address: name for name, address in _find_guests(case).items()}
     return {at: name for at, name in {**senders, **guests}.items() if not _is_allowed(case, at)}
 
