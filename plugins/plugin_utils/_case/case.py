@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from .._fleet.model import Gateway
-from .._observed.observations import Datagrams, Exchange, ForwardingInterface, Multicast, Observation, Probe
+from .._observed.observations import Datagrams, Exchange, ForwardingInterface, Multicast, Observation, Probe, SeenMember
 from .._plan.model import ComputerPlan, FleetPlan, Master
 from .packet_filters import ReadFilters
 from .registrations import Exchanges
@@ -21,6 +21,7 @@ T = TypeVar("T")
 
 LATELY = 600.0  # seconds
 ALONE = 32  # the prefix length of an address on a point-to-point link, as of a VPN: routes lead to the others
+NOT_SEEN = SeenMember("")  # a computer at which the observer did not look
 ANSWERS_BROADCASTS = ("net.ipv4.icmp_echo_ignore_broadcasts", "0")
 
 
@@ -161,7 +162,7 @@ class Case:  # no dataclass: a large fleet has hundreds of thousands, and many c
         self.peer = self.run.get(target)
         self.udp = observer.udp.get(target) if self.peer is not None else None
         # the target in the result of multimaster_verify on the observer, and the topic of its talker
-        self.member = observer.members.get(target)
+        self.member = observer.members.get(target, NOT_SEEN)
         self.topic = observer.topics.get(target)
         # target and observer among the members of the plan; None for the router
         self.planned = self.ways.members.get(target)

@@ -214,8 +214,7 @@ def _find_down_links(case: Case) -> list[str]:
 
 def _find_dead_link(case: Case, network: str) -> Parts:
     """Blame the network where no computer on it has a link. A single observed computer is not enough."""
-    there = [computer.interface_on.get(network) for computer in case.run.values()]
-    states = [interface.state for interface in there if interface is not None]
+    states = [one.interface_on[network].state for one in case.run.values() if network in one.interface_on]
     if len(states) < 2:
         return frozenset()
     if all(state in DOWN for state in states):
@@ -265,16 +264,6 @@ def _judge_addresses(case: Case) -> Judgement | None:
     return judge_fault(WARNING, expected, ", ".join(problems), "all of them", parts)
 
 
-def _odd_sizes(case: Case) -> dict[str, str]:
-    """Find the networks on which the computer's MTU differs from that of most: network -> its description."""
-    sizes = {}
-    for network, mtu in case.observer.mtus.items():
-        usual = case.state.usual.get(network, mtu)
-        if mtu != usual:
-            sizes[network] = f"{mtu} on {network}, where most have {usual}"
-    return sizes
-
-
 @Check(
     title="interfaces have the MTU of the others",
     expected="each interface has the MTU that most have on its network (warning)",
@@ -285,9 +274,11 @@ def _odd_sizes(case: Case) -> dict[str, str]:
 def _judge_mtu(case: Case) -> Judgement | None:
     if not case.observer.mtus:
         return None
-    odd = _odd_sizes(case)
+    usual = case.state.usual
+    odd = {network: mtu for network, mtu in case.observer.mtus.items() if mtu != usual[network]}
+    found = "; ".join(f"{mtu} on {network}, where most have {usual[network]}" for network, mtu in odd.items())
     parts = join_parts(make_parts("interface", case.observer.name, "mtu", what=network) for network in odd)
-    return judge_fault(WARNING, "the MTU of the others", "; ".join(odd.values()), "the same", parts)
+    return judge_fault(WARNING, "the MTU of the others", found, "the same", parts)
 
 
 # More of the kernel

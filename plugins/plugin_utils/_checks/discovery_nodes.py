@@ -374,7 +374,7 @@ def _outer(case: Case) -> IPv4Address:
     suspects=_route_suspects,
 )
 def _judge_outer_route(case: Case) -> Judgement | None:
-    return _judge_route(case, case.member.discovery_route, _outer(case)) if case.member else None
+    return _judge_route(case, case.member.discovery_route, _outer(case))
 
 
 # The port of a roscore, seen from others: no other computer needs it, but it tells a roscore that has ended

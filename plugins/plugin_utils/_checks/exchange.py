@@ -217,8 +217,8 @@ def _find_flow_faults(case: Case, missing: Sequence[Item], superfluous: Sequence
 
 def _loses_large(case: Case) -> bool:
     """Say if small packets arrive between the two, and large ones do not."""
-    pings = (case.member.ping_address, case.member.ping_large) if case.member else (None, None)
-    return [ping.ok for ping in pings if ping] == [True, False]
+    small, large = case.member.ping_address, case.member.ping_large
+    return small is not None and large is not None and small.ok and not large.ok
 
 
 def _find_lacking_stages(case: Case, missing: Iterable[str] = ()) -> dict[str, Stage]:

@@ -63,14 +63,9 @@ def _judge_address_once(case: Case) -> Judgement | None:
 # The name
 
 
-def _addresses(case: Case) -> tuple[str, ...]:
-    """List the addresses that the target's name has on the observer."""
-    return case.member.addresses if case.member else ()
-
-
 def _name_mistake(case: Case) -> str:
     """Return the mode in which the name is wrong."""
-    addresses = _addresses(case)
+    addresses = case.member.addresses
     if not addresses:
         return "unknown"
     if _is_own_too(case):
@@ -82,7 +77,7 @@ def _name_mistake(case: Case) -> str:
 
 def _is_own_too(case: Case) -> bool:
     """The own name has the planned address beside that of the loopback interface: nobody else is concerned."""
-    return case.target == case.observer.name and case.address in _addresses(case)
+    return case.target == case.observer.name and case.address in case.member.addresses
 
 
 def _is_loopback(address: str) -> bool:
@@ -101,7 +96,7 @@ def _is_loopback(address: str) -> bool:
     needs=lambda case: needs.names(case.observer.name, case.target),
 )
 def _judge_name(case: Case) -> Judgement | None:
-    if case.member is None or case.observer.plan.is_router:
+    if not case.member.name or case.observer.plan.is_router:
         return None
     addresses, expected = case.member.addresses, case.address
     found = ", ".join(addresses) or case.member.resolve_error
@@ -123,8 +118,8 @@ def _judge_name(case: Case) -> Judgement | None:
     needs=lambda case: make_parts("names", case.observer.name, "rights"),
 )
 def _judge_user_name(case: Case) -> Judgement | None:
-    found = case.member.user_addresses if case.member else None
-    if found is None or _addresses(case) != (case.address,) or case.observer.plan.is_router:
+    found = case.member.user_addresses
+    if found is None or case.member.addresses != (case.address,) or case.observer.plan.is_router:
         return None  # another check judges what root finds
     verdict = OK if found == (case.address,) else FAILED
     parts = make_parts("names", case.observer.name, "rights", what=case.target)
@@ -196,17 +191,15 @@ def _has_no_routes(case: Case) -> bool:
     needs=_route_needs,
 )
 def _judge_route(case: Case) -> Judgement | None:
-    route = case.member.route if case.member else None
+    route, way = case.member.route, case.way
     if route is None:
         return None
-    way = case.way
     good = not route.error and route.source == way.source and (route.gateway or "") in way.hops
     expected = f"a route from {way.source}" + (f" by {way.next_hop}" if way.next_hop else "")
     via = f" by {route.gateway}" if route.gateway else ""
     found = route.error or f"on {route.device} from {route.source}{via}"
-    return (
-        Judgement(OK, expected, found) if good else Judgement(FAILED, expected, found, _find_route_fault(case, route))
-    )
+    broken = frozenset() if good else _find_route_fault(case, route)
+    return Judgement(OK if good else FAILED, expected, found, broken)
 
 
 # The ping by address
@@ -219,14 +212,14 @@ def _ping_needs(case: Case) -> Parts:
 
 def _answers_sometimes(case: Case) -> bool:
     """Of further requests some were answered: packets get lost, and no filter drops them."""
-    return case.member is not None and case.member.loss is not None and case.member.loss < 1.0
+    return case.member.loss is not None and case.member.loss < 1.0
 
 
 def _ping_suspects(case: Case) -> Parts:
     if _answers_sometimes(case):
         return needs.loss_parts(case, case.observer.name, case.target)
-    silent = case.member is not None and case.member.silent
-    return _ping_needs(case) - needs.arp_parts(case, case.observer.name, case.target) if silent else _ping_needs(case)
+    asked = needs.arp_parts(case, case.observer.name, case.target) if case.member.silent else frozenset()
+    return _ping_needs(case) - asked
 
 
 def _judge_ping(ping: Ping | None, whom: str, outcome: Outcome = Outcome.NOT_TRIED) -> Judgement | None:
@@ -248,7 +241,7 @@ def _judge_ping(ping: Ping | None, whom: str, outcome: Outcome = Outcome.NOT_TRI
     suspects=_ping_suspects,
 )
 def _judge_ping_address(case: Case) -> Judgement | None:
-    ping = case.member.ping_address if case.member else None
+    ping = case.member.ping_address
     if ping is None or _answers_sometimes(case):
         return _judge_ping(ping, case.address)  # where only some were lost on the way, an error says nothing
     return _judge_ping(ping, case.address, ping.outcome)
@@ -265,11 +258,9 @@ def _judge_ping_address(case: Case) -> Judgement | None:
     needs=lambda case: needs.way(case, case.observer.name, case.target),
 )
 def _judge_tcp_answer(case: Case) -> Judgement | None:
-    if case.member is None or not case.member.tcp:
-        return None
-    expected = "a TCP port that nobody uses refuses"
-    # Nothing comes back where a packet filter drops what is not let in: no fault.
-    return Judgement(OK, expected, "refused") if case.member.tcp_outcome == Outcome.REFUSED else None
+    if not case.member.tcp or case.member.tcp_outcome != Outcome.REFUSED:
+        return None  # nothing comes back where a packet filter drops what is not let in: no fault
+    return Judgement(OK, "a TCP port that nobody uses refuses", "refused")
 
 
 # The ping by name
@@ -283,14 +274,14 @@ def _judge_tcp_answer(case: Case) -> Judgement | None:
     needs=lambda case: _ping_needs(case) | needs.names(case.observer.name, case.target),
     suspects=lambda case: (
         needs.loss_parts(case, case.observer.name, case.target)
-        if _answers_sometimes(case) and case.address in _addresses(case)[:1]
+        if _answers_sometimes(case) and case.address in case.member.addresses[:1]
         else _ping_needs(case) | needs.names(case.observer.name, case.target)
     ),
 )
 def _judge_ping_name(case: Case) -> Judgement | None:
     if case.observer.plan.is_router:
         return None
-    return _judge_ping(case.member.ping_name if case.member else None, case.target)
+    return _judge_ping(case.member.ping_name, case.target)
 
 
 # Large packets
@@ -304,8 +295,8 @@ def _judge_ping_name(case: Case) -> Judgement | None:
 )
 def _judge_ping_large(case: Case) -> Judgement | None:
     """Judge by warnings: some devices drop only large pings. Where large packets are lost, other checks fail, too."""
-    judged = _judge_ping(case.member.ping_large if case.member else None, f"{case.address} to a large packet")
-    if judged is not None and judged.verdict != OK and case.member and (case.member.loss or 0.0) > LOST:
+    judged = _judge_ping(case.member.ping_large, f"{case.address} to a large packet")
+    if judged is not None and judged.verdict != OK and (case.member.loss or 0.0) > LOST:
         return None  # small ones are lost, too: the size need not be the reason
     return judged if judged is None or judged.verdict == OK else judged._replace(verdict=WARNING)
 
@@ -320,7 +311,7 @@ def _judge_ping_large(case: Case) -> Judgement | None:
     needs=lambda case: needs.loss_parts(case, case.observer.name, case.target),
 )
 def _judge_ping_loss(case: Case) -> Judgement | None:
-    loss = case.member.loss if case.member else None
+    loss = case.member.loss
     if loss is None or loss == 1.0:  # nothing at all arrives: another check judges that
         return None
     return Judgement(WARNING if loss > LOST else OK, f"less than {LOST:.0%} of the pings are lost", f"{loss:.0%}")
@@ -337,10 +328,8 @@ def _judge_ping_loss(case: Case) -> Judgement | None:
     needs=lambda case: make_parts("interface", case.target, "duplicate", what=case.observer.name),
 )
 def _judge_neighbour(case: Case) -> Judgement | None:
-    if case.member is None or case.peer is None or case.way.crosses:
-        return None
-    seen, known = case.member.neighbour.lower(), case.peer.macs
-    if not seen or not known:
+    seen, known = case.member.neighbour.lower(), case.peer.macs if case.peer else frozenset()
+    if not seen or not known or case.way.crosses:
         return None
     expected = f"{case.address} is at {' or '.join(sorted(known))}"
     parts = (
@@ -393,8 +382,8 @@ def _arp_needs(case: Case) -> Parts:
 )
 def _judge_answers_arp(case: Case) -> Judgement | None:
     address, _network = _arp_question(case)
-    answered = case.observer.claimed.get(address)
-    if answered is None or (not answered and case.member and case.member.ping_address and case.member.ping_address.ok):
+    answered, ping = case.observer.claimed.get(address), case.member.ping_address
+    if answered is None or (not answered and ping and ping.ok):
         return None  # the question may have got lost
     expected = f"somebody answers who has {address}"
     return Judgement(OK if answered else FAILED, expected, "somebody does" if answered else "nobody answers")
