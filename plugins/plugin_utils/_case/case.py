@@ -213,10 +213,6 @@ class Case:  # no dataclass: a large fleet has hundreds of thousands, and many c
         """The datagrams between target and observer, as the target counts them."""
         return self.peer.udp.get(self.observer.name) if self.peer else None
 
-    def hears_target(self) -> bool:
-        """Say if datagrams of the target arrive here on the group."""
-        return bool(self.udp and self.udp.heard_from)
-
     @property
     def way(self) -> Way:
         """The planned way of packets to the target."""

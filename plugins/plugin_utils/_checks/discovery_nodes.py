@@ -87,7 +87,7 @@ def _group_needs(case: Case) -> Parts:
 
 def _group_suspects(case: Case) -> Parts:
     one, other = case.observer.name, case.target
-    if case.hears_target():
+    if case.udp and case.udp.heard_from:
         return needs.loss_parts(case, one, other)
     if case.peer and case.peer.multicast.send_errors.count:  # its own kernel refuses to send
         return make_parts("filter", other, "group out", "group", "udp out", "udp", "all out", "all")

@@ -130,15 +130,13 @@ def _judge_user_name(case: Case) -> Judgement | None:
 
 
 def _route_needs(case: Case) -> Parts:
-    if not case.way.crosses or case.planned is None:
+    if not case.way.crosses:
         return frozenset()
-    found = make_parts("route", case.observer.name, "missing", "other", what=case.ways.network(case.planned.robot))
+    found = make_parts("route", case.observer.name, "missing", "other", what=case.ways.network(case.robots[1]))
     return found | make_parts("route", case.observer.name, "missing")
 
 
 def _find_route_fault(case: Case, route: Route) -> Parts:
-    if case.planned is None:
-        return frozenset()
     mode, what = taker(case.probe.policy, case.address)
     if mode and (route.error or (route.gateway or "") not in case.way.hops):
         return make_parts("route", case.observer.name, mode, what=what)

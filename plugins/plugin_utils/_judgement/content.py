@@ -16,7 +16,7 @@ from .._data.plain import to_plain
 from .._diagnosis.diagnosis import Diagnosis
 from .._fleet.filters import matches
 from .._fleet.flows import find_outer_name
-from .._observed.observations import Exchange, Observation, SentTopic, Traffic
+from .._observed.observations import Exchange, Observation, Probe, SentTopic
 from .._observed.uris import normalise_uri
 from .._plan.model import FleetPlan
 from .summary import Summary
@@ -164,8 +164,7 @@ def list_traffic(fleet: FleetPlan, observations: Mapping[str, Observation]) -> d
     flows: dict[tuple[str, str], list[SentTopic]] = defaultdict(list)
     seconds = 0.0
     for robot, master in fleet.master_of.items():
-        seen = observations.get(master.computer)
-        traffic = seen.probe.traffic if seen and seen.probe else Traffic()
+        traffic = (observations.get(master.computer, Observation()).probe or Probe()).traffic
         seconds = max(seconds, traffic.seconds)
         for flow in traffic.flows:
             if flow.robot in fleet.master_of:
@@ -196,9 +195,9 @@ def describe_machines(
     """Return system, ROS, nodes and times of each computer of the run. `infos` has the results of multimaster_info."""
     machines = {}
     for name, seen in observations.items():
-        probe, info = seen.probe, infos.get(name, {})
-        topics = [topic.seconds for topic in probe.topics if topic.seconds is not None] if probe else []
-        seconds = probe.list_masters.seconds if probe and not probe.list_masters.error else 0.0
+        probe, info = seen.probe or Probe(), infos.get(name, {})
+        topics = [topic.seconds for topic in probe.topics if topic.seconds is not None]
+        seconds = 0.0 if probe.list_masters.error else probe.list_masters.seconds
         machines[name] = {
             "system": _text(info, "os", "name"),
             "kernel": _text(info, "kernel"),
