@@ -176,9 +176,9 @@ def _falls_to_default(case: Case, by: str) -> bool:
 
 def _has_no_routes(case: Case) -> bool:
     """The observer has a route to no other network."""
-    members, ways = case.observer.members.values(), case.ways
-    routes = [entry.route for entry in members if entry.route and ways.way(case.observer.plan, entry.name).crosses]
-    return all(route.error for route in routes)
+    members, plan = case.observer.members, case.observer.plan
+    others = [name for name in case.ways.members if name in members and case.ways.way(plan, name).crosses]
+    return all(route.error for name in others if (route := members[name].route))
 
 
 @Check(

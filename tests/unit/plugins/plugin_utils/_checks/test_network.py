@@ -3,6 +3,8 @@
 
 """Checks of the network between two computers: names, routes, pings, for two robots and between three robot networks."""
 
+from dataclasses import replace
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.ways import Ways
@@ -375,6 +377,16 @@ def test_a_route_that_only_the_router_misses_is_told_too():
     found = diagnosed(lost_route, fig12())
     assert parts(found) == [("route", "tibi-nav", "missing")]
     assert ("ping_address", "router", "tibi-nav") in {row[:3] for row in found.findings[0].rows}
+
+
+def test_a_strange_name_beside_a_lost_route_costs_nobody_the_report():
+    def change(seen):
+        members = seen["tibi-nav"].probe.members
+        for target in INNER_CAR:
+            update(of(members, target).route, error="Network is unreachable")
+        update(seen["tibi-nav"].probe, members=(*members, replace(of(members, INNER_CAR[0]), name="stranger")))
+
+    assert parts(diagnosed(change, fig12())) == [("route", "tibi-nav", "missing")]
 
 
 @pytest.mark.parametrize(("hop", "mode"), [("192.168.1.254", "missing"), ("192.168.1.77", "other")])
