@@ -30,6 +30,8 @@ ITSELF_TOO = "pair, itself too"  # every member, and the observer
 MEMBER = "pair"  # every other member
 MASTER = "to masters"  # every other master
 MASTER_TOO = "to masters, its own too"  # every master, also the observer's own
+ROSCORES = "pair of roscores"  # every other master, compared with the observer's own
+MASTERS = (MASTER, MASTER_TOO, ROSCORES)
 
 
 class Row(NamedTuple):  # there are millions in a large fleet, and a frozen dataclass is five times slower to make
@@ -146,7 +148,7 @@ class Verification:
     def _cases(self) -> Iterator[tuple[Sequence[Check], Case]]:
         """Make every case, with the checks that look at it."""
         alone, itself, others = self._select(COMPUTER), self._select(ITSELF_TOO), self._select(ITSELF_TOO, MEMBER)
-        own_master, masters = self._select(MASTER_TOO), self._select(MASTER, MASTER_TOO)
+        own_master, masters = self._select(MASTER_TOO), self._select(*MASTERS)
         for observer in self.run.values():
             name, targets = observer.name, self.tried[observer.name]
             yield alone, Case(self.state, observer, name)
@@ -173,12 +175,12 @@ class Verification:
         if target in self.ways.members:
             scopes += [ITSELF_TOO] if observer == target else [ITSELF_TOO, MEMBER]
         if target in self.ways.master_at:
-            scopes += [MASTER_TOO] if observer == target else [MASTER_TOO, MASTER]
+            scopes += [MASTER_TOO] if observer == target else MASTERS
         return self._select(*scopes)
 
     def case(self, check: Check, observer: str, target: str) -> Case:
         """Make the case of one pair, as a check looks at it."""
-        master = self.ways.master_at[target] if check.scope in (MASTER, MASTER_TOO) else None
+        master = self.ways.master_at[target] if check.scope in MASTERS else None
         return Case(self.state, self.run[observer], target, master)
 
     def make_case(self, observer: str, target: str) -> Case:

@@ -18,7 +18,7 @@ from .._case.stages import Stage
 from .._fleet.sentences import shorten_list
 from .._observed.observations import Exchange, SilentNode
 from .._observed.outcomes import Outcome
-from .engine import FAILED, MASTER, OK, UNKNOWN, WARNING, Check, Judgement, judge_fault
+from .engine import FAILED, OK, ROSCORES, UNKNOWN, WARNING, Check, Judgement, judge_fault
 
 NAMED = 4  # registrations, names or connections that a finding names
 
@@ -85,8 +85,7 @@ def _has_both_contents(case: Case) -> bool:
 
 @Check(
     title="no node or service name twice",
-    scope=MASTER,
-    about="pair of roscores",
+    scope=ROSCORES,
     expected="no node and no service that is exchanged has a name that another robot has too",
 )
 def _judge_names(case: Case) -> Judgement | None:
@@ -120,8 +119,7 @@ def _make_conflict_part(case: Case, conflict: Conflict) -> Part:
 
 @Check(
     title="topics have the same type on both sides",
-    scope=MASTER,
-    about="pair of roscores",
+    scope=ROSCORES,
     expected="a topic that is exchanged has one type and one md5 sum on both robots",
 )
 def _judge_types(case: Case) -> Judgement | None:
@@ -153,8 +151,7 @@ def _list_sharers(shared: Iterable[Clash]) -> Parts:
 
 @Check(
     title="no topic of two robots",
-    scope=MASTER,
-    about="pair of roscores",
+    scope=ROSCORES,
     expected="no topic that is exchanged is published by a robot that gets it, or by two that give it to a third one; two robots that "
     "name it in their `multimaster_exports` mean it, and diagnostics are meant (warning)",
 )
@@ -173,8 +170,7 @@ def _judge_shared_topics(case: Case) -> Judgement | None:
 
 @Check(
     title="no circle by two bridges to ROS 2",
-    scope=MASTER,
-    about="pair of roscores",
+    scope=ROSCORES,
     expected="no topic that is exchanged passes a node of ros1_bridge on both robots (warning)",
 )
 def _judge_bridges(case: Case) -> Judgement | None:
@@ -235,8 +231,7 @@ def _find_lacking_stages(case: Case, missing: Iterable[str] = ()) -> dict[str, S
 
 @Check(
     title="robot has what it is to get, and nothing else",
-    scope=MASTER,
-    about="pair of roscores",
+    scope=ROSCORES,
     expected="what the one robot is to give is registered at the other, and nothing else of it is",
     report="3.3",
     # registrations stay after a node has died, so a success clears no node
@@ -304,8 +299,7 @@ def _find_copy_faults(case: Case, wrong: Collection[str]) -> Parts:
 
 @Check(
     title="copied parameters are as on their robot",
-    scope=MASTER,
-    about="pair of roscores",
+    scope=ROSCORES,
     expected="each parameter that the one robot gives by `multimaster_exports` has the same value at the other, where it is set at all",
     suspects=_flow_suspects,
 )
@@ -325,8 +319,7 @@ def _judge_copies(case: Case) -> Judgement | None:
 
 @Check(
     title="connections only as exchanged",
-    scope=MASTER,
-    about="pair of roscores",
+    scope=ROSCORES,
     expected="nodes of the two robots are connected only by what is exchanged",
 )
 def _judge_cross_link(case: Case) -> Judgement | None:
