@@ -24,7 +24,7 @@ from .._judgement.matrices import Matrices
 from .._plan.model import FleetPlan
 from .arrows import draw_arrows
 from .hops import draw_way
-from .picture import SIGNS, Mark, draw_fleet
+from .picture import SIGNS, draw_fleet
 from .traffic import HEADINGS, describe_measurement, list_dearest
 
 TEMPLATE = Path(__file__).with_name("page.html.j2")  # the doors read it
@@ -45,7 +45,7 @@ def make_page(template: str, fleet: FleetPlan, document: Mapping[str, Any], matr
     findings = [_shorten(entry) for entry in document["findings"][:FINDINGS]]
     empty: dict[str, Any] = {"rows": [], "robots": [], "findings": [], "unexplained": []}
     unseen = find_unseen(fleet, document["rows"])
-    picture = draw_fleet(fleet, place_marks(findings), unseen)
+    picture = draw_fleet(fleet, findings, unseen)
     read = {entry["robot"] for entry in document["robots"] if entry["read"]}
     return environment.from_string(template).render(
         document=plain_data({**document, **empty}, LINE),
@@ -83,13 +83,6 @@ def _shorten(entry: Mapping[str, Any]) -> dict[str, Any]:
 
 def _rows(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {"first": plain_data(rows[:ROWS], LONGEST), "number": len(rows)}
-
-
-def place_marks(findings: Sequence[Mapping[str, Any]]) -> Iterator[Mark]:
-    """Yield a mark at the place of each finding, and of each other part that may be the cause."""
-    for number, entry in enumerate(findings, 1):
-        for place in dict.fromkeys([entry["place"], *(rival["place"] for rival in entry["rivals"])]):
-            yield Mark(number, place, entry["verdict"], entry["sentence"])
 
 
 def find_unseen(fleet: FleetPlan, rows: Iterable[Mapping[str, Any]]) -> dict[str, list[str]]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 from xml.sax.saxutils import escape, quoteattr
 
 from .._case.ways import COMMON
@@ -22,6 +22,7 @@ from .._fleet.sentences import shorten_list
 from .._plan.model import ComputerPlan, FleetPlan
 
 _T = TypeVar("_T")
+_Finding = Mapping[str, Any]  # as the document has it
 
 SIGNS = {OK: "\u2713", FAILED: "\u2716", WARNING: "\u25b2", UNKNOWN: "?"}  # never by colour alone
 WIDTH = 1160  # of the picture; a single robot may need more
@@ -55,16 +56,6 @@ a:focus .mark rect, a:focus rect { stroke: var(--ink, #1b1f24); stroke-width: 3 
 
 
 @dataclass(frozen=True)
-class Mark:
-    """A mark of a finding: the number of the finding, its place, the verdict, and the sentence."""
-
-    number: int
-    place: str
-    verdict: str
-    text: str
-
-
-@dataclass(frozen=True)
 class _Device:
     """A box: a computer, or a device that is not a computer."""
 
@@ -74,9 +65,14 @@ class _Device:
     planned: bool = True  # it is a computer of the inventory
 
 
-def draw_fleet(fleet: FleetPlan, marks: Iterable[Mark] = (), unseen: Mapping[str, Sequence[str]] | None = None) -> str:
-    """Draw the fleet. `unseen` has the robots that a robot is to discover and does not."""
-    return _Picture(fleet, marks, unseen or {}).svg()
+def draw_fleet(
+    fleet: FleetPlan, findings: Iterable[_Finding] = (), unseen: Mapping[str, Sequence[str]] | None = None
+) -> str:
+    """Draw the fleet, with a mark at the place of each finding, and of each other part that may be the cause.
+
+    `unseen` has the robots that a robot is to discover and does not.
+    """
+    return _Picture(fleet, findings, unseen or {}).svg()
 
 
 def _device(plan: ComputerPlan) -> _Device:
@@ -110,14 +106,15 @@ def write_svg(width: int, height: int, role: str, title: str, style: str, elemen
 class _Picture:
     """The elements of a picture, and how far it reaches."""
 
-    def __init__(self, fleet: FleetPlan, marks: Iterable[Mark], unseen: Mapping[str, Sequence[str]]) -> None:
+    def __init__(self, fleet: FleetPlan, findings: Iterable[_Finding], unseen: Mapping[str, Sequence[str]]) -> None:
         self.fleet = fleet
         self.robots = list(fleet.master_of)
         self.unseen = unseen
-        self.marks: dict[str, list[Mark]] = defaultdict(list)
-        for mark in marks:
-            for place in dict.fromkeys([mark.place, *mark.place.split(" and ")]):
-                self.marks[place].append(mark)
+        self.marks: dict[str, list[tuple[int, _Finding]]] = defaultdict(list)
+        for number, entry in enumerate(findings, 1):
+            for places in dict.fromkeys([entry["place"], *(rival["place"] for rival in entry["rivals"])]):
+                for place in dict.fromkeys([places, *places.split(" and ")]):
+                    self.marks[place].append((number, entry))
         names = [plan.computer for plan in fleet.computers.values() if plan.robot in fleet.master_of]
         names += [str(network.gateway) for network in fleet.networks if network.device]
         self.box = round(LETTER * min(max(SHORTEST, *map(len, names)), LONGEST)) + 2 * GAP
@@ -231,16 +228,16 @@ class _Picture:
         self._text(x + GAP + AISLE, y - 5, text, "small")
         self._marks(x + width, y - 8, marks)
 
-    def _marks(self, right: int, y: int, marks: Sequence[Mark]) -> None:
+    def _marks(self, right: int, y: int, marks: Sequence[tuple[int, _Finding]]) -> None:
         """Draw marks from the right to the left, each a link to its finding."""
-        for position, mark in enumerate(marks[:MARKS]):
-            x = right - 40 * (position + 1)
+        for position, (number, entry) in enumerate(marks[:MARKS]):
+            x, verdict = right - 40 * (position + 1), entry["verdict"]
             last = position == MARKS - 1 and len(marks) > MARKS
-            label = f"{len(marks) - MARKS + 1} more" if last else f"{SIGNS[mark.verdict]} {mark.number}"
-            title = f"{mark.verdict}: finding {mark.number}: {plain(mark.text, 400)}"
+            label = f"{len(marks) - MARKS + 1} more" if last else f"{SIGNS[verdict]} {number}"
+            title = f"{verdict}: finding {number}: {plain(entry['sentence'], 400)}"
             self.parts.append(
-                f'<a href="#finding-{mark.number}" aria-label={quoteattr(title)}><title>{escape(title)}</title>'
-                f'<g class="mark {mark.verdict}"><rect x="{x}" y="{y}" width="38" height="20" rx="3"/>'
+                f'<a href="#finding-{number}" aria-label={quoteattr(title)}><title>{escape(title)}</title>'
+                f'<g class="mark {verdict}"><rect x="{x}" y="{y}" width="38" height="20" rx="3"/>'
                 f'<text x="{x + 19}" y="{y + 15}">{label}</text></g></a>'
             )
 
@@ -251,9 +248,9 @@ class _Picture:
         self.parts.append(f'<text class="{kind}" x="{x}" y="{y}">{escape(plain(text))}</text>')
 
 
-def _class(marks: Sequence[Mark]) -> str:
+def _class(marks: Sequence[tuple[int, _Finding]]) -> str:
     """Return the class for the worst of the marks of an element."""
-    verdicts = {mark.verdict for mark in marks}
+    verdicts = {entry["verdict"] for _number, entry in marks}
     return next((f" is-{verdict}" for verdict in (FAILED, WARNING, UNKNOWN) if verdict in verdicts), "")
 
 

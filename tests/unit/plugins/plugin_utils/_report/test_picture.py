@@ -18,7 +18,7 @@ from ansible.parsing.dataloader import DataLoader
 from ansible.vars.manager import VariableManager
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.picture import Mark, draw_fleet
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.picture import draw_fleet
 
 ROOT = pathlib.Path(__file__).resolve().parents[5]
 GOLDEN = ROOT / "tests/unit/golden/report"
@@ -74,13 +74,17 @@ def test_every_computer_has_a_box_of_its_own_in_the_picture(fleet):
         assert x + wide <= left or left + broad <= x or y + high <= top or top + tall <= y
 
 
+def finding(place, verdict, sentence):
+    return {"place": place, "verdict": verdict, "sentence": sentence, "rivals": []}
+
+
 def test_a_mark_has_a_sign_a_number_and_a_link_at_its_place():
-    marks = [
-        Mark(1, "tibi-visio", "failed", "it drops <b>everything</b>"),
-        Mark(2, "the network of dabo", "warning", "it is slow"),
-        Mark(3, "dabo and car", "unknown", "both have a node /one"),
+    findings = [
+        finding("tibi-visio", "failed", "it drops <b>everything</b>"),
+        finding("the network of dabo", "warning", "it is slow"),
+        finding("dabo and car", "unknown", "both have a node /one"),
     ]
-    root = ElementTree.fromstring(draw_fleet(fleets.fig12(), marks))
+    root = ElementTree.fromstring(draw_fleet(fleets.fig12(), findings))
     links = [(link.get("href"), "".join(link.itertext())) for link in root.iter(SVG + "a")]
     assert [href for href, _text in links].count("#finding-3") == 2
     texts = dict(links)
@@ -91,9 +95,7 @@ def test_a_mark_has_a_sign_a_number_and_a_link_at_its_place():
 
 
 def test_many_marks_at_one_place_are_counted():
-    root = ElementTree.fromstring(
-        draw_fleet(fleets.fig12(), [Mark(number, "tibi-visio", "failed", "x") for number in range(1, 10)])
-    )
+    root = ElementTree.fromstring(draw_fleet(fleets.fig12(), [finding("tibi-visio", "failed", "x")] * 9))
     assert [link.get("href") for link in root.iter(SVG + "a")] == [f"#finding-{number}" for number in range(1, 5)]
     assert "6 more" in "".join(root.itertext())
 
