@@ -111,9 +111,7 @@ def _suspects(case: Case) -> Parts:
     suspects=_suspects,
 )
 def _judge_border(case: Case) -> Judgement | None:
-    if not _list_channels(case):
-        return None
-    wrong = _find_wrong(case)
+    wrong = _find_wrong(case) if _list_channels(case) else None
     if wrong is None:
         return None
     missing, more = wrong

@@ -78,11 +78,8 @@ def _transport_verdict(case: Case, other: bool | None) -> str:
 
 def _group_needs(case: Case) -> Parts:
     one, other = case.observer.name, case.target
-    return (
-        needs.multicast(case, one, other)
-        | needs.loss_parts(case, one, other)
-        | make_parts("computer", other, "unmeasured", "login")
-    )
+    there = make_parts("computer", other, "unmeasured", "login")
+    return needs.multicast(case, one, other) | needs.loss_parts(case, one, other) | there
 
 
 def _group_suspects(case: Case) -> Parts:
@@ -208,6 +205,15 @@ def _judge_source(case: Case) -> Judgement | None:
 # Pings of the group
 
 
+def _rounds_suspects(case: Case) -> Parts:
+    one, other = case.observer.name, case.target
+    lost = needs.loss_parts(case, one, other)
+    if any(other in answered for _number, answered in case.observer.rounds):
+        return lost  # a packet was lost: no filter drops them
+    there = needs.multicast(case, other, one) | needs.way(case, one, other) | needs.passes(one, other, "icmp")
+    return lost | there | make_parts("setting", other, "icmp_group")
+
+
 @Check(
     title="ping of the multicast group (informs only)",
     scope=MEMBER,
@@ -215,17 +221,7 @@ def _judge_source(case: Case) -> Judgement | None:
     expected="an answer in each round of `ping 224.0.0.1`; informs only, and only where computers are to answer",
     report="3.2",
     needs=lambda case: make_parts("setting", case.target, "icmp_group"),
-    suspects=lambda case: (
-        needs.loss_parts(case, case.observer.name, case.target)
-        if any(
-            case.target in answered for _number, answered in case.observer.rounds
-        )  # a packet was lost: no filter drops them
-        else make_parts("setting", case.target, "icmp_group")
-        | needs.multicast(case, case.target, case.observer.name)
-        | needs.way(case, case.observer.name, case.target)
-        | needs.passes(case.observer.name, case.target, "icmp")
-        | needs.loss_parts(case, case.observer.name, case.target)
-    ),
+    suspects=_rounds_suspects,
 )
 def _judge_icmp_rounds(case: Case) -> Judgement | None:
     icmp = case.observer.multicast.icmp
@@ -462,12 +458,8 @@ def _has_planned_address(entry: ListedMaster, case: Case) -> bool:
 def _service_call_needs(case: Case) -> Parts:
     """List what calling the service of the own discovery node needs."""
     one, master = case.observer.name, case.masters[0]
-    node = make_parts("discovery", master, "dead", "hung")
-    return (
-        needs.roscore(case, one, master)
-        | node
-        | (needs.talks(case, one, master, "nodes") if one != master else frozenset())
-    )
+    call = needs.talks(case, one, master, "nodes") if one != master else frozenset()
+    return needs.roscore(case, one, master) | make_parts("discovery", master, "dead", "hung") | call
 
 
 def _list_needs(case: Case) -> Parts:
@@ -484,12 +476,8 @@ def _list_suspects(case: Case) -> Parts:
     if not case.observer.listed:
         return _service_call_needs(case)
     own, its = case.masters[0], case.target
-    return (
-        _service_call_needs(case)
-        | needs.discovery(own)
-        | needs.master_query_parts(case, own, its)
-        | needs.heartbeats(case, own, its)
-    )
+    others = needs.master_query_parts(case, own, its) | needs.heartbeats(case, own, its)
+    return _service_call_needs(case) | needs.discovery(own) | others
 
 
 @Check(

@@ -71,10 +71,6 @@ Passed = Counter[tuple[str, str, tuple[str, ...]]]
 Judge = Callable[[Case], Judgement | None]
 
 
-def _find_no_parts(_case: Case) -> Parts:
-    return frozenset()
-
-
 @dataclass(frozen=True)
 class Check:
     """A check: its targets, its judge, and the meaning of its results for the parts of the fleet. It decorates its judge.
@@ -89,7 +85,7 @@ class Check:
     scope: str = COMPUTER
     about: str = ""  # the targets, as named there; empty: the words of the scope
     report: str = ""  # where the report has it
-    needs: Callable[[Case], Parts] = _find_no_parts
+    needs: Callable[[Case], Parts] = lambda case: frozenset()
     suspects: Callable[[Case], Parts] | None = None
     carries: str = ""  # its packets, a word of packet_filters.TRAFFIC: a rule that drops them is evidence, too
     shown: bool = False  # good results have rows, too

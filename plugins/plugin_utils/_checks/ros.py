@@ -28,39 +28,32 @@ def _topic_needs(case: Case) -> Parts:
 
     A discovery node may have told it on a connection that was there before a packet filter: that port is not cleared.
     """
-    one, other = case.observer.name, case.target
+    connected = needs.node_connection_parts(case, case.observer.name, case.target)
     if case.topic is not None and not any(publisher.uri for publisher in case.topic.publishers):
-        return needs.node_connection_parts(case, one, other)
-    return (
-        needs.registration_parts(case, one, other) - needs.passes(*case.masters, "rpc")
-    ) | needs.node_connection_parts(case, one, other)
+        return connected
+    registered = needs.registration_parts(case, case.observer.name, case.target)
+    return connected | (registered - needs.passes(*case.masters, "rpc"))
 
 
 def _topic_suspects(case: Case) -> Parts:
     """A topic that is registered at the observer's roscore needs only the connection."""
     one, other, topic = case.observer.name, case.target, case.topic
+    listens = make_parts("registration", one, "listener")
     if topic is None:
-        missing = make_parts("registration", other, "talker") | make_parts(
-            "computer", other, "off", "unmeasured", "login"
+        there = make_parts("computer", other, "off", "unmeasured", "login") | needs.roscore(
+            case, other, case.masters[1]
         )
-        return missing | make_parts("registration", one, "listener") | needs.roscore(case, other, case.masters[1])
+        return there | make_parts("registration", other, "talker") | listens
     if not topic.listened:
-        failed = make_parts("registration", one, "listener") | make_parts("computer", one, "overloaded")
-        return failed | needs.roscore(case, one, case.masters[0])
+        return listens | make_parts("computer", one, "overloaded") | needs.roscore(case, one, case.masters[0])
     stage = stages.find_stage(stages.observe_call(case))
     if stage == Stage.REGISTERED:
         return needs.home_parts(case, other)
+    told = needs.passes(case.masters[0], one, "nodes")  # its roscore tells it of a new publisher
+    odd = make_parts("computer", one, "overloaded") | needs.large(case, one, other)
     if topic.reached_outcome == Outcome.OPEN:  # its message is late, or too large
-        late = (
-            make_parts("computer", one, "overloaded")
-            | make_parts("computer", other, "overloaded")
-            | needs.large(case, one, other)
-        )
-        return late | needs.passes(case.masters[0], one, "nodes") | make_parts("registration", one, "listener")
+        return odd | make_parts("computer", other, "overloaded") | told | listens
     if topic.publishers:
-        told = needs.passes(case.masters[0], one, "nodes")  # its roscore tells it of a new publisher
-        listens = make_parts("registration", one, "listener")
-        odd = make_parts("computer", one, "overloaded") | needs.large(case, one, other)
         return needs.node_connection_parts(case, one, other) - listens | told | odd
     own, its = case.masters
     beyond = make_parts("sync", own, "configuration") | needs.discovery(own) | needs.heartbeats(case, own, its)
