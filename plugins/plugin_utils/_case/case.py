@@ -102,7 +102,7 @@ class Participant:
     @property
     def lacks_ros(self) -> bool:
         """True for the router, and for a second computer of a robot without ROS; a master's computer needs ROS."""
-        return not self.plan.is_master and (self.seen.probe is None or bool(self.seen.probe.ros_missing))
+        return self.plan.is_router or (not self.plan.is_master and (not self.is_probed or bool(self.probe.ros_missing)))
 
 
 def _find_usual_mtus(computers: Iterable[Participant]) -> dict[str, int]:

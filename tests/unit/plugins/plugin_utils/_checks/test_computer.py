@@ -339,3 +339,7 @@ def test_an_address_of_a_vpn_stands_alone():
         update(seen[ONE].probe.forwarding.interfaces[0], point_to_point=True)
 
     assert notable(evaluate(narrow)) and not notable(evaluate(tunnel))
+
+
+def test_a_router_that_tells_of_ros_costs_nobody_the_report():
+    assert not notable(evaluate(lambda seen: update(seen["router"].probe, ros_missing=""), fig12()))
