@@ -379,7 +379,7 @@ def test_a_route_that_only_the_router_misses_is_told_too():
     assert ("ping_address", "router", "tibi-nav") in {row[:3] for row in found.findings[0].rows}
 
 
-def test_a_strange_name_beside_a_lost_route_costs_nobody_the_report():
+def test_a_strange_member_costs_nobody_the_report():
     def change(seen):
         members = seen["tibi-nav"].probe.members
         for target in INNER_CAR:
