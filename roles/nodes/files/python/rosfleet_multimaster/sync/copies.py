@@ -34,6 +34,9 @@ LEFTOVERS = 15.0  # seconds that parameters of an earlier life wait for their ro
 READERS = 4
 LINES = 10  # log lines of one pass
 
+#: the plan of a pass, the names that could not be set, and the problem of one that was not carried out to its end
+PassResult = Tuple[Todo, Set[str], Optional[Exception]]
+
 
 class ParameterAnswer(NamedTuple):
     """What a robot has of the planned parameters: the values that are taken, and why others are not."""
@@ -194,9 +197,9 @@ class Copies:
 
     def _begin(self, now: float) -> None:
         self._working, self._pass_due = True, float("inf")
-        offers, keep = ({}, set()) if self._done is not None else self._collect(now)
-        names = sorted({*self.record, *offers})
-        self._calls.submit(partial(self._read_own, names), partial(self._on_own, offers, keep, self._done is not None))
+        last = self._done is not None
+        offers, keep = ({}, set()) if last else self._collect(now)
+        self._calls.submit(partial(self._run_pass, offers, keep, self.record, last), partial(self._on_pass, last))
 
     def _collect(self, now: float) -> Tuple[Dict[str, Offer], Set[str]]:
         """What is to be here, and the names that wait for their robot."""
@@ -209,30 +212,20 @@ class Copies:
                 keep.update(source.names)
         return offers, keep
 
+    def _run_pass(self, offers: Dict[str, Offer], keep: Set[str], record: copies.Record, last: bool) -> PassResult:
+        todo = copies.plan_copies(offers, keep, record, self._read_own(sorted({*record, *offers})))
+        due = todo.delete or todo.set or todo.record.keys() != record.keys() or (last and record)
+        try:
+            return todo, self._write(todo, last) if due else set(), None
+        except Exception as problem:  # of any kind: what of it is done the next pass sees
+            return todo, set(), problem
+
     def _read_own(self, names: Sequence[str]) -> Contents:
         leaves, *found = self._roscore.ask(("getParamNames",), *[("getParam", name) for name in names])
         if not isinstance(leaves, list):
             raise OSError("the roscore does not tell its parameters")
         there = {name: value for name, value in zip(names, found) if value is not None and value != {}}
         return Contents(frozenset(map(str, leaves)), {name: values.digest(value) for name, value in there.items()})
-
-    def _on_own(
-        self,
-        offers: Dict[str, Offer],
-        keep: Set[str],
-        last: bool,
-        own: Optional[Contents],
-        problem: Optional[Exception],
-    ) -> None:
-        if own is None:
-            self._end(last, problem)
-            return
-        todo = copies.plan_copies(offers, keep, self.record, own)
-        due = bool(todo.delete or todo.set or todo.record.keys() != self.record.keys()) or (last and bool(self.record))
-        if not due:
-            self._finish(todo, last, set(), None)
-            return
-        self._calls.submit(partial(self._write, todo, last), partial(self._finish, todo, last))
 
     def _write(self, todo: Todo, last: bool) -> Set[str]:
         """Carry out a plan; the names that could not be set. The record has them before they are set."""
@@ -246,8 +239,12 @@ class Copies:
                 failed.add(name)
         return failed
 
-    def _finish(self, todo: Todo, last: bool, failed: Optional[Set[str]], problem: Optional[Exception]) -> None:
-        if failed is None:  # what of it is done the next pass sees
+    def _on_pass(self, last: bool, result: Optional[PassResult], problem: Optional[Exception]) -> None:
+        if result is None:
+            self._end(last, problem)
+            return
+        todo, failed, problem = result
+        if problem is not None:
             self.record = {**self.record, **todo.record}
             self._end(last, problem)
             return
