@@ -10,20 +10,7 @@ Free of sockets, threads and clocks.
 """
 
 import math
-from typing import (
-    AbstractSet,
-    Dict,
-    Generic,
-    Iterable,
-    List,
-    Mapping,
-    NamedTuple,
-    Optional,
-    Sequence,
-    Set,
-    Tuple,
-    TypeVar,
-)
+from typing import AbstractSet, Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from ...protocol.filters import UNKNOWN_TYPES
 from ...protocol.messages import NodeKey
@@ -32,7 +19,6 @@ from .sync import Candidate, Refusal, View
 
 MOST = 500  # types of one question
 AGAIN = 60.0  # seconds until the same is asked again: no event tells of a new answer
-Key = TypeVar("Key")
 Users = Mapping[NodeKey, None]  # own nodes on a topic, in their order
 
 
@@ -45,15 +31,15 @@ class Verdict(NamedTuple):
     masters: Mapping[str, AbstractSet[str]]  # master to be asked -> types whose md5 sums are wanted
 
 
-class _Book(Generic[Key]):
-    """The questions that were asked, and the answers."""
+class _Book:
+    """The questions that were asked, and the answers, by who is asked: a node or a master."""
 
     def __init__(self) -> None:
-        self.answers: Dict[Key, Mapping[str, str]] = {}
-        self._asked: Dict[Key, Tuple[AbstractSet[str], float, float]] = {}  # names, stamp, valid until
-        self._open: Set[Key] = set()
+        self.answers: Dict[Any, Mapping[str, str]] = {}
+        self._asked: Dict[Any, Tuple[AbstractSet[str], float, float]] = {}  # names, stamp, valid until
+        self._open: Set[Any] = set()
 
-    def open(self, names: Mapping[Key, AbstractSet[str]], stamps: Mapping[Key, float], now: float) -> List[Key]:
+    def open(self, names: Mapping[Any, AbstractSet[str]], stamps: Mapping[Any, float], now: float) -> List[Any]:
         """Open the questions for these names that are due, and forget all other keys. The keys to ask now."""
         asked = [key for key in names if self._open_one(key, names[key], stamps.get(key, 0.0), now)]
         for key in (self.answers.keys() | self._asked.keys()) - names.keys():
@@ -61,7 +47,7 @@ class _Book(Generic[Key]):
             self._asked.pop(key, None)
         return asked
 
-    def _open_one(self, key: Key, names: AbstractSet[str], stamp: float, now: float) -> bool:
+    def _open_one(self, key: Any, names: AbstractSet[str], stamp: float, now: float) -> bool:
         """True where these names must be asked now: a name or the stamp is new."""
         asked, before, until = self._asked.get(key, (frozenset(), stamp, -math.inf))
         if key in self._open:
@@ -75,11 +61,11 @@ class _Book(Generic[Key]):
         self._open.add(key)
         return True
 
-    def waits(self, key: Key, name: str) -> bool:
+    def waits(self, key: Any, name: str) -> bool:
         """True where an answer is awaited, and there is no earlier one."""
         return key in self._open and name not in self.answers.get(key, ())
 
-    def answer(self, key: Key, answer: Optional[Mapping[str, str]], now: float) -> None:
+    def answer(self, key: Any, answer: Optional[Mapping[str, str]], now: float) -> None:
         """Take the answer. Without one (None) the earlier answer counts."""
         self._open.discard(key)
         if answer is not None:
@@ -92,8 +78,8 @@ class TypeGuard:
     """Refuses registrations on topics that own nodes have with a different type, or with a different md5 sum of it."""
 
     def __init__(self) -> None:
-        self._nodes: _Book[NodeKey] = _Book()  # own node -> topic -> type
-        self._masters: _Book[str] = _Book()  # master -> type -> md5 sum there
+        self._nodes = _Book()  # own node -> topic -> type
+        self._masters = _Book()  # master -> type -> md5 sum there
         self._own_md5: Dict[str, str] = {}
 
     def judge(
