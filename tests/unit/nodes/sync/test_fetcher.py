@@ -66,7 +66,7 @@ def fixture_other_program():
 def test_a_master_is_asked_for_what_it_lists_alone(other_program):
     uri, asked = other_program
     fetch = SimpleNamespace(uri="http://b:11311/", monitor_uri=uri)
-    states = SimpleNamespace(rules=[], limit=lambda state, before: state, places=lambda state: None)
+    states = SimpleNamespace(rules=[], limit=lambda state, before: state, find_misplaced=lambda state: {})
     found = _fetch(fetch, None, states, True)
     assert asked == ["masterInfoFiltered"]
     assert (found.state.name, found.follower) == ("b", None)

@@ -16,7 +16,6 @@ from ..protocol.messages import Registration
 from ..protocol.plain_text import quote
 from ..protocol.xml_rpc import STATE, DocumentTooLarge
 from .core.limits import size
-from .core.places import Places
 from .core.sync import Fetch, Sync
 from .follower import MOST, TIMEOUT, Answer, Follower, LocalNetworkCache, Misplaced, StateFilter
 
@@ -24,10 +23,10 @@ MOST_FOLLOWED = 128  # masters: more are fetched when they announce a change
 
 
 class FetchResult(NamedTuple):
-    """A state, the places of its nodes, and a follower of its changes."""
+    """A state, what of it is misplaced, and a follower of its changes."""
 
     state: State
-    places: Places
+    misplaced: Misplaced
     follower: Optional[Follower]
 
 
@@ -68,8 +67,8 @@ class Fetcher:
         return self._core.next_due()
 
     def _on_fetch(self, fetch: Fetch, result: Optional[FetchResult], problem: Optional[Exception]) -> None:
-        state, places, follower = result or (None, None, None)
-        items = self._core.take_fetch(fetch, state, monotonic(), places, following=follower is not None)
+        state, misplaced, follower = result or (None, {}, None)
+        items = self._core.take_fetch(fetch, state, monotonic(), misplaced, following=follower is not None)
         if follower is not None and items is not None:
             self._followers[fetch.uri] = follower
             follower.start(partial(self._loop.post, self._on_news), partial(self._loop.post, self._on_end))
@@ -124,7 +123,7 @@ def _fetch(fetch: Fetch, before: Optional[State], states: StateFilter, quick: bo
                 follower = Follower(rpc, method, fetch, states, answer, state, part)
         else:
             part = _fetch_whole(rpc, states.rules, lambda value: states.limit(parse(value), before))
-        return FetchResult(part, states.places(part), follower)
+        return FetchResult(part, states.find_misplaced(part), follower)
     except InvalidDocument as problem:
         raise ValueError(f"it sends no state of a master: {problem}") from None
     finally:

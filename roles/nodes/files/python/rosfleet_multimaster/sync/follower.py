@@ -87,10 +87,11 @@ class StateFilter:
         """The part of a state that is taken. `before`: the part that was taken until now."""
         return limit_state(state, before, own_uri=self._own_uri, sync_remote_nodes=self._remote_nodes)
 
-    def places(self, state: State) -> Places:
-        """The places where the nodes of a state may be."""
+    def find_misplaced(self, state: State) -> Misplaced:
+        """The nodes and services of a state that cannot be where it says."""
         addresses = addresses_of_all(names_to_resolve(state, self._members), LOOKUPS)
-        return Places(self._members, self._fetch.uri, self._fetch.monitor_uri, self._networks.read(), addresses)
+        places = Places(self._members, self._fetch.uri, self._fetch.monitor_uri, self._networks.read(), addresses)
+        return places.objections(state)
 
 
 class Follower:
@@ -153,4 +154,4 @@ class Follower:
         if size(self._state) > MOST:
             raise StateTooLarge(f"it has more than {MOST} registrations")
         self._part = self._states.limit(self._state, self._part)
-        on_news(self, self._part, self._states.places(self._part).objections(self._part))
+        on_news(self, self._part, self._states.find_misplaced(self._part))

@@ -19,7 +19,6 @@ from ...protocol.graph import LOCAL, State
 from ...protocol.imports import Claims
 from ...protocol.members import Members, host_of
 from ...protocol.messages import Master, NodeKey, Registration
-from .places import Places
 
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
 PAUSE = 1.0  # seconds between two fetches where the first one brought nothing new: anyone can announce a change
@@ -367,33 +366,33 @@ class Sync:
         fetch: Fetch,
         state: Optional[State],
         now: float,
-        places: Optional[Places] = None,
+        misplaced: Optional[Mapping[str, str]] = None,
         *,
         following: bool = False,
     ) -> Optional[Set[Registration]]:
         """Take the result of a fetch: a state, or None. Return the registrations of the old and the new state, if it is taken.
 
-        `places`: of the master's nodes; None for anywhere. `following`: its changes are followed.
+        `misplaced`: of its nodes and services, as in Remote. `following`: its changes are followed.
         """
         remote = self.remotes.get(fetch.uri)
         if remote is None:
             return None
         remote.fetching = False
-        if state is not None and (state.uri != fetch.uri or fetch.rules != remote.rules):
-            state = None  # of another master, or of this one before it changed its name
-        before, selected = remote.state, remote.selected
-        remote.vain = state is None or (before is not None and before.local_stamp == state.local_stamp)
-        if state is not None:
-            remote.state, remote.answered_for, remote.failures = state, remote.asking_for, 0
-            remote.misplaced = {} if places is None else places.objections(state)
-            remote.selected = self._select(remote, state)
-            remote.following, remote.lapsed = following, False
-            if self._is_outdated(remote):  # it has changed again
-                remote.due = _soon(remote, now, following)
-        elif remote.announced.online:
-            remote.due = now + RETRY[min(remote.failures, len(RETRY) - 1)]
-            remote.failures += 1
-        return None if state is None else {*selected, *remote.selected}
+        if state is None or state.uri != fetch.uri or fetch.rules != remote.rules:
+            # Also one of another master, or of this one before it changed its name, is none.
+            remote.vain = True
+            if remote.announced.online:
+                remote.due = now + RETRY[min(remote.failures, len(RETRY) - 1)]
+                remote.failures += 1
+            return None
+        selected, remote.misplaced = remote.selected, misplaced or {}
+        remote.vain = remote.state is not None and remote.state.local_stamp == state.local_stamp
+        remote.state, remote.answered_for, remote.failures = state, remote.asking_for, 0
+        remote.selected = self._select(remote, state)
+        remote.following, remote.lapsed = following, False
+        if self._is_outdated(remote):  # it has changed again
+            remote.due = _soon(remote, now, following)
+        return {*selected, *remote.selected}
 
     def follows(self, fetch: Fetch) -> bool:
         """True while the changes of a master are followed, by the rules and at the address of this fetch."""
