@@ -200,14 +200,9 @@ class Store:
             return False
         try:
             self._lock_folder()
-            file = os.open(self._path, os.O_WRONLY | os.O_CLOEXEC)
+            os.truncate(self._path, snapshot.size)  # without half a line
+            file = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
         except OSError:
-            return False
-        try:
-            os.ftruncate(file, snapshot.size)  # without half a line
-            os.lseek(file, 0, os.SEEK_END)
-        except OSError:
-            os.close(file)
             return False
         self._file, self._size, self._number = file, snapshot.size, snapshot.lines
         return True
