@@ -70,9 +70,7 @@ class _Reader:
 
 
 def _take_number(value: Any) -> Any:
-    if isinstance(value, bool):
-        return value
-    if isinstance(value, int) and value in _INTEGERS:
+    if isinstance(value, int) and value in _INTEGERS:  # true and false, too
         return value
     if isinstance(value, float) and math.isfinite(value):
         return value
