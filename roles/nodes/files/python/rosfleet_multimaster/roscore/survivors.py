@@ -11,7 +11,7 @@ After a boot of the computer a node of another computer counts only from its fir
 
 import logging
 import xmlrpc.client
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Callable, Dict, List, Optional, Sequence, Set
 
@@ -69,21 +69,14 @@ def _list_topics(uri: str) -> Dict[str, Set[str]]:
     with closing(Rpc(uri, TIMEOUT, NODE)) as rpc:
         rpc.call("getPid", CALLER)
         for kind, method in _LISTS.items():
-            topics = _topics(rpc, method)
-            has.update({} if topics is None else {kind: topics})
+            with suppress(xmlrpc.client.Fault, TypeError, ValueError, IndexError):  # it does not tell these
+                answer = rpc.call(method, CALLER)
+                if answer[0] == 1:
+                    has[kind] = {topic for topic, _type in answer[2]}
     return has
 
 
 _LISTS = {"publisher": "getPublications", "subscriber": "getSubscriptions"}
-
-
-def _topics(rpc: Rpc, method: str) -> Optional[Set[str]]:
-    """The topics of a node; None where it does not tell them."""
-    try:
-        answer = rpc.call(method, CALLER)
-        return {topic for topic, _type in answer[2]} if answer[0] == 1 else None
-    except (xmlrpc.client.Fault, TypeError, ValueError, IndexError):
-        return None
 
 
 def _provides(name: str, service: str, uri: str) -> bool:
