@@ -18,7 +18,6 @@ from ..edge.rpc_client import Rpc
 from ..protocol import imports
 from ..protocol.differences import Stamps
 from ..protocol.graph import LOCAL, InvalidDocument, State
-from ..protocol.json_text import unpack_rows
 from ..protocol.mirror import CHANGES, REFUSED, Mirror
 from ..protocol.plain_text import quote
 from ..protocol.xml_rpc import STATE
@@ -40,20 +39,14 @@ class Follower:
     def __init__(self, uri: str, caller: str, mirror: Mirror, identity: Identity, stamps: Stamps) -> None:
         self._rpc, self._caller = Rpc(uri, WAIT + TIMEOUT, STATE, own=True), caller
         self._mirror, self._identity, self._stamps = mirror, identity, stamps
-        self._epoch, self._revision = "", 0
         self.do_not_sync: Any = None
         self.refusal_counts: Any = None
 
     def next(self) -> State:
         """The next state. Raises as Poller.poll, and PollInstead."""
         service = self._identity.service
-        answer = self._rpc.call(CHANGES, self._caller, self._epoch, self._revision, WAIT, True)
-        if not isinstance(answer, list) or len(answer) != 3 or answer[0] != 1:
-            raise PollInstead(f"{self._rpc.uri} does not tell its changes: {answer!r:.200}")
-        self._epoch, self._revision, whole, records = answer[2]
-        self._mirror.take(whole, unpack_rows(records))
-        if service[0]:
-            self._identity.check_service(service, self._mirror.service_uris.get(service[0]))
+        self._mirror.take_answer(self._rpc.call(CHANGES, self._caller, *self._mirror.position, WAIT, True))
+        self._identity.check_service(service, self._mirror.service_uris.get(service[0]))
         record = imports.read(self._mirror.parameters.get(imports.IMPORTS))
         self._mirror.belong(record.claims)
         self._refuse_foreign(record)

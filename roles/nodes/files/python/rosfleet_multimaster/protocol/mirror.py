@@ -11,6 +11,7 @@ from typing import Any, Dict, List, Optional, Tuple
 
 from .differences import PARTS
 from .graph import InvalidDocument, Origins, State, build
+from .json_text import unpack_rows
 
 CHANGES = "rosfleetChanges"  # the method by which a roscore tells its changes,
 REFUSED = "/rosfleet_multimaster/refused"  # and how often it has refused something, as if it were a parameter
@@ -32,12 +33,22 @@ class Mirror:
 
     def __init__(self, uri: str, name: str) -> None:
         """`uri` and `name` are those of the master."""
+        self.position = ("", 0)  # epoch and revision, for the next question
         self.parameters: Dict[str, Any] = {}
         self.service_uris: Dict[str, str] = {}
         self.node_uris: Dict[str, str] = {}
         self.state = State(uri, name)  # without stamps
         self._types: Dict[str, str] = {}
         self._origins: Dict[Tuple[str, str], str] = {}
+
+    def take_answer(self, answer: Any) -> None:
+        """Take what CHANGES answers. Raises InvalidDocument."""
+        if not isinstance(answer, list) or len(answer) != 3 or answer[0] != 1:
+            raise InvalidDocument(f"the roscore does not tell its changes: {answer!r:.200}")
+        epoch, revision, whole, records = answer[2]
+        self.position = (epoch, revision)
+        if whole or records:
+            self.take(whole, unpack_rows(records))
 
     def take(self, whole: bool, records: Any) -> None:
         """Take records; `whole`: they replace what is held. Raises InvalidDocument. Unknown kinds are left out."""

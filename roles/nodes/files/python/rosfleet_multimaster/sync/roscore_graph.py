@@ -10,7 +10,6 @@ from xmlrpc.client import Fault
 
 from ..edge.roscore import Roscore
 from ..protocol.graph import State, graph_of
-from ..protocol.json_text import unpack_rows
 from ..protocol.mirror import CHANGES, Mirror
 from .core.sync import View
 
@@ -23,7 +22,6 @@ class RoscoreGraph:
     def __init__(self, roscore: Roscore) -> None:
         self.roscore = roscore
         self._mirror: Optional[Mirror] = None
-        self._epoch, self._revision = "", 0
 
     @property
     def guards_names(self) -> bool:
@@ -57,15 +55,8 @@ class RoscoreGraph:
             raise
 
     def _read_changes(self) -> View:
-        if self._mirror is None:
-            self._mirror, self._epoch, self._revision = Mirror("", ""), "", 0
-        mirror = self._mirror
-        answer = self.roscore.rpc.call(CHANGES, self.roscore.caller, self._epoch, self._revision, 0, True)
-        if not isinstance(answer, list) or len(answer) != 3 or answer[0] != 1:
-            raise ValueError("the roscore does not tell its changes")
-        self._epoch, self._revision, whole, records = answer[2]
-        if whole or records:
-            mirror.take(whole, unpack_rows(records))
+        mirror = self._mirror = self._mirror or Mirror("", "")
+        mirror.take_answer(self.roscore.rpc.call(CHANGES, self.roscore.caller, *mirror.position, 0, True))
         state, uris = mirror.state, (mirror.node_uris, mirror.service_uris)
         return View(state.publishers, state.subscribers, state.services, state.types, *map(dict, uris))
 
