@@ -4,7 +4,7 @@
 
 from rosfleet_multimaster.discovery.core.actions import Outbox
 from rosfleet_multimaster.discovery.core.outsiders import AGAIN, FORGET, MAX_ASKED, MAX_OUTSIDERS, Budget, Outsiders
-from rosfleet_multimaster.discovery.core.peer import Contact
+from rosfleet_multimaster.discovery.core.peer import FAR, Contact
 
 ROGUE = Contact(1.0, "http://rogue:11311/", "rogue", "/master_discovery")
 WHY = "it is no robot of the fleet"
@@ -44,7 +44,7 @@ def test_who_does_not_is_asked_twice_and_told_of_by_address():
 def test_who_may_not_be_asked_is_told_of_by_address_at_once():
     outsiders = Outsiders(Outbox(lambda address: False))
     outsiders.hear("172.16.0.1", 22, 0.0, False)
-    assert list(outsiders.due(0.0)) == [] and outsiders.next_due() is None
+    assert list(outsiders.due(0.0)) == [] and outsiders.next_due() == FAR
     assert [news.address for news in outsiders.list_ignored()] == ["172.16.0.1"]
 
 

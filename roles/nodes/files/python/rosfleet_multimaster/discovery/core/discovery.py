@@ -39,7 +39,7 @@ from .announcements import Announcements
 from .life import Life
 from .local_master import LocalMaster
 from .outsiders import Outsiders
-from .peer import LONG_AGO, Contact, Key, Peer, Sign
+from .peer import FAR, LONG_AGO, Contact, Key, Peer, Sign
 from .peers import News, Peers
 from .strangers import Strangers
 from .view import View
@@ -173,7 +173,7 @@ class Discovery:
             self.outsiders.take_answer(key, contact, self.life.objection(key, contact) or other, now)
             self.strangers.meet(now)
             return False
-        asked, entry.asked, entry.contacted, entry.contact_due = entry.asked, None, now, None
+        asked, entry.asked, entry.contacted, entry.contact_due = entry.asked, None, now, FAR
         if contact is None and not fault:
             entry.failed = now
         starting = contact is not None and contact.stamp <= 0.0

@@ -11,7 +11,7 @@ from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
 
 from ...protocol.plain_text import quote
 from .actions import Outbox
-from .peer import LONG_AGO, Contact, Key
+from .peer import FAR, LONG_AGO, Contact, Key
 
 TRIES = 2  # connections to an address that has not said who it is,
 AGAIN = 30.0  # and seconds until there are two more, where it may be an allowed one that is still heard
@@ -65,7 +65,7 @@ class Outsider(NamedTuple):
 class _Outsider:
     rpc_port: int
     heard: float
-    due: Optional[float]  # when it is asked who it is; None for never again
+    due: float  # when it is asked who it is; not while it is being asked
     asking: bool = False
     notice: Optional[Outsider] = None
 
@@ -83,12 +83,10 @@ class Outsiders:
         """Take a datagram of an outsider. `may_ask`: its address is one that this computer may connect to."""
         entry = self._table.pop(address, None)
         if entry is None:
-            entry = _Outsider(rpc_port, now, now if may_ask else None)
-            if not self._has_tries(address):
-                entry.due = None
+            entry = _Outsider(rpc_port, now, now if may_ask and self._has_tries(address) else FAR)
             self._make_room()
         self._table[address], entry.heard = entry, now
-        if entry.due is None and entry.notice is None and not entry.asking:
+        if entry.due == FAR and entry.notice is None and not entry.asking:
             self._tell(entry, Outsider(address, "", "", "it is no robot of the fleet"))
 
     def due(self, now: float) -> Iterator[Key]:
@@ -96,19 +94,17 @@ class Outsiders:
         for address, entry in self._table.items():
             if self._asking >= MAX_ASKED:
                 return
-            if entry.due is not None and entry.due <= now and not entry.asking and self._has_tries(address):
-                entry.asking, entry.due = True, None
+            if entry.due <= now and self._has_tries(address):
+                entry.asking, entry.due = True, FAR
                 self._asking += 1
                 self._tries[address] = self._tries.pop(address, (0, now))[0] + 1, now
                 yield address, 0, entry.rpc_port
 
-    def next_due(self) -> Optional[float]:
+    def next_due(self) -> float:
         """The time of the next question."""
         if self._asking >= MAX_ASKED:
-            return None
-        return min(
-            (entry.due for entry in self._table.values() if entry.due is not None and not entry.asking), default=None
-        )
+            return FAR
+        return min((entry.due for entry in self._table.values()), default=FAR)
 
     def take_answer(self, key: Key, contact: Optional[Contact], why: str, now: float) -> None:
         """Take the end of a question: who it is and why that is ignored, or None."""
@@ -128,7 +124,7 @@ class Outsiders:
         """Note one that was asked otherwise, and is not who it should be."""
         entry = self._table.pop(key[0], None)
         if entry is None:
-            entry = _Outsider(key[2], now, None)
+            entry = _Outsider(key[2], now, FAR)
             self._make_room()
         self._table[key[0]], entry.heard = entry, now
         self._tell(entry, Outsider(key[0], contact.name, contact.uri, why))

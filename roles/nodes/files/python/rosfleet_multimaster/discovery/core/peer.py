@@ -16,7 +16,7 @@ from ...protocol.messages import Master
 from ...protocol.plain_text import is_plain, quote
 
 Key = Tuple[str, int, int]  # address and UDP port of the sender, port of its XML-RPC server
-LONG_AGO = float("-inf")
+LONG_AGO, FAR = float("-inf"), float("inf")
 MAX_NAME = 1024  # characters of a name or URI in an answer
 
 
@@ -110,7 +110,7 @@ class Peer:
     failures: int = 0  # and how often it was
     requested: float = LONG_AGO  # when its state was asked for by a datagram
     probed: float = LONG_AGO  # when it was asked over TCP, since it was silent
-    contact_due: Optional[float] = None
+    contact_due: float = FAR  # when it is to be asked over TCP
     asked: Optional[float] = None  # since when an answer over TCP is awaited
     contacted: float = LONG_AGO
     checks: int = 0  # checks after a LEAVE that were begun

@@ -9,7 +9,7 @@ from ...protocol.members import Members
 from ...protocol.parameters import Settings
 from .actions import Outbox
 from .local_master import LocalMaster
-from .peer import LONG_AGO, Contact, Key, Peer, Sign
+from .peer import FAR, LONG_AGO, Contact, Key, Peer, Sign
 
 MARGIN = 0.5  # of ~offline_after: the time that master_sync has to withdraw what a lost master had
 ASK_PAUSE = 0.2  # seconds between two requests to a master that missed its beat
@@ -17,7 +17,6 @@ SLOW_PAUSE, SLOW_PATIENCE = 1.0, 5.5  # seconds: the same for a master that prom
 RETURNED = 5.0  # seconds after the return of a robot of the fleet: its place says who it is, and what it offers is wanted first
 CONTACT_PAUSE = 5.0  # seconds between two contacts that nothing but requests of the other side ask for
 MAX_MASTERS, MAX_PER_ADDRESS = 1024, 16  # more would be a flood
-FAR = float("inf")
 
 Step = Tuple[float, Union[Sign, Callable[[Peer, float], None]]]  # when, and a sign that is given then, or what is done
 
@@ -105,14 +104,14 @@ class Peers:
         entry.heard = now
         if beat.kind is Kind.REQUEST:
             if now - entry.contacted > CONTACT_PAUSE:  # the sender has perhaps just started, as a different master
-                entry.contact_due = now if entry.contact_due is None else min(now, entry.contact_due)
+                entry.contact_due = min(now, entry.contact_due)
         else:
             entry.beats.append(now)
             entry.beat = beat
             self._promise(entry, beat.rate, now)
             if not entry.online:
                 due = now + (RETURNED if self._members.is_discovery(entry.key[0], entry.key[2]) else 0.0)
-                entry.contact_due = due if entry.contact_due is None else min(due, entry.contact_due)
+                entry.contact_due = min(due, entry.contact_due)
         return Sign.HEARD if entry.beat.stamp != Stamp() else Sign.HEARD_EMPTY
 
     def _promise(self, entry: Peer, rate: float, now: float) -> None:
@@ -121,7 +120,7 @@ class Peers:
         promised = entry.highest_rate(now - self._memory())
         if promised > entry.rate:
             entry.rate = promised
-        elif promised < entry.rate and now - entry.contacted > CONTACT_PAUSE and entry.contact_due is None:
+        elif promised < entry.rate and now - entry.contacted > CONTACT_PAUSE and entry.contact_due == FAR:
             entry.contact_due = now
 
     def _memory(self) -> float:
@@ -158,7 +157,7 @@ class Peers:
             self._first_step = min(steps, default=FAR)
         return self._first_step
 
-    def ask_soon(self, entry: Peer, at: Optional[float]) -> None:
+    def ask_soon(self, entry: Peer, at: float) -> None:
         """Have a peer asked over TCP at this time."""
         entry.contact_due, self._first_step = at, None
 
@@ -173,7 +172,7 @@ class Peers:
             yield heard + patience.contact, self._probe
         if entry.online:
             yield heard + patience.offline, Sign.SILENCE
-        if entry.contact_due is not None and entry.asked is None:
+        if entry.asked is None:
             yield entry.contact_due, self._outbox.ask
         if self._settings.remove_after > 0:
             yield heard + self._settings.remove_after, Sign.LONG_SILENCE

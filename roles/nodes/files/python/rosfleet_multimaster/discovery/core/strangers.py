@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Strangers: senders that have not said who they are. A datagram can name any sender, so there may be many."""
 
-from typing import Dict, Iterator, List, Set, Tuple
+from typing import Dict, List, Set
 
 from ...protocol.heartbeat import Heartbeat, Kind
 from ...protocol.members import Members
 from .actions import STRANGER_LIMIT, Outbox
 from .outsiders import Budget, Outsiders
-from .peer import Key, Peer
+from .peer import FAR, Key, Peer
 
 MAX_STRANGERS, MAX_ASKED = 1024, 32  # senders that have not said who they are; those that are asked at the same time
 FORGET_STRANGER = 30.0  # seconds of silence
@@ -35,7 +35,7 @@ class Strangers:
                 del self.table[next(first for first in self.table if first not in self._asked)]
         self.table[key] = entry
         entry.heard, entry.credit = now, entry.credit + 1
-        if entry.contact_due is None and entry.asked is None and self._free(entry, now) <= now:
+        if entry.contact_due == FAR and entry.asked is None and self._free(entry, now) <= now:
             entry.contact_due = now
         if beat.kind is Kind.STATE:
             entry.beat = beat
@@ -64,13 +64,13 @@ class Strangers:
         for key in self._outsiders.due(now):
             self._outbox.ask_stranger(key)
         while len(self._asked) < MAX_ASKED:
-            waiting = [entry for due, entry in self._unmet() if due <= now]
+            waiting = [entry for entry in self.table.values() if entry.asked is None and entry.contact_due <= now]
             if not waiting:
                 return
             self._turn = not self._turn
             entry = max(waiting, key=lambda entry: (-entry.failures if self._turn else 0, entry.credit))
             if self._free(entry, now) > now:
-                entry.contact_due = None  # until it is heard after that time
+                entry.contact_due = FAR  # until it is heard after that time
                 continue
             self._budget.spend(entry.key[0], now)
             self._asked.add(entry.key)
@@ -78,17 +78,12 @@ class Strangers:
 
     def due(self) -> List[float]:
         """The times of the next questions."""
-        times = [at for at, _entry in self._unmet()] if len(self._asked) < MAX_ASKED else []
-        outsider = self._outsiders.next_due()
-        return times if outsider is None else [*times, outsider]
+        room = len(self._asked) < MAX_ASKED
+        times = [entry.contact_due for entry in self.table.values() if room and entry.asked is None]
+        return [*times, self._outsiders.next_due()]
 
     def _free(self, entry: Peer, now: float) -> float:
         """The time from which a stranger may be asked: twice, and later again, unless a member is planned there."""
         if self._members.is_discovery(entry.key[0], entry.key[2]):
             return now
         return self._budget.free(entry.key[0], now)
-
-    def _unmet(self) -> Iterator[Tuple[float, Peer]]:
-        for entry in self.table.values():
-            if entry.contact_due is not None and entry.asked is None:
-                yield entry.contact_due, entry

@@ -10,7 +10,7 @@ from ...protocol.messages import Link, Master
 from ...protocol.parameters import Settings
 from .actions import Outbox
 from .local_master import LocalMaster
-from .peer import Contact, Peer
+from .peer import FAR, Contact, Peer
 from .peers import Peers
 
 
@@ -56,7 +56,7 @@ class View:
             return entry.monitor_uri == at and not entry.unreachable, entry.online, not entry.overdue
 
         best = max(entries, key=rank) if len(entries) > 1 else entries[0]
-        if len(entries) > 1 and (best.overdue or not best.online) and best.contact_due is None and best.asked is None:
+        if len(entries) > 1 and (best.overdue or not best.online) and best.contact_due == FAR and best.asked is None:
             self._peers.ask_soon(best, now)  # is it still there? A second peer claims its place
         return best.master()
 
