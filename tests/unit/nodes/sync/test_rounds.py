@@ -130,11 +130,11 @@ def test_a_refused_peer_is_told_by_the_next_round(monkeypatch):
     monkeypatch.setattr(made._core, "place_refusals", lambda: misplaced)
     for expected in ([refusal], []):
         misplaced[:] = expected
-        made._due = None
+        made._due = NEVER
         made.touch(set())
-        assert made._due is not None
+        assert made._due != NEVER
         made.tick(made._due + 60)  # after the rest
         assert made._last_refused == expected
-        made._due = None
+        made._due = NEVER
         made.touch(set())  # it is told already
-        assert made._due is None
+        assert made._due == NEVER

@@ -5,7 +5,7 @@ from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import Node, State
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.messages import Master, Registration
-from rosfleet_multimaster.sync.core.sync import PATIENCE, Candidate, Refusal, Sync, View, calls, plan, select
+from rosfleet_multimaster.sync.core.sync import NEVER, PATIENCE, Candidate, Refusal, Sync, View, calls, plan, select
 
 OWN = "http://robot1:11311/"
 R2, R3 = "http://robot2:11311/", "http://robot3:11311/"
@@ -252,7 +252,7 @@ def test_several_changes_make_one_fetch_soon():
 def test_a_fetched_state_is_wanted_and_not_fetched_again():
     sync = synced()
     sync.take_announcement(announced(), 1.0)
-    assert sync.due(2.0) == [] and sync.next_due() is None
+    assert sync.due(2.0) == [] and sync.next_due() == NEVER
     assert {item.registration.name for item in sync.candidates(1.0)} == {"/chatter", "/unknown", "/add"}
 
 
@@ -271,7 +271,7 @@ def test_stamps_that_never_match_do_not_make_a_loop():
     sync.take_announcement(announced(5.0), 0.0)
     sync.take_fetch(fetch(sync, 0.1), state(7.0), 0.2)
     sync.take_announcement(announced(5.0), 0.3)
-    assert sync.next_due() is None
+    assert sync.next_due() == NEVER
 
 
 def test_a_stamp_that_the_next_beat_corrects_ends_no_connection():
@@ -282,7 +282,7 @@ def test_a_stamp_that_the_next_beat_corrects_ends_no_connection():
     sync.take_announcement(announced(5.0), 1.0)
     assert sync.next_due() == pytest.approx(1.0 + PATIENCE)
     sync.take_announcement(announced(1.0), 1.4)
-    assert sync.next_due() is None
+    assert sync.next_due() == NEVER
     sync.take_announcement(announced(5.0), 2.0)
     assert fetch(sync, 2.0 + PATIENCE), "one that stays is fetched"
 

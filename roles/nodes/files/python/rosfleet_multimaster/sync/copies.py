@@ -20,7 +20,7 @@ from ..protocol.plain_text import quote
 from ..protocol.xml_rpc import DocumentTooLarge
 from .core import copies, values
 from .core.copies import Contents, Copy, Offer, Todo
-from .core.sync import Refusal, Sync
+from .core.sync import NEVER, Refusal, Sync
 
 LOOK = 0.5  # seconds between two looks at who is there
 ASK = 2.0  # seconds between two questions to a robot, at least
@@ -100,8 +100,8 @@ class Copies:
             source = self._sources.setdefault(str(entry["from"]).lower(), Source(entry["from"]))
             source.names.update({entry.get("as", "") + name: name for name in entry["names"]})
         self._readers = Workers(loop, READERS if entries else 0)
-        self._started = float("inf")
-        self._look_due, self._pass_due = 0.0, float("inf")
+        self._started = NEVER
+        self._look_due, self._pass_due = 0.0 if entries else NEVER, NEVER
         self._working = False
         self._done: Optional[Callable[[], None]] = None  # the program ends
 
@@ -111,7 +111,7 @@ class Copies:
         self.record = copies.read(text)
         if self.record:
             program.LOG.info("%d parameters of other robots are here since before this start", len(self.record))
-        self._pass_due = 0.0 if self.record or self._sources else float("inf")
+        self._pass_due = 0.0 if self.record or self._sources else NEVER
 
     def masters(self) -> List[str]:
         """The names of the masters that parameters are planned of."""
@@ -122,24 +122,22 @@ class Copies:
         count = sum(mine.master == master for mine in self.record.values())
         return f", {count} parameters" if count else ""
 
-    def tick(self, now: float) -> Optional[float]:
-        """Do what is due; the time of the next thing to do, None without any."""
+    def tick(self, now: float) -> float:
+        """Do what is due; the time of the next thing to do."""
         if self._done is not None:
-            return None
-        if self._started > now:
-            self._started = now
-        if self._sources and now >= self._look_due:
+            return NEVER
+        self._started = min(self._started, now)
+        if now >= self._look_due:
             self._look_due = now + LOOK
             self._look(now)
         if now >= self._pass_due and not self._working:
             self._begin(now)
-        times = [self._look_due] if self._sources else []
-        times += [] if self._working or self._pass_due == float("inf") else [self._pass_due]
-        return min(times, default=None)
+        return self._look_due if self._working else min(self._look_due, self._pass_due)
 
     def look_soon(self) -> None:
         """A master has come or gone."""
-        self._look_due = 0.0
+        if self._sources:
+            self._look_due = 0.0
 
     # The other robots
 
@@ -196,7 +194,7 @@ class Copies:
     # The own roscore: read, plan, write
 
     def _begin(self, now: float) -> None:
-        self._working, self._pass_due = True, float("inf")
+        self._working, self._pass_due = True, NEVER
         last = self._done is not None
         offers, keep = ({}, set()) if last else self._collect(now)
         self._calls.submit(partial(self._run_pass, offers, keep, self.record, last), partial(self._on_pass, last))

@@ -53,7 +53,7 @@ class Fetcher:
         self._networks = LocalNetworkCache()
         self.states = self.changes = 0  # received
 
-    def tick(self, now: float) -> Optional[float]:
+    def tick(self, now: float) -> float:
         """Fetch what is due; the time of the next fetch."""
         for uri in [uri for uri, follower in self._followers.items() if not self._core.follows(follower.fetch)]:
             self._stop(uri)

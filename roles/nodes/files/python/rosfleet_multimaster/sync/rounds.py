@@ -23,7 +23,7 @@ from ..protocol.messages import Registration
 from ..protocol.plain_text import quote
 from .core import limits
 from .core.step import Condition, Knowledge, apply_plan, condition_of, step
-from .core.sync import Candidate, Plan, Refusal, Sync, View, calls, nodes_of, plan
+from .core.sync import NEVER, Candidate, Plan, Refusal, Sync, View, calls, nodes_of, plan
 from .disconnector import Disconnector
 from .roscore_graph import RoscoreGraph
 from .type_questions import TypeQuestions
@@ -77,10 +77,10 @@ class Rounds:
         self._roscore, self._graph, self._node, self._core = graph.roscore, graph, node, core
         self._questions, self._disconnector, self._callbacks = questions, disconnector, callbacks
         self._calls, self._updaters, self._limited = roscore_calls, updaters, limited
-        self._started = float("inf")  # when the loop began: from then on leftovers wait
-        self._due: Optional[float] = None  # a round after a change
-        self._regular: Optional[float] = None  # the round without a change
-        self._unsettled: Optional[float] = None  # when the first whole state came since the last round
+        self._started = NEVER  # when the loop began: from then on leftovers wait
+        self._due = NEVER  # a round after a change
+        self._regular = NEVER  # the round without a change
+        self._unsettled = NEVER  # when the first whole state came since the last round
         self._failed = 0
         self._withdrawn: Optional[Callable[[str], None]] = None
         self._view: Optional[View] = None  # the registrations of the roscore; None where they are not known
@@ -105,7 +105,7 @@ class Rounds:
 
     def soon(self, at: float) -> None:
         """Have a round at this time, or earlier."""
-        self._due = at if self._due is None else min(at, self._due)
+        self._due = min(at, self._due)
 
     def touch(self, items: Set[Registration]) -> None:
         """Look at these registrations: they may have changed. New refusals of places or limits need a round at once."""
@@ -119,28 +119,25 @@ class Rounds:
         self.met.add(master)
         self.touch(items.union(item for item, uri in self.held.items() if uri == master))
         # A regular round waits, too: where all robots start together, it would delay registrations on each of them.
-        self._unsettled = now if self._unsettled is None else self._unsettled
+        self._unsettled = min(now, self._unsettled)
         self._regular = min(now + SETTLED, self._unsettled + SETTLED_AFTER_ALL)
 
     def _state_refusals(self) -> List[Refusal]:
         """The refusals that depend on the states of masters alone."""
         return self._core.place_refusals() + limits.limit_refusals(self._core.remotes)
 
-    def tick(self, now: float) -> Optional[float]:
+    def tick(self, now: float) -> float:
         """Begin a round where one is due; the time of the next one. The end of one wakes the loop."""
         self._started = min(self._started, now)
-        gone, due = self._core.next_expiry(now), self._next()
-        if due is not None and now >= due and not self.working:
+        if now >= self._next() and not self.working:
             self._begin(self._core.candidates(now))
         elif self._touched and not self.working:
             self._step(now)
-        if gone is not None:
-            self.soon(gone)
-        return None if self.working else self._next()
+        self._due = min(self._due, self._core.next_expiry(now))
+        return NEVER if self.working else self._next()
 
-    def _next(self) -> Optional[float]:
-        due = [time for time in (self._due, self._regular) if time is not None]
-        return max(min(due), self._rest) if due else None
+    def _next(self) -> float:
+        return max(min(self._due, self._regular), self._rest)
 
     def withdraw(self, done: Callable[[str], None]) -> None:
         """Unregister everything, once. `done(farewell)` is called in the loop."""
@@ -152,7 +149,7 @@ class Rounds:
 
     def _begin(self, wanted: List[Candidate]) -> None:
         self.working, self._began = True, monotonic()
-        self._due = self._regular = self._unsettled = None
+        self._due = self._regular = self._unsettled = NEVER
         self._touched, self._view = set(), None
         claimed, asked = {node for node, _uri in self.claims}, {item.registration for item in wanted}
         self._calls.submit(
@@ -313,7 +310,7 @@ class Rounds:
         if self._failed:
             self.soon(now + AGAIN[min(self._failed, len(AGAIN)) - 1])
         else:
-            if self._regular is None:  # no whole state has come since
+            if self._regular == NEVER:  # no whole state has come since
                 self._regular = now + max(ROUND, self.took * SHARE)
             if self.claims.keys() - nodes_of(self.held):
                 self.soon(now + AGAIN[-1])

@@ -254,7 +254,7 @@ class Remote:
     rules: Rules  # for fetching and selecting
     parameter_rules: Rules  # without the changes for synchronisation on demand
     state: Optional[State] = None
-    due: Optional[float] = None
+    due: float = NEVER  # when it is fetched; not while it is being fetched
     fetching: bool = False
     failures: int = 0
     offline_since: float = NEVER  # NEVER: it is online
@@ -329,12 +329,12 @@ class Sync:
         remote.offline_since = NEVER
         if not self._is_outdated(remote):
             if remote.following:
-                remote.due = None  # an earlier announcement was wrong
+                remote.due = NEVER  # an earlier announcement was wrong
         elif not remote.fetching:
             self._fetch_soon(remote, master != before, now)
 
     def _fetch_soon(self, remote: Remote, news: bool, now: float) -> None:
-        if remote.due is None:
+        if remote.due == NEVER:
             remote.due, remote.failures = _soon(remote, now, remote.following), 0
         elif remote.failures and news:
             remote.due = min(remote.due, _soon(remote, now))
@@ -348,18 +348,15 @@ class Sync:
         """The states to fetch now."""
         fetches = []
         for uri, remote in self.remotes.items():
-            if remote.due is not None and remote.due <= now and not remote.fetching:
-                remote.fetching, remote.due, remote.asking_for = True, None, remote.announced.local_stamp
+            if remote.due <= now:
+                remote.fetching, remote.due, remote.asking_for = True, NEVER, remote.announced.local_stamp
                 remote.began, remote.following = now, False
                 fetches.append(Fetch(uri, remote.announced.monitor_uri, remote.rules))
         return fetches
 
-    def next_due(self) -> Optional[float]:
+    def next_due(self) -> float:
         """The time of the next fetch."""
-        return min(
-            (remote.due for remote in self.remotes.values() if remote.due is not None and not remote.fetching),
-            default=None,
-        )
+        return min((remote.due for remote in self.remotes.values()), default=NEVER)
 
     def take_fetch(
         self,
@@ -407,7 +404,7 @@ class Sync:
         remote = self.remotes[uri]
         before, remote.state = remote.state, state
         if not self._is_outdated(remote):
-            remote.due = None
+            remote.due = NEVER
         selected = remote.selected
         if before is None or misplaced != remote.misplaced:
             remote.misplaced = misplaced
@@ -522,10 +519,10 @@ class Sync:
                 found[member.name.lower()] = remote.announced
         return found
 
-    def next_expiry(self, now: float) -> Optional[float]:
+    def next_expiry(self, now: float) -> float:
         """The time at which the registrations of an offline master end."""
         times = (remote.offline_since + self.keep_offline for remote in self.remotes.values())
-        return min((time for time in times if now < time < NEVER), default=None)
+        return min((time for time in times if time > now), default=NEVER)
 
     def _is_expired(self, remote: Remote, now: float) -> bool:
         return now >= remote.offline_since + self.keep_offline
