@@ -81,11 +81,7 @@ class Outsiders:
 
     def hear(self, address: str, rpc_port: int, now: float, may_ask: bool) -> None:
         """Take a datagram of an outsider. `may_ask`: its address is one that this computer may connect to."""
-        entry = self._table.pop(address, None)
-        if entry is None:
-            entry = _Outsider(rpc_port, now, now if may_ask and self._has_tries(address) else FAR)
-            self._make_room()
-        self._table[address], entry.heard = entry, now
+        entry = self._note(address, rpc_port, now, now if may_ask and self._has_tries(address) else FAR)
         if entry.due == FAR and entry.notice is None and not entry.asking:
             self._tell(entry, Outsider(address, "", "", "it is no robot of the fleet"))
 
@@ -122,12 +118,7 @@ class Outsiders:
 
     def refuse(self, key: Key, contact: Contact, why: str, now: float) -> None:
         """Note one that was asked otherwise, and is not who it should be."""
-        entry = self._table.pop(key[0], None)
-        if entry is None:
-            entry = _Outsider(key[2], now, FAR)
-            self._make_room()
-        self._table[key[0]], entry.heard = entry, now
-        self._tell(entry, Outsider(key[0], contact.name, contact.uri, why))
+        self._tell(self._note(key[0], key[2], now, FAR), Outsider(key[0], contact.name, contact.uri, why))
 
     def forget(self, now: float) -> None:
         """Forget those that have been silent for long."""
@@ -148,11 +139,13 @@ class Outsiders:
             return False
         return self._tries.get(address, (0, 0.0))[0] < TRIES
 
-    def _make_room(self) -> None:
-        """Forget the longest silent one where there are too many; its tries stay spent."""
+    def _note(self, address: str, rpc_port: int, now: float, due: float) -> _Outsider:
+        """Note that one was heard. Where there are too many, the longest silent one is forgotten; its tries stay spent."""
+        entry = self._table.pop(address, None) or _Outsider(rpc_port, now, due)
         while len(self._table) >= MAX_OUTSIDERS:
-            first = next(address for address, entry in self._table.items() if not entry.asking)
-            del self._table[first]
+            del self._table[next(first for first, other in self._table.items() if not other.asking)]
+        self._table[address], entry.heard = entry, now
+        return entry
 
     def _tell(self, entry: _Outsider, outsider: Outsider) -> None:
         """Log an ignored sender, once."""
