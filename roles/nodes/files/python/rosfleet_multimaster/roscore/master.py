@@ -267,7 +267,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             parts = [_read_calls(text) for text in texts]
         except Refusal:
             raise
-        except (ValueError, TypeError) as problem:
+        except (ValueError, TypeError, RecursionError) as problem:
             return -1, f"expected: texts of JSON, each a list of calls: {plain(problem)}", 0
         return 1, "", [json.dumps(self._run_calls(calls), default=str) for calls in parts]
 

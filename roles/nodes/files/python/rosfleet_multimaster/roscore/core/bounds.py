@@ -107,20 +107,13 @@ def weigh_text(text: str) -> int:
     return _TEXT + size + (5 * sum(map(text.count, _DEAR)) if _ANY_DEAR.search(text) else 0)
 
 
-def is_writable(values: Iterable[Any]) -> bool:
-    """True where XML can have each text among these values. JSON can have others."""
-    stack = list(values)
-    while stack:
-        value = stack.pop()
-        if isinstance(value, str):
-            if _UNWRITABLE.search(value):
-                return False
-        elif isinstance(value, dict):
-            stack += value.keys()
-            stack += value.values()
-        elif isinstance(value, (list, tuple)):
-            stack += value
-    return True
+def is_writable(value: Any) -> bool:
+    """True where XML can have each text in a value. JSON can have others. Raises RecursionError for a very deep one."""
+    if isinstance(value, str):
+        return not _UNWRITABLE.search(value)
+    if isinstance(value, dict):
+        return all(map(is_writable, [*value, *value.values()]))
+    return not isinstance(value, list) or all(map(is_writable, value))
 
 
 # The sums

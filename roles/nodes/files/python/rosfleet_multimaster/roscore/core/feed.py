@@ -7,6 +7,7 @@ one, or with one from before the history, it needs the whole state.
 """
 
 from collections import deque
+from itertools import chain, islice
 from typing import Any, Deque, List, Optional, Sequence
 
 from .bounds import weigh
@@ -37,8 +38,7 @@ class Feed:
         behind = self.revision - revision
         if epoch != self.epoch or not 0 <= behind <= len(self._history):
             return None
-        start = len(self._history) - behind
-        return [record for at in range(start, len(self._history)) for record in self._history[at]] if behind else []
+        return list(chain.from_iterable(islice(self._history, len(self._history) - behind, None)))
 
 
 def _measure(records: Sequence[List[Any]]) -> int:
