@@ -23,14 +23,13 @@ from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED, apply_difference
 from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import InvalidDocument, Node, Policy, State, document
-from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.messages import Master
 from rosfleet_multimaster.protocol.wire_filters import write_rules
 from rosfleet_multimaster.protocol.xml_rpc import STATE
 from rosfleet_multimaster.sync import fetcher
 from rosfleet_multimaster.sync import follower as module
 from rosfleet_multimaster.sync.core.sync import Fetch, Sync
-from rosfleet_multimaster.sync.follower import Answer, LocalNetworkCache, StateFilter
+from rosfleet_multimaster.sync.follower import Answer, StateFilter
 
 URI, OWN = "http://robot2:11311/", "http://own:11311/"
 NODE = Node("http://robot2:5000/", URI, "local")
@@ -98,7 +97,9 @@ def _following(monkeypatch, request):
     def follow(answer):
         peer, states, over = Peer(answer, request.param), queue.Queue(), queue.Queue()
         fetch = Fetch(URI, peer.uri, Filters({}).rules("robot2"))
-        found = fetcher._fetch(fetch, None, StateFilter(fetch, OWN, False, Members(), LocalNetworkCache()), True)
+        found = fetcher._fetch(
+            fetch, None, StateFilter(fetch, Sync(Filters({}), OWN, "/master_sync", False, False, 0.0)), True
+        )
         found.follower.start(lambda *news: states.put(news[1]), lambda *why: over.put(why[1]))
         made.append((peer, found.follower))
         return peer, states, over

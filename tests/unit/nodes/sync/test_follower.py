@@ -18,11 +18,10 @@ from rosfleet_multimaster.protocol import json_text
 from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED
 from rosfleet_multimaster.protocol.filters import Filters, Pattern, Rules
 from rosfleet_multimaster.protocol.graph import InvalidDocument, Node, Policy, State, document
-from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.wire_filters import write_rules
 from rosfleet_multimaster.sync import fetcher, follower
-from rosfleet_multimaster.sync.core.sync import Fetch
-from rosfleet_multimaster.sync.follower import Answer, LocalNetworkCache, StateFilter
+from rosfleet_multimaster.sync.core.sync import Fetch, Sync
+from rosfleet_multimaster.sync.follower import Answer, StateFilter
 from running_sync import until
 
 URI = "http://robot2:11311/"
@@ -65,7 +64,7 @@ class Here:
 
     def __init__(self, there, rules=None):
         self.fetch = Fetch(URI, there.uri, rules or Filters({}).rules("robot2"))
-        self.view = StateFilter(self.fetch, "http://own:11311/", False, Members(), LocalNetworkCache())
+        self.view = StateFilter(self.fetch, Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0))
         self.found = fetcher._fetch(self.fetch, None, self.view, True)
         self.states, self.over = queue.Queue(), queue.Queue()
         if self.found.follower is not None:

@@ -17,7 +17,7 @@ from ..protocol.plain_text import quote
 from ..protocol.xml_rpc import STATE, DocumentTooLarge
 from .core.limits import size
 from .core.sync import Fetch, Sync
-from .follower import MOST, TIMEOUT, Answer, Follower, LocalNetworkCache, Misplaced, StateFilter
+from .follower import MOST, TIMEOUT, Answer, Follower, Misplaced, StateFilter
 
 MOST_FOLLOWED = 128  # masters: more are fetched when they announce a change
 
@@ -50,7 +50,6 @@ class Fetcher:
         self._core, self._limited, self._on_state, self._on_changes = core, limited, on_state, on_changes
         self._differences = differences
         self._followers: Dict[str, Follower] = {}
-        self._networks = LocalNetworkCache()
         self.states = self.changes = 0  # received
 
     def tick(self, now: float) -> float:
@@ -60,10 +59,9 @@ class Fetcher:
         for fetch in self._core.due(now):
             self._stop(fetch.uri)
             before = self._core.remotes[fetch.uri].state
-            core = self._core
-            states = StateFilter(fetch, core.own_uri, core.sync_remote_nodes, core.members, self._networks)
             quick = self._differences and len(self._followers) < MOST_FOLLOWED
-            self._workers.submit(partial(_fetch, fetch, before, states, quick), partial(self._on_fetch, fetch))
+            job = partial(_fetch, fetch, before, StateFilter(fetch, self._core), quick)
+            self._workers.submit(job, partial(self._on_fetch, fetch))
         return self._core.next_due()
 
     def _on_fetch(self, fetch: Fetch, result: Optional[FetchResult], problem: Optional[Exception]) -> None:

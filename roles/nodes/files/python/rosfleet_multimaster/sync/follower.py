@@ -3,6 +3,7 @@
 """Follows the changes of another master: it is asked for news, and answers as soon as there are some."""
 
 import random
+from functools import lru_cache
 from typing import Any, Callable, Dict, Optional
 
 from ..edge.addresses import addresses_of_all, network, networks
@@ -13,11 +14,11 @@ from ..edge.rpc_client import Rpc
 from ..protocol import json_text
 from ..protocol.differences import apply_difference, digest
 from ..protocol.graph import InvalidDocument, State, parse
-from ..protocol.members import Members, Networks
+from ..protocol.members import Networks
 from ..protocol.wire_filters import write_rules
 from .core.limits import limit_state, size
 from .core.places import LocalNetwork, Places, names_to_resolve
-from .core.sync import Fetch
+from .core.sync import Fetch, Sync
 
 WAIT = (20.0, 30.0)  # seconds that a master may wait for news: random, so that not all ask at once
 TIMEOUT = 10.0  # seconds more for the answer
@@ -58,39 +59,33 @@ class Answer:
         return apply_difference(before, self.document, self.gone)
 
 
-class LocalNetworkCache:
-    """Keeps the own addresses and networks for a moment: to read them takes longer than to handle a change."""
+@lru_cache(1)
+def _read_network(_moment: int) -> LocalNetwork:
+    return LocalNetwork(frozenset(network().own), Networks(networks()))
 
-    def __init__(self) -> None:
-        self._network: Optional[LocalNetwork] = None
-        self._read_at = 0.0
 
-    def read(self) -> LocalNetwork:
-        """The own addresses and networks. Raises OSError."""
-        now = monotonic()
-        if self._network is None or now - self._read_at > FRESH:
-            self._network, self._read_at = LocalNetwork(frozenset(network().own), Networks(networks())), now
-        return self._network
+def read_network() -> LocalNetwork:
+    """The own addresses and networks. They are kept for a moment: to read them takes longer than to handle a change. Raises OSError."""
+    return _read_network(int(monotonic() / FRESH))
 
 
 class StateFilter:
     """The part of one master's states that is taken here, and the places of its nodes."""
 
-    def __init__(
-        self, fetch: Fetch, own_uri: str, sync_remote_nodes: bool, members: Members, networks: LocalNetworkCache
-    ) -> None:
-        self._fetch, self._own_uri, self._remote_nodes, self._members = fetch, own_uri, sync_remote_nodes, members
-        self.rules = write_rules(fetch.rules, sync_remote_nodes)  # for the master
-        self._networks = networks
+    def __init__(self, fetch: Fetch, core: Sync) -> None:
+        self._fetch, self._core = fetch, core
+        self.rules = write_rules(fetch.rules, core.sync_remote_nodes)  # for the master
 
     def limit(self, state: State, before: Optional[State]) -> State:
         """The part of a state that is taken. `before`: the part that was taken until now."""
-        return limit_state(state, before, own_uri=self._own_uri, sync_remote_nodes=self._remote_nodes)
+        core = self._core
+        return limit_state(state, before, own_uri=core.own_uri, sync_remote_nodes=core.sync_remote_nodes)
 
     def find_misplaced(self, state: State) -> Misplaced:
         """The nodes and services of a state that cannot be where it says."""
-        addresses = addresses_of_all(names_to_resolve(state, self._members), LOOKUPS)
-        places = Places(self._members, self._fetch.uri, self._fetch.monitor_uri, self._networks.read(), addresses)
+        members, fetch = self._core.members, self._fetch
+        addresses = addresses_of_all(names_to_resolve(state, members), LOOKUPS)
+        places = Places(members, fetch.uri, fetch.monitor_uri, read_network(), addresses)
         return places.objections(state)
 
 
