@@ -14,8 +14,7 @@ from .discovery.core.actions import Ask, Event, Say, Send
 from .discovery.core.discovery import Discovery
 from .discovery.core.health import Health, LinkList
 from .discovery.core.outsiders import Outsider
-from .discovery.core.peer import Contact, Key
-from .discovery.core.peers import FAR
+from .discovery.core.peer import FAR, Contact, Key
 from .discovery.datagrams import Callbacks, Datagrams
 from .discovery.poller import Poller
 from .discovery.rpc_methods import UNREAD, RpcMethods, ServedMaster, callers, serve

@@ -66,7 +66,7 @@ class Discovery:
         self.announcements = Announcements(settings, self.local, self.peers, self._outbox)
         self.view = View(settings, self.members, self.local, self.peers, self._outbox)
         self.life = Life(self.members, self.outsiders, self.peers, self.strangers, self.view, self._outbox)
-        self._ticked: Optional[float] = None
+        self._ticked = FAR
         self._next_scan = 0.0
 
     # What the program tells
@@ -189,8 +189,7 @@ class Discovery:
 
     def tick(self, now: float) -> None:
         """Do what is due; at least once a second."""
-        late = now - self._ticked if self._ticked is not None else 0.0
-        self._ticked = now
+        late, self._ticked = now - self._ticked, now
         if late > ASLEEP:
             self.peers.wake(late - SCAN, now)
         self.announcements.tick(now)

@@ -3,7 +3,7 @@
 """What others see: the masters as they are told of them, and the quality of the links."""
 
 from itertools import takewhile
-from typing import Deque, Dict, List, Optional, Sequence, Tuple
+from typing import Deque, Dict, List, Sequence, Tuple
 
 from ...protocol.members import Members
 from ...protocol.messages import Link, Master
@@ -21,7 +21,7 @@ class View:
         self._settings, self._members, self._local, self._peers, self._outbox = settings, members, local, peers, outbox
         self._public: Dict[str, Master] = {}
 
-    def publish(self, now: Optional[float]) -> None:
+    def publish(self, now: float) -> None:
         """Compare what is known with what was told, and tell the difference. `now`: of the last tick.
 
         Masters are known by their URI here: one that is heard from two addresses is there while one of them is. A peer
@@ -35,8 +35,6 @@ class View:
         public = {uri: self._choose_master(uri, entries, now) for uri, entries in by_uri.items()}
         if self._local.master is not None:
             public[self._local.master.uri] = self._local.master
-        if public == self._public:
-            return
         before, self._public = self._public, public
         for uri, master in before.items():
             if uri not in public:
@@ -47,7 +45,7 @@ class View:
             elif master != before[uri]:
                 self._outbox.event("changed", master)
 
-    def _choose_master(self, uri: str, entries: Sequence[Peer], now: Optional[float]) -> Master:
+    def _choose_master(self, uri: str, entries: Sequence[Peer], now: float) -> Master:
         """The master with this URI, of the peers that say so."""
         before = self._public.get(uri)
         at = before.monitor_uri if before is not None else ""
