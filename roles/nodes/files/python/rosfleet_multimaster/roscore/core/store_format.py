@@ -63,14 +63,13 @@ def strip_values(records: Sequence[Record]) -> Tuple[List[Record], List[str]]:
     kept: List[Record] = []
     without: List[str] = []
     for record in records:
-        try:
-            format_line(0, [record])
+        if _is_kept(record):
             kept.append(record)
-        except _UNKEPT:
-            if record[0] == "set":
-                value = _strip_value(record[2])
-                kept.append(["delete", record[1]] if value is _NOTHING else ["set", record[1], value])
-            without.append(str(record[1]))
+            continue
+        if record[0] == "set":
+            value = _strip_value(record[2])
+            kept.append(["delete", record[1]] if value is _NOTHING else ["set", record[1], value])
+        without.append(str(record[1]))
     return kept, without
 
 
