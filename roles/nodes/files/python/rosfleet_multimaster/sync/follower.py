@@ -139,14 +139,11 @@ class Follower:
         if answer.digest and answer.digest != digest(self._state):
             answer.epoch = ""  # something went wrong: ask for the whole state
         if news:
-            self._tell(on_news)
+            if size(self._state) > MOST:
+                raise StateTooLarge(f"it has more than {MOST} registrations")
+            self._part = self._states.limit(self._state, self._part)
+            on_news(self, self._part, self._states.find_misplaced(self._part))
         self._epoch, self._revision = answer.epoch, answer.revision
         now = monotonic()
         early = not news and not answer.whole and answered - began < wait / 2
         self._ended.wait(self._pace.next(now, processor_time() - spent, answer.whole, early) - now)
-
-    def _tell(self, on_news: Callable[["Follower", State, Misplaced], None]) -> None:
-        if size(self._state) > MOST:
-            raise StateTooLarge(f"it has more than {MOST} registrations")
-        self._part = self._states.limit(self._state, self._part)
-        on_news(self, self._part, self._states.find_misplaced(self._part))
