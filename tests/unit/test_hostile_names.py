@@ -111,9 +111,12 @@ def of_a_link(name, there):
 
 def of_a_unit_file(name, _there):
     unit = units.Unit(**{**dict.fromkeys(units.Unit._fields, ""), "name": "a.service"})
-    state = units.State(**dict.fromkeys(units.State._fields, ""))._replace(
-        load="loaded", fragment=name, active="active"
-    )
+    state = {
+        **dict.fromkeys(units.PROPERTIES, ""),
+        "LoadState": "loaded",
+        "FragmentPath": name,
+        "ActiveState": "active",
+    }
     return raised(units.check, [unit], {"a.service": state}, ())
 
 

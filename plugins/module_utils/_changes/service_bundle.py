@@ -75,22 +75,19 @@ class ManagedServices(ModuleRun):
         self.machine = files.read(self.wanted, self.remembered, self.record)
         self.states = self.after = {
             # systemd tells the state of before where a run was killed after it had removed the file.
-            name: state if os.path.lexists(state.fragment) else state._replace(file_state="")
+            name: state if os.path.lexists(state["FragmentPath"]) else {**state, "UnitFileState": ""}
             for name, state in self.systemd.show(self.names + self.former).items()
         }
         self.newer_files = {
             unit.name: self.systemd.find_newer_file(unit.content, self.states[unit.name]) for unit in self.units
         }
 
-    def _find_removed(self, owned: typing.Container[str]) -> typing.List[str]:
-        """List the former units that are ours. One whose file an interrupted run never wrote may be another program's."""
-        return [name for name in self.former if not self.states[name].fragment or self.states[name].fragment in owned]
-
     def _plan(self) -> None:
         owned = files.find_owned_files(self.remembered, self.machine)
         units.check(self.units, self.states, owned)
         self.files = files.plan_files(self.wanted, self.remembered, self.machine)
-        self.removed = self._find_removed(owned)
+        # A former unit whose file an interrupted run never wrote may be another program's.
+        self.removed = [name for name in self.former if self.states[name]["FragmentPath"] in ("", *owned)]
         paths = {name: file.path for name, file in zip(self.names, self.wanted)}
         written = {file.path for file in self.files.writes}
         self.written = [name for name, path in paths.items() if path in written]
@@ -101,7 +98,8 @@ class ManagedServices(ModuleRun):
             before=self.states,
             paths=paths,
             fresh=[name for name in self.names if name in self.written or name in pending],
-            reload=files.changes(self.files) or any(state.reload == "yes" for state in self.states.values()),
+            reload=files.changes(self.files)
+            or any(state["NeedDaemonReload"] == "yes" for state in self.states.values()),
             files=self.files,
         )
         acts = any(action.run or action.switch for action in self.plan.actions)
@@ -170,7 +168,7 @@ class ManagedServices(ModuleRun):
         for action in sorted(self.plan.actions):
             if action.run or action.switch:
                 state = self.states[action.name]
-                before += f"{action.name}: {state.active}, {state.file_state or 'absent'}\n"
+                before += f"{action.name}: {state['ActiveState']}, {state['UnitFileState'] or 'absent'}\n"
                 after += f"{action.name}: {_state_after(action, wanted.get(action.name))}\n"
         header = "the states of the units"
         return dict(before=before, after=after, before_header=header, after_header=header)
@@ -200,14 +198,14 @@ def _item(unit: units.Unit, action: units.Action, written: bool, state: units.St
         state=next((word for verb, word in STATES if verb in actions), "unchanged"),
         actions=actions,
         why=action.why,
-        active_state=state.active,
-        sub_state=state.sub,
-        unit_file_state=state.file_state,
-        main_pid=int(state.pid or 0),
-        since=state.since,
+        active_state=state["ActiveState"],
+        sub_state=state["SubState"],
+        unit_file_state=state["UnitFileState"],
+        main_pid=int(state["MainPID"] or 0),
+        since=state["ActiveEnterTimestamp"],
         inputs=units.read_inputs(unit.content),
-        inputs_running=state.inputs,
-        restarts=int(state.restarts or 0),
+        inputs_running=state[units.INPUTS],
+        restarts=int(state["NRestarts"] or 0),
     )
 
 

@@ -112,16 +112,20 @@ class UnitSteps:
         if not self.plan.fresh:
             return
         for name, state in self.systemd.show(self.plan.fresh).items():
-            if state.load != "loaded":
-                why = f"{state.load}: {quote(state.load_error, LINE)}" if state.load_error else state.load
+            if state["LoadState"] != "loaded":
+                why = (
+                    f"{state['LoadState']}: {quote(state['LoadError'], LINE)}"
+                    if state["LoadError"]
+                    else state["LoadState"]
+                )
                 raise Problem(
                     f"systemd does not accept the content of {name} ({why}); "
                     "correct it, systemd-analyze verify tells more."
                 )
             path = self.plan.paths[name]
-            if os.path.realpath(state.fragment) != os.path.realpath(path):
+            if os.path.realpath(state["FragmentPath"]) != os.path.realpath(path):
                 raise Problem(
-                    f"systemd reads the unit {name} from {quote(state.fragment) or 'nowhere'}, expected from {path}; "
+                    f"systemd reads the unit {name} from {quote(state['FragmentPath']) or 'nowhere'}, expected from {path}; "
                     "remove that file."
                 )
         self._remember_directories()
@@ -153,7 +157,7 @@ class UnitSteps:
         self.systemd.try_call("reset-failed", *[action.name for action in actions])
         for action in actions:
             if action.run == "restart" and action.name not in self._later:
-                self._restart(action.name, self.plan.before[action.name].invocation)
+                self._restart(action.name, self.plan.before[action.name]["InvocationID"])
             else:
                 self.systemd.bring("start", action.name)
         texts = {unit.name: unit.content for unit in self.plan.wanted}
@@ -174,7 +178,7 @@ class UnitSteps:
         if self._restarted:
             # A start joins the restart that PartOf= and the like have begun; a second restart would repeat it.
             self.systemd.bring("start", name)
-            if self.systemd.show([name])[name].invocation != invocation:
+            if self.systemd.show([name])[name]["InvocationID"] != invocation:
                 return
         self.systemd.bring("restart", name)
         self._restarted = True
@@ -183,11 +187,11 @@ class UnitSteps:
         """Raise Problem where a unit that is planned to run does not, or one of those started now has ended since."""
         for unit in self.plan.wanted:
             state = self.after[unit.name]
-            if unit.started and state.active not in units.UP:
+            if unit.started and state["ActiveState"] not in units.UP:
                 raise Problem(f"The unit {unit.name} did not stay up{self.systemd.explain(unit.name)}")
-            if unit.name in names and state.restarts not in ("", "0"):
+            if unit.name in names and state["NRestarts"] not in ("", "0"):
                 raise Problem(
-                    f"The unit {unit.name} ended {state.restarts} times right after its start"
+                    f"The unit {unit.name} ended {state['NRestarts']} times right after its start"
                     f"{self.systemd.explain(unit.name)}"
                 )
 
@@ -213,9 +217,9 @@ class UnitSteps:
     def _stop_new(self) -> None:
         """Stop and disable the units that did not run before."""
         for name in reversed(self._unit_names):
-            if self.plan.before[name].active not in units.RUNNING:
+            if self.plan.before[name]["ActiveState"] not in units.RUNNING:
                 self.systemd.try_call("stop", name)
-            if self.plan.before[name].file_state not in units.ENABLED:
+            if self.plan.before[name]["UnitFileState"] not in units.ENABLED:
                 self.systemd.try_call("disable", name)
 
     def _bring_back(self) -> typing.List[str]:
@@ -238,13 +242,13 @@ class UnitSteps:
         states = attempt(self.systemd.show, self._unit_names) or {}
         for name in [name for name in self._unit_names if name in states]:
             before, state = self.plan.before[name], states[name]
-            if before.file_state in units.ENABLED:
-                runtime = ("--runtime",) if before.file_state == "enabled-runtime" else ()
+            if before["UnitFileState"] in units.ENABLED:
+                runtime = ("--runtime",) if before["UnitFileState"] == "enabled-runtime" else ()
                 attempt(self.systemd.call, "reenable", *runtime, "--", name)
-            untouched = state.active in units.UP and state.invocation == before.invocation
-            if before.active in units.RUNNING and not untouched:
+            untouched = state["ActiveState"] in units.UP and state["InvocationID"] == before["InvocationID"]
+            if before["ActiveState"] in units.RUNNING and not untouched:
                 names.append(name)
-                attempt(self._restart, name, state.invocation)
+                attempt(self._restart, name, state["InvocationID"])
         if names:
             try:
                 self._remember_pending(names)

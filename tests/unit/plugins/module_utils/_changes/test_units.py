@@ -24,31 +24,40 @@ NAMES = [CORE, DISC, SYNC]
 
 def state(name, **changed):
     """A unit of ours that runs as planned, but for what is given."""
-    values = dict.fromkeys(units_module.State._fields, "")
+    values = dict.fromkeys(units_module.PROPERTIES, "")
     values.update(
-        name=name,
-        load="loaded",
-        active="active",
-        sub="running",
-        file_state="enabled",
-        fragment=f"/etc/systemd/system/{name}",
-        reload="no",
-        pid="7",
-        restarts="0",
-        invocation="1",
-        inputs="new",
+        Id=name,
+        LoadState="loaded",
+        ActiveState="active",
+        SubState="running",
+        UnitFileState="enabled",
+        FragmentPath=f"/etc/systemd/system/{name}",
+        NeedDaemonReload="no",
+        MainPID="7",
+        NRestarts="0",
+        InvocationID="1",
+        ROSFLEET_INPUTS="new",
     )
     values.update(changed)
-    return units_module.State(**values)
+    return values
 
 
 def absent(name):
-    return state(name, load="not-found", active="inactive", sub="dead", file_state="", fragment="", pid="0", inputs="")
+    return state(
+        name,
+        LoadState="not-found",
+        ActiveState="inactive",
+        SubState="dead",
+        UnitFileState="",
+        FragmentPath="",
+        MainPID="0",
+        ROSFLEET_INPUTS="",
+    )
 
 
 def plan(states=(), units=None, removed=(), texts=(), pending=(), written=None):
     known = {name: state(name) for name in [*NAMES, *removed]}
-    known.update({entry.name: entry for entry in states})
+    known.update({entry["Id"]: entry for entry in states})
     return units_module.plan_actions(
         UNITS if units is None else list(units), list(removed), known, texts, pending, written or {}
     )
@@ -80,16 +89,20 @@ def test_who_follows_a_restarted_unit_is_not_restarted_by_us():
 @pytest.mark.parametrize(
     ("changed", "run", "why"),
     [
-        ({"inputs": "old"}, "restart", "it ran with the inputs old"),
-        ({"inputs": ""}, "restart", "it ran with the inputs of nobody"),
-        ({"pid": "0", "inputs": ""}, "", ""),  # without a process there is nothing to compare
-        ({"active": "inactive", "pid": "0"}, "start", "it was inactive"),
-        ({"active": "failed", "pid": "0"}, "start", "it was failed"),
-        ({"active": "deactivating"}, "start", "it was deactivating"),
-        ({"active": "activating", "sub": "auto-restart"}, "restart", "waiting for another start"),
-        ({"active": "activating", "sub": "start"}, "start", "it was starting"),
-        ({"active": "activating", "sub": "start", "inputs": "old"}, "restart", "it ran with the inputs old"),
-        ({"active": "reloading"}, "", ""),
+        ({"ROSFLEET_INPUTS": "old"}, "restart", "it ran with the inputs old"),
+        ({"ROSFLEET_INPUTS": ""}, "restart", "it ran with the inputs of nobody"),
+        ({"MainPID": "0", "ROSFLEET_INPUTS": ""}, "", ""),  # without a process there is nothing to compare
+        ({"ActiveState": "inactive", "MainPID": "0"}, "start", "it was inactive"),
+        ({"ActiveState": "failed", "MainPID": "0"}, "start", "it was failed"),
+        ({"ActiveState": "deactivating"}, "start", "it was deactivating"),
+        ({"ActiveState": "activating", "SubState": "auto-restart"}, "restart", "waiting for another start"),
+        ({"ActiveState": "activating", "SubState": "start"}, "start", "it was starting"),
+        (
+            {"ActiveState": "activating", "SubState": "start", "ROSFLEET_INPUTS": "old"},
+            "restart",
+            "it ran with the inputs old",
+        ),
+        ({"ActiveState": "reloading"}, "", ""),
     ],
 )
 def test_what_runs_decides(changed, run, why):
@@ -100,7 +113,7 @@ def test_what_runs_decides(changed, run, why):
 def test_a_file_written_after_the_start_has_not_been_read():
     written = {SYNC: "/etc/robots/sync.json"}
     assert plan(written=written)[2][2:] == ("restart", "/etc/robots/sync.json was written after its start")
-    assert plan([state(SYNC, pid="0")], written=written)[2].run == ""
+    assert plan([state(SYNC, MainPID="0")], written=written)[2].run == ""
 
 
 @pytest.mark.parametrize(
@@ -123,7 +136,7 @@ def test_an_interrupted_run_is_continued():
     step = plan(pending={SYNC})[2]
     assert step.run == "restart" and "not come to its end" in step.why
     assert step.switch == "reenable"  # systemd may tell of links that are gone, until it reads its files again
-    assert plan([state(SYNC, file_state="disabled")], [], [SYNC], pending={SYNC})[0].switch == "disable"
+    assert plan([state(SYNC, UnitFileState="disabled")], [], [SYNC], pending={SYNC})[0].switch == "disable"
     assert plan([absent(SYNC)], [], [SYNC], pending={SYNC})[0].switch == ""
 
 
@@ -140,12 +153,12 @@ def test_an_interrupted_run_is_continued():
     ],
 )
 def test_enabled_or_not(wanted, found, switch):
-    assert plan([state(CORE, file_state=found)], [unit(CORE, enabled=wanted)])[0].switch == switch
+    assert plan([state(CORE, UnitFileState=found)], [unit(CORE, enabled=wanted)])[0].switch == switch
 
 
 @pytest.mark.parametrize("active", ["active", "activating", "inactive", "failed"])
 def test_a_unit_that_is_to_be_stopped(active):
-    step = plan([state(CORE, active=active)], [unit(CORE, started=False)], texts={CORE})[0]
+    step = plan([state(CORE, ActiveState=active)], [unit(CORE, started=False)], texts={CORE})[0]
     assert step.run == ("stop" if active in ("active", "activating") else "")
 
 
@@ -163,8 +176,8 @@ def test_every_planned_unit_runs_with_its_inputs_after_the_steps(data):
     states = [
         state(
             name,
-            active=data.draw(st.sampled_from(["active", "inactive", "failed", "activating"])),
-            inputs=data.draw(st.sampled_from(["old", "new", ""])),
+            ActiveState=data.draw(st.sampled_from(["active", "inactive", "failed", "activating"])),
+            ROSFLEET_INPUTS=data.draw(st.sampled_from(["old", "new", ""])),
         )
         for name in NAMES
     ]
@@ -172,13 +185,13 @@ def test_every_planned_unit_runs_with_its_inputs_after_the_steps(data):
     assert [step.name for step in steps] == NAMES
     for step, before in zip(steps, states):
         if step.run == "":
-            assert before.active == "active" and before.inputs == "new"
+            assert before["ActiveState"] == "active" and before["ROSFLEET_INPUTS"] == "new"
         if step.run == "follow":
             assert "restart" in [earlier.run for earlier in steps]
 
 
 def test_foreign_and_masked_units_are_sentences():
-    owned = {state(CORE).fragment}
+    owned = {state(CORE)["FragmentPath"]}
     units_module.check([unit(CORE)], {CORE: state(CORE)}, owned)
     units_module.check([unit(CORE)], {CORE: absent(CORE)}, ())
     with pytest.raises(Problem) as caught:
@@ -186,8 +199,8 @@ def test_foreign_and_masked_units_are_sentences():
             UNITS,
             {
                 CORE: state(CORE),
-                DISC: state(DISC, fragment="/lib/systemd/system/disc.service"),
-                SYNC: state(SYNC, load="masked", fragment=""),
+                DISC: state(DISC, FragmentPath="/lib/systemd/system/disc.service"),
+                SYNC: state(SYNC, LoadState="masked", FragmentPath=""),
             },
             owned,
         )
@@ -195,7 +208,7 @@ def test_foreign_and_masked_units_are_sentences():
     assert f"systemctl unmask {SYNC}" in str(caught.value)
     assert CORE not in str(caught.value)
     with pytest.raises(Problem, match="without a file"):
-        units_module.check([unit(CORE)], {CORE: state(CORE, fragment="")}, owned)
+        units_module.check([unit(CORE)], {CORE: state(CORE, FragmentPath="")}, owned)
 
 
 @pytest.mark.parametrize(
