@@ -18,13 +18,6 @@ from . import deadman, lock
 Fields = typing.Dict[str, typing.Any]
 
 
-class Forecast(typing.NamedTuple):
-    """The outcome of the change, as far as check mode knows it."""
-
-    refusals: typing.List[str]  # the sentences on what would fail
-    unknown: typing.List[str]  # the sentences on what only the change itself shows
-
-
 class ModuleRun:
     """One run of a module. Making it reads the machine and plans; it changes nothing and raises Problem."""
 
@@ -38,9 +31,9 @@ class ModuleRun:
         """The sentences that stop the plan, also in check mode; empty if it is carried out."""
         return []
 
-    def foresee(self) -> Forecast:
-        """Try the change without a change, in check mode alone: some failures show only then."""
-        return Forecast([], [])
+    def foresee(self) -> typing.List[str]:
+        """Try the change without a change, in check mode alone: some failures show only then. Returns the sentences on them."""
+        return []
 
     @property
     def warnings(self) -> typing.List[str]:
@@ -130,12 +123,11 @@ def run_locked(module: typing.Any, make: Make, guard: typing.Any, unlocked: typi
 
 
 def _carry_out(module: typing.Any, run: ModuleRun, guard: typing.Any, unlocked: typing.Iterable[str]) -> None:
-    refusals = run.refusals
-    forecast = run.foresee() if module.check_mode and not refusals else Forecast([], [])
-    if refusals or forecast.refusals:
-        raise Problem(" ".join([*refusals, *forecast.refusals]))
+    refusals = run.refusals or (run.foresee() if module.check_mode else [])
+    if refusals:
+        raise Problem(" ".join(refusals))
     warnings = run.warnings
-    _warn(module, [*warnings, *forecast.unknown, *(unlocked if run.changed else ())])
+    _warn(module, [*warnings, *(unlocked if run.changed else ())])
     if not module.check_mode:
         guard.apply(run)
         _warn(module, [sentence for sentence in run.warnings if sentence not in warnings])

@@ -13,7 +13,7 @@ import re
 import typing
 
 from .._changes import atomic, transaction, writable
-from .._changes.module import Forecast, ModuleRun
+from .._changes.module import ModuleRun
 from .._changes.record import RECORDS, Record
 from .._module.difference import difference, difference_of_lines, mode_difference
 from .._module.plain_text import quote
@@ -74,6 +74,7 @@ class Run(ModuleRun):
         # Our drop-in, and those under earlier names.
         self.texts_before = {self.drop_in: self._read_own_text(), **self._read_stale_texts()}
         self.lost: typing.List[str] = []  # the keys with which IPv6 was off for a moment
+        self.unknown: typing.List[str] = []  # the sentences of check mode on what only the change itself shows
 
         keys = [setting.key for setting in self.settings]
         owned = [entry.key for entry in self.recorded.settings.values()]
@@ -211,11 +212,11 @@ class Run(ModuleRun):
         files = [*map(self._place, self.texts_before), self.record.path] if self.changed and not problems else []
         return problems + (self.conflicts if self.fails_on_conflict else []) + writable.obstacles(files)
 
-    def foresee(self) -> Forecast:
+    def foresee(self) -> typing.List[str]:
         """Try the values in a network namespace, so nothing changes here."""
         writes = {write.key: write.value for write in self.plan.writes if write in self.settings}
         if self.kernel.proc != kernel.PROC or not writes:
-            return Forecast([], [])
+            return []
         from . import trial
 
         outcomes = trial.try_values(self.kernel, writes)
@@ -226,12 +227,14 @@ class Run(ModuleRun):
         ]
         open_ = [key for key in writes if key not in outcomes and not _alike(writes[key], self.current[key])]
         names = ", ".join(f"{boot.name_of(key)} = {writes[key]}" for key in open_)
-        return Forecast(refusals, [f"Check mode cannot know whether the kernel takes {names}."] if names else [])
+        self.unknown = [f"Check mode cannot know whether the kernel takes {names}."] if names else []
+        return refusals
 
     @property
     def warnings(self) -> typing.List[str]:
         """The sentences about conflicts, and about settings that were changed after our run."""
-        return self.conflicts + [_sentence(item) for item in self.plan.removals if item["state"] == "left"]
+        left = [_sentence(item) for item in self.plan.removals if item["state"] == "left"]
+        return self.conflicts + left + self.unknown
 
     @property
     def difference(self) -> typing.List[typing.Dict[str, str]]:
