@@ -46,19 +46,13 @@ class Look:
         The folder above decides about a part that does not exist yet. A limit that is reached is a doubt, too.
         """
         doubts: typing.Dict[Doubt, None] = {}
-        try:
-            self._follow(path, doubts)
-        except _LimitError as problem:
-            doubts[Doubt(EVERYBODY, str(problem))] = None
-        return list(doubts)
-
-    def _follow(self, path: str, doubts: typing.Dict[Doubt, None]) -> None:
         here, links = "/", 0
         waiting = [part for part in reversed(path.split("/")) if part]
         self._look(here, not waiting, doubts)
         while waiting:
             if time.monotonic() > self._end:
-                raise _LimitError(f"a look at its paths takes more than {self._limit:g} s{_UNKNOWN}")
+                doubts[Doubt(EVERYBODY, f"a look at its paths takes more than {self._limit:g} s{_UNKNOWN}")] = None
+                break
             part = waiting.pop()
             if part in (".", ".."):
                 here = os.path.dirname(here) if part == ".." else here
@@ -77,21 +71,17 @@ class Look:
                     break  # it leads nowhere, also for the kernel
                 here = "/" if target.startswith("/") else above
                 waiting += [part for part in reversed(target.split("/")) if part]
+        return list(doubts)
 
     def _look(self, path: str, last: bool, doubts: typing.Dict[Doubt, None]) -> bool:
         """Note the users that can change this one part; False where it is not there."""
-        if (path, last) not in self._seen:
-            if len(self._seen) >= self._most:
-                raise _LimitError(f"its paths have more than {self._most} parts{_UNKNOWN}")
+        if (path, last) not in self._seen and len(self._seen) < self._most:
             self._seen[path, last] = _look(path, last)
-        there, doubt = self._seen[path, last]
+        many = Doubt(EVERYBODY, f"its paths have more than {self._most} parts{_UNKNOWN}")
+        there, doubt = self._seen.get((path, last), (False, many))
         if doubt:
             doubts[doubt] = None
         return there
-
-
-class _LimitError(Exception):
-    """A limit of a look is reached; its text says which."""
 
 
 def _look(path: str, last: bool) -> typing.Tuple[bool, typing.Optional[Doubt]]:
