@@ -16,6 +16,7 @@ import typing
 
 from .._module import trust
 from .._module.plain_text import is_plain, plain, quote
+from .._process import processes
 from .._process.commands import BASE_PATH, CLEAN, run
 from .._process.foreign import foreign, last_line
 from . import fkie, set_up
@@ -235,9 +236,8 @@ def read_variables(output: bytes) -> typing.Dict[str, str]:
     No environment file takes a value with a line break, another control character or bytes that are no UTF-8: it is left out.
     """
     variables = {}
-    for entry in output.decode("utf-8", "surrogateescape").split("\0"):
-        name, equals, value = entry.partition("=")
-        if not equals or name in _OF_THE_SHELL or not _NAME.fullmatch(name) or not is_plain(value):
+    for name, value in processes.parse(output).items():
+        if name in _OF_THE_SHELL or not _NAME.fullmatch(name) or not is_plain(value):
             continue
         if name in _LISTS:
             base = BASE_PATH.split(":") if name == "PATH" else []

@@ -12,19 +12,24 @@ from .commands import text
 
 SSH_SERVERS = ("sshd", "sshd-session", "dropbear")  # sshd(8), sshd-session since OpenSSH 9.8, dropbear(8)
 _MOST_ANCESTORS = 64
+_NAME, _STATE, _PARENT, _START = 0, 1, 2, 20  # places in what _read_stat returns
 
 
 def ancestors(proc: str = "/proc") -> typing.Iterator[typing.Tuple[int, str, str]]:
     """This process's ancestors, the nearest first: their numbers, names and starts."""
     pid = os.getppid()
     for _generation in range(_MOST_ANCESTORS):
-        # proc(5): pid (name) state parent ... start; a name may hold blanks and brackets
-        fields = re.match(r"\d+ \((.*)\) \S (\d+) (?:\S+ ){17}(\d+) ", text(f"{proc}/{pid}/stat"), re.S)
-        if fields is None:
+        fields = _read_stat(pid, proc)
+        if not fields:
             return
-        name, parent, start = fields.groups()
-        yield pid, name, start
-        pid = int(parent)
+        yield pid, fields[_NAME], fields[_START]
+        pid = int(fields[_PARENT])
+
+
+def _read_stat(pid: typing.Union[int, str], proc: str) -> typing.List[str]:
+    """Read the name of a process and what follows it (proc(5), /proc/PID/stat); nothing where it has ended."""
+    before, bracket, after = text(f"{proc}/{pid}/stat").rpartition(")")  # a name may hold blanks and brackets
+    return [before.partition("(")[2], *after.split()] if bracket else []
 
 
 def environment(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Dict[str, str]:
@@ -38,14 +43,11 @@ def environment(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Dict
 
 def start_time(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optional[float]:
     """Return the Unix time at which a process was started (proc(5), /proc/PID/stat); None where it has ended."""
-    try:
-        with open(os.path.join(proc, str(pid), "stat"), "rb") as stream:
-            fields = stream.read().rpartition(b")")[2].split()
-        with open(os.path.join(proc, "uptime"), "rb") as stream:
-            uptime = float(stream.read().split()[0])
-    except (FileNotFoundError, NotADirectoryError, ProcessLookupError):
+    fields = _read_stat(pid, proc)
+    if not fields:
         return None
-    return time.time() - uptime + int(fields[19]) / os.sysconf("SC_CLK_TCK")
+    uptime = float(text(f"{proc}/uptime").split()[0])
+    return time.time() - uptime + int(fields[_START]) / os.sysconf("SC_CLK_TCK")
 
 
 def count_files(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optional[typing.Tuple[int, int]]:
@@ -65,8 +67,8 @@ def file_limit(pid: typing.Union[int, str], proc: str = "/proc") -> int:
 
 def is_stopped(pid: typing.Union[int, str], proc: str = "/proc") -> bool:
     """Say if a process is stopped by a signal or a debugger (proc(5), /proc/PID/stat); False where it has ended."""
-    state = re.match(r"\d+ \(.*\) (\S)", text(f"{proc}/{pid}/stat"), re.S)
-    return state is not None and state.group(1) in "Tt"
+    fields = _read_stat(pid, proc)
+    return bool(fields) and fields[_STATE] in "Tt"
 
 
 def parse(content: bytes) -> typing.Dict[str, str]:
