@@ -15,7 +15,7 @@ import time
 import typing
 
 from .._module.plain_text import plain
-from .._process.commands import BASE_PATH, run, text
+from .._process.commands import BASE_PATH, Answer, run, text
 from .._process.foreign import last_line
 from . import home_files, systemd
 
@@ -183,10 +183,16 @@ def _patterns(rest: str) -> typing.List[str]:
 
 def _match_setenv() -> bool:
     """Ask sshd if it knows SetEnv below a Match: OpenSSH 8.4 reads it, but sets no variables."""
+    answer = _ask_sshd("-f", "/dev/stdin", given=b"Match User nobody\nSetEnv ASKED=1\n")
+    return answer is None or b"setenv ASKED=1" in answer.output
+
+
+def _ask_sshd(*options: str, given: bytes = b"") -> typing.Optional[Answer]:
+    """Let sshd tell its settings for the user nobody; None where it does not."""
     daemon = shutil.which("sshd", path=BASE_PATH)
-    command = [str(daemon), "-T", "-f", "/dev/stdin", "-C", "user=nobody,host=localhost,addr=127.0.0.1"]
-    answer = run(command, given=b"Match User nobody\nSetEnv ASKED=1\n") if daemon else None
-    return answer is None or answer.status != 0 or b"setenv ASKED=1" in answer.output
+    command = [str(daemon), "-T", *options, "-C", "user=nobody,host=localhost,addr=127.0.0.1"]
+    answer = run(command, given=given) if daemon else None
+    return answer if answer and answer.status == 0 else None
 
 
 def _listener() -> typing.Tuple[str, float]:
@@ -234,11 +240,8 @@ def _login() -> typing.Optional[typing.Dict[str, str]]:
 
 
 def _ssh() -> typing.Optional[typing.Dict[str, str]]:
-    daemon = shutil.which("sshd", path=BASE_PATH)
-    if not daemon:
-        return None
-    answer = run([daemon, "-T", "-C", "user=nobody,host=localhost,addr=127.0.0.1"])
-    if answer.status != 0:
+    answer = _ask_sshd()
+    if answer is None:
         return None
     lines = [line[len("setenv ") :] for line in answer.text.splitlines() if line.startswith("setenv ")]
     return dict(line.partition("=")[::2] for line in lines)

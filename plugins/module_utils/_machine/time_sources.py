@@ -16,6 +16,7 @@ MOST = 32  # sources that are told
 _SECONDS = re.compile(r"[+-]?\d{1,12}(?:\.\d{1,12})?(?:e[+-]?\d{1,2})?")
 
 Source = typing.Dict[str, typing.Any]
+Row = typing.Tuple[str, bool, bool, typing.Optional[float]]  # address, selected, reachable, offset in s
 
 
 class Service(typing.NamedTuple):
@@ -23,18 +24,17 @@ class Service(typing.NamedTuple):
 
     name: str
     command: typing.Tuple[str, ...]
-    read: typing.Callable[[str], typing.Optional[typing.List[Source]]]  # None: it is not there
+    read: typing.Callable[[str], typing.Optional[typing.List[Row]]]  # None: it is not there
 
 
-def make_source(
-    address: str, selected: bool, reachable: bool, offset: typing.Optional[float]
-) -> typing.Optional[Source]:
-    """Return a source as plain data; None where it has no address, as a radio clock."""
-    try:
-        plain = str(ipaddress.ip_address(address))
-    except ValueError:
-        return None
-    return {"address": plain, "selected": selected, "reachable": reachable, "offset_s": offset}
+def list_sources(rows: typing.Iterable[Row]) -> typing.Iterator[Source]:
+    """Yield the sources as plain data, without those that have no address, as a radio clock."""
+    for address, selected, reachable, offset in rows:
+        try:
+            plain = str(ipaddress.ip_address(address))
+        except ValueError:
+            continue
+        yield {"address": plain, "selected": selected, "reachable": reachable, "offset_s": offset}
 
 
 def read_number(text: str) -> typing.Optional[float]:
@@ -47,7 +47,7 @@ def has_answered(register: str) -> bool:
     return bool(re.fullmatch(r"[0-7]{1,3}", register)) and bool(int(register, 8) & LAST)
 
 
-def read_chrony(output: str) -> typing.List[Source]:
+def read_chrony(output: str) -> typing.List[Row]:
     """Read the sources and the tracking of chronyc(1).
 
     A source: mode, state, address, stratum, poll, reach, last answer, offset of the corrected clock, ... The tracking: id, address,
@@ -60,33 +60,29 @@ def read_chrony(output: str) -> typing.List[Source]:
         if len(row) == 10:
             offset = read_number(row[7])
             total = None if offset is None else round(offset - rest, 9)
-            found.append(make_source(row[2], row[1] in "*+", has_answered(row[5]), total))
-    return [entry for entry in found if entry]
+            found.append((row[2], row[1] in "*+", has_answered(row[5]), total))
+    return found
 
 
-def read_timesyncd(output: str) -> typing.Optional[typing.List[Source]]:
+def read_timesyncd(output: str) -> typing.Optional[typing.List[Row]]:
     """Read `timedatectl show-timesync` (timedatectl(1)). Its one source counts once it has answered."""
     values = dict(line.partition("=")[::2] for line in output.splitlines())
     if not values:  # there is no such service
         return None
     answered = bool(values.get("NTPMessage", ""))
-    found = make_source(values.get("ServerAddress", ""), answered, answered, None)
-    return [found] if found else []
+    return [(values.get("ServerAddress", ""), answered, answered, None)]
 
 
-def read_ntpd(output: str) -> typing.List[Source]:
+def read_ntpd(output: str) -> typing.List[Row]:
     """Read `ntpq -pn` (ntpq(8)): a mark and an address, refid, stratum, type, when, poll, reach, delay, offset in ms, jitter."""
     found = []
     for line in output.splitlines():
         words = line[1:].split()
         if len(words) == 10 and words[6].isdigit():
             offset = read_number(words[8])
-            found.append(
-                make_source(
-                    words[0], line[0] in "*o+", has_answered(words[6]), None if offset is None else offset / 1000
-                )
-            )
-    return [entry for entry in found if entry]
+            seconds = None if offset is None else offset / 1000
+            found.append((words[0], line[0] in "*o+", has_answered(words[6]), seconds))
+    return found
 
 
 SERVICES = (
@@ -117,5 +113,5 @@ def _ask() -> typing.Dict[str, typing.Any]:
         answer = run(service.command)
         found = service.read(answer.text) if answer.status == 0 else None
         if found is not None:
-            return {"answers": True, "service": service.name, "sources": found[:MOST]}
+            return {"answers": True, "service": service.name, "sources": list(list_sources(found))[:MOST]}
     return {"answers": False, "service": "", "sources": []}

@@ -117,6 +117,6 @@ def test_where_nothing_answers_nobody_is_followed(monkeypatch):
 def test_any_output_gives_plain_sources(output):
     text = output if isinstance(output, str) else "".join(output)
     for service in time_sources.SERVICES:
-        for source in service.read(text) or ():
+        for source in time_sources.list_sources(service.read(text) or ()):
             assert set(source) == {"address", "selected", "reachable", "offset_s"}
             assert source["offset_s"] is None or abs(source["offset_s"]) < 1e112
