@@ -129,40 +129,35 @@ def wrong(parameters: typing.Dict[str, typing.Any]) -> str:
     )
 
 
+NODE = {
+    "package": {"type": "str", "required": True},
+    "executable": {"type": "str", "required": True},
+    "modules": {"type": "list", "elements": "str", "default": []},
+    "programs": {"type": "list", "elements": "str", "default": []},
+    "environment": {"type": "dict", "default": {}},
+}
+PORT = {
+    "protocol": {"type": "str", "choices": ["tcp", "udp"], "required": True},
+    "port": {"type": "int", "required": True},
+}
+# Those of roscore, of discovery and of synchronisation.
+_USUAL_PORTS = [
+    {"protocol": "tcp", "port": 11311},
+    {"protocol": "udp", "port": 11511},
+    {"protocol": "tcp", "port": 11611},
+]
+_NAMES = [part.name for part in PARTS]
 OPTIONS: typing.Dict[str, typing.Any] = {
     "ros_setup": {"type": "str", "default": "auto"},
     "destinations": {"type": "list", "elements": "str", "default": []},
-    "nodes": {
-        "type": "list",
-        "elements": "dict",
-        "default": [],
-        "options": {
-            "package": {"type": "str", "required": True},
-            "executable": {"type": "str", "required": True},
-            "modules": {"type": "list", "elements": "str", "default": []},
-            "programs": {"type": "list", "elements": "str", "default": []},
-            "environment": {"type": "dict", "default": {}},
-        },
-    },
+    "nodes": {"type": "list", "elements": "dict", "default": [], "options": NODE},
     "packages": {"type": "list", "elements": "str", "default": []},
     "folders": {"type": "list", "elements": "str", "default": []},
-    "ports": {
-        "type": "list",
-        "elements": "dict",
-        "default": [
-            {"protocol": "tcp", "port": 11311},
-            {"protocol": "udp", "port": 11511},
-            {"protocol": "tcp", "port": 11611},
-        ],
-        "options": {
-            "protocol": {"type": "str", "choices": ["tcp", "udp"], "required": True},
-            "port": {"type": "int", "required": True},
-        },
-    },
+    "ports": {"type": "list", "elements": "dict", "default": _USUAL_PORTS, "options": PORT},
     "parts": {
         "type": "list",
         "elements": "str",
-        "choices": [part.name for part in PARTS],
-        "default": [part.name for part in PARTS if part.name != "masters"],
+        "choices": _NAMES,
+        "default": [name for name in _NAMES if name != "masters"],
     },
 }
