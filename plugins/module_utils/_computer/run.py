@@ -39,12 +39,9 @@ class ConcernModule:
         self.params = validate_options(concern.name, options, specification)
         self.check_mode, self._diff, self.warn = module.check_mode, module._diff, module.warn
         self.backup_local = module.backup_local
-        switch = deadman.Switch(concern.name, switches)
-        self.guard = deadman.Guard(self, concern.name, concern.guarded, switch) if concern.guarded else None
-
-    def carry_out(self, unlocked: typing.Iterable[str]) -> Fields:
-        """Carry the concern out; returns its result. `unlocked`: see lock.hold."""
-        return run_locked(self, self.concern.make, self.guard or PlainGuard(), unlocked)
+        self.guard: typing.Any = PlainGuard()
+        if concern.guarded:
+            self.guard = deadman.Guard(self, concern.name, concern.guarded, deadman.Switch(concern.name, switches))
 
 
 def carry_out(
@@ -75,7 +72,7 @@ def _carry_out(
     for part in parts:
         if not part.concern.guarded and any(result.get("unconfirmed") for _name, result in results):
             break  # the run that confirms does the rest
-        result = part.carry_out(unlocked)
+        result = run_locked(part, part.concern.make, part.guard, unlocked)
         if result.get("changed"):
             unlocked = []  # said once
         entry = result.pop("diff", [])
@@ -105,7 +102,7 @@ def _end(
         "diff": differences,
     }
     if last.get("failed"):
-        others = [part.guard for part in parts if part.guard and part is not parts[len(results) - 1]]
+        others = [part.guard for part in parts if part.concern.guarded and part is not parts[len(results) - 1]]
         sentences = [last["msg"], *filter(None, (guard.give_up() for guard in others))]
         return ends.fail(module, " ".join(sentences), rolled_back=last.get("rolled_back", False), **whole)
     return ends.leave(

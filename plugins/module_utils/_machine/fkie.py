@@ -9,7 +9,7 @@ import re
 import typing
 
 from .._module.plain_text import plain, quote
-from .._process.commands import run, text
+from .._process.commands import find_nobody, run, text
 from .._process.foreign import foreign, last_line
 
 # The Debian packages that the collection installed, a name on each line; the role nodes writes it.
@@ -116,7 +116,7 @@ def packages(wanted: typing.List[str], record: str = INSTALLED) -> typing.List[t
     versions: typing.Dict[str, typing.Dict[str, str]] = {}
     if names:
         # As nobody, so that not even apt's cache is written.
-        versions = policy(run(["apt-cache", "policy"] + names, limit=_APT, unprivileged=True).text)
+        versions = policy(run(["apt-cache", "policy"] + names, limit=_APT, user=find_nobody()).text)
     nothing = {"installed": "", "candidate": ""}
     return [dict(versions.get(name, nothing), name=name, ours=name in ours) for name in names]
 

@@ -17,7 +17,7 @@ import typing
 from .._module import trust
 from .._module.plain_text import is_plain, plain, quote
 from .._process import processes
-from .._process.commands import BASE_PATH, CLEAN, run
+from .._process.commands import BASE_PATH, CLEAN, find_nobody, run
 from .._process.foreign import foreign, last_line
 from . import fkie, set_up
 
@@ -329,7 +329,7 @@ def try_import(
 
 def explain_closed(paths: typing.Iterable[str]) -> str:
     """Explain in a sentence which folder or file on the way to these paths is closed to the user nobody; "" if all are open."""
-    answer = run([PYTHON, "-I", "-c", _CLOSED] + [path for path in paths if os.path.exists(path)], unprivileged=True)
+    answer = run([PYTHON, "-I", "-c", _CLOSED] + [path for path in paths if os.path.exists(path)], user=find_nobody())
     part = answer.text.strip()
     if not part:
         return ""

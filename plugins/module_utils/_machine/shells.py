@@ -15,7 +15,7 @@ import time
 import typing
 
 from .._module.plain_text import plain
-from .._process.commands import BASE_PATH, Answer, run, text
+from .._process.commands import BASE_PATH, Answer, find_nobody, run, text
 from .._process.foreign import last_line
 from . import home_files, systemd
 
@@ -231,7 +231,7 @@ def probe() -> typing.Dict[str, typing.Optional[typing.Dict[str, str]]]:
 def _login() -> typing.Optional[typing.Dict[str, str]]:
     clean = {"HOME": "/nonexistent", "PATH": BASE_PATH, "TERM": "dumb"}
     # The output of the files comes before the mark.
-    answer = run(["bash", "-lc", "printf '\\0\\0'; exec /usr/bin/env -0"], clean, unprivileged=True)
+    answer = run(["bash", "-lc", "printf '\\0\\0'; exec /usr/bin/env -0"], clean, user=find_nobody())
     if answer.status == -1:
         return None
     entries = answer.text.partition("\0\0")[2].split("\0")
@@ -254,7 +254,7 @@ def _desktop() -> typing.Optional[typing.Dict[str, str]]:
             environment: typing.Dict[str, str] = {}
             # Our generator comes later, and gets the variables of systemd's own.
             for program in [folder + _GENERATOR] + ([_OUR_GENERATOR] if os.path.exists(_OUR_GENERATOR) else []):
-                answer = run([program], dict(variables, **environment), unprivileged=True)
+                answer = run([program], dict(variables, **environment), user=find_nobody())
                 if answer.status != 0:
                     return None
                 environment.update(read_generated(answer.text))

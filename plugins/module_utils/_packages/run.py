@@ -155,7 +155,7 @@ def _find_replaced(names: typing.Sequence[str]) -> typing.Dict[str, typing.List[
 def _simulate(names: typing.Sequence[str]) -> str:
     """Let apt-get say what an installation does; empty where it cannot (the installation says why)."""
     words = [*_APT[:2], "--simulate", "install", "--no-install-recommends", *names]
-    return commands.run(words, environment=_ENVIRONMENT, limit=_LIMIT_SIMULATION, unprivileged=True).text
+    return commands.run(words, environment=_ENVIRONMENT, limit=_LIMIT_SIMULATION, user=commands.find_nobody()).text
 
 
 def _apt(*words: str) -> None:

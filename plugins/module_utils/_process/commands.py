@@ -45,19 +45,16 @@ def run(
     argv: typing.Sequence[str],
     environment: typing.Optional[typing.Dict[str, str]] = None,
     limit: float = _LIMIT,
-    unprivileged: bool = False,
     given: bytes = b"",
     user: typing.Optional[typing.Tuple[int, int]] = None,
 ) -> Answer:
     """Run a command in a clean environment for at most `limit` seconds, then end all its processes.
 
-    With `unprivileged`, root becomes the user nobody first, or `user` (uid, gid); `given` is the input of the command.
+    Root becomes the `user` (uid, gid) first, where one is given; `given` is the input of the command.
     No exception: a missing or slow command gives an Answer with the status -1 and a sentence as its error.
     """
     # Without a preexec_fn, Python from 3.10 on uses vfork. A copy of this process costs more than most commands.
-    become = None
-    if (unprivileged or user) and os.geteuid() == 0:
-        become = _become(user or find_nobody())
+    become = _become(user) if user and os.geteuid() == 0 else None
     # Files instead of pipes: a process that the command leaves in the background holds no pipe that we wait for.
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as error, tempfile.TemporaryFile() as question:
         question.write(given)

@@ -83,7 +83,7 @@ def _as_nobody(
         if os.geteuid() == 0:
             os.chown(folder, *find_nobody())
         variables = dict(variables, **dict.fromkeys(homes, folder))
-        return run(argv, variables, limit, unprivileged=True, given=given.encode("utf-8", "surrogateescape"))
+        return run(argv, variables, limit, user=find_nobody(), given=given.encode("utf-8", "surrogateescape"))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -18,7 +18,7 @@ import typing
 from .._machine import network as machine
 from .._machine.outcomes import Outcome, classify_error, connect
 from .._multicast.packets import IP_MTU_DISCOVER, IP_PMTUDISC_PROBE, REFUSALS, Echo, echo_request, read_echoes
-from .._process.commands import run, text
+from .._process.commands import find_nobody, run, text
 from .._process.deadlines import call_all
 from .._process.foreign import last_line
 from .changes import carrier
@@ -218,7 +218,7 @@ print(json.dumps(found))
 def user_addresses(names: typing.List[str]) -> typing.Dict[str, typing.List[str]]:
     """Look up the IPv4 addresses of names as a user without rights; empty where that user can run no Python."""
     answer = run(
-        [sys.executable, "-I", "-c", _LOOK_UP], limit=15.0, unprivileged=True, given=json.dumps(names).encode()
+        [sys.executable, "-I", "-c", _LOOK_UP], limit=15.0, user=find_nobody(), given=json.dumps(names).encode()
     )
     found = last_line(answer.output) if answer.status == 0 else None
     return found if isinstance(found, dict) else {}

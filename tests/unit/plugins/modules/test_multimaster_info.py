@@ -51,7 +51,7 @@ def test_run_a_command_that_is_not_there():
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
 def test_run_as_nobody_in_a_clean_environment(monkeypatch):
     monkeypatch.setenv("ROS_IP", "10.0.0.9")
-    output = commands.run(["sh", "-c", "id -un; id -G; env"], unprivileged=True).output.decode().splitlines()
+    output = commands.run(["sh", "-c", "id -un; id -G; env"], user=commands.find_nobody()).output.decode().splitlines()
     assert output[0] == "nobody"
     assert output[1] == str(pwd.getpwnam("nobody").pw_gid)
     assert not [line for line in output if line.startswith("ROS_")]
