@@ -16,6 +16,7 @@ import typing
 
 from .._module import trust
 from .._module.plain_text import is_plain, plain, quote
+from .._module.problem import Problem
 from .._process import processes
 from .._process.commands import BASE_PATH, CLEAN, find_nobody, run
 from .._process.foreign import foreign, last_line
@@ -68,10 +69,6 @@ for path in sys.argv[1:]:
 Record = typing.Dict[str, typing.Any]
 
 
-class RosError(Exception):
-    """ROS is not there; one sentence says where it was expected, and the remedy."""
-
-
 def find(
     choice: str = "auto",
     nodes: typing.Sequence[Record] = (),
@@ -85,7 +82,7 @@ def find(
     """
     try:
         found = [examine(kind, setup, root) for kind, setup in candidates(choice, root, debian)]
-    except RosError as problem:
+    except Problem as problem:
         return {"found": [], "chosen": None, "problem": str(problem)}
     chosen, wrong = choose(found, root)
     if chosen:
@@ -94,13 +91,13 @@ def find(
 
 
 def candidates(choice: str, root: str = "/opt/ros", debian: str = _DEBIAN) -> typing.List[typing.Tuple[str, str]]:
-    """List (kind, set-up file) of what `choice` may mean, in the order of preference. Raises RosError."""
+    """List (kind, set-up file) of what `choice` may mean, in the order of preference. Raises Problem."""
     if choice == "auto":
         prefixes = [("prefix", setup_file(os.path.dirname(path))) for path in sorted(glob.glob(root + "/*/setup.sh"))]
         return prefixes + ([("debian", "")] if os.path.isdir(debian) else [])
     if choice == "debian":
         if not os.path.isdir(debian):
-            raise RosError(
+            raise Problem(
                 f"multimaster_ros_setup is debian, but {debian} is not there; install python3-rospy, or name a set-up file."
             )
         return [("debian", "")]
@@ -109,14 +106,14 @@ def candidates(choice: str, root: str = "/opt/ros", debian: str = _DEBIAN) -> ty
 
 
 def setup_file(path: str) -> str:
-    """Find the set-up file that a path names, itself or as its folder. Raises RosError."""
+    """Find the set-up file that a path names, itself or as its folder. Raises Problem."""
     path = os.path.normpath(path)
     if os.path.isfile(path):
         return path
     for name in _IN_A_FOLDER:
         if os.path.isfile(os.path.join(path, name)):
             return os.path.join(path, name)
-    raise RosError(
+    raise Problem(
         f"multimaster_ros_setup is {path}, but that is neither a file nor a folder with {' or '.join(_IN_A_FOLDER)}; "
         "name the set-up file that a person sources."
     )

@@ -39,7 +39,7 @@ def remedy(problem: OSError) -> str:
 
 def unreadable(problem: OSError) -> str:
     """Return the sentence for a user about a file that cannot be read."""
-    return f"{_file(problem)} cannot be read ({problem.strerror or quote(problem)}); expected a regular file: {remedy(problem)}."
+    return _tell(problem, "read", "regular")
 
 
 @contextlib.contextmanager
@@ -54,12 +54,10 @@ def explain_unreadable(end: str = "Nothing was changed.") -> typing.Iterator[Non
 def sentence(problem: Exception) -> str:
     """Return the sentence for a user about a half-done change: the words of a Problem, or the file of an OSError."""
     if isinstance(problem, OSError):
-        return (
-            f"{_file(problem)} cannot be written ({problem.strerror or quote(problem)}); expected a writable file: "
-            f"{remedy(problem)}."
-        )
+        return _tell(problem, "written", "writable")
     return str(problem)
 
 
-def _file(problem: OSError) -> str:
-    return quote(problem.filename or "") or "A file"
+def _tell(problem: OSError, deed: str, kind: str) -> str:
+    name, why = quote(problem.filename or "") or "A file", problem.strerror or quote(problem)
+    return f"{name} cannot be {deed} ({why}); expected a {kind} file: {remedy(problem)}."
