@@ -34,11 +34,9 @@ class UnknownRule(Exception):
 def filters() -> Words:
     """Read the chains of IPv4 and ARP. `readable` is false without nft, or without an answer in JSON."""
     nft = shutil.which("nft", path="/usr/sbin:/usr/bin:/sbin:/bin")
-    if nft is None:
-        return {"readable": False, "chains": [], "arp": []}
-    answer = run([nft, "-j", "list", "ruleset"], limit=10)
+    answer = run([nft, "-j", "list", "ruleset"], limit=10) if nft else None
     try:
-        if answer.status == 0:
+        if answer and answer.status == 0:
             ruleset = json.loads(answer.output.decode("utf-8"))
             return {"readable": True, "chains": chains(ruleset), "arp": find_arp_filters(ruleset)}
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError):

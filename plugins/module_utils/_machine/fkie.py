@@ -89,24 +89,23 @@ def nodes(
 
 def _check_answer(node: typing.Dict[str, typing.Any], entry: typing.Any) -> typing.Dict[str, typing.Any]:
     """Check the answer about a node: an imported module could print anything."""
-    said = entry.get("lacks") if isinstance(entry, dict) else None
-    lacks = [name for name in node["programs"] if isinstance(said, list) and name in said]
-    path = entry.get("path") if isinstance(entry, dict) else None
-    problem = entry.get("problem") if isinstance(entry, dict) else None
+    said = entry if isinstance(entry, dict) else {}
+    path, problem, lacks = said.get("path"), said.get("problem"), said.get("lacks")
     if not isinstance(path, str) or not isinstance(problem, str):
         return _node(node, "", "the modules of the workspace gave an answer that cannot be read")
     if path and not _PATH.fullmatch(path):
         return _node(node, "", "its path is not absolute, or has other characters than letters, digits and _ . + -")
     if path and not os.path.isfile(path):
         return _node(node, "", f"{quote(path)} is no file")
-    return _node(node, path, plain(problem), lacks)
+    missing = [name for name in node["programs"] if isinstance(lacks, list) and name in lacks]
+    return _node(node, path, plain(problem), missing)
 
 
 def _node(
     node: typing.Dict[str, typing.Any], path: str, problem: str, lacks: typing.Sequence[str] = ()
 ) -> typing.Dict[str, typing.Any]:
-    found = {"package": node["package"], "executable": node["executable"], "path": path, "problem": problem}
-    return dict(found, lacks=list(lacks))
+    named = {"package": node["package"], "executable": node["executable"]}
+    return dict(named, path=path, problem=problem, lacks=list(lacks))
 
 
 def packages(wanted: typing.List[str], record: str = INSTALLED) -> typing.List[typing.Dict[str, typing.Any]]:
