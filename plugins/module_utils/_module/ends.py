@@ -8,7 +8,7 @@ Nothing else calls exit_json, fail_json or warn (tests/unit/test_exits.py).
 
 import typing
 
-from .plain_text import VALUE, plain, plain_data, plain_lines
+from .plain_text import VALUE, change_texts, plain, plain_data, plain_lines
 
 _LONG = 1000  # characters of an option that are still returned
 
@@ -30,7 +30,7 @@ def warn(module: typing.Any, sentence: str) -> None:
 
 def _long_options(module: typing.Any) -> typing.Dict[str, typing.Any]:
     """Return the options, shortened, where one is long: Ansible returns them, and the controller keeps them for each host."""
-    short = _change_texts(module.params, lambda text: text if len(text) <= _LONG else f"({len(text)} characters)")
+    short = change_texts(module.params, lambda text: text if len(text) <= _LONG else f"({len(text)} characters)")
     return {} if short == module.params else {"invocation": {"module_args": short}}
 
 
@@ -38,16 +38,5 @@ def _plain(result: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]
     """Make all texts of a result plain. Those of `diff` are files and keep their lines."""
     made = plain_data({name: value for name, value in result.items() if name != "diff"})
     if "diff" in result:
-        made["diff"] = _change_texts(result["diff"], lambda text: plain_lines(text, VALUE))
+        made["diff"] = change_texts(result["diff"], lambda text: plain_lines(text, VALUE))
     return made
-
-
-def _change_texts(value: typing.Any, change: typing.Callable[[str], str]) -> typing.Any:
-    """Return a copy of plain data with each text changed."""
-    if isinstance(value, str):
-        return change(value)
-    if isinstance(value, dict):
-        return {_change_texts(name, change): _change_texts(part, change) for name, part in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_change_texts(part, change) for part in value]
-    return value

@@ -83,13 +83,18 @@ def plain_lines(value: typing.Any, most: int = LINE) -> str:
 
 
 def plain_data(value: typing.Any, most: int = VALUE) -> typing.Any:
-    """The same value with all of its texts made plain: those of lists and mappings, and the names in mappings."""
+    """The same value with all of its texts made plain."""
+    return change_texts(value, lambda text: text if is_plain(text, most) else plain(text, most))
+
+
+def change_texts(value: typing.Any, change: typing.Callable[[str], str]) -> typing.Any:
+    """The same value with each text changed: those of lists and mappings, and the names in mappings."""
     if isinstance(value, str):
-        return value if is_plain(value, most) else plain(value, most)
+        return change(value)
     if isinstance(value, dict):
-        return {plain_data(key, most): plain_data(part, most) for key, part in value.items()}
+        return {change_texts(name, change): change_texts(part, change) for name, part in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain_data(part, most) for part in value]
+        return [change_texts(part, change) for part in value]
     return value
 
 
