@@ -55,8 +55,7 @@ class Access(typing.NamedTuple):
 
 def _read_sockets(proc: str) -> typing.List[ports.Socket]:
     """Read the TCP sockets of this computer; an IPv4 peer of an IPv6 socket has its own form."""
-    tables = (text(f"{proc}/net/{table}", 1 << 24) for table in ("tcp", "tcp6"))
-    sockets = [entry for table in tables for entry in ports.read_table("tcp", table)]
+    sockets = ports.read_sockets("tcp", proc)
     return [entry._replace(peer=re.sub("^::ffff:", "", entry.peer)) for entry in sockets]
 
 

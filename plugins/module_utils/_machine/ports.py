@@ -13,7 +13,6 @@ import typing
 from .._module.plain_text import plain
 from .._process.commands import text
 
-_TABLES = (("tcp", "tcp"), ("tcp", "tcp6"), ("udp", "udp"), ("udp", "udp6"))
 ESTABLISHED, LISTEN = "01", "0A"  # include/net/tcp_states.h
 _UNIT = re.compile(r"[^/]+\.(?:service|scope|socket)")
 
@@ -37,8 +36,8 @@ def holders(
     places = {(entry["protocol"], entry["port"]) for entry in wanted}
     sockets = [
         entry
-        for protocol, table in _TABLES
-        for entry in read_table(protocol, text(os.path.join(proc, "net", table), 1 << 24))
+        for protocol in ("tcp", "udp")
+        for entry in read_sockets(protocol, proc)
         if (entry.protocol, entry.port) in places and (protocol == "udp" or entry.state == LISTEN)
     ]
     owners, unreadable = _owners({entry.inode for entry in sockets}, proc)
@@ -51,10 +50,11 @@ def holders(
     return processes
 
 
-def read_table(protocol: str, table: str) -> typing.List[Socket]:
-    """Read the sockets of one table of /proc/net."""
+def read_sockets(protocol: str, proc: str = "/proc") -> typing.List[Socket]:
+    """Read the sockets of a protocol, tcp or udp: those of IPv4, then those of IPv6."""
     sockets = []
-    for fields in map(str.split, table.splitlines()[1:]):
+    tables = (text(os.path.join(proc, "net", table), 1 << 24) for table in (protocol, f"{protocol}6"))
+    for fields in [line.split() for table in tables for line in table.splitlines()[1:]]:
         if len(fields) >= 10:
             address, _separator, port = fields[1].partition(":")
             peer = address_of(fields[2].partition(":")[0])

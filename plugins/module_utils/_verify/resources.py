@@ -62,12 +62,7 @@ def file_limits() -> typing.List[Row]:
     A process of ROS has ROS_MASTER_URI, or the name of a node among its words, and listens, as each node does. Limits are
     read first, since few processes have such a one.
     """
-    listens = {
-        entry.inode
-        for table in ("tcp", "tcp6")
-        for entry in ports.read_table("tcp", text(f"/proc/net/{table}", 1 << 24))
-        if entry.state == ports.LISTEN
-    }
+    listens = {entry.inode for entry in ports.read_sockets("tcp", "/proc") if entry.state == ports.LISTEN}
 
     def look(pid: int) -> typing.Optional[Row]:
         limit = processes.file_limit(pid)
