@@ -111,12 +111,7 @@ def of_a_link(name, there):
 
 def of_a_unit_file(name, _there):
     unit = units.Unit(**{**dict.fromkeys(units.Unit._fields, ""), "name": "a.service"})
-    state = {
-        **dict.fromkeys(units.PROPERTIES, ""),
-        "LoadState": "loaded",
-        "FragmentPath": name,
-        "ActiveState": "active",
-    }
+    state = units.State(LoadState="loaded", FragmentPath=name, ActiveState="active")
     return raised(units.check, [unit], {"a.service": state}, ())
 
 

@@ -115,8 +115,8 @@ class Switch:
     def arm(self, token: str, seconds: int, undo: typing.Iterable[UndoStep], memory: typing.Any = None) -> None:
         """Start the timer: `undo` happens in so many seconds, unless the switch is released.
 
-        The steps of `undo` go in their order, each even if an earlier one fails. `memory` is data for JSON: all that the
-        confirming run has to know of the state before.
+        The steps of `undo` go in their order, each even if an earlier one fails. `memory` is data for JSON: all that
+        the confirming run has to know of the state before.
         Raises Problem where the switch cannot be armed; then there is none.
         """
         try:
@@ -160,10 +160,9 @@ class Switch:
                 raise Problem(f"The way back in {self.folder} has not ended within {_LIMIT} s: look at its log.")
             time.sleep(0.1)
             mark = self._mark()
-        same = self.state().get("token") == token and token != ""
-        return {"armed": "armed" if same else "other", "rolled_back": "rolled_back" if same else "earlier"}.get(
-            mark, mark
-        )
+        if token and self.state().get("token") == token:
+            return mark
+        return {"armed": "other", "rolled_back": "earlier"}.get(mark, mark)
 
     def state(self) -> typing.Dict[str, typing.Any]:
         """Read the data of arm(): token, seconds, connection, memory. Empty where there is no switch."""
@@ -245,21 +244,18 @@ class Guard:
     """A module's side of the switch. The first run changes the run time, and the second run confirms it.
 
     The first run has confirm_within and a token as confirmation, the second the token only. The module's own run has
-    these attributes, beside those of module.ModuleRun:
+    two methods beside those of module.ModuleRun:
 
-    runtime_changes   True if the run time changes
-    memory            all that the second run has to know, for JSON
     undo_steps()      for Switch.arm
     apply_runtime()   changes the run time alone
-    apply()           changes all that is not yet as planned: the run time, then the boot part
 
-    The last two undo what they did when they fail.
+    Its apply() changes all that is not yet as planned: the run time, then the boot part. Both undo what they did when
+    they fail.
     """
 
-    def __init__(self, module: typing.Any, name: str, what: str, switch: typing.Optional[Switch] = None) -> None:
+    def __init__(self, module: typing.Any, what: str, switch: Switch) -> None:
         """Read the module's options; `what` names the concern in a sentence, in the plural: kernel settings, routes."""
-        self.module, self.what = module, what
-        self.switch = switch or Switch(name)
+        self.module, self.what, self.switch = module, what, switch
         self.seconds = module.params["confirm_within"]
         self.token = module.params["confirmation"]
         self.state = "none"

@@ -52,18 +52,17 @@ class ManagedFiles(ModuleRun):
         self.options = options
         self.bundle = options["bundle"]
         with explain_unreadable():
-            self.files = files.FileBundle(self.bundle, options["records"], options["files"])
-        self.plan, self.machine = self.files.plan, self.files.machine
+            self.files = files.FileBundle("files", self.bundle, options["records"], options["files"]).make_plan()
         self.restarts = bool((options.get("reload") or {}).get("restart"))
         self.reloaded = self._to_reload(options.get("reload") or {})
         self.unread = False  # its files are as planned, and it could not be reloaded
         if self.reloaded:  # until that is done, also for the next run where this one fails or is killed
-            self.plan.intent["pending"] = self.plan.after["pending"] = [self.reloaded]
+            self.files.intent["pending"] = self.files.after["pending"] = [self.reloaded]
         self.changed = self.files.changed or bool(self.reloaded)
 
     def _to_reload(self, reload: typing.Mapping[str, typing.Any]) -> str:
         """The service that is to read its files again, empty for none."""
-        touched = [file.path for file in self.plan.writes] + self.plan.removals
+        touched = [file.path for file in self.files.writes] + self.files.removals
         pending = self.files.remembered.get("pending", [])
         due = reload and (
             reload["due"] or reload["service"] in pending or any(path.startswith(reload["folder"]) for path in touched)
@@ -74,16 +73,16 @@ class ManagedFiles(ModuleRun):
     def refusals(self) -> typing.List[str]:
         """The sentences on what cannot be written here; else that on the first file that its own command refuses."""
         obstacles = writable.obstacles(self.files.places)
-        others = sorted(file.path for file in self.plan.writes if file.owner not in (None, self.machine.owner))
-        if others and self.machine.owner[0] != 0 and not obstacles:
+        others = sorted(file.path for file in self.files.writes if file.owner not in (None, self.files.bundle.owner))
+        if others and self.files.bundle.owner[0] != 0 and not obstacles:
             obstacles = [
-                f"{others[0]} is to have another owner or group, which the user {self.machine.owner[0]} cannot give it; "
+                f"{others[0]} is to have another owner or group, which the user {self.files.bundle.owner[0]} cannot give it; "
                 "expected root: run as root (become: true)."
             ]
         if obstacles:
             return [*obstacles, "Nothing was changed."]
         checks = {entry["path"]: entry["validate"] for entry in self.options["files"] if entry["validate"]}
-        for file in self.plan.writes:
+        for file in self.files.writes:
             refusal = self._refusal(file, checks[file.path]) if file.path in checks else ""
             if refusal:
                 return [refusal]
@@ -132,7 +131,7 @@ class ManagedFiles(ModuleRun):
 
     def _is_gone(self) -> bool:
         """Say if the last files go, and so has the service that read them."""
-        if not self.restarts or self.plan.items:
+        if not self.restarts or self.files.items:
             return False
         return systemd.states([self.reloaded], ("LoadState",))[0].get("LoadState") == "not-found"
 
@@ -146,14 +145,14 @@ class ManagedFiles(ModuleRun):
         """The return values beside `changed`, `msg` and `diff`."""
         return {
             "files": [
-                dict(path=item.file.path, state=item.state, mode=f"{item.file.mode:04o}") for item in self.plan.items
+                dict(path=item.file.path, state=item.state, mode=f"{item.file.mode:04o}") for item in self.files.items
             ],
-            "removed": self.plan.removals,
-            "folders_made": self.plan.folders.made,
-            "folders_removed": self.plan.folders.removed,
-            "notes": self.plan.notes,
+            "removed": self.files.removals,
+            "folders_made": self.files.folders.made,
+            "folders_removed": self.files.folders.removed,
+            "notes": self.files.notes,
             "reloaded": self.reloaded,
-            "digest": files.digest(self.files.wanted),
+            "digest": files.digest(self.files.bundle.wanted),
         }
 
     @property
@@ -163,11 +162,11 @@ class ManagedFiles(ModuleRun):
 
     def summary(self, check_mode: bool) -> str:
         """One sentence on all that was done, with the notes."""
-        right = len(self.plan.items) - len(self.plan.writes)
+        right = len(self.files.items) - len(self.files.writes)
         be, are = ("would be", "are") if check_mode else ("were", "were")
         text = (
-            f"{len(self.plan.writes)} files of the bundle {self.bundle} {be} written, {len(self.plan.removals)} removed "
+            f"{len(self.files.writes)} files of the bundle {self.bundle} {be} written, {len(self.files.removals)} removed "
             f"and {right} {are} right."
         )
         reloaded = [f"{self.reloaded} {'would be' if check_mode else 'was'} {self._deed}."] if self.reloaded else []
-        return " ".join([text, *reloaded, *self.plan.notes])
+        return " ".join([text, *reloaded, *self.files.notes])

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Files that a bundle owns whole, and the folders made for them: read, plan (pure), and the steps of the change.
+"""Files that a bundle owns whole, and the folders made for them: what is there, the plan, and the steps of the change.
 
 A bundle's record holds for each path the fingerprint of what was written (`written`) and, while a run is at work, of
 what it is about to write (`writing`). It is saved before the first change, so a run that is killed leaves nothing on
@@ -61,25 +61,14 @@ class PlannedFile(typing.NamedTuple):
 class FileState(typing.NamedTuple):
     """The thing that stands at a path."""
 
-    kind: str
+    kind: str  # empty where nothing is there
     content: bytes  # of a symbolic link its target; empty for a folder or a device
     mode: int
     owner: typing.Tuple[int, int]  # (uid, gid)
     attributes: atomic.Attributes = {}  # of a file
 
 
-class Machine(typing.NamedTuple):
-    """All on the machine that a plan depends on."""
-
-    states: typing.Dict[
-        str, typing.Optional[FileState]
-    ]  # every path of the plan and of the record, unless it is unsafe
-    folders: typing.Dict[str, str]  # every folder above a planned path: its kind, "" where it is missing
-    entries: Entries  # the names in every folder of this bundle and in its byte-code cache
-    leftovers: typing.List[str]  # half-written neighbours of an interrupted run
-    folders_of_others: typing.Set[str]  # folders that other bundles made
-    owner: typing.Tuple[int, int]  # the (uid, gid) that the module runs as, which owns a planned file by default
-    unsafe: typing.Dict[str, str] = {}  # paths and folders that other users can replace, each with the reason
+_NOTHING = FileState("", b"", 0, (0, 0))
 
 
 class Item(typing.NamedTuple):
@@ -89,19 +78,7 @@ class Item(typing.NamedTuple):
     state: str
 
 
-Pair = typing.Tuple[typing.Optional[FileState], typing.Optional[PlannedFile]]  # a file before and after
-
-
-class FilePlan(typing.NamedTuple):
-    """The changes, and the record before and after them."""
-
-    items: typing.List[Item]  # one per planned file, in its order
-    writes: typing.List[PlannedFile]
-    removals: typing.List[str]
-    folders: "FolderPlan"
-    notes: typing.List[str]
-    intent: Data  # the record while the run is at work
-    after: Data  # the record after it
+Pair = typing.Tuple[FileState, typing.Optional[PlannedFile]]  # a file before and after
 
 
 def parse_files(files: typing.Iterable[Data]) -> typing.List[PlannedFile]:
@@ -163,27 +140,6 @@ def digest(files: typing.Iterable[PlannedFile]) -> str:
 # The machine
 
 
-def read(files: typing.List[PlannedFile], remembered: Data, record: Record) -> Machine:
-    """Read everything on the machine that a plan of these files and this record depends on. Raises OSError, Problem."""
-    paths = {file.path for file in files} | set(remembered.get("files", {}))
-    owned_folders = remembered.get("folders", [])
-    unsafe = _unsafe(paths, owned_folders)
-    return Machine(
-        states={path: look(path) for path in paths if path not in unsafe},
-        folders={folder: _kind(folder) for file in files for folder in _parents(file.path)},
-        entries=_entries([folder for folder in owned_folders if folder not in unsafe]),
-        leftovers=sorted(
-            leftover
-            for path, entry in remembered.get("files", {}).items()
-            if path not in unsafe and "writing" in entry
-            for leftover in atomic.leftovers(path)
-        ),
-        folders_of_others=_folders_of_others(record),
-        owner=(os.geteuid(), os.getegid()),
-        unsafe=unsafe,
-    )
-
-
 def _entries(folders: typing.Iterable[str]) -> Entries:
     """The names in these folders and in their byte-code caches."""
     both = [path for folder in folders for path in (folder, os.path.join(folder, _CACHE))]
@@ -215,12 +171,12 @@ def _folders_of_others(record: Record) -> typing.Set[str]:
     return folders
 
 
-def look(path: str) -> typing.Optional[FileState]:
-    """Look at a path itself, without following a symbolic link; None where nothing is there."""
+def look(path: str) -> FileState:
+    """Look at a path itself, without following a symbolic link."""
     try:
         status = os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
-        return None
+        return _NOTHING
     kind, content = _FILE, b""
     if stat.S_ISREG(status.st_mode):
         content = atomic.read_bytes(path) or b""
@@ -231,14 +187,6 @@ def look(path: str) -> typing.Optional[FileState]:
         kind = _FOLDER if stat.S_ISDIR(status.st_mode) else "a device, pipe or socket"
     attributes = atomic.attributes(path)
     return FileState(kind, content, stat.S_IMODE(status.st_mode), (status.st_uid, status.st_gid), attributes)
-
-
-def _kind(folder: str) -> str:
-    """The kind of a folder above a planned path: a symbolic link to a folder is a folder, "" is a missing one."""
-    if os.path.isdir(folder):
-        return _FOLDER
-    state = look(folder)
-    return state.kind if state else ""
 
 
 def _parents(path: str) -> typing.List[str]:
@@ -257,9 +205,9 @@ def _fingerprint(file: PlannedFile) -> str:
     return f"{file.mode:04o} {file.sha256 or hashlib.sha256(file.content).hexdigest()}{owner}"
 
 
-def _matches(state: typing.Optional[FileState], fingerprint: str) -> bool:
+def _matches(state: FileState, fingerprint: str) -> bool:
     """True for a file with this fingerprint; one without an owner says nothing about it."""
-    if state is None or state.kind != _FILE:
+    if state.kind != _FILE:
         return False
     actual = [f"{state.mode:04o}", hashlib.sha256(state.content).hexdigest(), f"{state.owner[0]}:{state.owner[1]}"]
     expected = fingerprint.split()
@@ -275,127 +223,15 @@ _NOTES = {
 }
 
 
-def find_owned_files(remembered: Data, machine: Machine) -> typing.Dict[str, str]:
-    """The owned paths, with the fingerprint of what was written last, also after a run that was killed; pure."""
-    owned = {}
-    for path, entry in remembered.get("files", {}).items():
-        if path in machine.unsafe:
-            continue
-        if "writing" in entry and _matches(machine.states[path], entry["writing"]):
-            owned[path] = entry["writing"]
-        elif "written" in entry:
-            owned[path] = entry["written"]
-    return owned
-
-
-def plan_files(files: typing.List[PlannedFile], remembered: Data, machine: Machine) -> FilePlan:
-    """Plan the changes; pure. Raises Problem, with a sentence per path, where something not owned is in the way."""
-    _refuse_unsafe(files, machine)
-    owned = find_owned_files(remembered, machine)
-    items = [Item(file, _state(file, machine.states[file.path], owned.get(file.path), machine.owner)) for file in files]
-    kept = {item.file.path: item.file for item in items if item.state != "foreign"}
-    removals = [path for path in sorted(owned) if path not in kept and machine.states[path] is not None]
-    _refuse(items, machine, removals)
-
-    before = set(remembered.get("folders", [])) - set(machine.unsafe)
-    folders = _plan_folders(kept, removals, before, machine)
-    writes = [item.file for item in items if item.state in ("written", "edited")]
-    files_of_intent = {path: {"written": owned[path]} for path in owned}
-    for file in writes:
-        files_of_intent.setdefault(file.path, {})["writing"] = _fingerprint(file)
-    return FilePlan(
-        items=items,
-        writes=writes,
-        removals=removals,
-        folders=folders,
-        notes=[*_notes(items, removals, folders, owned, machine), *_notes_on_unsafe(remembered, machine)],
-        intent={"files": files_of_intent, "folders": sorted(before | set(folders.owned))},
-        after={"files": {path: {"written": _fingerprint(kept[path])} for path in kept}, "folders": folders.owned},
-    )
-
-
-def _notes(
-    items: typing.List[Item],
-    removals: typing.List[str],
-    folders: "FolderPlan",
-    owned: typing.Dict[str, str],
-    machine: Machine,
-) -> typing.List[str]:
-    """The notes on drift, on files that are right but not owned, and on folders that stay."""
-    notes = [_NOTES[item.state].format(path=item.file.path) for item in items if item.state in _NOTES]
-    edited = [path for path in removals if not _matches(machine.states[path], owned[path])]
-    notes += [f"{path}, which goes, had been changed by hand since we wrote it." for path in edited]
-    return notes + [f"{quote(folder)} stays, because it holds files that are not ours." for folder in folders.kept]
-
-
-def _notes_on_unsafe(remembered: Data, machine: Machine) -> typing.List[str]:
-    """The notes on our files and folders that stay, since their place is not safe."""
-    ours = [*remembered.get("files", {}), *remembered.get("folders", [])]
-    return [
-        f"{path} was ours and stays, since {machine.unsafe[path]}; expected folders that root alone can change: remove it by hand."
-        for path in ours
-        if path in machine.unsafe
-    ]
-
-
-def _state(
-    file: PlannedFile, present: typing.Optional[FileState], owned: typing.Optional[str], owner: typing.Tuple[int, int]
-) -> str:
-    """The state of a planned file as in Item, or "conflict": something that is not owned is in its way.
-
-    `owned` is the fingerprint of what was written last, None for a file that is not owned.
-    """
-    if present is None:
-        return "edited" if owned else "written"
-    right = _matches(present, _fingerprint(file))
-    if owned is None:
-        return "foreign" if right else "conflict"
-    if present.kind == _FOLDER:
-        return "conflict"
-    if right and present.owner == (file.owner or owner):
-        return "unchanged"
-    has_owner = len(owned.split()) > 2
-    return "written" if _matches(present, owned) and (has_owner or present.owner == owner) else "edited"
-
-
-def _refuse_unsafe(files: typing.Iterable[PlannedFile], machine: Machine) -> None:
-    """Raise Problem with a sentence for every planned path that other users can replace."""
-    problems = [
-        f"{file.path} is not written, since {machine.unsafe[file.path]}; expected folders that root alone can change: choose "
-        "another path, or give its folders to root (chown, chmod)."
-        for file in files
-        if file.path in machine.unsafe
-    ]
+def _refuse(problems: typing.Sequence[str]) -> None:
+    """Raise Problem with these sentences, if there are any."""
     if problems:
         raise Problem(" ".join(problems))
 
 
-def _refuse(items: typing.List[Item], machine: Machine, removals: typing.List[str]) -> None:
-    """Raise Problem with a sentence for every file or folder that blocks the plan."""
-    problems = [
-        _describe_conflict(item.file, machine.states[item.file.path]) for item in items if item.state == "conflict"
-    ]
-    problems += [
-        f"{folder} is {kind}, expected a folder for planned files: move it away."
-        for folder, kind in sorted(machine.folders.items())
-        if kind not in ("", _FOLDER)
-    ]
-    problems += [
-        f"{path} was a file of ours and is a folder now, so it is not removed: move it away."
-        for path in removals
-        if _is_folder(machine.states[path])
-    ]
-    if problems:
-        raise Problem(" ".join(problems))
-
-
-def _is_folder(state: typing.Optional[FileState]) -> bool:
-    return state is not None and state.kind == _FOLDER
-
-
-def _describe_conflict(file: PlannedFile, present: typing.Optional[FileState]) -> str:
-    what = present.kind if present else "nothing"
-    if present and present.kind == _FILE:
+def _describe_conflict(file: PlannedFile, present: FileState) -> str:
+    what = present.kind
+    if what == _FILE:
         what = f"a file of {len(present.content)} bytes with mode {present.mode:04o}"
         what += f" and owner {present.owner[0]}:{present.owner[1]}" if file.owner else ""
     planned = f" and owner {file.owner[0]}:{file.owner[1]}" if file.owner else ""
@@ -403,28 +239,6 @@ def _describe_conflict(file: PlannedFile, present: typing.Optional[FileState]) -
         f"{file.path} is {what} that this collection did not write, and the plan is a file of {len(file.content)} bytes "
         f"with mode {file.mode:04o}{planned}: move it away, or take the path out of the plan."
     )
-
-
-class FolderPlan(typing.NamedTuple):
-    """The part of a plan that is about folders."""
-
-    made: typing.List[str]  # outermost first
-    removed: typing.List[str]  # innermost first
-    kept: typing.List[str]  # no longer needed, but not empty
-    rubbish: typing.List[str]  # of an interrupted run, and byte code in owned folders whose source is gone
-    owned: typing.List[str]  # after the change
-
-
-def _plan_folders(
-    kept: typing.Iterable[str], removals: typing.List[str], before: typing.Set[str], machine: Machine
-) -> FolderPlan:
-    """Plan the folders for the files that are owned from now on; `before` are the folders in the record."""
-    needed = {folder for path in kept for folder in _parents(path)}
-    made = sorted(folder for folder in needed if not machine.folders[folder])
-    rubbish = machine.leftovers + _orphans(before, set(removals), set(kept), machine.entries)
-    removed, staying = _find_empty_folders(before - needed, before, set(removals) | set(rubbish), machine.entries)
-    owned = sorted((before | machine.folders_of_others | set(made)) & needed)
-    return FolderPlan(made, removed, staying, rubbish, owned)
 
 
 def _orphans(
@@ -458,49 +272,19 @@ def _find_empty_folders(
     return removed, staying
 
 
-def changes(plan: FilePlan) -> bool:
-    """True if a plan changes anything but the record."""
-    folders = plan.folders
-    return bool(plan.writes or plan.removals or folders.rubbish or folders.made or folders.removed)
-
-
-def places(plan: FilePlan, record: Record) -> typing.List[str]:
-    """The paths that carrying out a plan writes or removes, with its record; none where nothing changes."""
-    paths = [file.path for file in plan.writes] + plan.removals + plan.folders.rubbish
-    return [*paths, record.path] if changes(plan) else []
-
-
 # The steps
 
 _RESTORE_FAILURE = "{what} could not be put back ({reason})."
 RECORD_RESTORE_FAILURE = "The record {what} could not be put back ({reason})."
 
 
-def steps(plan: FilePlan, machine: Machine) -> typing.List[Step]:
-    """The steps that carry out a plan, without its record."""
-    result = [_removal(path, machine.states[path]) for path in plan.removals]
-    for file in plan.writes:
-        result += [_folders_for(file.path), _write(file, machine)]
-    result.append(Step("what is left over", lambda: _tidy(plan)))
-    return result
-
-
-def _removal(path: str, before: typing.Optional[FileState]) -> Step:
+def _removal(path: str, before: FileState) -> Step:
     def remove() -> None:
         atomic.remove(path)
         if os.path.isdir(os.path.dirname(path)):
             atomic.sync_folder(os.path.dirname(path))
 
     return Step(path, remove, lambda: _restore(path, before), failure=_RESTORE_FAILURE)
-
-
-def _write(file: PlannedFile, machine: Machine) -> Step:
-    return Step(
-        file.path,
-        lambda: atomic.write_by_rename(file.path, file.content, file.mode, file.owner or machine.owner),
-        lambda: _restore(file.path, machine.states[file.path]),
-        failure=_RESTORE_FAILURE,
-    )
 
 
 def _folders_for(path: str) -> Step:
@@ -520,17 +304,10 @@ def _folders_for(path: str) -> Step:
     return Step(folder, lambda: made.extend(atomic.make_folders(folder)), remove_again)
 
 
-def _tidy(plan: FilePlan) -> None:
-    for path in plan.folders.rubbish:
-        atomic.remove(path)
-    for folder in plan.folders.removed:
-        atomic.remove_folder_if_empty(folder)
-
-
-def _restore(path: str, before: typing.Optional[FileState]) -> None:
+def _restore(path: str, before: FileState) -> None:
     if look(path) == before:  # the step has failed before it changed anything
         return
-    if before is None:
+    if not before.kind:
         atomic.remove(path)
         return
     atomic.make_folders(os.path.dirname(path))
@@ -542,78 +319,214 @@ def _restore(path: str, before: typing.Optional[FileState]) -> None:
 
 
 class FileBundle:
-    """The files of a bundle, read and planned. Making it raises OSError, Problem."""
+    """The files of a bundle on the machine, and those that are wanted."""
 
-    def __init__(self, bundle: str, folder: str, entries: typing.Iterable[Data]) -> None:
-        """`folder`: that of the records."""
-        self.record = record_of("files", bundle, folder)
+    def __init__(self, kind: str, bundle: str, folder: str, entries: typing.Iterable[Data]) -> None:
+        """Read the machine. `kind`: files or services; `folder`: that of the records. Raises OSError, Problem."""
+        self.record = record_of(kind, bundle, folder)
         self.wanted = parse_files(entries)
         self.remembered = self.record.load()
-        self.machine = read(self.wanted, self.remembered, self.record)
-        self.plan = plan_files(self.wanted, self.remembered, self.machine)
-        self.changed = changes(self.plan)
+        self.owner = (os.geteuid(), os.getegid())  # owns a planned file by default
+        files, folders = self.remembered.get("files", {}), self.remembered.get("folders", [])
+        paths = {file.path for file in self.wanted} | set(files)
+        self.unsafe = _unsafe(paths, folders)  # each with the reason
+        self.states = {path: look(path) for path in paths if path not in self.unsafe}
+        self.owned: typing.Dict[str, str] = {}  # path -> what was written last, also by a run that was killed
+        for path, entry in files.items():
+            if path in self.unsafe:
+                continue
+            if "writing" in entry and _matches(self.states[path], entry["writing"]):
+                self.owned[path] = entry["writing"]
+            elif "written" in entry:
+                self.owned[path] = entry["written"]
+
+    def make_plan(self) -> "FilePlan":
+        """Plan the changes.
+
+        Raises OSError, and Problem with a sentence per path where something not owned is in the way.
+        """
+        self._refuse_unsafe()
+        return FilePlan(self)
+
+    def _refuse_unsafe(self) -> None:
+        """Raise Problem with a sentence for every planned path that other users can replace."""
+        _refuse(
+            [
+                f"{file.path} is not written, since {self.unsafe[file.path]}; expected folders that root alone can change: choose "
+                "another path, or give its folders to root (chown, chmod)."
+                for file in self.wanted
+                if file.path in self.unsafe
+            ]
+        )
+
+    def find_state(self, file: PlannedFile) -> str:
+        """The state of a planned file as in Item, or "conflict": something that is not owned is in its way."""
+        present, owned = self.states[file.path], self.owned.get(file.path)
+        if not present.kind:
+            return "edited" if owned else "written"
+        right = _matches(present, _fingerprint(file))
+        if owned is None:
+            return "foreign" if right else "conflict"
+        if present.kind == _FOLDER:
+            return "conflict"
+        if right and present.owner == (file.owner or self.owner):
+            return "unchanged"
+        has_owner = len(owned.split()) > 2
+        return "written" if _matches(present, owned) and (has_owner or present.owner == self.owner) else "edited"
+
+    def find_leftovers(self) -> typing.List[str]:
+        """Find the half-written neighbours of an interrupted run."""
+        entries = self.remembered.get("files", {})
+        begun = [path for path, entry in entries.items() if path not in self.unsafe and "writing" in entry]
+        return sorted(leftover for path in begun for leftover in atomic.leftovers(path))
+
+
+class FolderPlan(typing.NamedTuple):
+    """The folders of a bundle, and the files in them that go although no record has them."""
+
+    before: typing.Set[str]  # those in the record that root alone can change
+    made: typing.List[str]  # outermost first
+    removed: typing.List[str]  # with byte-code caches, innermost first
+    kept: typing.List[str]  # needed no more, and with files of others
+    owned: typing.List[str]  # from now on
+    rubbish: typing.List[str]  # of an interrupted run, and byte code in owned folders whose source is gone
+
+
+def _plan_folders(bundle: FileBundle, kept: typing.Collection[str], removals: typing.Iterable[str]) -> FolderPlan:
+    """Plan the folders for the files that are owned from now on (`kept`)."""
+    before = set(bundle.remembered.get("folders", [])) - set(bundle.unsafe)
+    needed = {folder for path in kept for folder in _parents(path)}
+    made = sorted(folder for folder in needed if not os.path.isdir(folder))
+    entries, gone = _entries(before), set(removals)
+    rubbish = bundle.find_leftovers() + _orphans(before, gone, set(kept), entries)
+    removed, staying = _find_empty_folders(before - needed, before, gone | set(rubbish), entries)
+    owned = sorted((before | _folders_of_others(bundle.record) | set(made)) & needed)
+    return FolderPlan(before, made, removed, staying, owned, rubbish)
+
+
+class FilePlan:
+    """The changes of a bundle, and the steps that carry them out."""
+
+    def __init__(self, bundle: FileBundle) -> None:
+        """See FileBundle.make_plan."""
+        self.bundle, self.record, self.remembered = bundle, bundle.record, bundle.remembered
+        self.items = [Item(file, bundle.find_state(file)) for file in bundle.wanted]  # in their order
+        kept = {item.file.path: item.file for item in self.items if item.state != "foreign"}
+        self.writes = [item.file for item in self.items if item.state in ("written", "edited")]
+        self.removals = [path for path in sorted(bundle.owned) if path not in kept and bundle.states[path].kind]
+        self._refuse_obstacles()
+        self.folders = folders = _plan_folders(bundle, kept, self.removals)
+        self.changed = any([self.writes, self.removals, folders.rubbish, folders.made, folders.removed])
+        self.notes = self._notes()
+        files = {path: {"written": fingerprint} for path, fingerprint in bundle.owned.items()}
+        for file in self.writes:
+            files.setdefault(file.path, {})["writing"] = _fingerprint(file)
+        # The record while the run is at work, and after it.
+        self.intent: Data = {"files": files, "folders": sorted(folders.before | set(folders.owned))}
+        written = {path: {"written": _fingerprint(file)} for path, file in kept.items()}
+        self.after: Data = {"files": written, "folders": folders.owned}
+
+    def _refuse_obstacles(self) -> None:
+        """Raise Problem with a sentence for every file or folder that blocks the plan."""
+        problems = [
+            _describe_conflict(item.file, self.bundle.states[item.file.path])
+            for item in self.items
+            if item.state == "conflict"
+        ]
+        above = sorted({folder for file in self.bundle.wanted for folder in _parents(file.path)})
+        kinds = {folder: look(folder).kind for folder in above if not os.path.isdir(folder)}
+        problems += [
+            f"{folder} is {kind}, expected a folder for planned files: move it away."
+            for folder, kind in kinds.items()
+            if kind
+        ]
+        problems += [
+            f"{path} was a file of ours and is a folder now, so it is not removed: move it away."
+            for path in self.removals
+            if self.bundle.states[path].kind == _FOLDER
+        ]
+        _refuse(problems)
+
+    def _notes(self) -> typing.List[str]:
+        """The notes on drift, on files that are right but not owned, and on files and folders that stay."""
+        notes = [_NOTES[item.state].format(path=item.file.path) for item in self.items if item.state in _NOTES]
+        edited = [path for path in self.removals if not _matches(self.bundle.states[path], self.bundle.owned[path])]
+        notes += [f"{path}, which goes, had been changed by hand since we wrote it." for path in edited]
+        notes += [f"{quote(folder)} stays, because it holds files that are not ours." for folder in self.folders.kept]
+        ours = [*self.remembered.get("files", {}), *self.remembered.get("folders", [])]
+        return notes + [
+            f"{path} was ours and stays, since {self.bundle.unsafe[path]}; expected folders that root alone can change: remove it by hand."
+            for path in ours
+            if path in self.bundle.unsafe
+        ]
+
+    # The change
+
+    @property
+    def places(self) -> typing.List[str]:
+        """The paths that the steps write or remove, with the record; none where nothing changes."""
+        paths = [file.path for file in self.writes] + self.removals + self.folders.rubbish
+        return [*paths, self.record.path] if self.changed else []
+
+    def steps(self) -> typing.List[Step]:
+        """The steps that carry out the plan, without its record."""
+        result = [_removal(path, self.bundle.states[path]) for path in self.removals]
+        for file in self.writes:
+            result += [_folders_for(file.path), self._write(file)]
+        return [*result, Step("what is left over", self._tidy)]
+
+    def _write(self, file: PlannedFile) -> Step:
+        return Step(
+            file.path,
+            lambda: atomic.write_by_rename(file.path, file.content, file.mode, file.owner or self.bundle.owner),
+            lambda: _restore(file.path, self.bundle.states[file.path]),
+            failure=_RESTORE_FAILURE,
+        )
+
+    def _tidy(self) -> None:
+        for path in self.folders.rubbish:
+            atomic.remove(path)
+        for folder in self.folders.removed:
+            atomic.remove_folder_if_empty(folder)
 
     def steps_around(self, others: typing.Iterable[Step] = ()) -> typing.List[Step]:
         """The steps that carry out the plan, with its record, around other steps."""
         begin = []
         if self.changed:
-            begin = [intent(self.record, self.plan.intent, self.remembered, RECORD_RESTORE_FAILURE)]
-            begin += steps(self.plan, self.machine)
-        return [*begin, *others, outcome(self.record, _worth_saving(self.plan.after))]
+            begin = [intent(self.record, self.intent, self.remembered, RECORD_RESTORE_FAILURE), *self.steps()]
+        return [*begin, *others, outcome(self.record, self.after)]
 
     def forget_pending(self) -> None:
         """Save that what was pending after the steps is done. Where that fails, the next run does it once more."""
         with contextlib.suppress(OSError):
-            self.record.save(_worth_saving({**self.plan.after, "pending": []}))
-
-    @property
-    def places(self) -> typing.List[str]:
-        """The paths that the steps write or remove."""
-        return places(self.plan, self.record)
+            self.record.save({**self.after, "pending": []})
 
     def differences(self, brief: typing.Iterable[str] = ()) -> typing.List[typing.Dict[str, str]]:
-        """The `diff` of a module, see the function `differences`."""
-        return differences(self.plan, self.machine, brief)
-
-
-def _worth_saving(after: Data) -> Data:
-    """The data of a record, empty where it has nothing to say."""
-    return after if any(after.values()) else {}
+        """The `diff` of a module: an entry per file that changes, and one line for all below a `brief` folder."""
+        entries = []
+        folders: typing.Dict[str, typing.List[Pair]] = {folder.rstrip("/"): [] for folder in brief}
+        after: typing.Optional[PlannedFile]
+        for path, after in [(file.path, file) for file in self.writes] + [(path, None) for path in self.removals]:
+            before = self.bundle.states[path]
+            folder = next((folder for folder in folders if path.startswith(folder + "/")), None)
+            if folder is None:
+                entries.append(_difference_of(path, before, after, self.bundle.owner))
+            else:
+                folders[folder].append((before, after))
+        return entries + [_summary(folder, pairs) for folder, pairs in folders.items() if pairs]
 
 
 # The difference
 
 
-def differences(
-    plan: FilePlan, machine: Machine, brief: typing.Iterable[str] = ()
-) -> typing.List[typing.Dict[str, str]]:
-    """The `diff` of a module: one entry per file that changes, and one line for all that are below a `brief` folder."""
-    entries = []
-    folders: typing.Dict[str, typing.List[Pair]] = {folder.rstrip("/"): [] for folder in brief}
-    after: typing.Optional[PlannedFile]
-    for path, after in [(file.path, file) for file in plan.writes] + [(path, None) for path in plan.removals]:
-        before = machine.states[path]
-        folder = next((folder for folder in folders if path.startswith(folder + "/")), None)
-        if folder is None:
-            entries.append(_difference_of(path, before, after, machine.owner))
-        else:
-            folders[folder].append((before, after))
-    return entries + [_summary(folder, pairs) for folder, pairs in folders.items() if pairs]
-
-
 def _summary(folder: str, pairs: typing.List[Pair]) -> typing.Dict[str, str]:
     """Count what changes below a folder; for example "3 files, 900 bytes: 1 new, 2 changed, 0 removed"."""
-    before = [old for old, new in pairs if old]
+    before = [old for old, new in pairs if old.kind]
     left = [new for old, new in pairs if new]
     changed = len(before) + len(left) - len(pairs)
     deeds = f"{len(left) - changed} new, {changed} changed, {len(before) - changed} removed"
-    header = f"files below {folder} that change"
-    return {
-        "before_header": header,
-        "after_header": header,
-        "before": f"{_size(before)}\n" if before else "",
-        "after": f"{_size(left)}: {deeds}\n",
-    }
+    size = f"{_size(before)}\n" if before else ""
+    return difference(f"files below {folder} that change", size, f"{_size(left)}: {deeds}\n")
 
 
 def _size(files: typing.Sequence[typing.Union[FileState, PlannedFile]]) -> str:
@@ -621,13 +534,13 @@ def _size(files: typing.Sequence[typing.Union[FileState, PlannedFile]]) -> str:
 
 
 def _difference_of(
-    path: str, before: typing.Optional[FileState], after: typing.Optional[PlannedFile], owner: typing.Tuple[int, int]
+    path: str, before: FileState, after: typing.Optional[PlannedFile], owner: typing.Tuple[int, int]
 ) -> typing.Dict[str, str]:
-    entry = difference(path, before and before.content, after and after.content)
-    if before and after and before.kind == _FILE and before.content == after.content:
-        entry["before"] = f"mode {before.mode:04o}, owner {before.owner[0]}:{before.owner[1]}\n"
+    if after and before.kind == _FILE and before.content == after.content:
         uid, gid = after.owner or owner
-        entry["after"] = f"mode {after.mode:04o}, owner {uid}:{gid}\n"
-    elif before and before.kind != _FILE:
+        was = f"mode {before.mode:04o}, owner {before.owner[0]}:{before.owner[1]}\n"
+        return difference(path, was, f"mode {after.mode:04o}, owner {uid}:{gid}\n")
+    entry = difference(path, before.content if before.kind else None, after and after.content)
+    if before.kind not in ("", _FILE):
         entry["before"] = f"({before.kind})\n"
     return entry

@@ -12,14 +12,14 @@ import typing
 
 from .._module import ends
 from .._module.module import Module
-from .._module.problem import Problem
+from .._module.problem import Problem, explain_unreadable, sentence
 from . import deadman, lock
 
 Fields = typing.Dict[str, typing.Any]
 
 
 class ModuleRun:
-    """One run of a module. Making it reads the machine and plans; it changes nothing and raises Problem."""
+    """One run of a module. Making it reads the machine and plans; it changes nothing and raises Problem or OSError."""
 
     #: whether anything changes on the machine, and at run time, which a dead-man's switch guards
     changed = runtime_changes = False
@@ -32,7 +32,10 @@ class ModuleRun:
         return []
 
     def foresee(self) -> typing.List[str]:
-        """Try the change without a change, in check mode alone: some failures show only then. Returns the sentences on them."""
+        """Try the change without a change, in check mode alone: some failures show only then.
+
+        Returns the sentences on them.
+        """
         return []
 
     @property
@@ -92,7 +95,7 @@ def run_module(options: Fields, make: Make, name: str = "", what: str = "") -> N
     the module has one where `name` and `what` are given (see deadman.Guard).
     """
     module = Module(argument_spec=dict(deadman.OPTIONS, **options) if what else options, supports_check_mode=True)
-    guard = deadman.Guard(module, name, what) if what else PlainGuard()
+    guard = deadman.Guard(module, what, deadman.Switch(name)) if what else PlainGuard()
     folders = [] if module.check_mode else [module.params["records"]]
     try:
         with lock.hold(folders, module._name) as unlocked:
@@ -106,7 +109,12 @@ def run_locked(module: typing.Any, make: Make, guard: typing.Any, unlocked: typi
     """Run a module where the lock is held already; returns its result. `unlocked`: why it is not held, see lock.hold."""
 
     def make_run() -> ModuleRun:
-        return make(module, guard.begin())
+        try:
+            memory = guard.begin()
+        except OSError as problem:  # it takes an earlier change back, so it writes
+            raise Problem(sentence(problem)) from problem
+        with explain_unreadable():
+            return make(module, memory)
 
     run = None
     try:
@@ -134,5 +142,5 @@ def _carry_out(module: typing.Any, run: ModuleRun, guard: typing.Any, unlocked: 
 
 
 def _warn(module: typing.Any, sentences: typing.Iterable[str]) -> None:
-    for sentence in sentences:
-        ends.warn(module, sentence)
+    for text in sentences:
+        ends.warn(module, text)

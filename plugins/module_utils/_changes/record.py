@@ -48,10 +48,7 @@ class Record:
             raise Problem(f"The record {self.path} holds no JSON object; remove it to start without a memory.")
         wrong = misfit(data, self.shape)
         if wrong:
-            raise Problem(
-                f"The record {self.path} does not hold what this version of the module writes ({wrong}); "
-                "restore it from a backup, or remove it and what it owned by hand."
-            )
+            raise self._describe_misfit(wrong)
         return data
 
     def parse(
@@ -61,16 +58,21 @@ class Record:
         try:
             return parser(data)
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as problem:
-            raise Problem(
-                f"The record {self.path} does not hold what this version of the module writes "
-                f"({type(problem).__name__}); restore it from a backup, or remove it and what it owned by hand."
-            ) from problem
+            raise self._describe_misfit(type(problem).__name__) from problem
+
+    def _describe_misfit(self, why: str) -> Problem:
+        return Problem(
+            f"The record {self.path} does not hold what this version of the module writes ({why}); "
+            "restore it from a backup, or remove it and what it owned by hand."
+        )
 
     def save(self, data: typing.Dict[str, typing.Any]) -> None:
-        """Save an object unless it is saved already; an empty one removes the file, and the folder with the last file.
+        """Save an object unless it is saved already.
 
-        A run that only removes things works on a full disk, too. Raises OSError.
+        One that says nothing removes the file, and the folder with the last file. A run that only removes things works
+        on a full disk, too. Raises OSError.
         """
+        data = data if any(data.values()) else {}
         if data and atomic.read_bytes(self.path) == _encode(data):
             atomic.remove_leftovers(self.path)
         elif data:

@@ -58,16 +58,16 @@ class Systemd:
     def show(self, names: typing.Sequence[str]) -> typing.Dict[str, units.State]:
         """Ask for the state of units, with the inputs of their running processes; raises Problem or OSError."""
         blocks = self.properties(names, units.PROPERTIES)
-        unknown = dict.fromkeys(units.PROPERTIES, "")
-        return {
-            name: {**unknown, **block, units.INPUTS: _inputs_of(block.get("MainPID", "0"))}
-            for name, block in zip(names, blocks)
-        }
+        states = {}
+        for name, block in zip(names, blocks):
+            told = {prop: block.get(prop, "") for prop in units.PROPERTIES}
+            states[name] = units.State(**told, inputs=_inputs_of(told["MainPID"]))
+        return states
 
     def find_newer_file(self, content: str, state: units.State) -> str:
         """Name a file that a unit's text names, and that was written after its process had started; raises OSError."""
-        paths = units.files_read(content) if state["MainPID"] not in ("", "0") else []
-        start = processes.start_time(state["MainPID"]) if paths else None
+        paths = units.files_read(content) if state.MainPID not in ("", "0") else []
+        start = processes.start_time(state.MainPID) if paths else None
         return next((path for path in paths if start is not None and _is_newer(path, start)), "")
 
     def unit_path(self) -> typing.List[str]:
@@ -99,14 +99,14 @@ class Systemd:
         """Say what became of a unit: its state, its exit status, and the last lines of its journal."""
         state = self.show([name])[name]
         ended = ""
-        if state["ExecMainCode"] == "1":  # CLD_EXITED, sigaction(2)
-            ended = f", exit status {state['ExecMainStatus']}"
-        elif state["ExecMainCode"] in ("2", "3"):  # CLD_KILLED, CLD_DUMPED
-            ended = f", killed by signal {state['ExecMainStatus']}"
-        result = f", result {state['Result']}" if state["Result"] not in ("", "success") else ""
-        lines = " ".join(quote(line, LINE) for line in self._journal(name, state["InvocationID"]))
+        if state.ExecMainCode == "1":  # CLD_EXITED, sigaction(2)
+            ended = f", exit status {state.ExecMainStatus}"
+        elif state.ExecMainCode in ("2", "3"):  # CLD_KILLED, CLD_DUMPED
+            ended = f", killed by signal {state.ExecMainStatus}"
+        result = f", result {state.Result}" if state.Result not in ("", "success") else ""
+        lines = " ".join(quote(line, LINE) for line in self._journal(name, state.InvocationID))
         journal = f" The end of its journal: {lines}" if lines else " Its journal is empty."
-        return f": it is {state['ActiveState']} ({state['SubState']}){result}{ended}.{journal}"
+        return f": it is {state.ActiveState} ({state.SubState}){result}{ended}.{journal}"
 
     def _journal(self, name: str, invocation: str) -> typing.List[str]:
         """The last lines of this start; of the unit, where this start has written nothing yet."""

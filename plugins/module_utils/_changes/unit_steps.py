@@ -14,8 +14,7 @@ import typing
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem, sentence
 from . import systemctl, units
-from .files import RECORD_RESTORE_FAILURE, FilePlan
-from .record import Record
+from .files import RECORD_RESTORE_FAILURE, FileBundle
 from .systemctl import Systemd
 from .transaction import Data, Step, do_nothing, intent
 
@@ -23,62 +22,77 @@ SWITCHES = ("disable", "enable", "reenable")  # verbs of systemctl
 SETTLE = 1.0  # seconds in which a service that dies at once does so, where it does not say when it is up
 
 
-class UnitPlan(typing.NamedTuple):
-    """A plan of units, as far as its steps depend on it."""
-
-    wanted: typing.List[units.Unit]
-    actions: typing.List[units.Action]  # of the removed units, last first, then of the planned ones in their order
-    before: typing.Dict[str, units.State]  # of all these units
-    paths: typing.Dict[str, str]  # planned unit -> its file
-    fresh: typing.List[str]  # planned units with a text that did not run yet
-    reload: bool  # systemd has to read unit files
-    files: FilePlan
-
-    @property
-    def names(self) -> typing.List[str]:
-        """The planned units."""
-        return [unit.name for unit in self.wanted]
-
-    @property
-    def removals(self) -> typing.List[units.Action]:
-        """The actions of the units that are no longer listed, last first."""
-        return [action for action in self.actions if action.name not in self.paths]
-
-    @property
-    def updates(self) -> typing.List[units.Action]:
-        """The actions of the planned units in their order."""
-        return [action for action in self.actions if action.name in self.paths]
-
-
 class UnitSteps:
-    """The steps, and what becomes known while they are carried out.
+    """The units of a bundle: their plan, with that of their files, its steps, and what becomes known meanwhile."""
 
-    `memory` is the part of the record that is not of the files: units, pending, directories, parents.
-    """
-
-    def __init__(self, systemd: Systemd, plan: UnitPlan, record: Record, remembered: Data, memory: Data) -> None:
-        self.systemd = systemd
-        self.plan = plan
-        self.record = record
-        self.remembered = remembered
-        self.memory = memory
-        self.after: typing.Dict[str, units.State] = {}  # the states that were read back
+    def __init__(self, systemd: Systemd, bundle: FileBundle, wanted: typing.List[units.Unit]) -> None:
+        """Ask systemd, and plan. Raises OSError, and Problem where something that is not ours is in the way."""
+        self.systemd, self.wanted = systemd, wanted
+        self.names = [unit.name for unit in wanted]
+        self.former = [name for name in bundle.remembered.get("units", []) if name not in self.names]
+        self.before = self.after = self._ask()  # `after`: the states that were read back
+        units.check(wanted, self.before, bundle.owned)
+        self.files = bundle.make_plan()
+        # A former unit whose file an interrupted run never wrote may be another program's.
+        self.removed = [name for name in self.former if self.before[name].FragmentPath in ("", *bundle.owned)]
+        self.paths = {name: file.path for name, file in zip(self.names, bundle.wanted)}
+        self.written = [name for name, file in zip(self.names, bundle.wanted) if file in self.files.writes]
+        pending = set(bundle.remembered.get("pending", []))
+        # Those with a text that did not run yet.
+        self.fresh = [name for name in self.names if name in self.written or name in pending]
+        self.actions = self._plan_actions(pending)
+        self._removals = self.actions[: len(self.removed)]
+        self._updates = self.actions[len(self.removed) :]
+        self.memory = self._make_memory()
+        self._all_names = self.removed + self.names  # what others depend on first
         self._new_directories: typing.Dict[str, typing.List[str]] = {}
         self._new_parents: typing.List[str] = []
         self._restarted = False  # this run has restarted a unit that others may follow
-        self._later: typing.List[str] = []  # units that were stopped, to start after what they depend on
 
-    def steps(self, files: typing.Iterable[Step]) -> typing.List[Step]:
-        """All steps in their order, with the record and with these steps of the files."""
+    def _ask(self) -> typing.Dict[str, units.State]:
+        """The states of the planned and the former units."""
+        return {
+            # systemd tells the state of before where a run was killed after it had removed the file.
+            name: state if os.path.lexists(state.FragmentPath) else state._replace(UnitFileState="")
+            for name, state in self.systemd.show(self.names + self.former).items()
+        }
+
+    @property
+    def reload(self) -> bool:
+        """True where systemd is to read the files of units again."""
+        return self.files.changed or any(state.NeedDaemonReload == "yes" for state in self.before.values())
+
+    @property
+    def has_changes(self) -> bool:
+        """True where a unit or a file changes, or the record of them."""
+        return bool(self.reload or self.former or any(action.run or action.switch for action in self.actions))
+
+    def _plan_actions(self, pending: typing.Set[str]) -> typing.List[units.Action]:
+        newer = {unit.name: self.systemd.find_newer_file(unit.content, self.before[unit.name]) for unit in self.wanted}
+        return units.plan_actions(self.wanted, self.removed, self.before, self.written, pending, newer)
+
+    def _make_memory(self) -> Data:
+        """The part of the record that is not of the files."""
+        remembered = self.files.remembered
+        switched = [action.name for action in self.actions if action.switch]
+        return dict(
+            units=self.former + self.names,
+            pending=list(dict.fromkeys(self.fresh + switched)),
+            directories=dict(remembered.get("directories", {})),
+            parents=list(remembered.get("parents", [])),
+        )
+
+    def steps(self) -> typing.List[Step]:
+        """All steps in their order, with the record and with those of the files."""
         return [
             Step("the units", do_nothing, self._bring_back),
-            intent(self.record, self._data, self.remembered, RECORD_RESTORE_FAILURE),
+            intent(self.files.record, self._data, self.files.remembered, RECORD_RESTORE_FAILURE),
             Step("the running units", self._stop),
-            *files,
+            *self.files.steps(),
             Step("the new units", self._load, self._stop_new),
             Step("the started units", self._start),
             Step("what systemd keeps of removed units", self._clean),
-            Step(self.record.path, self._settle),
+            Step(self.files.record.path, self._settle),
         ]
 
     # The record
@@ -86,46 +100,40 @@ class UnitSteps:
     @property
     def _data(self) -> Data:
         """The record while the run is at work."""
-        return dict(self.plan.files.intent, **self.memory)
+        return dict(self.files.intent, **self.memory)
 
     def _settle(self) -> None:
-        after = dict(self.plan.files.after, **dict(self.memory, units=self.plan.names, pending=[]))
-        self.record.save(after if any(after.values()) else {})
+        self.files.record.save(dict(self.files.after, **dict(self.memory, units=self.names, pending=[])))
 
     # Do
 
     def _stop(self) -> None:
-        """Stop and disable the removed units, and stop the planned units that shall not run, last first."""
-        for action in self.plan.removals:
-            if action.run:
-                self.systemd.call(action.run, "--", action.name)
-        self._switch(self.plan.removals)
-        for action in reversed(self.plan.updates):
+        """Stop the removed units, and the planned ones that shall not run, last first; and disable the removed ones."""
+        for action in [*self._removals, *reversed(self._updates)]:
             if action.run == "stop":
                 self.systemd.call("stop", "--", action.name)
+        # Last: it stops nothing, so it can wait for all stops, and a stop that fails leaves every link. Not later:
+        # systemctl needs the files, which go next.
+        self._switch(self._removals)
 
     def _load(self) -> None:
         """Enable or disable the planned units, let systemd read all files once, and check before any start what it took."""
-        self._switch(self.plan.updates)
-        if self.plan.reload or any(action.switch for action in self.plan.actions):
+        self._switch(self._updates)
+        if self.reload or any(action.switch for action in self.actions):
             self.systemd.call("daemon-reload")
-        if not self.plan.fresh:
+        if not self.fresh:
             return
-        for name, state in self.systemd.show(self.plan.fresh).items():
-            if state["LoadState"] != "loaded":
-                why = (
-                    f"{state['LoadState']}: {quote(state['LoadError'], LINE)}"
-                    if state["LoadError"]
-                    else state["LoadState"]
-                )
+        for name, state in self.systemd.show(self.fresh).items():
+            if state.LoadState != "loaded":
+                why = ": ".join(filter(None, [state.LoadState, quote(state.LoadError, LINE)]))
                 raise Problem(
                     f"systemd does not accept the content of {name} ({why}); "
                     "correct it, systemd-analyze verify tells more."
                 )
-            path = self.plan.paths[name]
-            if os.path.realpath(state["FragmentPath"]) != os.path.realpath(path):
+            path = self.paths[name]
+            if os.path.realpath(state.FragmentPath) != os.path.realpath(path):
                 raise Problem(
-                    f"systemd reads the unit {name} from {quote(state['FragmentPath']) or 'nowhere'}, expected from {path}; "
+                    f"systemd reads the unit {name} from {quote(state.FragmentPath) or 'nowhere'}, expected from {path}; "
                     "remove that file."
                 )
         self._remember_directories()
@@ -134,8 +142,8 @@ class UnitSteps:
         """Save, before the start, which folders systemd is about to make: only those are removed with the unit."""
         directories = self.memory["directories"]
         owned = {path for paths in directories.values() for path in paths}
-        blocks = self.systemd.properties(self.plan.fresh, systemctl.DIRECTORY_PROPERTIES)
-        for name, block in zip(self.plan.fresh, blocks):
+        blocks = self.systemd.properties(self.fresh, systemctl.DIRECTORY_PROPERTIES)
+        for name, block in zip(self.fresh, blocks):
             paths, parents = systemctl.state_directories(block)
             new = [path for path in paths if path in owned or not os.path.lexists(path)]
             self._new_parents += [path for path in parents if not os.path.lexists(path)]
@@ -143,27 +151,27 @@ class UnitSteps:
             if new:
                 directories[name] = sorted(set(directories.get(name, [])) | set(new))
         self.memory["parents"] = sorted(set(self.memory["parents"]) | set(self._new_parents))
-        self.record.save(self._data)
+        self.files.record.save(self._data)
 
     def _start(self) -> None:
         """Start and restart the planned units in their order, and look whether they stay up."""
         # Units that restart together end in reverse order before the first one does: a node that saw its roscore go
         # would end with an error instead of taking leave.
-        self._later = [action.name for action in self.plan.actions if action.run == "restart"][1:]
-        for name in reversed(self._later):
+        later = [action.name for action in self.actions if action.run == "restart"][1:]
+        for name in reversed(later):
             self.systemd.call("stop", "--", name)
-        actions = [action for action in self.plan.actions if action.run in ("start", "restart", "follow")]
+        actions = [action for action in self.actions if action.run in ("start", "restart", "follow")]
         # A start limit that was hit would refuse the next start, and restarts of before would be taken for new ones.
         self.systemd.try_call("reset-failed", *[action.name for action in actions])
         for action in actions:
-            if action.run == "restart" and action.name not in self._later:
-                self._restart(action.name, self.plan.before[action.name]["InvocationID"])
+            if action.run == "restart" and action.name not in later:
+                self._restart(action.name, self.before[action.name].InvocationID)
             else:
                 self.systemd.bring("start", action.name)
-        texts = {unit.name: unit.content for unit in self.plan.wanted}
+        texts = {unit.name: unit.content for unit in self.wanted}
         if any(not units.says_when_up(texts[action.name]) for action in actions):
             time.sleep(SETTLE)
-        self.after = self.systemd.show(self.plan.names)
+        self.after = self.systemd.show(self.names)
         self._check_up([action.name for action in actions])
 
     def _switch(self, actions: typing.Sequence[units.Action]) -> None:
@@ -178,48 +186,42 @@ class UnitSteps:
         if self._restarted:
             # A start joins the restart that PartOf= and the like have begun; a second restart would repeat it.
             self.systemd.bring("start", name)
-            if self.systemd.show([name])[name]["InvocationID"] != invocation:
+            if self.systemd.show([name])[name].InvocationID != invocation:
                 return
         self.systemd.bring("restart", name)
         self._restarted = True
 
     def _check_up(self, names: typing.Container[str]) -> None:
         """Raise Problem where a unit that is planned to run does not, or one of those started now has ended since."""
-        for unit in self.plan.wanted:
+        for unit in self.wanted:
             state = self.after[unit.name]
-            if unit.started and state["ActiveState"] not in units.UP:
+            if unit.started and state.ActiveState not in units.UP:
                 raise Problem(f"The unit {unit.name} did not stay up{self.systemd.explain(unit.name)}")
-            if unit.name in names and state["NRestarts"] not in ("", "0"):
+            if unit.name in names and state.NRestarts not in ("", "0"):
                 raise Problem(
-                    f"The unit {unit.name} ended {state['NRestarts']} times right after its start"
+                    f"The unit {unit.name} ended {state.NRestarts} times right after its start"
                     f"{self.systemd.explain(unit.name)}"
                 )
 
     def _clean(self) -> None:
         """Remove what systemd keeps of the removed units: failures, and the folders that it made for them."""
-        removed = [action.name for action in self.plan.removals]
-        self.systemd.try_call("reset-failed", *removed)
+        self.systemd.try_call("reset-failed", *self.removed)
         directories = self.memory["directories"]
-        in_use = {path for name in self.plan.names for path in directories.get(name, ())}
-        for name in removed:
+        in_use = {path for name in self.names for path in directories.get(name, ())}
+        for name in self.removed:
             systemctl.remove_trees(path for path in directories.pop(name, ()) if path not in in_use)
         parents = self.memory["parents"]
         systemctl.remove_parents(parents)
-        self.memory["parents"] = [path for path in parents if self.plan.wanted and os.path.isdir(path)]
+        self.memory["parents"] = [path for path in parents if self.wanted and os.path.isdir(path)]
 
     # Undo
 
-    @property
-    def _unit_names(self) -> typing.List[str]:
-        """Removed and planned units, what others depend on first."""
-        return [action.name for action in reversed(self.plan.removals)] + self.plan.names
-
     def _stop_new(self) -> None:
         """Stop and disable the units that did not run before."""
-        for name in reversed(self._unit_names):
-            if self.plan.before[name]["ActiveState"] not in units.RUNNING:
+        for name in reversed(self._all_names):
+            if self.before[name].ActiveState not in units.RUNNING:
                 self.systemd.try_call("stop", name)
-            if self.plan.before[name]["UnitFileState"] not in units.ENABLED:
+            if self.before[name].UnitFileState not in units.ENABLED:
                 self.systemd.try_call("disable", name)
 
     def _bring_back(self) -> typing.List[str]:
@@ -234,21 +236,21 @@ class UnitSteps:
                 return None
 
         attempt(self.systemd.call, "daemon-reload")
-        self.systemd.try_call("reset-failed", *self._unit_names)
+        self.systemd.try_call("reset-failed", *self._all_names)
         attempt(systemctl.remove_trees, [path for paths in self._new_directories.values() for path in paths])
         attempt(systemctl.remove_parents, self._new_parents)
         self._restarted = False
         names = []
-        states = attempt(self.systemd.show, self._unit_names) or {}
-        for name in [name for name in self._unit_names if name in states]:
-            before, state = self.plan.before[name], states[name]
-            if before["UnitFileState"] in units.ENABLED:
-                runtime = ("--runtime",) if before["UnitFileState"] == "enabled-runtime" else ()
+        states = attempt(self.systemd.show, self._all_names) or {}
+        for name in [name for name in self._all_names if name in states]:
+            before, state = self.before[name], states[name]
+            if before.UnitFileState in units.ENABLED:
+                runtime = ("--runtime",) if before.UnitFileState == "enabled-runtime" else ()
                 attempt(self.systemd.call, "reenable", *runtime, "--", name)
-            untouched = state["ActiveState"] in units.UP and state["InvocationID"] == before["InvocationID"]
-            if before["ActiveState"] in units.RUNNING and not untouched:
+            untouched = state.ActiveState in units.UP and state.InvocationID == before.InvocationID
+            if before.ActiveState in units.RUNNING and not untouched:
                 names.append(name)
-                attempt(self._restart, name, state["InvocationID"])
+                attempt(self._restart, name, state.InvocationID)
         if names:
             try:
                 self._remember_pending(names)
@@ -261,5 +263,5 @@ class UnitSteps:
 
         They run with their former text, but with environment and code that other modules may have changed already.
         """
-        pending = set(self.remembered.get("pending", [])) | set(names)
-        self.record.save(dict(self.record.load(), pending=sorted(pending)))
+        pending = set(self.files.remembered.get("pending", [])) | set(names)
+        self.files.record.save(dict(self.files.record.load(), pending=sorted(pending)))

@@ -36,25 +36,28 @@ class Unit(typing.NamedTuple):
     started: bool
 
 
-#: The state of a unit: the PROPERTIES by their names, and by INPUTS the inputs of its running process. What is not known is empty.
-State = typing.Dict[str, str]
-PROPERTIES = (
-    "Id",
-    "LoadState",
-    "LoadError",
-    "ActiveState",
-    "SubState",
-    "UnitFileState",
-    "FragmentPath",
-    "NeedDaemonReload",
-    "MainPID",
-    "NRestarts",
-    "Result",
-    "ExecMainCode",
-    "ExecMainStatus",
-    "ActiveEnterTimestamp",
-    "InvocationID",
-)
+class State(typing.NamedTuple):
+    """The state of a unit, in the words of `systemctl show`, and the inputs of its running process. What is not known is empty."""
+
+    Id: str = ""
+    LoadState: str = ""
+    LoadError: str = ""
+    ActiveState: str = ""
+    SubState: str = ""
+    UnitFileState: str = ""
+    FragmentPath: str = ""
+    NeedDaemonReload: str = ""
+    MainPID: str = ""
+    NRestarts: str = ""
+    Result: str = ""
+    ExecMainCode: str = ""
+    ExecMainStatus: str = ""
+    ActiveEnterTimestamp: str = ""
+    InvocationID: str = ""
+    inputs: str = ""
+
+
+PROPERTIES = State._fields[:-1]
 
 
 class Action(typing.NamedTuple):
@@ -115,15 +118,15 @@ def check(units: typing.List[Unit], states: typing.Dict[str, State], owned: typi
     problems = []
     for unit in units:
         state = states[unit.name]
-        if state["LoadState"] == "masked" or state["UnitFileState"].startswith("masked"):
+        if state.LoadState == "masked" or state.UnitFileState.startswith("masked"):
             problems.append(
                 f"The unit {unit.name} is masked on this computer, so it cannot be started: "
                 f"run 'systemctl unmask {unit.name}', or take it out of the units."
             )
-        elif state["LoadState"] != "not-found" and state["FragmentPath"] not in owned:
+        elif state.LoadState != "not-found" and state.FragmentPath not in owned:
             problems.append(
                 f"There is a unit {unit.name} already that is not ours "
-                f"({quote(state['FragmentPath']) or 'a unit without a file'}, {state['ActiveState']}): "
+                f"({quote(state.FragmentPath) or 'a unit without a file'}, {state.ActiveState}): "
                 "remove it or rename it, or choose another name."
             )
     if problems:
@@ -157,43 +160,43 @@ def plan_actions(
 
 def _removal(name: str, state: State, pending: bool) -> Action:
     """The action for a unit that is no longer listed."""
-    run = "" if state["ActiveState"] in ("inactive", "failed") else "stop"
+    run = "" if state.ActiveState in ("inactive", "failed") else "stop"
     # Where a run was killed before systemd read its files again, systemd tells the state of before.
-    switch = "disable" if state["UnitFileState"] in ENABLED or (pending and state["UnitFileState"]) else ""
+    switch = "disable" if state.UnitFileState in ENABLED or (pending and state.UnitFileState) else ""
     return Action(name, switch, run, "it is no longer listed")
 
 
 def _plan_switch(unit: Unit, state: State, due: bool) -> str:
     """The `switch` of the action for a planned unit; `due`: its links are to be made anew."""
-    if unit.enabled and (due or state["UnitFileState"] != "enabled"):
+    if unit.enabled and (due or state.UnitFileState != "enabled"):
         # A changed text may name other targets, so the links of the old one have to go.
-        return "reenable" if state["UnitFileState"] == "enabled" else "enable"
-    return "disable" if not unit.enabled and state["UnitFileState"] in ENABLED else ""
+        return "reenable" if state.UnitFileState == "enabled" else "enable"
+    return "disable" if not unit.enabled and state.UnitFileState in ENABLED else ""
 
 
 def _plan_run(
     unit: Unit, state: State, text: bool, unfinished: bool, newer_file: str, restarted: typing.Set[str]
 ) -> typing.Tuple[str, str]:
     """The `run` and `why` of the action for a planned unit; `restarted` are the units before it that are restarted."""
-    running = state["ActiveState"] in RUNNING
+    running = state.ActiveState in RUNNING
     if not unit.started:
         return ("stop", "it is planned to be stopped") if running else ("", "")
     if not running:
-        return "start", f"it was {state['ActiveState']}"
-    if state["SubState"].startswith("auto-restart"):
+        return "start", f"it was {state.ActiveState}"
+    if state.SubState.startswith("auto-restart"):
         return "restart", "it had ended and was waiting for another start"
     if text:
         return "restart", "its text changed"
     planned = read_inputs(unit.content)
-    if planned and state["MainPID"] != "0" and planned != state[INPUTS]:
-        return "restart", f"it ran with the inputs {state[INPUTS][:12] or 'of nobody'}"
+    if planned and state.MainPID != "0" and planned != state.inputs:
+        return "restart", f"it ran with the inputs {state.inputs[:12] or 'of nobody'}"
     if unfinished:
         return "restart", "an earlier run did not come to its end"
-    if newer_file and state["MainPID"] != "0":
+    if newer_file and state.MainPID != "0":
         return "restart", f"{newer_file} was written after its start"
     others = sorted(restart_partners(unit.content) & restarted)
     if others:
         return "follow", f"systemd restarts it with {others[0]}"
-    if state["ActiveState"] == "activating":
+    if state.ActiveState == "activating":
         return "start", "it was starting"
     return "", ""

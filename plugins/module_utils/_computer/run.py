@@ -41,7 +41,7 @@ class ConcernModule:
         self.backup_local = module.backup_local
         self.guard: typing.Any = PlainGuard()
         if concern.guarded:
-            self.guard = deadman.Guard(self, concern.name, concern.guarded, deadman.Switch(concern.name, switches))
+            self.guard = deadman.Guard(self, concern.guarded, deadman.Switch(concern.name, switches))
 
 
 def carry_out(

@@ -19,7 +19,7 @@ from .._changes.record import RECORDS
 from .._changes.transaction import Data, Step, carry_out, do_nothing, intent, outcome
 from .._module.difference import difference_of_lines
 from .._module.plain_text import quote
-from .._module.problem import Problem, explain_unreadable
+from .._module.problem import Problem
 from . import access
 from .backends.contract import BackEnd
 from .backends.table import AUTO, BACKENDS, CHOICES
@@ -47,7 +47,7 @@ class Run(ModuleRun):
     """One run of the module: reads the machine and plans, then applies the plan or says what prevents it."""
 
     def __init__(self, options: typing.Mapping[str, typing.Any], memory: typing.Optional[Data] = None) -> None:
-        """Read and plan; changes nothing. Raises Problem for options, rules or files that cannot be used."""
+        """Read and plan; changes nothing. Raises OSError, and Problem for unusable options, rules or files."""
         self.access = access.read_access()
         self.packet_filter = read_options(options, self.access.ssh)
         chosen = self._choose_back_end(options["backend"])
@@ -58,8 +58,7 @@ class Run(ModuleRun):
         self.in_turn = sorted(self.back_ends, key=lambda back_end: back_end.packet_filter is None)
         self.back_end = self.in_turn[0] if chosen else None
         own_files = self.back_end.plan_files(self.packet_filter) if self.back_end and self.packet_filter else []
-        with explain_unreadable():
-            self.files = files.FileBundle("firewall", options["records"], own_files)
+        self.files = files.FileBundle("files", "firewall", options["records"], own_files).make_plan()
         self.record_after = self._plan_record()
         self.removed = [
             back_end.name for back_end in self.back_ends if back_end.before and back_end.packet_filter is None
@@ -87,7 +86,7 @@ class Run(ModuleRun):
 
     def _plan_record(self) -> Data:
         """The record after the run, empty where nothing of ours is left."""
-        record = dict(self.files.plan.after, back_ends=[self.back_end.name] if self.back_end else [])
+        record = dict(self.files.after, back_ends=[self.back_end.name] if self.back_end else [])
         return record if any(record.values()) else {}
 
     # For the shell of the modules
@@ -127,7 +126,7 @@ class Run(ModuleRun):
         return {"address": address, "changed": address not in before, "state": "ok" if address in before else "changed"}
 
     def _notes(self) -> typing.List[str]:
-        back_end, notes = self.back_end, self.files.plan.notes
+        back_end, notes = self.back_end, self.files.notes
         if back_end and not back_end.before and back_end.name in self.files.remembered.get("back_ends", []):
             return [f"Our rules in {back_end.name} had been removed by hand since.", *notes]
         return notes
@@ -169,11 +168,11 @@ class Run(ModuleRun):
             for back_end in self.in_turn
             if back_end.packet_filter or back_end.changes or back_end.name in remembered.get("back_ends", [])
         ]
-        steps = [intent(record, dict(self.files.plan.intent, back_ends=sorted(names)), remembered)]
+        steps = [intent(record, dict(self.files.intent, back_ends=sorted(names)), remembered)]
         # These steps do nothing. They are undone last, when the files are as before.
         steps += [_make_step(back_end, do_nothing) for back_end in touched]
         steps += [Step(back_end.name, back_end.prepare) for back_end in touched]
-        steps += files.steps(self.files.plan, self.files.machine)
+        steps += self.files.steps()
         steps += [Step(back_end.name, functools.partial(_load_and_check, back_end)) for back_end in touched]
         carry_out([*steps, outcome(record, self.record_after)])
 

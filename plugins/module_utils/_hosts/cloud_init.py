@@ -28,9 +28,10 @@ FILES[CONFIGURATION] = f"{_WHY}manage_etc_hosts: false\n"
 
 
 def plan_files(wanted: bool, records: str, root: str = "") -> typing.Any:
-    """Plan the files (files.FileBundle); None where cloud-init neither is installed nor was kept away. Raises OSError, Problem.
+    """Plan the files (files.FilePlan); None where cloud-init neither is installed nor was kept away.
 
     `wanted` says that there are bindings to keep; `root` is a prefix of all paths, for tests.
+    Raises OSError, Problem.
     """
     installed = os.path.isdir(root + INSTALLED)
     if not installed and not os.path.lexists(os.path.join(records, f"files-{BUNDLE}.json")):
@@ -40,4 +41,4 @@ def plan_files(wanted: bool, records: str, root: str = "") -> typing.Any:
 
     contents = sorted(FILES.items()) if wanted and installed else []
     entries = [{"path": root + path, "content": content, "mode": "0644"} for path, content in contents]
-    return FileBundle(BUNDLE, records, entries)
+    return FileBundle("files", BUNDLE, records, entries).make_plan()

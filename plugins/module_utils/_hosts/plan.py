@@ -48,11 +48,11 @@ class _Line:
         self.user = self.wanted = _user_text(text)
         self.host = parse(self.user if self.user is not None else text or b"")
         self.created = _is_created(text or b"")
-        self.place = 0  # its number in the new file, as soon as that is known
 
 
 _Key = typing.Tuple[int, str]
 _Bound = typing.Dict[Binding, _Line]
+_Position = typing.Dict[_Line, int]  # the numbers of the lines in the new file
 
 
 def _user_text(text: typing.Optional[bytes]) -> typing.Optional[bytes]:
@@ -99,15 +99,14 @@ def _report(
     lines: typing.List[_Line], bindings: typing.List[Binding], bound: _Bound, managed: typing.Dict[_Key, Binding]
 ) -> Plan:
     left = [line for line in lines if line.wanted is not None]
-    for place, line in enumerate(left, 1):
-        line.place = place
+    position = {line: number for number, line in enumerate(left, 1)}
     user_lines = [line for line in left if line.user is not None]
     return Plan(
         content=_content(lines, left, rollback=not bindings),
-        entries=[_entry(binding, bound[binding]) for binding in bindings],
+        entries=[_entry(binding, bound[binding], position) for binding in bindings],
         removed=[_removal(line) for line in lines if line.wanted is None and not line.created],
-        replaced=[_replacement(line) for line in user_lines if {line.text, line.wanted} != {line.user}],
-        conflicts=[conflict for line in user_lines for conflict in _conflicts(line, managed, bound)],
+        replaced=[_replacement(line, position) for line in user_lines if {line.text, line.wanted} != {line.user}],
+        conflicts=[conflict for line in user_lines for conflict in _conflicts(line, managed, bound, position)],
     )
 
 
@@ -184,13 +183,13 @@ def _text(binding: Binding, end: bytes) -> bytes:
 # The report
 
 
-def _entry(binding: Binding, line: _Line) -> _Item:
+def _entry(binding: Binding, line: _Line, position: _Position) -> _Item:
     return {
         "address": str(binding.address),
         "names": list(binding.names),
         "state": "added" if line.text is None else "unchanged" if line.text == line.wanted else "changed",
         "ours": line.user is None,
-        "line": line.place,
+        "line": position[line],
     }
 
 
@@ -198,18 +197,20 @@ def _removal(line: _Line) -> _Item:
     return {"line": line.number, "text": readable(line.text)}
 
 
-def _replacement(line: _Line) -> _Item:
+def _replacement(line: _Line, position: _Position) -> _Item:
     state = "restored" if line.wanted == line.user else "unchanged" if line.wanted == line.text else "replaced"
     shown = line.user if state == "restored" else (line.wanted or b"").split(b"#", 1)[0]
     return {
         "before": readable(line.user),
         "after": readable(shown).rstrip(),
         "state": state,
-        "line": line.place,
+        "line": position[line],
     }
 
 
-def _conflicts(line: _Line, managed: typing.Dict[_Key, Binding], bound: _Bound) -> typing.Iterator[_Item]:
+def _conflicts(
+    line: _Line, managed: typing.Dict[_Key, Binding], bound: _Bound, position: _Position
+) -> typing.Iterator[_Item]:
     """The managed names that have another address of the same family in this line of the user."""
     if not line.host or line.host.address.is_loopback:
         return
@@ -222,7 +223,7 @@ def _conflicts(line: _Line, managed: typing.Dict[_Key, Binding], bound: _Bound) 
                 "name": name,
                 "found": str(line.host.address),
                 "expected": str(binding.address),
-                "effect": "shadows" if line.place < bound[binding].place else "adds",
+                "effect": "shadows" if position[line] < position[bound[binding]] else "adds",
             }
 
 

@@ -169,8 +169,8 @@ class Run(ModuleRun):
         """The files that keep cloud-init away, each with what becomes of it."""
         if not self.guard:
             return []
-        items = [{"path": item.file.path, "state": item.state} for item in self.guard.plan.items]
-        return items + [{"path": path, "state": "removed"} for path in self.guard.plan.removals]
+        items = [{"path": item.file.path, "state": item.state} for item in self.guard.items]
+        return items + [{"path": path, "state": "removed"} for path in self.guard.removals]
 
     def _differences(self) -> typing.Any:
         """The value of `diff`: one entry, or several where the files of the guard change, too."""
@@ -185,7 +185,7 @@ class Run(ModuleRun):
                 "The file was torn by a run that was ended while it wrote in place; the old content is taken up."
             )
         if self.guard and self.guard.changed:
-            be, longer = "would be" if check_mode else "is", "" if self.guard.wanted else "no longer "
+            be, longer = "would be" if check_mode else "is", "" if self.guard.bundle.wanted else "no longer "
             sentences.append(f"cloud-init {be} {longer}kept from writing the file at boot.")
         sentences += [self._replacement_sentence(item) for item in self.plan.replaced if item["state"] != "unchanged"]
         others = [

@@ -28,7 +28,7 @@ def _check_expressible(name: str, inexpressible: typing.Tuple[str, ...], routes:
             )
 
 
-# back end -> interface -> routes
+# back end -> interface -> its routes, one at least
 Choice = typing.Dict[str, RoutesByInterface]
 
 
@@ -80,11 +80,11 @@ class Boot:
         """Plan the places for these routes. Raises Problem where a manager's own tool refuses a change."""
         for name, backend in self.backends.items():
             routes: typing.Dict[str, RoutesByInterface] = {}
-            for interface, interface_routes in choice.get(name, {}).items():
+            for interface, interface_routes in sorted(choice.get(name, {}).items()):
                 _check_expressible(name, backend.inexpressible, interface_routes)
                 routes.setdefault(backend.find_place(interface), {})[interface] = interface_routes
             wanted: PlannedTexts = dict.fromkeys(self.texts[name])
-            wanted.update({place: backend.render(place, there) for place, there in routes.items()})
+            wanted.update({place: backend.render(place, by_interface) for place, by_interface in routes.items()})
             differing = set(self.recorded.pending.get(name, []))
             for place, text in wanted.items():
                 mode = None if text is None else backend.find_wrong_mode(place)
@@ -93,8 +93,8 @@ class Boot:
                 if mode is not None or text != self.before.get(place):
                     differing.add(place)
                 if text is not None:
-                    there = [route for some in routes[place].values() for route in some]
-                    self.places[place] = Place(name, [text], there)
+                    all_routes = [route for interface_routes in routes[place].values() for route in interface_routes]
+                    self.places[place] = Place(name, [text], all_routes)
             if differing:
                 backend.check(wanted)
                 self.changes[name] = sorted(differing)

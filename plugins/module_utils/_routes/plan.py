@@ -98,8 +98,8 @@ def plan_routes(
     return Plan(
         changes=changes,
         undo=_undo(routes, current, after) if changes else [],
-        interim={**entries, **{key: part.interim for key, part in wanted.items() if part.interim}},
-        final={key: part.final for key, part in wanted.items() if part.final},
+        interim=_merge_entries(entries, {key: part.interim for key, part in wanted.items()}),
+        final=_merge_entries({}, {key: part.final for key, part in wanted.items()}),
         after=after,
         results=[wanted[route.key].result for route in routes],
         taken_back=[part.result for part in taken_back.values()],
@@ -108,6 +108,11 @@ def plan_routes(
 
 def _flat(lists: typing.Iterable[typing.List[Change]]) -> typing.List[Change]:
     return [change for changes in lists for change in changes]
+
+
+def _merge_entries(entries: Entries, new: typing.Dict[Key, typing.Optional[Entry]]) -> Entries:
+    """The entries together with the new ones, where there is one."""
+    return {**entries, **{key: entry for key, entry in new.items() if entry is not None}}
 
 
 # One listed route

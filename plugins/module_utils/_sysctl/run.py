@@ -124,7 +124,9 @@ class Run(ModuleRun):
         )
 
     def _wrong_mode(self) -> typing.Optional[int]:
-        """The mode of our drop-in where it is there and not 0644; else None."""
+        """The mode of our drop-in where it stays and is not 0644; else None."""
+        if None in (self.texts_before[self.drop_in], self.texts_after[self.drop_in]):
+            return None
         mode, _owner = atomic.permissions(self.file)
         return None if mode == _MODE else mode
 

@@ -63,19 +63,16 @@ def list_keys(path: str) -> typing.List[str]:
 
 
 def publish(path: str) -> str:
-    """Return the public half of the key in a file. Raises Problem."""
-    with explain_unreadable():
-        key = atomic.read_bytes(path) or b""
-    return _run_wg("pubkey", key)
+    """Return the public half of the key in a file. Raises Problem and OSError."""
+    return _run_wg("pubkey", atomic.read_bytes(path) or b"")
 
 
 def _is_there(path: str) -> bool:
-    """Say if a key is there. Raises Problem where others than root may read or replace it."""
-    with explain_unreadable():
-        try:
-            state = os.lstat(path)
-        except FileNotFoundError:
-            return False
+    """Say if a key is there. Raises OSError, and Problem where others than root may read or replace it."""
+    try:
+        state = os.lstat(path)
+    except FileNotFoundError:
+        return False
     if not stat.S_ISREG(state.st_mode) or state.st_uid != os.geteuid() or state.st_mode & 0o077:
         raise Problem(
             f"{quote(path, LINE)} is no file that its owner alone may read (mode {stat.S_IMODE(state.st_mode):04o}, owner "

@@ -64,11 +64,11 @@ class Tunnel(file_bundle.ManagedFiles):
 
     def _expect_reading(self) -> bool:
         """Say if systemd is to read its units again: for this run, or for an earlier one that was killed before that."""
-        touched = [file.path for file in self.plan.writes] + self.plan.removals
+        touched = [file.path for file in self.files.writes] + self.files.removals
         pending = _READ in self.files.remembered.get("pending", [])
         if not pending and not any("/nftables.service.d/" in path for path in touched):
             return False
-        self.plan.intent["pending"] = self.plan.after["pending"] = [_READ]
+        self.files.intent["pending"] = self.files.after["pending"] = [_READ]
         return True
 
     def result(self) -> typing.Dict[str, typing.Any]:

@@ -4,19 +4,28 @@
 """The contract of a back end: one program that filters packets.
 
 A back end is a file in this folder with a class BackEnd(contract.BackEnd), and a row in table.py. Its rules are lines of
-text in the words of the program. They are those of this collection only: rules of others are neither read nor touched. For one
-run the module asks the class for is_active(): does the program filter the packets of this computer now? Then it makes a back end with
-the filter that it shall have, None where no rules are wanted. That plans and reads our rules, and has them as `after` and `before`.
+text in the words of the program. They are those of this collection only: rules of others are neither read nor touched.
+For one run the module asks the class for is_active(): does the program filter the packets of this computer now? Then it
+makes a back end with the filter that it shall have, None where no rules are wanted. That asks itself for its rules:
+
+    plan_rules(filter)    only with a filter: which rules of ours shall it have? They are in `after`.
+    read_rules()          which ones does it have? They are in `before`.
+
 The module calls, in this order:
 
-    plan_files()          which files of ours does the program read at boot?
+    plan_files(filter)    only with a filter: which files of ours does the program read at boot?
     is_ready_for_boot()   is everything else right that the next boot needs?
     refusal()             would a change of the rules lose something of others?
     prepare()             before the files change
     load()                after the files have changed: make run time and boot as planned
+    read_rules()          are they?
     restore()             if something fails, after the former files are back
 
-With the dead-man's switch, try_out() comes first: it changes the run time alone.
+With the dead-man's switch, a run before that calls, after refusal():
+
+    undo_steps()          how does the machine bring the run time back by itself?
+    try_out()             change the run time alone
+    restore()             if that fails
 """
 
 import contextlib

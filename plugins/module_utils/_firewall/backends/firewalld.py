@@ -39,10 +39,11 @@ class RichRule(typing.NamedTuple):
     @property
     def elements(self) -> typing.List[typing.Tuple[str, typing.Dict[str, str]]]:
         """The rule itself and its elements with their attributes, in the order of firewall-cmd."""
-        elements = [("rule", {"priority": str(_ACCEPT if self.action == "accept" else _DROP)})]
+        attributes = {"priority": str(_ACCEPT if self.action == "accept" else _DROP)}
         addresses = self.source + self.destination
         if addresses:
-            elements[0][1]["family"] = "ipv6" if ":" in addresses else "ipv4"
+            attributes["family"] = "ipv6" if ":" in addresses else "ipv4"
+        elements = [("rule", attributes)]
         if self.source:
             elements.append(("source", {"address": self.source}))
         if self.destination:
@@ -61,8 +62,9 @@ class RichRule(typing.NamedTuple):
     @property
     def xml(self) -> str:
         """The rule as a file of firewalld has it."""
-        rule, *inner = [f"<{name}{_format_attributes(attributes)}" for name, attributes in self.elements]
-        return f"  {rule}>{''.join(f'{element}/>' for element in inner)}</rule>\n"
+        tags = [f"{name}{_format_attributes(attributes)}" for name, attributes in self.elements]
+        opening, inner = f"<{tags[0]}>", "".join(f"<{tag}/>" for tag in tags[1:])
+        return f"  {opening}{inner}</rule>\n"
 
 
 def _format_attributes(values: typing.Mapping[str, str]) -> str:

@@ -3,8 +3,9 @@
 
 """ufw: rules with our comment, above the rules of others, by ufw(8).
 
-ufw keeps its rules in files that it writes itself. This file only reads them. One case is different: until a change under the
-dead-man's switch is confirmed, it restores them as they were.
+ufw keeps its rules in files that it writes itself. This file only reads them. One case is different: until a change
+under the dead-man's switch is confirmed, it restores them as they were. One that was not there goes again, after a
+trial and on the way back.
 """
 
 import re
@@ -181,7 +182,10 @@ def list_rules(packet_filter: PacketFilter, versions: typing.Iterable[int]) -> t
 def _list_port_rules(
     packet_filter: PacketFilter, protocol: str, kind: str, destination: str, source: str
 ) -> typing.List[UfwRule]:
-    """The rules for all senders: ports that stay open, and ports that are closed. The rules of others decide about those of ssh."""
+    """The rules for all senders: ports that stay open, and ports that are closed.
+
+    The rules of others decide about those of ssh.
+    """
     opens = [(port.number, port.number) for port in packet_filter.open_ports if port.protocol == protocol]
     return [
         UfwRule(kind + action, protocol, str(first) if first == last else f"{first}:{last}", destination, source)

@@ -87,7 +87,8 @@ class BackEnd:
     def render(self, place: str, routes: RoutesByInterface) -> typing.Optional[str]:
         """The wanted text of a place for all routes of its interfaces, None for nothing.
 
-        A route without a device (blackhole and its like) is listed with the interface that brings it back at boot.
+        Each interface has one route at least. A route without a device (blackhole and its like) is listed with the
+        interface that brings it back at boot.
         """
         raise NotImplementedError
 

@@ -61,7 +61,8 @@ class BackEnd(contract.BackEnd):
         return f"{FOLDER}/{os.path.basename(file)}.d/{DROP_IN}"
 
     def render(self, place: str, routes: contract.RoutesByInterface) -> str:
-        return contract.HEADER + "".join(_render_section(route) for some in routes.values() for route in some)
+        sections = [_render_section(route) for interface_routes in routes.values() for route in interface_routes]
+        return contract.HEADER + "".join(sections)
 
     def activate(self, places: typing.List[str]) -> None:
         """Restart networkd, so that it knows the routes when the link comes back after an interruption.

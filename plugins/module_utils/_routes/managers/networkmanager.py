@@ -132,7 +132,8 @@ class BackEnd(contract.BackEnd):
             raise Problem(f"routes: the profile {place} of {', '.join(routes)} is gone: run again.")
         # Routes that the profile had before are not ours, so they are never removed from it.
         others = set(profile.lines) - self._ours.get(place, set())
-        lines = {format_line(route, profile.tables[route.version]) for some in routes.values() for route in some}
+        all_routes = [route for interface_routes in routes.values() for route in interface_routes]
+        lines = {format_line(route, profile.tables[route.version]) for route in all_routes}
         return _join_lines(lines - others)
 
     def check(self, wanted: contract.PlannedTexts) -> None:

@@ -217,7 +217,7 @@ def test_a_failure_is_told_with_what_is_left_of_it(machine, monkeypatch):
     assert str(caught.value).endswith(f". {machine.root}/a could not be put back (Read-only file system).")
     assert run.failure(caught.value) == {"changed": True} and run.failure(Problem("x")) == {}
     monkeypatch.undo()
-    assert [item.state for item in machine.apply({"a": "A", "b": "B"}).plan.items] == ["written", "unchanged"]
+    assert [item.state for item in machine.apply({"a": "A", "b": "B"}).files.items] == ["written", "unchanged"]
 
 
 FIRST = {"lib/a": "A", "lib/deep/b": "B", "c": "C"}
@@ -256,9 +256,9 @@ def test_owner_and_group_are_given_kept_and_changed(machine):
     path = machine.root / "a"
 
     def state_of(run):
-        state = run.plan.items[0].state
+        state = run.files.items[0].state
         run.apply()
-        return state, (path.stat().st_uid, path.stat().st_gid), run.plan.notes
+        return state, (path.stat().st_uid, path.stat().st_gid), run.files.notes
 
     assert state_of(owned(machine, {"owner": "1234", "group": "5678"})) == ("written", (1234, 5678), [])
     assert not owned(machine, {"owner": "1234", "group": "5678"}).changed
@@ -276,7 +276,7 @@ def test_a_file_of_others_with_another_owner_is_in_the_way(machine):
     (machine.root / "a").chmod(0o640)
     with pytest.raises(Problem, match="with mode 0640 and owner 1234:5678"):
         owned(machine, {"owner": "1234", "group": "5678"})
-    assert owned(machine, {}).plan.items[0].state == "foreign"
+    assert owned(machine, {}).files.items[0].state == "foreign"
 
 
 def test_a_user_without_root_cannot_give_files_away(machine, monkeypatch):

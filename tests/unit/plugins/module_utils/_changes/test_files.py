@@ -30,26 +30,20 @@ class Place:
         return str(self.root / name)
 
     def steps(self, files, bundle="b"):
-        """Everything that the module does before it applies: (plan, machine, the steps of its change)."""
-        record = files_module.record_of("files", bundle, str(self.records))
-        wanted = files_module.parse_files(
+        """Everything that the module does before it applies: (planned, the steps of its change)."""
+        entries = [
             {"path": self.path(name), "content": content, "mode": mode} for name, (content, mode) in files.items()
-        )
-        remembered = record.load()
-        machine = files_module.read(wanted, remembered, record)
-        planned = files_module.plan_files(wanted, remembered, machine)
-        steps = [transaction.intent(record, planned.intent, remembered, failure=files_module.RECORD_RESTORE_FAILURE)]
-        steps += files_module.steps(planned, machine)
-        after = planned.after if any(planned.after.values()) else {}
-        return planned, machine, [*steps, transaction.outcome(record, after)]
+        ]
+        planned = files_module.FileBundle("files", bundle, str(self.records), entries).make_plan()
+        return planned, planned.steps_around()
 
     def run(self, bundle="b", **files):
         """One run of the module with files of mode 0644, name=content."""
         return self.run_modes({name.replace("__", "/"): (text, "0644") for name, text in files.items()}, bundle)
 
     def run_modes(self, files, bundle="b"):
-        planned, _machine, steps = self.steps(files, bundle)
-        transaction.carry_out(steps if files_module.changes(planned) else steps[-1:])
+        planned, steps = self.steps(files, bundle)
+        transaction.carry_out(steps)
         return planned
 
     def tree(self):
@@ -81,7 +75,7 @@ def test_files_come_and_go_with_their_folders(place):
     assert [os.path.relpath(path, place.root) for path in first.folders.made] == ["etc", "etc/x", "etc/x/y"]
     assert place.tree()["etc/x/y/b"] == (0o644, "B")
     second = place.run(etc__x__a="A", etc__x__y__b="B")
-    assert states(second) == ["unchanged", "unchanged"] and not files_module.changes(second)
+    assert states(second) == ["unchanged", "unchanged"] and not second.changed
     third = place.run(etc__x__a="A2")
     assert states(third) == ["written"]
     assert third.removals == [place.path("etc/x/y/b")] and third.folders.removed == [place.path("etc/x/y")]
@@ -106,7 +100,7 @@ def test_only_empty_folders_that_we_made_go(place):
     assert sorted(place.tree()) == ["ours", "ours/stranger", "theirs"]
     assert "ours stays" in " ".join(planned.notes)
     assert not place.records.exists()
-    assert not files_module.changes(place.run())
+    assert not place.run().changed
 
 
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder to somebody else")
@@ -130,8 +124,8 @@ def test_nothing_is_removed_by_a_path_that_others_can_change(place, theirs, want
     os.symlink(place.path("secret"), place.path("home/prefix/etc"))
     os.chown(place.path("home"), 65534, 65534)
     before = snapshot(place.root / "home"), snapshot(place.root / "secret")
-    planned, machine, _steps = place.steps({"etc/other": ("B", "0644")} if wanted else {})
-    assert "root's" not in json.dumps(files_module.differences(planned, machine))
+    planned, _steps = place.steps({"etc/other": ("B", "0644")} if wanted else {})
+    assert "root's" not in json.dumps(planned.differences())
     planned = place.run(**wanted)
     assert (snapshot(place.root / "home"), snapshot(place.root / "secret")) == before
     said = f"home/prefix/etc/hook was ours and stays, since {place.path('home')} belongs to nobody; expected"
@@ -168,7 +162,7 @@ def test_byte_code_goes_with_its_source(place):
     cache.mkdir()
     for name in ("a.cpython-311.pyc", "b.cpython-311.pyc", "a.cpython-36.opt-1.pyc", "a.cpython-311.pyc.140213"):
         (cache / name).touch()
-    assert not files_module.changes(place.steps({"lib/p/a.py": ("a", "0644"), "lib/p/b.py": ("b", "0644")})[0])
+    assert not place.steps({"lib/p/a.py": ("a", "0644"), "lib/p/b.py": ("b", "0644")})[0].changed
     place.run_modes({"lib/p/b.py": ("b", "0644")})
     assert sorted(os.listdir(cache)) == ["b.cpython-311.pyc"]
     planned = place.run()
@@ -204,7 +198,7 @@ def test_a_foreign_file_that_is_right_stays_foreign(place):
     (place.root / "f").write_text("F")
     os.chmod(place.path("f"), 0o644)
     planned = place.run(f="F")
-    assert states(planned) == ["foreign"] and not files_module.changes(planned)
+    assert states(planned) == ["foreign"] and not planned.changed
     assert "not ours" in planned.notes[0]
     place.run()
     assert place.tree() == {"f": (0o644, "F")}
@@ -248,9 +242,9 @@ def test_a_file_where_a_folder_is_needed_is_a_sentence(place):
 def test_a_file_edited_by_hand_is_put_back(place, change):
     place.run(etc__a="A", etc__b="B")
     change(place.root / "etc" / "a")
-    planned, machine, steps = place.steps({"etc/a": ("A", "0644"), "etc/b": ("B", "0644")})
+    planned, steps = place.steps({"etc/a": ("A", "0644"), "etc/b": ("B", "0644")})
     assert states(planned) == ["edited", "unchanged"] and "by hand" in planned.notes[0]
-    entry = files_module.differences(planned, machine)[0]
+    entry = planned.differences()[0]
     assert entry["before"] != entry["after"]
     transaction.carry_out(steps)
     assert place.tree()["etc/a"] == (0o644, "A")
@@ -279,9 +273,7 @@ def test_a_failure_puts_everything_back(place):
     before, memory = place.tree(), (place.records / "files-b.json").read_text()
     # A name that leaves no room for the neighbour that is renamed: a file system may refuse any write.
     impossible = "new/" + "c" * 250
-    _planned, _machine, steps = place.steps(
-        {"etc/a": ("A2", "0644"), "new/b": ("B", "0644"), impossible: ("C", "0755")}
-    )
+    _planned, steps = place.steps({"etc/a": ("A2", "0644"), "new/b": ("B", "0644"), impossible: ("C", "0755")})
     seen = []
     with pytest.raises(transaction.StepFailure, match="File name too long") as caught:
         transaction.carry_out([*steps[:-3], transaction.Step("look", lambda: seen.append(place.tree())), *steps[-3:]])
@@ -292,7 +284,7 @@ def test_a_failure_puts_everything_back(place):
 
 def test_a_path_that_cannot_be_put_back_is_named_and_recorded(place, monkeypatch):
     place.run(a="A")
-    _planned, _machine, steps = place.steps({"a": ("A2", "0644")})
+    _planned, steps = place.steps({"a": ("A2", "0644")})
     transaction.carry_out(steps[:-1])
 
     def readonly(path, *_rest):
@@ -342,7 +334,7 @@ def test_killed_runs_are_mended_by_the_next(place):
         assert {name: found[1] for name, found in place.tree().items() if found[1] is not None} == {
             name: content for name, (content, _mode) in plan.items()
         }
-        assert not files_module.changes(place.steps(plan)[0])
+        assert not place.steps(plan)[0].changed
     assert killed > 5
     place.run()
     assert place.tree() == {} and not place.records.exists()
@@ -410,8 +402,8 @@ def test_the_digest_tells_any_change_and_no_order():
 def test_the_difference_counts_code_and_shows_the_rest(place):
     place.run_modes({"lib/same.py": ("s", "0644"), "lib/other.py": ("12345", "0644"), "lib/old.py": ("old", "0644")})
     wanted = {"lib/same.py": "s", "lib/other.py": "import this", "lib/new.py": "", "etc/a": "A"}
-    planned, machine, _steps = place.steps({name: (text, "0644") for name, text in wanted.items()})
-    entries = files_module.differences(planned, machine, [place.path("lib") + "/", place.path("untouched")])
+    planned, _steps = place.steps({name: (text, "0644") for name, text in wanted.items()})
+    entries = planned.differences([place.path("lib") + "/", place.path("untouched")])
     shown, counted = entries
     assert (shown["after_header"], shown["after"]) == (place.path("etc/a"), "A")
     assert counted["before_header"] == counted["after_header"] == f"files below {place.path('lib')} that change"

@@ -3,6 +3,8 @@
 
 """The shell of the modules that change a machine, with a module and a run that write down what happens."""
 
+import errno
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import module as shell
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
@@ -113,6 +115,17 @@ def test_a_run_that_cannot_be_made_is_a_sentence(end):
     assert end(Module(), make) == {"failed": True, "msg": "Wrong option."}
 
 
+def test_a_file_that_a_run_cannot_read_is_a_sentence(end):
+    def make(memory):
+        raise IsADirectoryError(errno.EISDIR, "Is a directory", "/etc/x")
+
+    assert end(Module(), make) == {
+        "failed": True,
+        "msg": "/etc/x cannot be read (Is a directory); expected a regular file: correct the path, or move the folder away. "
+        "Nothing was changed.",
+    }
+
+
 class Guard(shell.PlainGuard):
     """Stands for deadman.Guard."""
 
@@ -151,3 +164,21 @@ def test_a_module_with_a_switch_has_its_options(monkeypatch):
         with pytest.raises(Stop) as caught:
             shell.run_module({"own": {}}, lambda module, memory: Run(), *words)
         assert caught.value.args[0] == options
+
+
+class ReadOnlyGuard(Guard):
+    """A guard that cannot take an earlier change back."""
+
+    calls = 0
+
+    def begin(self):
+        self.calls += 1
+        raise OSError(errno.EROFS, "Read-only file system", "/run/x")
+
+
+@pytest.mark.parametrize("check_mode", [False, True])
+def test_a_way_back_that_cannot_be_written_is_a_sentence(check_mode):
+    guard = ReadOnlyGuard()
+    result = shell.run_locked(Module(check_mode), lambda module, memory: Run(), guard, [])
+    assert result["msg"].startswith("/run/x cannot be written (Read-only file system); ")
+    assert "Nothing was changed" not in result["msg"] and guard.calls == 1

@@ -11,7 +11,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import unit_steps
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.service_bundle import ManagedServices
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import StepFailure
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.units import INPUTS, PROPERTIES, read_inputs
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.units import State, read_inputs
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 CORE, SYNC = "core.service", "sync.service"
@@ -58,7 +58,7 @@ class FakeSystemd:
     def find_newer_file(self, content, state):
         """The file that the unit's text names as `behind <path>`, as long as it runs since its first start."""
         path = content.partition("behind ")[2].split("\n")[0]
-        return path if state["InvocationID"] == "1" else ""
+        return path if state.InvocationID == "1" else ""
 
     def unit_path(self):
         return [str(self.folder)]
@@ -71,19 +71,19 @@ class FakeSystemd:
         for name in names:
             unit = self.known().get(name, {"active": "inactive", "enabled": False, "invocation": 0})
             read = self.text(name)
-            shown[name] = {
-                **dict.fromkeys(PROPERTIES, ""),
-                "LoadState": "not-found" if read is None else "loaded",
-                "ActiveState": unit["active"],
-                "SubState": "running" if unit["active"] == "active" else "dead",
-                "UnitFileState": ("enabled" if unit["enabled"] else "disabled") if read is not None else "",
-                "FragmentPath": "" if read is None else str(self.folder / name),
-                "NeedDaemonReload": "yes" if read != self.on_disk(name) else "no",
-                "MainPID": "7" if unit["active"] == "active" else "0",
-                "NRestarts": "0",
-                "InvocationID": str(unit["invocation"]),
-                INPUTS: unit.get("inputs", "") if unit["active"] == "active" else "",
-            }
+            runs = unit["active"] == "active"
+            shown[name] = State(
+                LoadState="not-found" if read is None else "loaded",
+                ActiveState=unit["active"],
+                SubState="running" if runs else "dead",
+                UnitFileState=("enabled" if unit["enabled"] else "disabled") if read is not None else "",
+                FragmentPath="" if read is None else str(self.folder / name),
+                NeedDaemonReload="yes" if read != self.on_disk(name) else "no",
+                MainPID="7" if runs else "0",
+                NRestarts="0",
+                InvocationID=str(unit["invocation"]),
+                inputs=unit.get("inputs", "") if runs else "",
+            )
         return shown
 
     def call(self, verb, *arguments):

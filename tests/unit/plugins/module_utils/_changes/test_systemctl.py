@@ -53,8 +53,8 @@ def test_the_state_of_units_with_the_inputs_of_their_processes(computer, monkeyp
     computer.answers["systemctl show"] = answer(text)
     monkeypatch.setattr(systemctl.processes, "environment", lambda pid: {"ROSFLEET_INPUTS": f"of {pid}"})
     found = systemctl.Systemd(1).show(["a.service", "b.service"])
-    assert (found["a.service"]["Result"], found["a.service"][units.INPUTS]) == ("exit-code", "")
-    assert (found["b.service"]["ActiveState"], found["b.service"][units.INPUTS]) == ("active", f"of {os.getpid()}")
+    assert (found["a.service"].Result, found["a.service"].inputs) == ("exit-code", "")
+    assert (found["b.service"].ActiveState, found["b.service"].inputs) == ("active", f"of {os.getpid()}")
     assert systemctl.Systemd(1).show([]) == {} and len(computer.asked) == 1
 
 
@@ -76,9 +76,9 @@ def test_a_file_that_was_written_after_the_start_of_the_process(tmp_path, monkey
         os.utime(path, (began - age, began - age))
     monkeypatch.setattr(systemctl.units, "files_read", lambda content: [str(tmp_path), str(path)])
     monkeypatch.setattr(systemctl.processes, "start_time", lambda pid: began)
-    state = {"MainPID": "7"}
+    state = units.State(MainPID="7")
     assert systemctl.Systemd(1).find_newer_file("", state) == (str(path) if overtakes else "")
-    assert systemctl.Systemd(1).find_newer_file("", {"MainPID": "0"}) == ""
+    assert systemctl.Systemd(1).find_newer_file("", units.State(MainPID="0")) == ""
     monkeypatch.setattr(systemctl.processes, "start_time", lambda pid: None)
     assert systemctl.Systemd(1).find_newer_file("", state) == ""
 

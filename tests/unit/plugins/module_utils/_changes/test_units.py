@@ -24,8 +24,7 @@ NAMES = [CORE, DISC, SYNC]
 
 def state(name, **changed):
     """A unit of ours that runs as planned, but for what is given."""
-    values = dict.fromkeys(units_module.PROPERTIES, "")
-    values.update(
+    known = units_module.State(
         Id=name,
         LoadState="loaded",
         ActiveState="active",
@@ -36,10 +35,9 @@ def state(name, **changed):
         MainPID="7",
         NRestarts="0",
         InvocationID="1",
-        ROSFLEET_INPUTS="new",
+        inputs="new",
     )
-    values.update(changed)
-    return values
+    return known._replace(**changed)
 
 
 def absent(name):
@@ -51,13 +49,13 @@ def absent(name):
         UnitFileState="",
         FragmentPath="",
         MainPID="0",
-        ROSFLEET_INPUTS="",
+        inputs="",
     )
 
 
 def plan(states=(), units=None, removed=(), texts=(), pending=(), written=None):
     known = {name: state(name) for name in [*NAMES, *removed]}
-    known.update({entry["Id"]: entry for entry in states})
+    known.update({entry.Id: entry for entry in states})
     return units_module.plan_actions(
         UNITS if units is None else list(units), list(removed), known, texts, pending, written or {}
     )
@@ -89,16 +87,16 @@ def test_who_follows_a_restarted_unit_is_not_restarted_by_us():
 @pytest.mark.parametrize(
     ("changed", "run", "why"),
     [
-        ({"ROSFLEET_INPUTS": "old"}, "restart", "it ran with the inputs old"),
-        ({"ROSFLEET_INPUTS": ""}, "restart", "it ran with the inputs of nobody"),
-        ({"MainPID": "0", "ROSFLEET_INPUTS": ""}, "", ""),  # without a process there is nothing to compare
+        ({"inputs": "old"}, "restart", "it ran with the inputs old"),
+        ({"inputs": ""}, "restart", "it ran with the inputs of nobody"),
+        ({"MainPID": "0", "inputs": ""}, "", ""),  # without a process there is nothing to compare
         ({"ActiveState": "inactive", "MainPID": "0"}, "start", "it was inactive"),
         ({"ActiveState": "failed", "MainPID": "0"}, "start", "it was failed"),
         ({"ActiveState": "deactivating"}, "start", "it was deactivating"),
         ({"ActiveState": "activating", "SubState": "auto-restart"}, "restart", "waiting for another start"),
         ({"ActiveState": "activating", "SubState": "start"}, "start", "it was starting"),
         (
-            {"ActiveState": "activating", "SubState": "start", "ROSFLEET_INPUTS": "old"},
+            {"ActiveState": "activating", "SubState": "start", "inputs": "old"},
             "restart",
             "it ran with the inputs old",
         ),
@@ -177,7 +175,7 @@ def test_every_planned_unit_runs_with_its_inputs_after_the_steps(data):
         state(
             name,
             ActiveState=data.draw(st.sampled_from(["active", "inactive", "failed", "activating"])),
-            ROSFLEET_INPUTS=data.draw(st.sampled_from(["old", "new", ""])),
+            inputs=data.draw(st.sampled_from(["old", "new", ""])),
         )
         for name in NAMES
     ]
@@ -185,13 +183,13 @@ def test_every_planned_unit_runs_with_its_inputs_after_the_steps(data):
     assert [step.name for step in steps] == NAMES
     for step, before in zip(steps, states):
         if step.run == "":
-            assert before["ActiveState"] == "active" and before["ROSFLEET_INPUTS"] == "new"
+            assert before.ActiveState == "active" and before.inputs == "new"
         if step.run == "follow":
             assert "restart" in [earlier.run for earlier in steps]
 
 
 def test_foreign_and_masked_units_are_sentences():
-    owned = {state(CORE)["FragmentPath"]}
+    owned = {state(CORE).FragmentPath}
     units_module.check([unit(CORE)], {CORE: state(CORE)}, owned)
     units_module.check([unit(CORE)], {CORE: absent(CORE)}, ())
     with pytest.raises(Problem) as caught:

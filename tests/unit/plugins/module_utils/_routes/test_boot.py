@@ -105,6 +105,23 @@ def test_the_finer_points_at_boot(tree):
     assert "10.1.0.0/16 dev eth0 proto static scope host mtu 1400 advmss 1360 initcwnd 20" in hook
 
 
+def test_interfaces_of_one_file_are_named_in_their_order(tree):
+    for number in (2, 3):
+        link = tree / f"run/systemd/netif/links/{number}"
+        link.write_text("ADMIN_STATE=configured\nNETWORK_FILE=/etc/systemd/network/all.network\n")
+    plan = Boot(machine(tree, "eth0", "eth1"), read_record({}))
+    choice = {name: [Route("10.1.0.0/16", "", name)] for name in ("eth1", "eth0")}
+    with pytest.raises(
+        Problem, match="^routes: eth0 is configured by /etc/systemd/network/all.network, and so is eth1"
+    ):
+        plan.plan({"networkd": choice})
+
+
+def test_no_routes_and_no_files_give_no_place(tree):
+    plan = boot(tree)
+    assert (plan.wanted, plan.places, plan.changes) == ({}, {}, {})
+
+
 def test_no_routes_no_hook(tree):
     plan = boot(tree, choice={"ifupdown": {"eth0": ROUTES["eth0"]}})
     plan.apply()

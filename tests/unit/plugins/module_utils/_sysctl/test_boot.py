@@ -185,6 +185,15 @@ def test_the_oldest_python(tmp_path):
     }
 
 
+@pytest.mark.parametrize("folder", ["etc/systemd", "usr/local/lib/systemd", "usr/lib/systemd"])
+def test_a_unit_is_enabled_by_a_link_in_any_folder(tmp_path, folder):
+    """Of those that systemd.unit(5) names for the units of the system."""
+    link = f"{folder}/system/multi-user.target.wants/procps.service"
+    assert sysctl_boot.Tree(str(tmp_path)).find_enabling_link("procps.service") is None
+    plant(tmp_path, {link: {"link": "/lib/systemd/system/procps.service"}})
+    assert sysctl_boot.Tree(str(tmp_path)).find_enabling_link("procps.service") == "/" + link
+
+
 def test_a_unit_that_is_masked_is_read_as_empty(tmp_path):
     """A link to the real /dev/null, which is no regular file."""
     (tmp_path / "masked.service").symlink_to("/dev/null")

@@ -463,6 +463,20 @@ def test_the_mode_of_the_drop_in_is_repaired(machine):
         assert not machine.run(REPORT)["changed"]
 
 
+def test_the_mode_of_a_drop_in_that_goes_is_as_before(machine, monkeypatch):
+    machine.run(REPORT)
+    machine.drop_in.chmod(0o600)
+    run = sysctl.Run(machine.options([]))
+
+    def remove(path):
+        raise OSError(errno.EPERM, "Operation not permitted", path)
+
+    monkeypatch.setattr(sysctl.atomic, "remove", remove)
+    with pytest.raises(Problem, match="Everything is as it was before."):
+        run.apply()
+    assert machine.drop_in.stat().st_mode & 0o777 == 0o600
+
+
 def test_a_pipe_among_the_files_is_named(machine):
     (machine.root / "etc/sysctl.d").mkdir(parents=True)
     os.mkfifo(machine.root / "etc/sysctl.d/50-pipe.conf")

@@ -178,7 +178,7 @@ def test_a_run_that_is_killed_before_the_reading_is_completed(make, monkeypatch)
         make(DROP_IN).apply()
     assert READ not in make.asked
     again = make(DROP_IN)
-    assert again.changed and not again.plan.writes
+    assert again.changed and not again.files.writes
     again.apply()
     assert READ in make.asked and not make(DROP_IN).changed
 

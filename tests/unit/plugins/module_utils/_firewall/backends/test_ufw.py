@@ -7,6 +7,7 @@ tests/long/test_firewall.py has the real ufw.
 """
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.deadman import FileBefore
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract, ufw
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import PacketFilter, Port
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
@@ -136,3 +137,13 @@ def test_a_trial_leaves_the_files_as_they_were(machine, tmp_path, monkeypatch):
     monkeypatch.setattr(contract, "run_or_fail", lambda _argv: (tmp_path / "user.rules").write_text("new"))
     ufw.BackEnd(False, PacketFilter(("10.5.0.1",), (), ())).try_out()
     assert (tmp_path / "user.rules").read_bytes() == before
+
+
+def test_a_file_that_was_not_there_goes_again(machine, tmp_path, monkeypatch):
+    machine(OTHERS)
+    new = tmp_path / "user6.rules"
+    end = ufw.BackEnd(False, PacketFilter(("10.5.0.1",), (), ()))
+    assert end.undo_steps()[1:] == [FileBefore(str(new), None), ["ufw", "reload"]]
+    monkeypatch.setattr(contract, "run_or_fail", lambda _argv: new.write_text("new"))
+    end.try_out()
+    assert not new.exists()

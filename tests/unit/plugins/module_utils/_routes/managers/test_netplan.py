@@ -129,6 +129,10 @@ def test_no_routes_no_file(tmp_path):
     plan.backends["netplan"].check = lambda wanted: None
     plan.plan({})
     assert plan.wanted == {netplan.FILE: None}
+    os.remove(tmp_path / netplan.FILE.lstrip("/"))
+    without_file = Boot(plan.machine, read_record({}))
+    without_file.plan({})
+    assert without_file.wanted == {}
 
 
 def test_a_definition_of_two_interfaces_is_refused(tmp_path):

@@ -7,9 +7,11 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot import Boot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import networkmanager as nm
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.record import read_record
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -167,6 +169,20 @@ def test_a_route_is_added_beside_others_and_taken_away_again(daemon):
     assert later.render(PLACE, {}) is None
     later.write(PLACE, None)
     assert daemon.lines[UUID] == [OWNERS]
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_a_profile_that_loses_its_routes_is_planned(daemon, tmp_path, recorded):
+    """The plan of production, without any route."""
+    daemon.lines[UUID].append(LINE)
+    place = {"backend": "networkmanager", "texts": [LINE + "\n"], "routes": [STATIC._asdict()]}
+    eth0 = contract.Machine({"eth0": Interface("eth0", 2)}, True, str(tmp_path))
+    plan = Boot(eth0, read_record({"boot": {"places": {PLACE: place}}} if recorded else {}))
+    plan.plan({})
+    assert plan.wanted == ({PLACE: None} if recorded else {})
+    assert plan.changes == ({"networkmanager": [PLACE]} if recorded else {})
+    plan.apply()
+    assert daemon.lines[UUID] == ([OWNERS] if recorded else [OWNERS, LINE])
 
 
 def test_a_change_is_one_step_and_can_be_taken_back(daemon):
