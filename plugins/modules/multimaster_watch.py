@@ -249,7 +249,7 @@ def find_wrong_place(params: Params) -> typing.Optional[str]:
     return None
 
 
-def start_watch(params: Params, _quiet: bool) -> Result:
+def start_watch(params: Params, _check_mode: bool) -> Result:
     """Leave a watch behind. Its sockets are opened first, so an error shows in this task."""
     path = path_of(KIND, params["run"])
     try:
@@ -262,7 +262,7 @@ def start_watch(params: Params, _quiet: bool) -> Result:
     return {"msg": f"The watch lives for {params['lifetime']} s at most."}
 
 
-def collect_losses(params: Params, _quiet: bool) -> Result:
+def collect_losses(params: Params, _check_mode: bool) -> Result:
     """Ask the watch. It answers at the end of `until`, or as soon as a value is lost."""
     reply: Result = {}
     with contextlib.suppress(OSError):
@@ -280,7 +280,7 @@ def collect_losses(params: Params, _quiet: bool) -> Result:
     )
 
 
-def stop_watches(_params: Params, _quiet: bool) -> Result:
+def stop_watches(_params: Params, _check_mode: bool) -> Result:
     """End every watch of this computer."""
     try:
         end_others(KIND)

@@ -11,6 +11,7 @@ import typing
 from urllib.parse import urlsplit
 
 from .._machine import network
+from .._module.plain_text import is_plain
 from .._process.deadlines import call_all
 from .xml_rpc import ask
 
@@ -49,10 +50,10 @@ def _look_up(roscore: str, caller: str, service: str) -> str:
 
 
 def read_host(uri: str) -> str:
-    """Return the host of a URI in small letters; empty where there is none."""
+    """Return the host of a URI in small letters; empty where there is none. What a node has registered may be anything."""
     try:
-        return (urlsplit(uri).hostname or "").lower()
-    except ValueError:  # what a node has registered may be anything
+        return (urlsplit(uri).hostname or "").lower() if is_plain(uri) else ""
+    except ValueError:
         return ""
 
 

@@ -127,8 +127,9 @@ def open_socket(tag: Tag) -> socket.socket:
         attach_filter(link, make_filter(tag))
         with contextlib.suppress(OSError):  # without CAP_NET_ADMIN
             link.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, ROOM)
-        for _packet in take_waiting(lambda: link.recv(1), MOST_WAITING):
-            pass  # it came before the filter was set
+        with contextlib.suppress(BlockingIOError):
+            for _packet in range(MOST_WAITING):
+                link.recv(1)  # it came before the filter was set
         count_lost(link)
     except OSError:
         link.close()
@@ -179,11 +180,13 @@ def read_packet(tag: Tag, protocol: int, data: bytes, macs: typing.Tuple[str, st
 
 def _read_arp(data: bytes, macs: typing.Tuple[str, str]) -> typing.Optional[Capture]:
     """Read a message of ARP. An answer comes from the computer that has its source address."""
-    number, source, mac, target = read_arp(data) or (0, "", "", "")
-    kind = {1: REQUEST, 2: ANSWER}.get(number)
-    if kind is None:
+    found = read_arp(data)
+    kind = {1: REQUEST, 2: ANSWER}.get(found.kind) if found else None
+    if found is None or kind is None:
         return None
-    return Capture("", False, kind, "arp", source, target, 0, 0, -1, 0, 0, ARP_OF_IPV4, True, mac, macs[1])
+    return Capture(
+        "", False, kind, "arp", found.sender, found.target, 0, 0, -1, 0, 0, ARP_OF_IPV4, True, found.mac, macs[1]
+    )
 
 
 def _read_ipv4(tag: Tag, data: bytes, macs: typing.Tuple[str, str]) -> typing.Optional[Capture]:

@@ -49,7 +49,7 @@ def _find_wrong_probe(probe: Probe) -> typing.Optional[str]:
     return None
 
 
-def start_listener(params: Params, _quiet: bool) -> Result:
+def start_listener(params: Params, _check_mode: bool) -> Result:
     """Leave a listener behind. Its sockets are opened first, so an error shows in this task."""
     ports = (probe["port"] for probe in params["probes"] if probe["protocol"] == "tcp")
     tag, path = Tag.from_run(params["run"], ports), path_of(KIND, params["run"])
@@ -65,7 +65,7 @@ def start_listener(params: Params, _quiet: bool) -> Result:
     return {"msg": f"The listener lives for {params['lifetime']} s at most."}
 
 
-def send_probes(params: Params, _quiet: bool) -> Result:
+def send_probes(params: Params, _check_mode: bool) -> Result:
     """Send the probes of this computer, all at the same time."""
     tag = Tag.from_run(params["run"])
     own = [probe for probe in params["probes"] if probe["sender"] == params["name"]]
@@ -76,7 +76,7 @@ def send_probes(params: Params, _quiet: bool) -> Result:
     return {"msg": f"Sent {len(sent)} probes.", "sent": sent}
 
 
-def collect_packets(params: Params, _quiet: bool) -> Result:
+def collect_packets(params: Params, _check_mode: bool) -> Result:
     """Ask the listener for what it has seen. It ends with its answer."""
     try:
         reply = Visit(path_of(KIND, params["run"]), {"do": "tell"}).reply(ANSWER) or {}

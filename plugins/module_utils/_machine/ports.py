@@ -54,7 +54,8 @@ def read_sockets(protocol: str, proc: str = "/proc") -> typing.List[Socket]:
     """Read the sockets of a protocol, tcp or udp: those of IPv4, then those of IPv6."""
     sockets = []
     tables = (text(os.path.join(proc, "net", table), 1 << 24) for table in (protocol, f"{protocol}6"))
-    for fields in [line.split() for table in tables for line in table.splitlines()[1:]]:
+    # One row at a time: every user who opens sockets makes the tables longer.
+    for fields in (line.split() for table in tables for line in table.splitlines()[1:]):
         if len(fields) >= 10:
             address, _separator, port = fields[1].partition(":")
             peer = address_of(fields[2].partition(":")[0])

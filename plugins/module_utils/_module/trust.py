@@ -58,8 +58,10 @@ class Look:
                 here = os.path.dirname(here) if part == ".." else here
                 continue
             above, here = here, os.path.join(here, part)
-            if not self._look(here, not waiting, doubts):
+            there = self._look(here, not waiting, doubts)
+            if there is False:
                 self._look(above, True, doubts)
+            if not there:
                 break
             if os.path.islink(here):
                 links += 1
@@ -73,12 +75,14 @@ class Look:
                 waiting += [part for part in reversed(target.split("/")) if part]
         return list(doubts)
 
-    def _look(self, path: str, last: bool, doubts: typing.Dict[Doubt, None]) -> bool:
-        """Note the users that can change this one part; False where it is not there."""
-        if (path, last) not in self._seen and len(self._seen) < self._most:
+    def _look(self, path: str, last: bool, doubts: typing.Dict[Doubt, None]) -> typing.Optional[bool]:
+        """Note the users that can change this one part. False where it is not there, None after the limit of parts."""
+        if (path, last) not in self._seen:
+            if len(self._seen) >= self._most:
+                doubts[Doubt(EVERYBODY, f"its paths have more than {self._most} parts{_UNKNOWN}")] = None
+                return None
             self._seen[path, last] = _look(path, last)
-        many = Doubt(EVERYBODY, f"its paths have more than {self._most} parts{_UNKNOWN}")
-        there, doubt = self._seen.get((path, last), (False, many))
+        there, doubt = self._seen[path, last]
         if doubt:
             doubts[doubt] = None
         return there

@@ -89,7 +89,8 @@ class Counts(typing.Counter[typing.Any]):
         Anybody can send in the name of a peer, but not with the seal of its messages: what comes from there always counts.
         """
         owner = peer.name if peer else ""
-        self.places[owner] += key not in self
+        if key not in self:
+            self.places[owner] += 1
         if key in self or self.places[owner] <= SOURCES or (peer and source == peer.control):
             self[key] += number
 

@@ -18,10 +18,9 @@ import typing
 from .._machine.outcomes import Outcome
 from .._process.background import admit, answer, open_door, remove_door
 from .helper import Datagrams, Helper, Settings
-from .packets import echo_request, open_copies, read_copies, read_echoes, take_waiting
+from .packets import IP_PKTINFO, echo_request, open_copies, read_copies, read_echoes, take_waiting
 
 # linux/in.h and linux/icmp.h; Python does not name them in every version
-IP_PKTINFO = 8
 SOL_RAW = 255
 ICMP_FILTER = 1
 
@@ -92,9 +91,10 @@ def serve(sockets: Sockets, settings: Settings, path: str) -> None:
             for ready in select.select(sockets, [], [], pause)[0]:
                 if ready is sockets.copies:
                     for found, index in read_copies(ready, settings.port):
-                        place = found.destination, interfaces.get(index, str(index))
-                        introduced = helper.datagram(time.monotonic(), found.source, *place, found.length)
-                        send(sockets.control, introduced, errors)
+                        if index:
+                            place = found.destination, interfaces.get(index, str(index))
+                            introduced = helper.datagram(time.monotonic(), found.source, *place, found.length)
+                            send(sockets.control, introduced, errors)
                 elif ready is sockets.control:
                     for data, source in take_waiting(lambda: sockets.control.recvfrom(512)):
                         send(sockets.control, helper.message(time.monotonic(), time.time(), source, data), errors)

@@ -188,15 +188,15 @@ def settings_of(params: Params, interface: str, addresses: typing.Tuple[str, ...
     )
 
 
-def run_action(params: Params, quiet: bool) -> Result:
-    """Do what the action asks for, and return the result; with `quiet` nothing is sent. Raises Problem."""
+def run_action(params: Params, check_mode: bool) -> Result:
+    """Do what the action asks for, and return the result; with `check_mode` nothing is sent. Raises Problem."""
     error = wrong(params)
     if error:
         raise Problem(error)
     seen, addresses, index = look(params)
     result = dict(seen, msg=describe(seen, params["group"]))
     action = actions.read_action(params)
-    if action != "list" and quiet:
+    if action != "list" and check_mode:
         result["msg"] += " Check mode: nothing was sent, and no helper was started or asked."
     elif action == "start":
         result.update(start(settings_of(params, seen["interface"], addresses), index))

@@ -58,11 +58,16 @@ def explain(result: typing.Dict[str, typing.Any], port: int) -> str:
     return " ".join(text.format(names=", ".join(cases[case]), port=port) for case, text in CAUSES if cases[case])
 
 
+def _find_unheard(udp: typing.List[typing.Dict[str, typing.Any]]) -> typing.Tuple[typing.List, typing.List]:
+    """Find the computers that were not heard on the group, and those without the group that did not answer."""
+    silent = [entry for entry in udp if entry["multicast"] and not entry["heard_from"]]
+    return silent, [entry for entry in udp if not entry["multicast"] and not entry["unicast"]]
+
+
 def _cases(result: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.List[str]]:
     """List the computers of each case of CAUSES."""
     udp, missing = result["udp"], result["missing"]
-    silent = [entry for entry in udp if entry["multicast"] and not entry["heard_from"]]
-    apart = [entry for entry in udp if not entry["multicast"] and not entry["unicast"]]
+    silent, apart = _find_unheard(udp)
     elsewhere = [(entry["name"], entry["other_interfaces"]) for entry in silent if entry["other_interfaces"]]
     cases = {
         "silent": silent,

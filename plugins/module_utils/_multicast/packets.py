@@ -14,6 +14,7 @@ from .._machine.outcomes import Outcome
 
 HEADERS = 28  # bytes of the headers of IPv4 and ICMP
 UDP_HEADER = 8
+IP_PKTINFO = 8  # linux/in.h; Python does not name it in every version
 ARP_OF_IPV4 = 28  # bytes of an ARP message about IPv4 (RFC 826)
 # From linux/in.h; Python's socket has no names for them: set "do not fragment", and do not ask the kernel's own memory.
 IP_MTU_DISCOVER, IP_PMTUDISC_PROBE = 10, 3
@@ -97,11 +98,12 @@ def datagram(data: bytes, port: int) -> typing.Optional[Datagram]:
 
 
 def read_copies(raw: socket.socket, port: int) -> typing.Iterator[typing.Tuple[Datagram, int]]:
-    """Yield the datagrams to a port that wait in a raw socket, with the number of the interface of each where that is told (IP_PKTINFO)."""
+    """Yield the datagrams to a port that wait in a raw socket, with the number of their interface; 0 where that is not told (IP_PKTINFO)."""
     for data, ancillary, _flags, _sender in take_waiting(lambda: raw.recvmsg(128, 64)):
         found = datagram(data, port)
+        told = [info for level, kind, info in ancillary if (level, kind) == (socket.IPPROTO_IP, IP_PKTINFO)]
         if found:
-            yield found, struct.unpack("i", ancillary[0][2][:4])[0] if ancillary else 0
+            yield found, struct.unpack("i", told[0][:4])[0] if told else 0
 
 
 def take_waiting(take: typing.Callable[[], typing.Any], most: int = 1000) -> typing.Iterator[typing.Any]:
@@ -114,11 +116,20 @@ def take_waiting(take: typing.Callable[[], typing.Any], most: int = 1000) -> typ
         yield taken
 
 
-def read_arp(data: bytes) -> typing.Optional[typing.Tuple[int, str, str, str]]:
-    """Read a message of ARP about IPv4 (RFC 826): its kind, its sender with the hardware address, and whom it is for; None for anything else."""
+class Arp(typing.NamedTuple):
+    """A message of ARP about IPv4 (RFC 826)."""
+
+    kind: int
+    sender: str  # its IPv4 address
+    mac: str  # its hardware address
+    target: str
+
+
+def read_arp(data: bytes) -> typing.Optional[Arp]:
+    """Read a message of ARP about IPv4; None for anything else."""
     if len(data) < ARP_OF_IPV4 or data[:7] != b"\0\1\x08\0\x06\x04\0":
         return None
-    return data[7], socket.inet_ntoa(data[14:18]), write_mac(data[8:14]), socket.inet_ntoa(data[24:28])
+    return Arp(data[7], socket.inet_ntoa(data[14:18]), write_mac(data[8:14]), socket.inet_ntoa(data[24:28]))
 
 
 def write_mac(data: bytes) -> str:

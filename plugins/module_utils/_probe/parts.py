@@ -138,7 +138,7 @@ def group(params: Params, action: str) -> typing.Optional[Result]:
     try:
         own = {name: value for name, value in params["multicast"].items() if name != "state"}  # the alias of action
         options = validate_options("multicast", dict(own, action=action), multicast.OPTIONS, multicast.REQUIRED_IF)
-        return multicast.run_action(options, quiet=False)
+        return multicast.run_action(options, check_mode=False)
     except Problem as problem:
         return {"failed": True, "msg": str(problem)}
 
@@ -216,17 +216,17 @@ PARTS = (
 )
 
 
-def is_due(part: Part, params: Params, quiet: bool) -> bool:
-    """Say if a part is looked at on this computer; with `quiet` no command of ROS is run."""
+def is_due(part: Part, params: Params, check_mode: bool) -> bool:
+    """Say if a part is looked at on this computer; with `check_mode` no command of ROS is run."""
     if params["is_router"] and not part.on_router:
         return False
-    return not (quiet and part.runs_commands) and (params["is_master"] or not part.final)
+    return not (check_mode and part.runs_commands) and (params["is_master"] or not part.final)
 
 
 PartResult = typing.Tuple[Part, typing.Any, str]  # a part, its value, and why there is none
 
 
-def look(params: Params, quiet: bool) -> Result:
+def look(params: Params, check_mode: bool) -> Result:
     """Look at all due parts at the same time. A part that fails gives a sentence in `problems`."""
     start = time.monotonic()
     result: Result = {part.name: part.default for part in PARTS}
@@ -242,7 +242,9 @@ def look(params: Params, quiet: bool) -> Result:
     def late(part: Part) -> PartResult:
         return part, part.default, f"{part.name} gave no result within {LONGEST:g} s."
 
-    for part, value, problem in look_in_lanes([part for part in PARTS if is_due(part, params, quiet)], attempt, late):
+    for part, value, problem in look_in_lanes(
+        [part for part in PARTS if is_due(part, params, check_mode)], attempt, late
+    ):
         result[part.name] = value
         result["problems"] += [problem] if problem else []
     result["seconds"] = round(time.monotonic() - start, 1)

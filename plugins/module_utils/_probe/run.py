@@ -15,13 +15,13 @@ from .options import Params
 from .parts import Result, group, list_members, list_talkers, look
 
 
-def start_verification(params: Params, quiet: bool) -> Result:
+def start_verification(params: Params, check_mode: bool) -> Result:
     """Look at the machine, start the listener, call the listeners of others, and start the talker. Raises Problem."""
     received = tunnel.count_received()
     # First: the listeners that start below are no part of the machine.
     machine = look_at_machine(params)
-    multicast = None if quiet else group(params, "start")
-    result = {"msg": "Check mode: no talker was started."} if quiet else talk(params, machine)
+    multicast = None if check_mode else group(params, "start")
+    result = {"msg": "Check mode: no talker was started."} if check_mode else talk(params, machine)
     tunnel.wait_for_sessions(received)  # what is measured then goes through it
     parts = {"multicast": multicast, "machine": machine}
     return dict(result, **{name: value for name, value in parts.items() if value is not None})
@@ -80,11 +80,11 @@ def call(params: Params) -> None:
     )
 
 
-def collect_results(params: Params, quiet: bool) -> Result:
+def collect_results(params: Params, check_mode: bool) -> Result:
     """Look at all others."""
-    if not quiet:
+    if not check_mode:
         call(params)  # once more: a computer without a listener at the first time hears it now
-    result = look(params, quiet)
+    result = look(params, check_mode)
     if not params["is_router"]:
         missing = result["ros_missing"]
         result["talker"] = {"running": False, "error": missing} if missing else talker.state()
@@ -94,9 +94,9 @@ def collect_results(params: Params, quiet: bool) -> Result:
     return result
 
 
-def stream_to_talkers(params: Params, quiet: bool) -> Result:
+def stream_to_talkers(params: Params, check_mode: bool) -> Result:
     """Send to the talkers of the others, one after the other."""
-    if quiet or params["is_router"]:
+    if check_mode or params["is_router"]:
         return {"msg": "Nothing was sent.", "streams": []}
     from .._verify import streams
 
@@ -109,9 +109,9 @@ def stream_to_talkers(params: Params, quiet: bool) -> Result:
     return {"msg": f"Sent to {len(results)} computers.", "streams": results}
 
 
-def stop_talker(_params: Params, quiet: bool) -> Result:
+def stop_talker(_params: Params, check_mode: bool) -> Result:
     """End the talker, wherever there is one."""
-    if quiet:
+    if check_mode:
         return {"msg": "Check mode: no talker was stopped."}
     talker.stop()
     return {"msg": "No talker runs."}

@@ -28,8 +28,8 @@ os.dup2(question.fileno(), 0)
 os.execvpe(coded(argv[0]), [coded(word) for word in argv], {coded(name): coded(variables[name]) for name in variables})
 """
 _LAUNCHER = "/usr/bin/python3"
-# Of the sandbox of the services (plugin_utils/_plan/units.py). All processes end with it, also those with a session or group of
-# their own.
+# Of the sandbox of the services (plugin_utils/_plan/units.py). All processes end with it, also those with a session or
+# group of their own.
 SANDBOX = (
     "DynamicUser=yes",
     "PrivateTmp=yes",

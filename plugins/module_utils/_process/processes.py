@@ -12,24 +12,35 @@ from .commands import text
 
 SSH_SERVERS = ("sshd", "sshd-session", "dropbear")  # sshd(8), sshd-session since OpenSSH 9.8, dropbear(8)
 _MOST_ANCESTORS = 64
-_NAME, _STATE, _PARENT, _START = 0, 1, 2, 20  # places in what _read_stat returns
+
+
+class Stat(typing.NamedTuple):
+    """What /proc/PID/stat tells of a process (proc(5))."""
+
+    name: str
+    state: str  # a letter
+    parent: int
+    start: str  # in ticks of the clock since the boot
 
 
 def ancestors(proc: str = "/proc") -> typing.Iterator[typing.Tuple[int, str, str]]:
     """This process's ancestors, the nearest first: their numbers, names and starts."""
     pid = os.getppid()
     for _generation in range(_MOST_ANCESTORS):
-        fields = _read_stat(pid, proc)
-        if not fields:
+        stat = _read_stat(pid, proc)
+        if stat is None:
             return
-        yield pid, fields[_NAME], fields[_START]
-        pid = int(fields[_PARENT])
+        yield pid, stat.name, stat.start
+        pid = stat.parent
 
 
-def _read_stat(pid: typing.Union[int, str], proc: str) -> typing.List[str]:
-    """Read the name of a process and what follows it (proc(5), /proc/PID/stat); nothing where it has ended."""
-    before, bracket, after = text(f"{proc}/{pid}/stat").rpartition(")")  # a name may hold blanks and brackets
-    return [before.partition("(")[2], *after.split()] if bracket else []
+def _read_stat(pid: typing.Union[int, str], proc: str) -> typing.Optional[Stat]:
+    """Read the state of a process; None where it has ended, or where the text is cut off."""
+    before, _bracket, after = text(f"{proc}/{pid}/stat").rpartition(")")  # a name may hold blanks and brackets
+    words = after.split()
+    if len(words) <= 20:  # the start is the word 19, and complete where another one follows
+        return None
+    return Stat(before.partition("(")[2], words[0], int(words[1]), words[19])
 
 
 def environment(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Dict[str, str]:
@@ -42,12 +53,11 @@ def environment(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Dict
 
 
 def start_time(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optional[float]:
-    """Return the Unix time at which a process was started (proc(5), /proc/PID/stat); None where it has ended."""
-    fields = _read_stat(pid, proc)
-    if not fields:
+    """Return the Unix time at which a process was started; None where it has ended, or where no uptime can be read."""
+    stat, uptime = _read_stat(pid, proc), text(f"{proc}/uptime").split()
+    if stat is None or not uptime:
         return None
-    uptime = float(text(f"{proc}/uptime").split()[0])
-    return time.time() - uptime + int(fields[_START]) / os.sysconf("SC_CLK_TCK")
+    return time.time() - float(uptime[0]) + int(stat.start) / os.sysconf("SC_CLK_TCK")
 
 
 def count_files(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optional[typing.Tuple[int, int]]:
@@ -66,9 +76,9 @@ def file_limit(pid: typing.Union[int, str], proc: str = "/proc") -> int:
 
 
 def is_stopped(pid: typing.Union[int, str], proc: str = "/proc") -> bool:
-    """Say if a process is stopped by a signal or a debugger (proc(5), /proc/PID/stat); False where it has ended."""
-    fields = _read_stat(pid, proc)
-    return bool(fields) and fields[_STATE] in "Tt"
+    """Say if a process is stopped by a signal or a debugger; False where it has ended."""
+    stat = _read_stat(pid, proc)
+    return stat is not None and stat.state in "Tt"
 
 
 def parse(content: bytes) -> typing.Dict[str, str]:

@@ -94,7 +94,7 @@ def question(mac: bytes, address: str) -> bytes:
 def answer(message: bytes) -> typing.Optional[typing.Tuple[str, str]]:
     """Read the address and the hardware address out of an answer; None where it is none."""
     found = read_arp(message)
-    return (found[1], found[2]) if found and found[0] == REPLY else None
+    return (found.sender, found.mac) if found and found.kind == REPLY else None
 
 
 def _gather(link: socket.socket, answers: Answers, deadline: float) -> None:

@@ -82,6 +82,15 @@ def test_a_look_has_a_limit_of_parts(tree):
 
 
 @as_root
+def test_a_look_ends_at_the_limit_of_parts():
+    look = trust.Look(3)
+    assert [doubt.words for doubt in look.doubts("/tmp")] == ["/tmp can be written by everybody"]
+    assert [doubt.words for doubt in look.doubts("/tmp/x/y")] == [
+        "its paths have more than 3 parts, so it is not known who can change them"
+    ]
+
+
+@as_root
 def test_a_look_has_a_limit_of_time(tree):
     """A chain of links, each with 2,000 parts, again and again."""
     for number in range(40):

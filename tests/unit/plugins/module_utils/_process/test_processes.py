@@ -45,3 +45,23 @@ def test_the_start_of_a_process_by_the_clock_of_now(tmp_path):
     (tmp_path / "uptime").write_text("100.25 7.00\n")
     ago = 100.25 - 5000 / os.sysconf("SC_CLK_TCK")
     assert processes.start_time(7, str(tmp_path)) == pytest.approx(time.time() - ago, abs=1.0)
+
+
+@pytest.mark.parametrize("uptime", [None, ""])
+def test_without_an_uptime_the_start_is_unknown(tmp_path, uptime):
+    (tmp_path / "7").mkdir()
+    (tmp_path / "7" / "stat").write_text(f"7 (a) S {' '.join(['0'] * 18)} 5000 0")
+    if uptime is not None:
+        (tmp_path / "uptime").write_text(uptime)
+    assert processes.start_time(7, str(tmp_path)) is None
+
+
+@pytest.mark.parametrize("stat", ["", "7 (a", "7 (a)", "7 (a) T 1", f"7 (a) T {' '.join(['0'] * 18)} 50"])
+def test_a_stat_that_is_cut_off_is_that_of_no_process(tmp_path, monkeypatch, stat):
+    (tmp_path / "7").mkdir()
+    (tmp_path / "7" / "stat").write_text(stat)
+    (tmp_path / "uptime").write_text("100.25 7.00\n")
+    monkeypatch.setattr(processes.os, "getppid", lambda: 7)
+    assert list(processes.ancestors(str(tmp_path))) == []
+    assert processes.start_time(7, str(tmp_path)) is None
+    assert not processes.is_stopped(7, str(tmp_path))
