@@ -166,7 +166,7 @@ class Lab:
         self.diagnostics = Diagnostics()
         ros.Diagnostics = lambda: self.diagnostics
         ros.SyncNode = lambda held: self.nodes.append(SyncNode(self.roscore, held)) or self.nodes[-1]
-        ros.list_masters = self.ask_for_list
+        ros.ListMasters = lambda: self.ask_for_list
         monkeypatch.setitem(sys.modules, "rosfleet_multimaster.edge.ros", ros)
         monkeypatch.setattr(rosfleet_multimaster.edge, "ros", ros, raising=False)
         monkeypatch.delitem(sys.modules, "rosfleet_multimaster.master_sync", raising=False)

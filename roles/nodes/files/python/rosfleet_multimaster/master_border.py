@@ -7,6 +7,7 @@
 
 import contextlib
 import os
+from dataclasses import replace
 from functools import partial
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
@@ -200,7 +201,7 @@ class MasterBorder:
             (record,) = self.roscore.ask(("getParam", imports.IMPORTS))  # an import is a registration as well
             self.claims = imports.read(record).claims
         self.last = view
-        return view, self.claims
+        return replace(view, subscribers={}), self.claims  # who only listens changes nothing here
 
     def _list_unknown(self, found: View) -> Tuple[List[str], List[str]]:
         """The nodes and services whose URIs are needed, of a roscore that does not tell them."""

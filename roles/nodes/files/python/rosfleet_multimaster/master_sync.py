@@ -68,9 +68,9 @@ class MasterSync:
         identity = local_roscore.Identity()
         identity.service = self.node.service_uri()
         self.health = local_roscore.Health(loop, start.roscore, identity, roscore_calls, self._request_round)
-        listing = ros.list_masters
+        masters = ros.ListMasters()
         self.finder = Finder(
-            loop, graph, roscore_calls, limited, lambda: self.rounds.claims, listing, self._subscribe, self._on_list
+            loop, graph, roscore_calls, limited, lambda: self.rounds.claims, masters, self._subscribe, self._on_list
         )
         self.fetcher = Fetcher(loop, self.core, limited, self._on_fetch, self._on_touch, values["differences"])
         self.states = RecurringJob(DirectRunner(), lambda: STATUS, self._say_status, wanted=lambda: self.status_stale)

@@ -120,14 +120,14 @@ class DiscoveryNode:
         self._changes = rospy.Publisher("~changes", msg.MasterState, queue_size=100)
         self._links = rospy.Publisher("~linkstats", msg.LinkStatesStamped, queue_size=1)
 
-        def tell_masters(_request: Any) -> Any:
+        def list_masters(_request: Any) -> Any:
             return srv.DiscoverMastersResponse([_to_ros_master(master) for master in masters()])
 
         def handle_refresh(_request: Any) -> Any:
             refresh()
             return std_srvs.srv.EmptyResponse()
 
-        self.list_masters = rospy.Service("~list_masters", srv.DiscoverMasters, tell_masters)
+        self.list_masters = rospy.Service("~list_masters", srv.DiscoverMasters, list_masters)
         rospy.Service("~refresh", std_srvs.srv.Empty, handle_refresh)
 
     def service_uri(self) -> Tuple[str, str]:
@@ -161,25 +161,16 @@ def _end(proxy: Any) -> None:
     proxy.close()
 
 
-def _ask(service: str, kind: Any, seconds: float) -> Any:
-    """The answer of a service. Raises TimeoutError, and what rospy raises."""
-    proxy = rospy.ServiceProxy(service, kind, persistent=True)  # only then its connection is known
-    try:
-        return run_with_limit(seconds, proxy)
-    finally:
-        _end(proxy)
-
-
 def sync_info(service: str) -> Dict[Tuple[str, str], str]:
     """(node, URI) -> URI of its master: what another implementation of master_sync has registered. Blocks; may raise."""
-    hosts = _ask(service, srv.GetSyncInfo, SYNC_INFO_TIMEOUT).hosts
+    # Persistent: only then its connection is known.
+    proxy = rospy.ServiceProxy(service, srv.GetSyncInfo, persistent=True)
+    try:
+        hosts = run_with_limit(SYNC_INFO_TIMEOUT, proxy).hosts
+    finally:
+        _end(proxy)
     parts = ((host, entry) for host in hosts for entry in [*host.publisher, *host.subscriber, *host.services])
     return {(entry.node, entry.nodeuri): host.masteruri for host, entry in parts}
-
-
-def list_masters(service: str) -> List[Master]:
-    """The list of a discovery node. Blocks; may raise."""
-    return [_from_ros_master(master) for master in _ask(service, srv.DiscoverMasters, LIST_TIMEOUT).masters]
 
 
 # master_sync
@@ -210,6 +201,30 @@ class SyncNode:
                 queue_size=1000,
             )
             self._subscribed = topic
+
+
+class ListMasters:
+    """The list of a discovery node, which is asked for again and again: over one connection. For one thread at a time."""
+
+    def __init__(self) -> None:
+        self._service = ""
+        self._proxy: Any = None
+
+    def __call__(self, service: str) -> List[Master]:
+        """Ask for the list. Blocks; may raise."""
+        if service != self._service or self._proxy is None:
+            self._drop()
+            self._service, self._proxy = service, rospy.ServiceProxy(service, srv.DiscoverMasters, persistent=True)
+        try:
+            return [_from_ros_master(master) for master in run_with_limit(LIST_TIMEOUT, self._proxy).masters]
+        except Exception:
+            self._drop()
+            raise
+
+    def _drop(self) -> None:
+        proxy, self._proxy = self._proxy, None
+        if proxy is not None:
+            _end(proxy)
 
 
 def _sync_info(held: Mapping[Registration, str]) -> Any:

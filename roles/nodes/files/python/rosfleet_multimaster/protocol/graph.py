@@ -298,6 +298,8 @@ def _uri(value: Any, scheme: str) -> Optional[str]:
 
 def _nodes(rows: List[Any], scheme: str) -> Dict[str, Node]:
     """The nodes in rows, whose fourth element (a process, or the type of a service) nobody needs."""
+    for row in rows if scheme == "rosrpc://" else ():
+        _text(row[3], "a type")
     return {
         name: Node(_uri(where, scheme), _text(origin, "an origin"), _text(locality, "a locality"))
         for name, where, origin, _more, locality in rows

@@ -42,8 +42,7 @@ class Roscore:
         self._options, self._loop = options, Loop()
         self._workers = Workers(self._loop, THREADS, 1 << 16)
         self._refusals = Refusals(self._tell)
-        # The survivors are made after the master.
-        callbacks = master.Callbacks(self._on_changes, lambda *node: self._survivors.look_after(*node), self._wait)
+        callbacks = master.Callbacks(self._on_changes, self._look_after, self._wait)
         self._master = master.Master(WATCHED, callbacks, self._refusals)
         self._changes = Changes(
             uuid.uuid4().hex,
@@ -102,6 +101,10 @@ class Roscore:
         if text != self._shown:
             self._shown = text
             systemd.notify(f"STATUS={text}")
+
+    def _look_after(self, name: str, uri: str) -> None:
+        """Look after a node that has withdrawn everything. The survivors are made after the master."""
+        self._survivors.look_after(name, uri)
 
     def _on_changes(self, records: List[Record]) -> None:
         """Hand on the changes of one call; the lock of the registrations is held."""

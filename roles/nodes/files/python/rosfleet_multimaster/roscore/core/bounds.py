@@ -113,7 +113,7 @@ def is_writable(value: Any) -> bool:
         return not _UNWRITABLE.search(value)
     if isinstance(value, dict):
         return all(map(is_writable, [*value, *value.values()]))
-    return not isinstance(value, list) or all(map(is_writable, value))
+    return not isinstance(value, (list, tuple)) or all(map(is_writable, value))
 
 
 # The sums
