@@ -15,6 +15,7 @@ from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import NamedTuple
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Flows, Item
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
     DROP,
     FORWARD,
@@ -27,7 +28,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     Rule,
     kernel_routes,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON
 
 from tests.simulator.ros import TALKS
 from tests.simulator.state import DEAD, HUNG, Computer, Port, ports, replace_interface, replace_link

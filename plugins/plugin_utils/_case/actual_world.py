@@ -121,7 +121,7 @@ def _close_route(state: FleetState, world: World, part: Part) -> World:
     if machine is None:
         return world
     own = {address.network for one in machine.interfaces for address in one.addresses}
-    gone = [network for network, link in plan_world.name_links(fleet).items() if part.what in ("", link)]
+    gone = [network for network, link in fleet.network_names.items() if part.what in ("", link)]
     closed = [Route(network, kind=NOWHERE) for network in gone if network not in own]
     return world.replace_machine(replace(machine, routes=(*closed, *machine.routes)))
 

@@ -12,10 +12,10 @@ from typing import TypeVar
 
 from .._fleet.model import Gateway
 from .._observed.observations import Datagrams, Exchange, ForwardingInterface, Multicast, Observation, Probe, SeenMember
-from .._plan.model import ComputerPlan, FleetPlan, Master
+from .._plan.model import COMMON, ComputerPlan, FleetPlan, Master
 from .packet_filters import ReadFilters
 from .registrations import Exchanges
-from .ways import COMMON, Way, Ways
+from .ways import Way, Ways
 
 T = TypeVar("T")
 
@@ -161,7 +161,7 @@ class Case:  # no dataclass: a large fleet has hundreds of thousands, and many c
         # the target, if it takes part in this run, and the datagrams between the two
         self.peer = self.run.get(target)
         self.udp = observer.udp.get(target) if self.peer is not None else None
-        # the target in the result of multimaster_verify on the observer, and the topic of its talker
+        # the target in the result of multimaster_verify on the observer, an empty one without a result, and the topic of its talker
         self.member = observer.members.get(target, NOT_SEEN)
         self.topic = observer.topics.get(target)
         # target and observer among the members of the plan; None for the router

@@ -12,9 +12,9 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 from .._fleet.model import Gateway
+from .._plan.model import COMMON
 from .case import Case
 from .parts import Part
-from .ways import COMMON
 
 Parts = frozenset[Part]
 

@@ -12,10 +12,8 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from .._fleet.model import Gateway
-from .._plan.model import ComputerPlan, FleetPlan, Master, Member
+from .._plan.model import COMMON, ComputerPlan, FleetPlan, Master, Member
 from .parts import Part
-
-COMMON = "the common network"
 
 
 class Way(NamedTuple):

@@ -19,6 +19,7 @@ from .._data.plain import notation
 from .._fleet.model import Gateway, Router
 
 DEFAULT_ROUTE = IPv4Network("0.0.0.0/0")
+COMMON = "the common network"
 
 # Parameters of a node, in the words of the provider. The services get them as JSON.
 Parameters = Mapping[str, Any]
@@ -341,6 +342,14 @@ class FleetPlan:
         return {
             master.robot: tuple(dict.fromkeys([master.uri, *(names.get(master.robot, ()) if master.roscore else ())]))
             for master in self.masters
+        }
+
+    @cached_property
+    def network_names(self) -> Mapping[IPv4Network, str]:
+        """The name of each planned network, the common one first."""
+        return {
+            self.common_network: COMMON,
+            **{entry.network: f"the network of {entry.robot}" for entry in self.networks},
         }
 
     @cached_property

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 from xml.sax.saxutils import escape, quoteattr
 
-from .._case.ways import COMMON
 from .._checks.engine import FAILED, OK, UNKNOWN, WARNING
 from .._fleet.plain_text import plain
 from .._fleet.sentences import shorten_list
-from .._plan.model import ComputerPlan, FleetPlan
+from .._plan.model import COMMON, ComputerPlan, FleetPlan
 
 _T = TypeVar("_T")
 _Finding = Mapping[str, Any]  # as the document has it

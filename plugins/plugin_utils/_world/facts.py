@@ -97,7 +97,7 @@ def _interface(fleet: FleetPlan, host: str, entry: Info, settings: Info) -> Inte
 
 def find_link(fleet: FleetPlan, host: str, device: str, addresses: Iterable[IPv4Address]) -> str:
     """Name the link of an interface: the planned network with its address, or else a link of its own."""
-    links = plan_world.name_links(fleet)
+    links = fleet.network_names
     near = (link for address in addresses for network, link in links.items() if address in network)
     return next(near, f"{quote(device)} of {host}")
 
@@ -105,7 +105,8 @@ def find_link(fleet: FleetPlan, host: str, device: str, addresses: Iterable[IPv4
 def _route(entry: Info) -> Route:
     # A next hop may be of IPv6 (RFC 5549): then no address is told.
     addresses = {name: "" if ":" in entry[name] else entry[name] for name in ("gateway", "source")}
-    return from_plain(Route, {**entry, **addresses, "kind": entry["type"]})
+    told = {name: entry[name] for name in ("destination", "device", "metric")}
+    return from_plain(Route, {**told, **addresses, "kind": entry["type"]})
 
 
 def read_rules(chains: Iterable[Info]) -> tuple[tuple[Rule, ...], frozenset[str]]:
@@ -153,7 +154,7 @@ def _add_tunnel(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machi
     if own is None or any(one.name == tunnel.INTERFACE for one in machine.interfaces):
         return machine
     address = IPv4Interface(f"{own.address}/{own.network.prefixlen}")
-    link = plan_world.name_links(fleet).get(own.network, "")
+    link = fleet.network_names.get(own.network, "")
     interface = Interface(name=tunnel.INTERFACE, addresses=(address,), link=link, mtu=tunnel.MTU, up=True)
     routes = (*machine.routes, *kernel_routes(interface))
     return replace(machine, interfaces=(*machine.interfaces, interface), routes=routes)

@@ -14,22 +14,13 @@ from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from .._plan.model import ComputerPlan, FleetPlan
 from .model import ACCEPT, DROP, FORWARD, IN, LOOSE, NEW, Interface, Link, Machine, Route, Rule, World, kernel_routes
 
-COMMON = "the common network"
 FIRST, LAST = 1024, 65535  # the ports that multimaster_firewall protects
-
-
-def name_links(fleet: FleetPlan) -> dict[IPv4Network, str]:
-    """Name the link of each planned network, the common one first."""
-    return {
-        fleet.common_network: COMMON,
-        **{entry.network: f"the network of {entry.robot}" for entry in fleet.networks},
-    }
 
 
 def make_world(fleet: FleetPlan) -> World:
     """Make the world of a plan."""
     machines = [make_machine(fleet, plan) for plan in fleet.computers.values()] + list_devices(fleet)
-    links = {name: Link(name) for name in name_links(fleet).values()}
+    links = {name: Link(name) for name in fleet.network_names.values()}
     return World({machine.name: machine for machine in machines}, links)
 
 
@@ -50,12 +41,11 @@ def _make_interfaces(
     fleet: FleetPlan, name: str, places: Iterable[tuple[IPv4Address, IPv4Network]], forwarding: bool, rp_filter: int = 0
 ) -> tuple[Interface, ...]:
     """Make an interface for each address and its network."""
-    links = name_links(fleet)
     return tuple(
         Interface(
             f"{name}{number}",
             (IPv4Interface((address, network.prefixlen)),),
-            links.get(network, ""),
+            fleet.network_names.get(network, ""),
             forwarding=forwarding,
             rp_filter=rp_filter,
         )

@@ -60,6 +60,7 @@ def _rule(priority: int, words: list[str]) -> Lookup | None:
         ports=_read_ports(fields.pop("dport", "")),
         source_ports=_read_ports(fields.pop("sport", "")),
     )
+    # What is left was not understood.
     return rule if fields.keys() <= QUIET and (rule.table or kind) else None
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from .._fleet.sentences import shorten_list
 from .._plan.model import FleetPlan, Member
-from . import facts, packets, plan_world
+from . import facts, packets
 from .model import Packet, World
 from .packets import Trace
 
@@ -216,7 +216,7 @@ def _end(fleet: FleetPlan, way: Trace, traffic: Traffic) -> End:
 
 
 def _network(fleet: FleetPlan, address: IPv4Address) -> str:
-    links = plan_world.name_links(fleet)
+    links = fleet.network_names
     return next((link for network, link in links.items() if address in network), str(address))
 
 

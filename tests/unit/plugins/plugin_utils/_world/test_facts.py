@@ -8,6 +8,7 @@ import random
 from dataclasses import replace
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.facts import (
     apply_plan,
     join_world,
@@ -15,7 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.facts 
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Rule, kernel_routes
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON, make_world
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_world
 from worlds import COMPUTERS, change, change_interface, fig12, info_of, ping
 
 PLAN = fig12()

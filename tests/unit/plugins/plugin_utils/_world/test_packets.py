@@ -15,6 +15,7 @@ from ipaddress import IPv4Address, IPv4Network
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine as look_at
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import facts, packets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
     Interface,
@@ -26,7 +27,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     kernel_routes,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo, trace
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.prediction import predict
 from worlds import address, change, change_interface, fig12, ping, route, tcp
 

@@ -7,9 +7,10 @@ from dataclasses import replace
 from ipaddress import IPv4Address
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Rule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import echo
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import COMMON, make_world
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_world
 from worlds import COMPUTERS, fig12, ping, tcp
 
 from tests.simulator.multicast import send_to_group
