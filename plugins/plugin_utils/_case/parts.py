@@ -22,7 +22,8 @@ class Fault(NamedTuple):
     """How a part of a kind may be broken: in a sentence, what to do, and the command that shows it.
 
     Texts have {place} and {what}. A remedy that can be pasted is `run site.yml` or `on {place}: <command>`. A command behind
-    `see` only shows the fault. A command made from an observation stands before the remedy (commands.py).
+    `see` only shows the fault. So does `decide`, with which alone an inferred fault is told. A command made from an observation
+    stands before the remedy (commands.py).
     `cost` says how rare it is: of two parts that explain the same, the cheaper one is named.
     A `hard` fault lets nothing pass, so a success that needs the part clears it. Of other faults a success says little.
     A fault that is `read` is not concluded, since a value on the machine shows it: READ is for places with an observation.
@@ -141,7 +142,10 @@ RULED = frozenset({*FILTERS, ("filter", "forward")})
 FAULTS: Mapping[tuple[str, str], Fault] = {
     # A computer
     ("computer", "off"): Fault(
-        "{place} is switched off, or not on its network", f"switch it on; if it is on, see {ADDRESSES}", cost=1.0
+        "{place} is switched off, or not on its network",
+        f"switch it on; if it is on, see {ADDRESSES}",
+        ADDRESSES,
+        cost=1.0,
     ),
     ("computer", "login"): Fault(
         "{place} is there, but the controller cannot log in",
@@ -162,6 +166,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("computer", "overloaded"): Fault(
         "{place} is overloaded",
         "with many computers raise verify_patience; see on {place}: top -b -n1",
+        "on {place}: top -b -n1",
         cost=5.0,
         hard=False,
     ),
@@ -202,7 +207,10 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         read=ALWAYS,
     ),
     ("computer", "disk"): Fault(
-        "{place} has no room on {what}", "make room there; see on {place}: df -h; du -xsh /var/log", what="a disk"
+        "{place} has no room on {what}",
+        "make room there; see on {place}: df -h; du -xsh /var/log",
+        "on {place}: df -h",
+        what="a disk",
     ),
     # Names
     **{
@@ -260,12 +268,14 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("interface", "mtu"): Fault(
         "{place} takes or sends only small packets on {what}",
         "give its interface the MTU of the others; see on {place}: ip link",
+        "on {place}: ip link",
         what="its network",
         cost=4.0,
     ),
     ("interface", "duplicate"): Fault(
         "another computer has the address of {place}, too",
         "give one of the two another address; see on another computer there: arping -D -I <interface> <its address>",
+        "on another computer there: arping -D -I <interface> <its address>",
         cost=4.5,
     ),
     ("neighbour", "mute"): Fault(
@@ -297,6 +307,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("link", "down"): Fault(
         "the link of {place} to {what} is down, or its interface has no address there",
         f"switch its interface on, or look at the cable; see {ADDRESSES}",
+        ADDRESSES,
         what="its network",
         cost=1.9,
     ),
@@ -310,7 +321,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("link", "power_save"): Fault(
         "{place} saves power on its wireless interface on {what}, which loses and delays packets",
         "switch it off, by iw dev <interface> set power_save off, and for the next boot in the network manager; see on {place}: iw dev",
-        "on {place}: iw dev; iw dev <interface> set power_save off, which lasts until the next boot, and verify again",
+        "on {place}: iw dev; iw dev <interface> get power_save",
         what="its network",
         cost=3.2,
         hard=False,
@@ -354,6 +365,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("network", "dead"): Fault(
         "{place} carries nothing between its computers, as an access point that keeps its clients apart",
         "switch client isolation off on the access point, and look at the switch",
+        "on a computer there, for another one there: ping -c 3 <its address>",
         cost=2.0,
     ),
     ("network", "loss"): Fault(
@@ -373,7 +385,10 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         hard=False,  # a switch prunes port by port: a computer that has just joined hears the others for some minutes
     ),
     ("network", "large"): Fault(
-        "{place} loses large packets", "give all its interfaces one MTU, and look at the switch", cost=4.0
+        "{place} loses large packets",
+        "give all its interfaces one MTU, and look at the switch",
+        "on a computer there, for another one there: ping -M do -s 1472 -c 3 <its address>",
+        cost=4.0,
     ),
     # Between networks
     ("route", "missing"): Fault(
@@ -418,6 +433,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("route", "circle"): Fault(
         "{place} sends packets for {what} back to where they came from",
         f"{SITE} on it; see there: ip route",
+        "on {place}: ip route",
         what="the others",
         read=READ,
     ),
@@ -463,6 +479,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("redirects", "sent"): Fault(
         "{place} sends ICMP redirects, because packets turn round on the common network",
         f"{SITE}, which sets net.ipv4.conf.*.send_redirects to 0; it is sent where all or the interface has 1",
+        "on {place}: sysctl -a --pattern send_redirects",
     ),
     ("translation", "on"): Fault(
         "{place} translates addresses (masquerading, NAT)",
@@ -648,11 +665,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("sync", "limit"): Fault(
         "{what} offers more than the 5000 registrations that the sync node of {place} takes of one master",
         "leave out what nobody needs, by multimaster_filters or multimaster_exports",
+        SYNC,
         what="a master",
     ),
     ("sync", "untold"): Fault(
         "the sync node of {place} does not tell what it has registered",
         f"{RESTART_SYNC}; see on {{place}}: rosservice call /master_sync/get_sync_info",
+        "on {place}: rosservice call /master_sync/get_sync_info",
     ),
     ("sync", "stale"): Fault(
         "the sync node of {place} has not followed the changes of {what}, which are given to it and are not registered",
@@ -669,7 +688,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="a registration",
         read=ALWAYS,
     ),
-    ("service", "down"): Fault("{what} does not run on {place}", RESTART_UNIT, cost=2.0, what="multimaster-*"),
+    ("service", "down"): Fault(
+        "{what} does not run on {place}",
+        RESTART_UNIT,
+        "on {place}: journalctl -b -u {what}",
+        cost=2.0,
+        what="multimaster-*",
+    ),
     ("ros", "broken"): Fault(
         "nodes of the ROS on {place} cannot start any more; those that run were started before",
         "install what is missing again; see on {place}: python3 -c 'import rospy'",
@@ -707,28 +732,37 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         read=READ,
     ),
     ("service", "missing"): Fault(
-        "{what} was not set up on {place}", f"{SITE} on it", cost=1.0, what="multimaster-*", read=READ
+        "{what} was not set up on {place}",
+        f"{SITE} on it",
+        "on {place}: systemctl cat {what}",
+        cost=1.0,
+        what="multimaster-*",
+        read=READ,
     ),
     # Registrations and their exchange
     ("registration", "ghost"): Fault(
         "the roscore of {place} holds nodes that do not answer: {what}; they ended without saying so, as by kill -9",
         "end a node that hangs first; on {place}: yes | rosnode cleanup",
+        "on {place}: rosnode ping --all",
         what="see rosnode ping --all",
     ),
     ("registration", "twin"): Fault(
         "one name, two nodes on {place}: {what}; a roscore holds one of them",
         "give one of them another name or a namespace of its robot, or leave it out by multimaster_exports or multimaster_filters",
+        "on the masters of {place}: rosnode list",
         what="see rosnode list",
     ),
     ("registration", "talker"): Fault(
         "the talker of the verification on {place} does not run, or has not registered: {what}",
         "with many computers raise verify_lifetime; see on {place}: journalctl -u multimaster-verify-talker",
+        "on {place}: journalctl -u multimaster-verify-talker",
         cost=3.5,
         what="rostopic pub fails there",
     ),
     ("registration", "listener"): Fault(
         "the subscriber of the verification on {place} gave no result: {what}",
         "with many computers raise verify_patience; see on {place}: rostopic echo /rosout",
+        "on {place}: rostopic echo /rosout",
         cost=3.5,
         what="rospy fails there",
     ),
@@ -753,18 +787,21 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("registration", "link"): Fault(
         "nodes on {place} are connected though nothing is exchanged between them: {what}",
         "start these nodes again; if it comes back, run site.yml on all robots",
+        "on the masters of {place}: rosnode info <node>",
         what="see rosnode info",
     ),
     ("topic", "shared"): Fault(
         "nodes of {place} publish the same topics, and who hears the one hears the other, too: {what}",
         "give one of the two nodes a namespace of its robot, or leave the topic out by multimaster_exports or multimaster_filters; if it is "
         "meant, write its whole name into the multimaster_exports of both",
+        "on the masters of {place}: rostopic info <topic>",
         what="see rostopic info",
     ),
     ("topic", "circle"): Fault(
         "ros1_bridge runs on {place}, and messages go round in a circle by both bridges: {what}",
         "run one bridge for both robots, give the bridged topics a namespace of each robot, or leave them out by multimaster_exports or "
         "multimaster_filters",
+        "on the masters of {place}: rosnode info <bridge>",
         what="see rosnode info",
     ),
     ("parameter", "copy"): Fault(
@@ -785,12 +822,14 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("declaration", "narrow"): Fault(
         "{place} leaves out what the others need: {what}",
         "correct multimaster_exports or multimaster_filters of the robot, and run site.yml",
+        "on the master of {place}: rosparam get /master_discovery; rosparam get /master_sync",
         what="see multimaster_exports",
         read=READ,
     ),
     ("messages", "differ"): Fault(
         "message definitions differ on {place}: {what}",
         "install the same version of the message package on both, or give one of the topics another name",
+        "on the master of {place}: rosmsg md5 <type>",
         what="see rosmsg md5",
     ),
     ("messages", "unknown"): Fault(
@@ -805,10 +844,12 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("set_up", "by_hand"): Fault(
         "{place} was set up by hand, or by something else",
         f"nothing, if that is wanted: the other checks say if the fleet talks; else {SITE}",
+        "on {place}: rosnode list; ls /var/lib/rosfleet-multimaster",
     ),
     ("set_up", "others"): Fault(
         "the nodes on {place} were started by hand, or by something else; they are judged as they are",
         f"nothing, if that is wanted; else stop them on {{place}}, and {SITE}",
+        "on {place}: ps -eo pid,user,args",
     ),
     ("set_up", "refused"): Fault(
         "site.yml would refuse {place}, before it changes anything",
@@ -818,6 +859,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("setting", "icmp_group"): Fault(
         "{place} does not answer pings of a group; discovery does not depend on it",
         f"if you want the answers: {SITE} on it, which sets net.ipv4.icmp_echo_ignore_broadcasts",
+        "on {place}: sysctl net.ipv4.icmp_echo_ignore_broadcasts",
         cost=2.0,
     ),
     ("setting", "icmp_all"): Fault(
@@ -840,6 +882,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "{what} at {place} is no computer of the inventory, and uses the group and port of this fleet",
         "add it to the inventory, put {place} into multimaster_allow, or give this fleet another "
         "multimaster_multicast_group or port",
+        "on a computer of the fleet: ip neighbour",
         what="somebody",
     ),
     # The next boot

@@ -3,8 +3,17 @@
 
 """The table of parts: every row can be told."""
 
+import re
+
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FAULTS, FOLLOWS, Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import ALWAYS, FAULTS, FOLLOWS, Part
+
+#: words of commands and of advice that change something or start it again
+CHANGING = re.compile(
+    r"site\.yml(?! --check)|restart|kill|cleanup|delete|chmod|sed -i|modprobe|rotate|--set\b|"
+    r"\b(sysctl -w|ip \S+ (add|del|set|flush|replace)|set (dev|power_save)|nft (add|delete|flush))\b|"
+    r"\b(give|set|switch|remove|correct|run|raise|allow|let|start|end|install|write|leave)\b"
+)
 
 
 @pytest.mark.parametrize("key", FAULTS)
@@ -15,6 +24,12 @@ def test_every_fault_is_told_in_whole_sentences(key):
         texts = part.sentence(), part.remedy(), part.decide()
         assert all(text and "{" not in text and "  " not in text for text in texts), texts
         assert part.place in part.sentence() and not part.sentence().endswith(".")
+
+
+@pytest.mark.parametrize("key", [key for key, fault in FAULTS.items() if fault.read != ALWAYS])
+def test_what_may_be_inferred_is_told_with_a_look_alone(key):
+    kind, mode = key
+    assert not CHANGING.search(Part(kind, "tibi-nav", mode).decide())
 
 
 def test_what_follows_is_in_the_table():
