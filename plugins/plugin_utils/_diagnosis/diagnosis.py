@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 
 from .._case import needs
-from .._case.case import Participant
+from .._case.case import LATELY, Participant
 from .._case.errors import find_parts
 from .._case.needs import Parts
 from .._case.parts import ALWAYS, ANY, FOLLOWS, HEARSAY, RULED, Part
@@ -73,7 +73,9 @@ class Finding:
 
     @property
     def subjects(self) -> str:
-        """Name what of the part is concerned: the first names or networks, and how many more."""
+        """Name what of the part is concerned: the first names or networks, and how many more. Of packets that end, the first."""
+        if self.part.kind == "way":
+            return self.part.what  # the report has all of `followed`
         return shorten_list(dict.fromkeys(part.what for part in (self.part, *self.also) if part.what), NAMED)
 
     def sentence(self) -> str:
@@ -195,7 +197,8 @@ class _Diagnosis:
             places = {end.place.step: end for end in self.shown.get(part, ())}
             entry.followed = tuple(places.values())[:NAMED]
         unexplained = tuple(self.open[number][0] for number in rest if not by_chance[number])
-        return Diagnosis(tuple(map(self._add_details, _findings(self.broken.values()))), unexplained)
+        findings = sorted(_merge_parts(self.broken.values()), key=self._weigh)
+        return Diagnosis(tuple(map(self._add_details, findings)), unexplained)
 
     def _choose_parts(self, failures: Sequence[Failure]) -> Sequence[int]:
         """Choose the parts that explain the failures; return the numbers of the rest."""
@@ -275,6 +278,27 @@ class _Diagnosis:
     def _list_computers(self, one: str, other: str) -> set[str]:
         """Name the planned computers on the way between two."""
         return {one, other, *(place for place, _network in list_links(self.verification, one, other))}
+
+    def _weigh(self, entry: Finding) -> tuple[int, float, bool, int, Part]:
+        """Order findings: the serious ones first; of these what is so now; of these what a value shows; of these what most follows from."""
+        return (
+            SERIOUS.index(entry.verdict),
+            self._count_seconds(entry),
+            not entry.proof,
+            -len(entry.rows) - len(entry.proof),
+            entry.part,
+        )
+
+    def _count_seconds(self, entry: Finding) -> float:
+        """Count the seconds since the last start of a unit that ended and runs again; 0 for what is so now."""
+        computer = self._computer(entry.part)
+        if computer is None or entry.verdict != WARNING or entry.part.mode != "restarting":
+            return 0.0
+        units = {part.what for part in (entry.part, *entry.also)}
+        return min(
+            (LATELY if one.age_s is None else one.age_s for one in computer.probe.services if one.unit in units),
+            default=LATELY,
+        )
 
     def _add_details(self, entry: Finding) -> Finding:
         """Add what the machine at its place tells: since when, by how much, and what mends it."""
@@ -404,12 +428,12 @@ class _Diagnosis:
         )
 
 
-def _findings(broken: Iterable[Finding]) -> list[Finding]:
-    """Make one finding of the parts that are one for a person, and sort them."""
+def _merge_parts(broken: Iterable[Finding]) -> Iterable[Finding]:
+    """Make one finding of the parts that are one for a person."""
     groups: dict[Part, list[Finding]] = defaultdict(list)
     for entry in broken:
         groups[entry.part._replace(what="")].append(entry)
-    return sorted(map(_merge, groups.values()), key=_importance)
+    return map(_merge, groups.values())
 
 
 def _add_clock_offset(entry: Finding) -> Finding:
@@ -419,12 +443,6 @@ def _add_clock_offset(entry: Finding) -> Finding:
         for part in entry.candidates
     ]
     return replace(entry, part=parts[0], rivals=tuple(parts[1:]))
-
-
-def _importance(entry: Finding) -> tuple[int, bool, bool, int, Part]:
-    """Order findings: the serious ones first; of these what is so now; of these what a value shows; of these what most follows from."""
-    was = entry.verdict == WARNING and entry.part.mode == "restarting"  # within the last ten minutes, and it runs again
-    return SERIOUS.index(entry.verdict), was, not entry.proof, -len(entry.rows) - len(entry.proof), entry.part
 
 
 def _merge(group: Sequence[Finding]) -> Finding:

@@ -15,8 +15,8 @@ from ipaddress import IPv4Network
 
 from .._case.case import FleetState, Participant
 from .._case.parts import Part
-from .._case.ways import COMMON
 from .._observed.observations import BootDeviation, Probe, Service
+from .._plan.model import COMMON
 
 SERVICES = ("roscore", "discovery", "sync")
 LATER = ("hung", "stale", "untold", "full", "stopped")  # these begin some time after the start, which says nothing

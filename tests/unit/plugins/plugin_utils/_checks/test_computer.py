@@ -275,6 +275,17 @@ def test_a_restart_is_told_when_it_is_new(age, since_last, told):
     assert [row.verdict == WARNING for row in rows if (row.check, row.observer) == ("services", ONE)] == [told]
 
 
+@pytest.mark.parametrize("ages", [(3.0, 170.0), (170.0, 3.0)])
+def test_of_two_restarts_the_last_one_stands_first(ages):
+    """The other one is of a fault that was there before, and has been mended since."""
+    fleet = plan()
+    seen = observed(fleet)
+    for computer, age in zip((ONE, TWO), ages, strict=True):
+        update(seen[computer].probe.services[1], restarts=4, age_s=age)
+    told = [entry.part.place for entry in diagnose(fleet, seen).findings]
+    assert told == sorted((ONE, TWO), key=lambda name: ages[(ONE, TWO).index(name)])
+
+
 def test_a_full_process_explains_what_it_does_not_answer():
     def change(seen):
         _service(name="roscore", open_files=1024, most_files=1024)(seen)

@@ -6,6 +6,7 @@
 import time
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis import diagnosis
@@ -142,3 +143,10 @@ def test_robots_are_not_mixed_up():
     found = diagnosed(change, fig12())
     assert parts(found) == [("roscore", "tibi-visio", "name")]
     assert ONE not in str(found)
+
+
+def test_of_packets_that_end_at_one_place_the_first_are_told():
+    """Each has many words; the report has those of all beside the finding."""
+    first, second = (Part("way", "tibi-gate", "ends", f"pings from {name} end there") for name in ("arm", "nav"))
+    told = diagnosis.Finding(first, also=(second,)).sentence()
+    assert told == "packets end at tibi-gate: pings from arm end there"
