@@ -93,7 +93,7 @@ house: setup ## figures of the code: rooms, imports, long functions (REV=revisio
 docs: setup ## a site of all pages, modules, roles, filters and variables, with a search, in .work/docsite/html; each link is looked at
 	@$(PYTHON) tools/docsite/build.py
 
-readme: setup ## write the generated tables: checks, and what was measured
+readme: setup ## write the tables of what was measured into their pages
 	@PYTHONPATH=.work/collections $(PYTHON) tools/readme.py
 
 lock: ## write requirements-lab.txt and -dev.txt, with the hashes of all packages, out of the files .in (UPGRADE=yes: newer versions)

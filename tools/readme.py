@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Write the generated tables into the pages: checks, and what was measured.
+"""Write the tables of what was measured into the pages.
 
 With `--check` nothing is written; a table that is not the generated one is an error.
 """
@@ -14,8 +14,6 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
-
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import table as checks
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "tests/bench" / folder) for folder in ("", "network", "site")]
@@ -60,15 +58,9 @@ def list_measured_tables() -> Iterator[Table]:
     yield Table(page, "functions", sources[1], lambda: growth.functions_table(grown))
 
 
-TABLES = (
-    Table("docs/operate/verification.md", "checks", "plugins/plugin_utils/_checks/table.py", checks.markdown_table),
-    *list_measured_tables(),
-)
-
-
 def main() -> int:
     different = 0
-    for table in TABLES:
+    for table in list_measured_tables():
         path = ROOT / table.document
         before = path.read_text(encoding="utf-8")
         after = table.fill(before)

@@ -106,8 +106,6 @@ def _suspects(case: Case) -> Parts:
 @Check(
     title="what crosses by the border is there",
     scope=MASTER,
-    about="with `as`, `rate`, `newest` or `frames` in `multimaster_exports`",
-    expected="each topic and service of own nodes of the one robot that the border takes across is there from the border of the other, and no more",
     suspects=_suspects,
 )
 def _judge_border(case: Case) -> Judgement | None:

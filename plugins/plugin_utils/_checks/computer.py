@@ -10,9 +10,9 @@ from .._case.actual_world import DOWN
 from .._case.case import Case
 from .._case.needs import Parts, join_parts, make_parts
 from .._case.packet_filters import ROSCORE
-from .._case.ways import COMMON
 from .._observed.observations import DefaultRoute, ForwardingInterface, Service
 from .._observed.uris import is_one_of, is_same_uri
+from .._plan.model import COMMON
 from .engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement, judge_fault
 from .manual_setup import guard
 
@@ -27,9 +27,6 @@ def _interfaces(case: Case) -> list[ForwardingInterface]:
 
 @Check(
     title="gateways and the router pass packets on",
-    about="gateways, router",
-    expected="`net.ipv4.ip_forward` is 1, also on the interfaces of the plan",
-    report="4.2",
     needs=lambda case: make_parts("forwarding", case.observer.name, "off"),
 )
 def _judge_forwarding(case: Case) -> Judgement | None:
@@ -68,7 +65,6 @@ def _reachable_suspects(case: Case) -> Parts:
 
 @Check(
     title="computer answers the controller",
-    expected="it answers the controller",
     needs=_reachable_needs,
     suspects=_reachable_suspects,
 )
@@ -120,8 +116,6 @@ def _service_down_parts(computer: str, service: str) -> Parts:
 
 @Check(
     title="services are active",
-    expected="its services are active, may open more files, and were not started again by systemd since the last verification or in the last ten minutes",
-    report="3.3",
     needs=lambda case: join_parts(
         _service_down_parts(case.observer.name, service) for service in case.observer.services
     ),
@@ -155,8 +149,6 @@ def _judge_services(case: Case) -> Judgement | None:
 
 @Check(
     title="services run with the planned environment",
-    expected="the process of each service really has the variables of the environment file and of the plan",
-    report="3.2",
     needs=lambda case: make_parts("environment", case.observer.name, "service"),
 )
 @guard(_has_services)
@@ -180,7 +172,6 @@ def _judge_environment(case: Case) -> Judgement | None:
 
 @Check(
     title="computer could be looked at",
-    expected="the measurements gave a result",
     needs=lambda case: make_parts("computer", case.observer.name, "unmeasured"),
 )
 def _judge_measured(case: Case) -> Judgement | None:
@@ -246,7 +237,6 @@ def _addresses_needs(case: Case) -> Parts:
 
 @Check(
     title="interfaces have the planned addresses",
-    expected="an interface has each of its addresses with the prefix length of its network, and its link is up (warning)",
     needs=_addresses_needs,
     suspects=_addresses_suspects,
 )
@@ -266,7 +256,6 @@ def _judge_addresses(case: Case) -> Judgement | None:
 
 @Check(
     title="interfaces have the MTU of the others",
-    expected="each interface has the MTU that most have on its network (warning)",
     needs=lambda case: join_parts(
         make_parts("interface", case.observer.name, "mtu", what=network) for network in case.observer.mtus
     ),
@@ -286,8 +275,6 @@ def _judge_mtu(case: Case) -> Judgement | None:
 
 @Check(
     title="no strict reverse-path filter",
-    about="gateways, router",
-    expected="the reverse-path filter is not strict: the larger value of `all` and the interface is not 1 (warning)",
     needs=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
 )
 def _judge_reverse_path(case: Case) -> Judgement | None:
@@ -301,8 +288,6 @@ def _judge_reverse_path(case: Case) -> Judgement | None:
 
 @Check(
     title="router sends no redirects",
-    about="router",
-    expected="no ICMP redirects are sent into the common network (warning)",
 )
 def _judge_redirects(case: Case) -> Judgement | None:
     if not case.observer.is_probed or not case.observer.plan.is_router:
@@ -314,7 +299,6 @@ def _judge_redirects(case: Case) -> Judgement | None:
 
 @Check(
     title="kernel answers pings",
-    expected="`net.ipv4.icmp_echo_ignore_all` is 0, as pings of the fleet need it (warning)",
     needs=lambda case: make_parts("setting", case.observer.name, "icmp_all"),
 )
 def _judge_answers_pings(case: Case) -> Judgement | None:
@@ -338,7 +322,6 @@ def _list_sealed(case: Case) -> list[str]:
 
 @Check(
     title="sealed computer could be looked at",
-    expected="listed, and not judged, where a robot has sealed computers",
 )
 def _judge_sealed(case: Case) -> Judgement | None:
     names = _list_sealed(case)
@@ -359,8 +342,6 @@ def _roscore_suspects(case: Case) -> Parts:
 @Check(
     title="ROS_MASTER_URI means the robot's roscore",
     carries=ROSCORE,
-    expected="`ROS_MASTER_URI` and the roscore's own `getUri` are the planned URI",
-    report="3.2",
     needs=lambda case: needs.roscore(case, case.observer.name, case.masters[0]),
     suspects=_roscore_suspects,
 )
@@ -392,8 +373,6 @@ ASK_OTHERS = ("dns", "mdns", "nis", "ldap", "wins")  # the beginnings of sources
 
 @Check(
     title="/etc/hosts is asked for names first",
-    expected="the line `hosts` of `/etc/nsswitch.conf` has `files` before what asks a name server (warning)",
-    report="3.1",
     needs=lambda case: make_parts("names", case.observer.name, "order"),
 )
 def _judge_name_order(case: Case) -> Judgement | None:
@@ -416,8 +395,6 @@ def _describe_route(route: DefaultRoute) -> str:
 
 @Check(
     title="one default route at most",
-    expected="one at most, of whatever metric (warning)",
-    report="4.2",
     needs=lambda case: make_parts("route", case.observer.name, "defaults"),
 )
 def _judge_default_routes(case: Case) -> Judgement | None:
@@ -434,7 +411,6 @@ def _judge_default_routes(case: Case) -> Judgement | None:
 
 @Check(
     title="the packet filter is as planned",
-    expected="with `multimaster_firewall: fleet`: all its rules are there, now and at boot",
     needs=lambda case: make_parts("filter", case.observer.name, "changed"),
 )
 @guard(lambda case: case.observer.seen.packet_filter is not None)

@@ -13,10 +13,10 @@ from .._case.errors import find_parts, list_refusers
 from .._case.needs import Parts, join_parts, make_parts
 from .._case.packet_filters import GROUP, ROSCORE
 from .._case.policy_routing import taker
-from .._case.ways import COMMON
 from .._observed.observations import Datagrams, ListedMaster, Route
 from .._observed.outcomes import Outcome
 from .._observed.uris import host_of, is_one_of
+from .._plan.model import COMMON
 from . import time_sources
 from .engine import FAILED, MASTER, MASTER_TOO, MEMBER, OK, WARNING, Check, Judgement
 
@@ -42,9 +42,6 @@ def _membership_interfaces(case: Case) -> set[str] | None:
 
 @Check(
     title="discovery has joined the group",
-    about="masters",
-    expected="a program has joined the group on the planned interface, as the kernel has it in `/proc/net/igmp`",
-    report="3.3",
 )
 def _judge_membership(case: Case) -> Judgement | None:
     interfaces = _membership_interfaces(case)
@@ -105,9 +102,6 @@ def _translator(case: Case, computer: str) -> Parts:
     title="datagrams on the multicast group arrive",
     scope=MEMBER,
     carries=GROUP,
-    about="pair that the group reaches",
-    expected="UDP datagrams on the group and port in use arrive, from the planned address",
-    report="3.3",
     needs=_group_needs,
     suspects=_group_suspects,
 )
@@ -150,8 +144,6 @@ def _unicast_needs(case: Case) -> Parts:
     title="datagrams to the computer arrive",
     scope=MEMBER,
     carries="udp",
-    about="pair with discovery",
-    expected="UDP datagrams to the computer itself arrive on that port",
     needs=_unicast_needs,
     suspects=lambda case: (
         _unicast_needs(case)
@@ -179,9 +171,6 @@ def _judge_udp_unicast(case: Case) -> Judgement | None:
 @Check(
     title="datagrams arrive from the planned address",
     scope=MEMBER,
-    about="pair between networks",
-    expected="datagrams arrive from the planned address: no gateway translates it (warning)",
-    report="4.2",
     needs=lambda case: _unicast_needs(case) | needs.translation_parts(case, case.observer.name, case.target),
     # Whatever drops the questions of ARP may drop the answers, too.
     suspects=lambda case: (
@@ -217,9 +206,6 @@ def _rounds_suspects(case: Case) -> Parts:
 @Check(
     title="ping of the multicast group (informs only)",
     scope=MEMBER,
-    about="pair on the common network",
-    expected="an answer in each round of `ping 224.0.0.1`; informs only, and only where computers are to answer",
-    report="3.2",
     needs=lambda case: make_parts("setting", case.target, "icmp_group"),
     suspects=_rounds_suspects,
 )
@@ -280,8 +266,6 @@ def _find_port_fault(case: Case) -> Parts:
     title="port of the discovery node opens",
     scope=MASTER_TOO,
     carries="rpc",
-    about="to masters",
-    expected="the TCP port of the discovery node opens",
     needs=_port_needs,
     suspects=_port_suspects,
 )
@@ -341,8 +325,6 @@ def _route_suspects(case: Case) -> Parts:
 @Check(
     title="route to the discovery node",
     scope=MASTER,
-    expected="packets to the address of its discovery node leave by the planned gateway",
-    report="4.2",
     needs=lambda case: make_parts(
         "route", case.observer.name, "missing", "other", what=_beyond(case, case.master.address)
     ),
@@ -363,9 +345,6 @@ def _outer(case: Case) -> IPv4Address:
 @Check(
     title="route to the other address of a gateway",
     scope=MEMBER,
-    about="to gateways",
-    expected="packets to its address in the common network leave by the planned gateway",
-    report="4.2",
     needs=lambda case: make_parts("route", case.observer.name, "missing", "other", what=_beyond(case, _outer(case))),
     suspects=_route_suspects,
 )
@@ -379,7 +358,6 @@ def _judge_outer_route(case: Case) -> Judgement | None:
 @Check(
     title="port of the roscore is not refused",
     scope=MASTER,
-    expected="the TCP port of its roscore opens, or nothing comes back; refused: it has ended (warning)",
     needs=lambda case: make_parts("roscore", case.target, "dead"),
     suspects=lambda case: list_refusers(case, case.target, ROSCORE),
 )
@@ -424,7 +402,6 @@ def _clock_suspects(case: Case) -> Parts:
 @Check(
     title="clocks agree",
     scope=MASTER,
-    expected="less than 0.1 s apart (warning), less than 0.5 s (failure)",
     needs=_clock_needs,
     suspects=_clock_suspects,
 )
@@ -483,9 +460,6 @@ def _list_suspects(case: Case) -> Parts:
 @Check(
     title="rosservice call /master_discovery/list_masters",
     scope=MASTER_TOO,
-    about="to masters",
-    expected="`rosservice call /master_discovery/list_masters` has the master online, with its planned URIs",
-    report="3.3, Fig. 8",
     needs=_list_needs,
     suspects=_list_suspects,
 )

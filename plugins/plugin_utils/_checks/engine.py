@@ -75,16 +75,15 @@ Judge = Callable[[Case], Judgement | None]
 class Check:
     """A check: its targets, its judge, and the meaning of its results for the parts of the fleet. It decorates its judge.
 
+    docs/operate/verification.md says what each check expects, and where the report has it.
+
     The judge returns None where there is nothing to judge, for example since a different check says it already. A success
     needs the parts of `needs`, so it clears them. A failure has its reason among `suspects`; without such a function it is
     among `needs`. Where the judge names the parts that are broken, no other is suspected.
     """
 
     title: str
-    expected: str  # as docs/operate/verification.md has it
     scope: str = COMPUTER
-    about: str = ""  # the targets, as named there; empty: the words of the scope
-    report: str = ""  # where the report has it
     needs: Callable[[Case], Parts] = lambda case: frozenset()
     suspects: Callable[[Case], Parts] | None = None
     carries: str = ""  # its packets, a word of packet_filters.TRAFFIC: a rule that drops them is evidence, too
@@ -136,7 +135,8 @@ class Verification:
                 if counts and judgement.verdict == OK and not check.shown:
                     good.append(check.id)
                 else:
-                    yield Row(check.id, case.observer.name, case.target, *judgement[:3])
+                    told = judgement.verdict, judgement.expected, judgement.found
+                    yield Row(check.id, case.observer.name, case.target, *told)
             if passed is not None and counts:
                 own, its = case.robots
                 passed[own or case.observer.name, its or case.target, tuple(good)] += 1

@@ -59,8 +59,6 @@ def _has_ended(case: Case, entry: SilentNode) -> bool:
 
 @Check(
     title="registered nodes answer",
-    about="roscore",
-    expected="each of the robot's nodes that is registered answers (warning)",
     needs=lambda case: (
         make_parts("sync", case.observer.name, "hung") | make_parts("discovery", case.observer.name, "hung")
     ),
@@ -86,7 +84,6 @@ def _has_both_contents(case: Case) -> bool:
 @Check(
     title="no node or service name twice",
     scope=ROSCORES,
-    expected="no node and no service that is exchanged has a name that another robot has too",
 )
 def _judge_names(case: Case) -> Judgement | None:
     if not _has_both_contents(case):
@@ -120,7 +117,6 @@ def _make_conflict_part(case: Case, conflict: Conflict) -> Part:
 @Check(
     title="topics have the same type on both sides",
     scope=ROSCORES,
-    expected="a topic that is exchanged has one type and one md5 sum on both robots",
 )
 def _judge_types(case: Case) -> Judgement | None:
     if case.exchange is None or not _has_both_contents(case):
@@ -152,8 +148,6 @@ def _list_sharers(shared: Iterable[Clash]) -> Parts:
 @Check(
     title="no topic of two robots",
     scope=ROSCORES,
-    expected="no topic that is exchanged is published by a robot that gets it, or by two that give it to a third one; two robots that "
-    "name it in their `multimaster_exports` mean it, and diagnostics are meant (warning)",
 )
 def _judge_shared_topics(case: Case) -> Judgement | None:
     if not _has_both_contents(case):
@@ -171,7 +165,6 @@ def _judge_shared_topics(case: Case) -> Judgement | None:
 @Check(
     title="no circle by two bridges to ROS 2",
     scope=ROSCORES,
-    expected="no topic that is exchanged passes a node of ros1_bridge on both robots (warning)",
 )
 def _judge_bridges(case: Case) -> Judgement | None:
     if not _has_both_contents(case):
@@ -232,8 +225,6 @@ def _find_lacking_stages(case: Case, missing: Iterable[str] = ()) -> dict[str, S
 @Check(
     title="robot has what it is to get, and nothing else",
     scope=ROSCORES,
-    expected="what the one robot is to give is registered at the other, and nothing else of it is",
-    report="3.3",
     # registrations stay after a node has died, so a success clears no node
     needs=lambda case: make_parts("sync", case.masters[0], "configuration"),
     suspects=_flow_suspects,
@@ -300,7 +291,6 @@ def _find_copy_faults(case: Case, wrong: Collection[str]) -> Parts:
 @Check(
     title="copied parameters are as on their robot",
     scope=ROSCORES,
-    expected="each parameter that the one robot gives by `multimaster_exports` has the same value at the other, where it is set at all",
     suspects=_flow_suspects,
 )
 def _judge_copies(case: Case) -> Judgement | None:
@@ -320,7 +310,6 @@ def _judge_copies(case: Case) -> Judgement | None:
 @Check(
     title="connections only as exchanged",
     scope=ROSCORES,
-    expected="nodes of the two robots are connected only by what is exchanged",
 )
 def _judge_cross_link(case: Case) -> Judgement | None:
     if case.exchange is None or case.exchange.error:

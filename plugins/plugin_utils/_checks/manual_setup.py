@@ -33,7 +33,6 @@ def guard(looked: Callable[[Case], bool]) -> Callable[[Judge], Judge]:
 
 @Check(
     title="site.yml has run",
-    expected="the collection has its records there; listed only where it has none",
 )
 def _judge_set_up(case: Case) -> Judgement | None:
     if not case.was_never_set_up:
@@ -44,7 +43,6 @@ def _judge_set_up(case: Case) -> Judgement | None:
 
 @Check(
     title="nothing stands against the plan",
-    expected="nobody else holds the ports of its services, and site.yml would refuse nothing else there (warning)",
 )
 def _judge_as_planned(case: Case) -> Judgement | None:
     found = case.observer.seen.found

@@ -13,7 +13,7 @@ from .engine import FAILED, WARNING, Check, Judgement, judge_fault
 from .manual_setup import guard
 
 
-def _check(kind: str, title: str, planned: Callable[[Case], bool], fine: str, expected: str) -> Check:
+def _check(kind: str, title: str, planned: Callable[[Case], bool], fine: str) -> Check:
     # Where the collection has not set it up, one sentence for all kinds is enough.
     @guard(lambda case: kind == "unit" and case.observer.is_probed and planned(case))
     def judge(case: Case) -> Judgement | None:
@@ -26,7 +26,6 @@ def _check(kind: str, title: str, planned: Callable[[Case], bool], fine: str, ex
 
     return Check(
         title=title,
-        expected=expected,
         needs=lambda case: make_parts("boot", case.observer.name, kind),
         id=f"next_boot_{kind}",
         judge=judge,
@@ -38,35 +37,29 @@ UNIT = _check(
     "services start at the next boot",
     lambda case: bool(case.observer.plan.services),
     "all enabled",
-    "the units of its services are enabled, and not masked or for this boot only",
 )
 SYSCTL = _check(
     "sysctl",
     "kernel settings stay at the next boot",
     lambda case: bool(case.observer.plan.sysctl),
     "the planned values",
-    "of all files that set a planned kernel setting at boot, the one that decides has its value",
 )
 ROUTE = _check(
     "route",
     "routes stay at the next boot",
     lambda case: bool(case.observer.plan.routes),
     "the files of all routes",
-    "the file that makes a route of the plan at boot is as site.yml wrote it",
 )
 NAMES = _check(
     "names",
     "/etc/hosts stays at the next boot",
     lambda case: not case.observer.plan.is_router,
     "nobody writes it anew",
-    "where cloud-init is installed, it is kept from writing `/etc/hosts` anew",
 )
 
 
 @Check(
     title="nodes can start",
-    expected="where ROS is installed, a user without rights can import rospy now: nodes that run were started before (on a computer "
-    "without a service: warning)",
     needs=lambda case: make_parts("ros", case.observer.name, "broken"),
 )
 def _judge_next_start(case: Case) -> Judgement | None:

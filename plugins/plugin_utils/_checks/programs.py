@@ -45,9 +45,6 @@ def _parameters_needs(case: Case) -> Parts:
 
 @Check(
     title="nodes have the planned parameters",
-    about="roscore",
-    expected="the parameters of discovery and sync on the roscore are those of the plan",
-    report="3.3",
     needs=_parameters_needs,
 )
 @guard(_has_parameters)
@@ -72,7 +69,6 @@ def _is_full(disk: Disk) -> bool:
 
 @Check(
     title="services have room to write",
-    expected="where services write, 1 MiB and 16 files are left for others than root",
     needs=lambda case: make_parts("computer", case.observer.name, "disk"),
 )
 def _judge_room(case: Case) -> Judgement | None:
@@ -96,7 +92,6 @@ def _limit_part(case: Case, entry: FileLimit) -> Parts:
 
 @Check(
     title="nodes have an ordinary limit of open files",
-    expected="no process of ROS may open more than 1048576 files: libxmlrpcpp takes memory and time for each that may be (warning)",
     needs=lambda case: make_parts("limit", case.observer.name, "unit", "shell"),
 )
 def _judge_file_limits(case: Case) -> Judgement | None:
@@ -116,7 +111,6 @@ def _describe_container(entry: ContainerNames) -> str:
 
 @Check(
     title="containers have the names of the fleet",
-    expected="a container with ROS has the names of the fleet in its own /etc/hosts, which it got when it was started (warning)",
     needs=lambda case: make_parts("container", case.observer.name, "names"),
 )
 def _judge_container_names(case: Case) -> Judgement | None:

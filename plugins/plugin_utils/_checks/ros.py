@@ -76,8 +76,6 @@ def _find_topic_fault(case: Case, topic: HeardTopic) -> Parts:
 @Check(
     title="subscriber hears the other's talker",
     scope=MEMBER,
-    expected="a subscriber hears what the talker of that computer says in this run",
-    report="3.3, 4.3, Fig. 9",
     needs=_topic_needs,
     suspects=_topic_suspects,
     carries="nodes",
@@ -107,8 +105,6 @@ def _judge_topic_heard(case: Case) -> Judgement | None:
 @Check(
     title="rostopic info shows a direct connection",
     scope=MEMBER,
-    expected="the publisher in `rostopic info` is a node on that computer",
-    report="3.3",
     suspects=lambda case: needs.registration_parts(case, case.observer.name, case.target),
 )
 def _judge_direct_connection(case: Case) -> Judgement | None:
@@ -131,8 +127,6 @@ def _judge_direct_connection(case: Case) -> Judgement | None:
 @Check(
     title="throughput",
     scope=MEMBER,
-    about="pair, with `verify_throughput`",
-    expected="a stream to its talker is as fast as `verify_throughput_least` says (warning); without that it only informs",
     needs=lambda case: needs.slow(case, case.observer.name, case.target) if case.state.least else frozenset(),
     shown=True,
 )

@@ -9,9 +9,9 @@ from ipaddress import IPv4Address
 
 from .._case.case import Case
 from .._case.needs import Parts, join_parts, make_parts
-from .._case.ways import COMMON
 from .._observed.observations import Outsider
 from .._observed.uris import host_of, is_one_of
+from .._plan.model import COMMON
 from .engine import WARNING, Check, Judgement, judge_fault
 
 
@@ -72,7 +72,6 @@ def _misread_member_parts(case: Case, entry: Outsider) -> Parts:
 
 @Check(
     title="nobody else is on the group",
-    expected="nobody else on the group, no other master, none that is ignored (warning)",
 )
 def _judge_strangers(case: Case) -> Judgement | None:
     if not case.observer.is_probed or not (case.observer.seen.multicast or case.observer.listed):

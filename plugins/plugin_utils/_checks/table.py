@@ -40,13 +40,3 @@ FILES = (
 )
 CHECKS = tuple(row for file in FILES for row in vars(file).values() if isinstance(row, Check))
 TITLES = {check.id: check.title for check in CHECKS}
-
-
-def markdown_table() -> str:
-    """Return the table of checks for docs/operate/verification.md."""
-    lines = ["| check | for | expected | report |", "|---|---|---|---|"]
-    for check in CHECKS:
-        lines.append(
-            f"| `{check.id}` | {check.about or check.scope} | {check.expected} | {check.report + ' ' if check.report else ''}|"
-        )
-    return "\n".join(lines) + "\n"

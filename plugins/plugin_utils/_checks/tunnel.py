@@ -27,8 +27,6 @@ def _find_small_carrier(case: Case) -> int:
 
 @Check(
     title="its tunnel is up",
-    about="with `multimaster_tunnel`",
-    expected="WireGuard knows the tunnel of the collection, and what carries it takes its packets",
     needs=lambda case: make_parts("tunnel", case.observer.name, "ended", "mtu"),
 )
 def _judge_own_tunnel(case: Case) -> Judgement | None:
@@ -45,8 +43,6 @@ def _judge_own_tunnel(case: Case) -> Judgement | None:
 
 @Check(
     title="its tunnel is guarded",
-    about="with `multimaster_tunnel`",
-    expected="nftables has the table that drops what comes in the name of a robot beside the tunnel",
     needs=lambda case: make_parts("tunnel", case.observer.name, "open"),
 )
 def _judge_guard(case: Case) -> Judgement | None:
@@ -153,8 +149,6 @@ def _find_fault(case: Case, planned: Peer, peer: TunnelPeer | None) -> Parts:
 @Check(
     title="the tunnel between two computers is open",
     scope=MEMBER,
-    about="with `multimaster_tunnel`",
-    expected="each is a peer of the other with its own key and its planned addresses, is heard within 9 s, and no other route leads there",
     needs=lambda case: needs.list_tunnel_parts(case, case.observer.name, case.target),
 )
 def _judge_tunnel(case: Case) -> Judgement | None:
