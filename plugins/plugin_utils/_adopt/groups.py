@@ -162,6 +162,7 @@ def _rank(machines: Machines, network: IPv4Network) -> tuple[int, ...]:
         -_count_discovery_nodes(machines, network),
         -len(machines.networks[network]),
         int(network.network_address),
+        network.prefixlen,
     )
 
 

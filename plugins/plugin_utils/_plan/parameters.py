@@ -209,12 +209,10 @@ def list_crossing(fleet: Fleet, robot: Robot) -> list[dict[str, Any]]:
     for other in fleet.robots:
         names: dict[str, dict[str, None]] = {}  # by namespace
         for flow in received.get(other.name, ()) if other != robot else ():
-            names.setdefault(flow.namespace, {}).update(dict.fromkeys(flow.parameters))
+            if flow.parameters:
+                names.setdefault(flow.namespace, {}).update(dict.fromkeys(flow.parameters))
         for namespace, these in names.items():
-            if these:
-                crossing.append(
-                    {"from": other.master_name, "names": [*these], **({"as": namespace} if namespace else {})}
-                )
+            crossing.append({"from": other.master_name, "names": [*these], **({"as": namespace} if namespace else {})})
     return crossing
 
 
