@@ -55,6 +55,7 @@ class ActionModule(FleetAction):
     _VALID_ARGS = frozenset((*OPTIONS, "path", "junit", "bundle", "each", "marks"))
 
     def answer(self, args: Any, task_vars: dict[str, Any]) -> dict[str, Any]:
+        """Return the judgement of the run, or of the one in a bundle, and print it."""
         bundle = str(args.get("bundle") or "")
         try:
             run = open_bundle(bundle) if bundle else read_run(args, task_vars)

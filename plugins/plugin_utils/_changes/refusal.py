@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ansible import constants
@@ -37,6 +37,10 @@ class FleetAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
             return {**result, "changed": False, **self.answer(self._task.args, task_vars or {})}
         except Refusal as problem:
             return {**result, "failed": True, "msg": str(problem)}
+
+    def answer(self, args: Mapping[str, Any], task_vars: dict[str, Any]) -> dict[str, Any]:
+        """Return the answer to the options of the task. Raises Refusal."""
+        raise NotImplementedError
 
 
 def refuse(problems: Sequence[str]) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from ....roles.nodes.files.python.rosfleet_multimaster.protocol.filters import (
 )
 from ....roles.nodes.files.python.rosfleet_multimaster.protocol.parameters import CROSSING, NEVER_CROSSING
 
-__all__ = [
+__all__ = (
     "BUILT_IN",
     "CROSSING",
     "HOSTS",
@@ -35,5 +35,10 @@ __all__ = [
     "SUCCESSOR",
     "UNKNOWN_TYPES",
     "WHITE_LISTS",
-]
-__all__ += ["Filters", "InvalidPattern", "Pattern", "Rules", "matches", "usable"]
+    "Filters",
+    "InvalidPattern",
+    "Pattern",
+    "Rules",
+    "matches",
+    "usable",
+)
