@@ -116,9 +116,11 @@ def _judge_user_name(case: Case) -> Judgement | None:
     found = case.member.user_addresses
     if found is None or case.member.addresses != (case.address,) or case.observer.plan.is_router:
         return None  # another check judges what root finds
-    verdict = OK if found == (case.address,) else FAILED
+    expected = f"{case.address}, as for root"
+    if found == (case.address,):
+        return Judgement(OK, expected, case.address)
     parts = make_parts("names", case.observer.name, "rights", what=case.target)
-    return Judgement(verdict, f"{case.address}, as for root", ", ".join(found) or "no address", parts)
+    return Judgement(FAILED, expected, ", ".join(found) or "no address", parts)
 
 
 # The route
@@ -313,12 +315,14 @@ def _judge_neighbour(case: Case) -> Judgement | None:
     if not seen or not known or case.way.crosses:
         return None
     expected = f"{case.address} is at {' or '.join(sorted(known))}"
+    if seen in known:
+        return Judgement(OK, expected, f"it is at {seen}")
     parts = (
         make_parts("neighbour", case.observer.name, "fixed", what=case.target)
         if case.member.neighbour_fixed
         else make_parts("interface", case.target, "duplicate", what=case.observer.name)
     )
-    return Judgement(OK if seen in known else WARNING, expected, f"it is at {seen}", parts)  # a proxy may answer for it
+    return Judgement(WARNING, expected, f"it is at {seen}", parts)  # a proxy may answer for it
 
 
 # Whether a neighbour answers, whatever its packet filters drop

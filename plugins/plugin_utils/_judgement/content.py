@@ -169,9 +169,13 @@ def list_traffic(fleet: FleetPlan, observations: Mapping[str, Observation]) -> d
         for flow in traffic.flows:
             if flow.robot in fleet.master_of:
                 flows[robot, flow.topic].append(flow)
-    topics = [_sum_flows(robot, topic, group) for (robot, topic), group in flows.items()]
-    order = sorted(topics, key=lambda entry: (-entry["bytes_s"], entry["topic"], entry["from"]))
-    return {"seconds": seconds, "topics": order[:MOST]}
+
+    def rank(item: tuple[tuple[str, str], list[SentTopic]]) -> tuple[float, str, str]:
+        (robot, topic), group = item
+        return -sum(flow.bytes_s for flow in group), topic, robot
+
+    order = sorted(flows.items(), key=rank)[:MOST]
+    return {"seconds": seconds, "topics": [_sum_flows(robot, topic, group) for (robot, topic), group in order]}
 
 
 def _sum_flows(robot: str, topic: str, flows: Sequence[SentTopic]) -> dict[str, Any]:

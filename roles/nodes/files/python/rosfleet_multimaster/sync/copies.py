@@ -241,10 +241,10 @@ class Copies:
         if result is None:
             self._end(last, problem)
             return
-        todo, failed, problem = result
-        if problem is not None:
+        todo, failed, unwritten = result
+        if unwritten is not None:
             self.record = {**self.record, **todo.record}
-            self._end(last, problem)
+            self._end(last, unwritten)
             return
         self._log(todo, failed)
         before, self.record = _count(self.record), copies.settle(todo, failed)

@@ -61,6 +61,7 @@ class Answer:
 
 @lru_cache(1)
 def _read_network(_moment: int) -> LocalNetwork:
+    """The own addresses and networks. The moment is the key of the cache alone."""
     return LocalNetwork(frozenset(network().own), Networks(networks()))
 
 
