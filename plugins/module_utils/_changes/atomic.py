@@ -95,7 +95,7 @@ def write_by_rename(
 
 
 def permissions(path: str) -> typing.Tuple[int, typing.Optional[typing.Tuple[int, int]]]:
-    """The permission bits and the (uid, gid) of a file; those of a new one where there is none."""
+    """Return the permission bits and the (uid, gid) of a file. For a file that is not there they are 0644 and None."""
     try:
         status = os.stat(path)
     except (FileNotFoundError, NotADirectoryError):

@@ -50,7 +50,7 @@ def _look_up(roscore: str, caller: str, service: str) -> str:
 
 
 def read_host(uri: str) -> str:
-    """Return the host of a URI in small letters; empty where there is none. What a node has registered may be anything."""
+    """Return the host of a URI in small letters, or an empty text. A node may have registered any text as its URI."""
     try:
         return (urlsplit(uri).hostname or "").lower() if is_plain(uri) else ""
     except ValueError:

@@ -164,7 +164,7 @@ def neighbours(path: str = "/proc/net/arp") -> typing.Dict[str, typing.Tuple[str
 
 
 def resolve(name: str) -> typing.Tuple[typing.List[str], str]:
-    """Look up the IPv4 addresses of a name as any program here does, and the error where there is none."""
+    """Look up the IPv4 addresses of a name, as other programs here do. Without an address, the second value says why."""
     try:
         answers = socket.getaddrinfo(name, None, socket.AF_INET, socket.SOCK_STREAM)
     except (OSError, UnicodeError) as problem:

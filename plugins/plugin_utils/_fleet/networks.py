@@ -83,7 +83,7 @@ def _check_gateway(
         return  # contradictions has a sentence for it
     if isinstance(gateway, str) and not robot.gateway_host:
         yield (
-            f"{robot.hosts[0]}: multimaster_gateway of the robot {robot.name} is '{gateway}', which is none of its computers; "
+            f"{robot.hosts[0]}: multimaster_gateway of the robot {robot.name} is '{gateway}', which is not one of its computers; "
             f"expected one of {', '.join(robot.hosts)}, or the address of another device: correct it in {robot.file}."
         )
     elif gateway in named:

@@ -306,7 +306,7 @@ WRONG = {
     },
     "a gateway of another robot": (
         [robot("tibi", multimaster_gateway="dabo-visio")],
-        "multimaster_gateway of the robot tibi is 'dabo-visio', which is none of its computers",
+        "multimaster_gateway of the robot tibi is 'dabo-visio', which is not one of its computers",
     ),
     "a gateway by its address": (
         [robot("tibi", multimaster_gateway="192.168.11.101")],

@@ -269,7 +269,7 @@ def parse(value: Any) -> State:
             if VISIBLE.match(_text(kind, "a type"))
         },
         nodes=_nodes(_rows(value[8], 5, "nodes", "a node"), "http://"),
-        providers=_nodes(_rows(value[9], 5, "service providers", "a service"), "rosrpc://"),
+        providers=_providers(_rows(value[9], 5, "service providers", "a service")),
     )
 
 
@@ -297,13 +297,18 @@ def _uri(value: Any, scheme: str) -> Optional[str]:
 
 
 def _nodes(rows: List[Any], scheme: str) -> Dict[str, Node]:
-    """The nodes in rows, whose fourth element (a process, or the type of a service) nobody needs."""
-    for row in rows if scheme == "rosrpc://" else ():
-        _text(row[3], "a type")
+    """The nodes in rows, with URIs of this scheme. The fourth element is not kept: a process, or the type of a service."""
     return {
         name: Node(_uri(where, scheme), _text(origin, "an origin"), _text(locality, "a locality"))
         for name, where, origin, _more, locality in rows
     }
+
+
+def _providers(rows: List[Any]) -> Dict[str, Node]:
+    """The providers of services in rows."""
+    for row in rows:
+        _text(row[3], "a type")
+    return _nodes(rows, "rosrpc://")
 
 
 def _endpoints(value: Any, what: str) -> Dict[str, Tuple[str, ...]]:

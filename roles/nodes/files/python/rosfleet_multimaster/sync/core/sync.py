@@ -376,7 +376,7 @@ class Sync:
             return None
         remote.fetching = False
         if state is None or state.uri != fetch.uri or fetch.rules != remote.rules:
-            # Also one of another master, or of this one before it changed its name, is none.
+            # A state of another master does not count, nor one of this master under its former name.
             remote.vain = True
             if remote.announced.online:
                 remote.due = now + RETRY[min(remote.failures, len(RETRY) - 1)]
