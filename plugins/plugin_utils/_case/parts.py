@@ -21,21 +21,26 @@ READ, ALWAYS = "where it was looked at", "always"
 class Fault(NamedTuple):
     """How a part of a kind may be broken: in a sentence, what to do, and the command that shows it.
 
-    Texts have {place} and {what}. A remedy that can be pasted is `run site.yml` or `on {place}: <command>`. A command behind
-    `see` only shows the fault. So does `decide`, with which alone an inferred fault is told. A command made from an observation
-    stands before the remedy (commands.py).
+    Texts have {place} and {what}. A deed that can be pasted is `run site.yml` or `on {place}: <command>`. A command behind
+    `see` only shows the fault. So does `decide`, with which alone an inferred fault is told. A deed that ends with `see` goes on
+    with it. A command made from an observation stands before the remedy (commands.py).
     `cost` says how rare it is: of two parts that explain the same, the cheaper one is named.
     A `hard` fault lets nothing pass, so a success that needs the part clears it. Of other faults a success says little.
     A fault that is `read` is not concluded, since a value on the machine shows it: READ is for places with an observation.
     """
 
     sentence: str
-    remedy: str
-    decide: str = ""  # empty: the remedy shows it, too
+    deed: str
+    decide: str = ""  # empty: the deed shows it, too
     cost: float = 3.0
     hard: bool = True
     read: str = ""
     what: str = ""  # stands for a part's `what` where it has none
+
+    @property
+    def remedy(self) -> str:
+        """What to do, with the command that shows the fault."""
+        return f"{self.deed} {self.decide}" if self.deed.endswith(" see") else self.deed
 
     @property
     def example(self) -> str:
@@ -127,7 +132,7 @@ DIRECTIONS = {"in": ("incoming", 0.2), "out": ("outgoing", 0.8), "": ("incoming 
 FILTERS: Mapping[tuple[str, str], Fault] = {
     ("filter", f"{mode} {direction}".strip()): Fault(
         f"a packet filter on {{place}} drops {word} {dropped}",
-        f"allow {allowed} between the computers of the fleet; see {RULES}",
+        f"allow {allowed} between the computers of the fleet; see",
         RULES,
         cost=2.5 + RARER.get(mode, 0.0) + more,
         what={"udp": "11511", "rpc": "11611", "roscore": "11311"}.get(mode, ""),
@@ -143,7 +148,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     # A computer
     ("computer", "off"): Fault(
         "{place} is switched off, or not on its network",
-        f"switch it on; if it is on, see {ADDRESSES}",
+        "switch it on; if it is on, see",
         ADDRESSES,
         cost=1.0,
     ),
@@ -165,22 +170,20 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("computer", "overloaded"): Fault(
         "{place} is overloaded",
-        "with many computers raise verify_patience; see on {place}: top -b -n1",
+        "with many computers raise verify_patience; see",
         "on {place}: top -b -n1",
         cost=5.0,
         hard=False,
     ),
     ("computer", "ports"): Fault(
         "{place} has no free local port for a new connection",
-        "end the program that holds thousands of connections, or give the kernel more ports; see on {place}: ss -s; "
-        "sysctl net.ipv4.ip_local_port_range net.ipv4.ip_local_reserved_ports",
+        "end the program that holds thousands of connections, or give the kernel more ports; see",
         "on {place}: ss -s; sysctl net.ipv4.ip_local_port_range net.ipv4.ip_local_reserved_ports",
         read=ALWAYS,
     ),
     ("computer", "limit"): Fault(
         "{place} cannot open a connection: {what}",
-        "end the program that holds so many files or sockets, or raise the limit; see on {place}: sysctl fs.file-nr net.ipv4.tcp_mem; "
-        "ulimit -n; ss -s; free",
+        "end the program that holds so many files or sockets, or raise the limit; see",
         "on {place}: sysctl fs.file-nr net.ipv4.tcp_mem; ulimit -n; ss -s; free",
         what="it has reached a limit",
         read=ALWAYS,
@@ -256,44 +259,44 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     # Interfaces and links
     ("interface", "address"): Fault(
         "{place} has not the address of the plan, or packets leave from another one",
-        f"correct the interface, or multimaster_address; see {ADDRESSES}",
+        "correct the interface, or multimaster_address; see",
         ADDRESSES,
         cost=2.0,
     ),
     ("interface", "prefix"): Fault(
         "the network of an interface of {place} is larger or smaller than planned",
-        f"correct the prefix length; see {ADDRESSES}",
+        "correct the prefix length; see",
         ADDRESSES,
     ),
     ("interface", "mtu"): Fault(
         "{place} takes or sends only small packets on {what}",
-        "give its interface the MTU of the others; see on {place}: ip link",
+        "give its interface the MTU of the others; see",
         "on {place}: ip link",
         what="its network",
         cost=4.0,
     ),
     ("interface", "duplicate"): Fault(
         "another computer has the address of {place}, too",
-        "give one of the two another address; see on another computer there: arping -D -I <interface> <its address>",
+        "give one of the two another address; see",
         "on another computer there: arping -D -I <interface> <its address>",
         cost=4.5,
     ),
     ("neighbour", "mute"): Fault(
         "{place} answers nobody who asks for its hardware address: a packet filter for ARP, or arp_ignore",
-        "let it answer; see on {place}: nft list tables; sysctl -a --pattern arp_ignore",
+        "let it answer; see",
         "on {place}: nft list tables; sysctl -a --pattern arp_ignore",
         cost=3.5,
     ),
     ("neighbour", "filter"): Fault(
         "a packet filter on {place} drops ARP, by which computers find each other: {what}",
-        "let it pass; see on {place}: nft list ruleset arp",
+        "let it pass; see",
         "on {place}: nft list ruleset arp",
         what="arp filter",
         read=ALWAYS,
     ),
     ("neighbour", "fixed"): Fault(
         "on {place} somebody has set the hardware address of {what} by hand, and it is not that of {what}",
-        "on {place}: ip neighbour flush nud permanent; see on {place}: ip neighbour show nud permanent",
+        "on {place}: ip neighbour flush nud permanent; see",
         "on {place}: ip neighbour show nud permanent",
         what="a computer",
         read=ALWAYS,
@@ -306,7 +309,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("link", "down"): Fault(
         "the link of {place} to {what} is down, or its interface has no address there",
-        f"switch its interface on, or look at the cable; see {ADDRESSES}",
+        "switch its interface on, or look at the cable; see",
         ADDRESSES,
         what="its network",
         cost=1.9,
@@ -393,7 +396,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     # Between networks
     ("route", "missing"): Fault(
         "{place} has no way out of its network to {what}",
-        f"{SITE}, which sets its routes; see {ROUTES}",
+        f"{SITE}, which sets its routes; see",
         ROUTES,
         cost=2.0,
         what="the others",
@@ -401,7 +404,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("route", "other"): Fault(
         "another route of {place} to {what} comes first: a second default route, as DHCP brings it, that of a VPN or of "
         "Docker, or one set by hand",
-        f"{SITE}, which names it; see {ROUTES}",
+        f"{SITE}, which names it; see",
         ROUTES,
         cost=2.0,
         what="the others",
@@ -416,7 +419,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("route", "rule"): Fault(
         "a rule for routing on {place} sends packets another way than planned: {what}",
-        f"look for the program or the file that makes it; see {ROUTES}",
+        "look for the program or the file that makes it; see",
         ROUTES,
         what="see ip rule",
         read=ALWAYS,
@@ -424,7 +427,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ("route", "defaults"): Fault(
         "{place} has two default routes",
         "keep the one that leads to the other networks, or set multimaster_routes to networks for this robot, so that only "
-        f"the robots' networks go by the gateway; see {ROUTES}",
+        "the robots' networks go by the gateway; see",
         ROUTES,
         cost=2.5,
         hard=False,
@@ -451,7 +454,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("filter", "forward"): Fault(
         "a packet filter on {place} drops {what} meant for another network, as Docker sets it up",
-        f"let packets between the robots' networks pass there; see {FORWARDED}",
+        "let packets between the robots' networks pass there; see",
         FORWARDED,
         cost=2.5,
         what="what is",
@@ -483,8 +486,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("translation", "on"): Fault(
         "{place} translates addresses (masquerading, NAT)",
-        "translate nothing between the robots' networks; a container or virtual machine: connect it by a bridge; "
-        "see on {place}: nft list ruleset; iptables -t nat -S",
+        "translate nothing between the robots' networks; a container or virtual machine: connect it by a bridge; see",
         "on {place}: nft list ruleset; iptables -t nat -S",
         cost=2.0,
     ),
@@ -526,13 +528,12 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("tunnel", "silent"): Fault(
         "nothing comes through the tunnel of {place}",
-        "let its UDP port pass in the network that carries it, and look at the clock: handshakes of a computer whose clock went back are "
-        "refused; see on {place}: wg show multimaster0; date --utc; nft list ruleset",
+        "let its UDP port pass in the network that carries it, and look at the clock: handshakes of a computer whose clock went back are refused; see",
         "on {place}: wg show multimaster0; date --utc; nft list ruleset",
     ),
     ("tunnel", "beside"): Fault(
         "packets of {place} for {what} take another route than the tunnel",
-        f"remove it, or the program that makes it; see {ROUTES}",
+        "remove it, or the program that makes it; see",
         ROUTES,
         cost=2.0,
         what="others",
@@ -540,7 +541,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("tunnel", "mtu"): Fault(
         "the network that carries the tunnel of {place} takes packets of {what}, so large ones are lost",
-        "on {place}: systemctl restart multimaster-tunnel, which takes the size of that network anew; see on {place}: ip link",
+        "on {place}: systemctl restart multimaster-tunnel, which takes the size of that network anew; see",
         "on {place}: ip link",
         cost=2.0,
         what="less than the tunnel sends",
@@ -554,13 +555,13 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("tunnel", "pair"): Fault(
         "nothing comes through the tunnel between {place}, and both reach others",
-        "look at what is between them in the network that carries it; see on {place}: wg show multimaster0 endpoints",
+        "look at what is between them in the network that carries it; see",
         "on {place}: wg show multimaster0 endpoints",
         cost=4.0,
     ),
     ("time_source", "none"): Fault(
         "no time service of {place} answers, so its clock is nobody's",
-        f"{SITE}, which starts chrony; see on {{place}}: systemctl status chrony; chronyc sources",
+        f"{SITE}, which starts chrony; see",
         "on {place}: systemctl status chrony; chronyc sources",
         cost=2.0,
         hard=False,
@@ -577,7 +578,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("time_source", "mute"): Fault(
         "{place}, the source of the fleet's time, gives it to nobody",
-        f"{SITE} on it; let UDP port 123 pass there; see on {{place}}: chronyc -n tracking; chronyc serverstats; nft list ruleset",
+        f"{SITE} on it; let UDP port 123 pass there; see",
         "on {place}: chronyc -n tracking; chronyc serverstats; nft list ruleset",
         hard=False,
     ),
@@ -597,7 +598,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="ROS_HOSTNAME or ROS_IP",
         read=READ,
     ),
-    ("roscore", "dead"): Fault("no roscore answers on {place}", f"{RESTART}; see {ROSCORE}", ROSCORE, cost=1.5),
+    ("roscore", "dead"): Fault("no roscore answers on {place}", f"{RESTART}; see", ROSCORE, cost=1.5),
     ("roscore", "sealed"): Fault(
         "the roscore on the sealed computer {place} {what}",
         "switch {place} on, see that its system starts the roscore, and that multimaster_sealed has its address and all its names",
@@ -605,9 +606,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         cost=1.5,
         what="does not answer",
     ),
-    ("roscore", "hung"): Fault(
-        "the roscore on {place} runs and does not answer", f"{RESTART}; see {ROSCORE}", ROSCORE, cost=2.4
-    ),
+    ("roscore", "hung"): Fault("the roscore on {place} runs and does not answer", f"{RESTART}; see", ROSCORE, cost=2.4),
     ("roscore", "name"): Fault(
         "the roscore on {place} calls itself {what}",
         f"{SITE}; a roscore of your own needs the variables of /etc/rosfleet-multimaster/environment",
@@ -617,10 +616,10 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         read=READ,
     ),
     ("discovery", "dead"): Fault(
-        "the discovery node of {place} does not run", f"{RESTART_DISCOVERY}; see {DISCOVERY}", DISCOVERY, cost=1.5
+        "the discovery node of {place} does not run", f"{RESTART_DISCOVERY}; see", DISCOVERY, cost=1.5
     ),
     ("discovery", "hung"): Fault(
-        "the discovery node of {place} runs and does not answer", f"{RESTART_DISCOVERY}; see {DISCOVERY}", DISCOVERY
+        "the discovery node of {place} runs and does not answer", f"{RESTART_DISCOVERY}; see", DISCOVERY
     ),
     ("discovery", "group"): Fault(
         "the discovery node of {place} uses another group or port than the others",
@@ -637,18 +636,18 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("discovery", "configuration"): Fault(
         "the discovery node of {place} does not serve what is planned",
-        f"{SITE} on it; see {DISCOVERY}",
+        f"{SITE} on it; see",
         DISCOVERY,
         cost=3.4,
     ),
     ("discovery", "stale"): Fault(
         "the discovery node of {place} has not followed its roscore: {what} is registered there, and not in its state",
-        f"{RESTART_DISCOVERY}; see {DISCOVERY}",
+        f"{RESTART_DISCOVERY}; see",
         DISCOVERY,
         what="a topic",
         read=ALWAYS,
     ),
-    ("sync", "dead"): Fault("the sync node of {place} does not run", f"{RESTART_SYNC}; see {SYNC}", SYNC, cost=1.5),
+    ("sync", "dead"): Fault("the sync node of {place} does not run", f"{RESTART_SYNC}; see", SYNC, cost=1.5),
     ("sync", "hung"): Fault(
         "the sync node of {place} runs and registers nothing of the others",
         f"{RESTART_SYNC}; see {SYNC}; rosservice call /master_sync/get_sync_info",
@@ -670,12 +669,12 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("sync", "untold"): Fault(
         "the sync node of {place} does not tell what it has registered",
-        f"{RESTART_SYNC}; see on {{place}}: rosservice call /master_sync/get_sync_info",
+        f"{RESTART_SYNC}; see",
         "on {place}: rosservice call /master_sync/get_sync_info",
     ),
     ("sync", "stale"): Fault(
         "the sync node of {place} has not followed the changes of {what}, which are given to it and are not registered",
-        f"{RESTART_SYNC}; see {SYNC}",
+        f"{RESTART_SYNC}; see",
         SYNC,
         cost=2.5,
         what="another master",
@@ -697,7 +696,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("ros", "broken"): Fault(
         "nodes of the ROS on {place} cannot start any more; those that run were started before",
-        "install what is missing again; see on {place}: python3 -c 'import rospy'",
+        "install what is missing again; see",
         "on {place}: python3 -c 'import rospy'",
         cost=2.0,
         read=ALWAYS,
@@ -754,14 +753,14 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("registration", "talker"): Fault(
         "the talker of the verification on {place} does not run, or has not registered: {what}",
-        "with many computers raise verify_lifetime; see on {place}: journalctl -u multimaster-verify-talker",
+        "with many computers raise verify_lifetime; see",
         "on {place}: journalctl -u multimaster-verify-talker",
         cost=3.5,
         what="rostopic pub fails there",
     ),
     ("registration", "listener"): Fault(
         "the subscriber of the verification on {place} gave no result: {what}",
-        "with many computers raise verify_patience; see on {place}: rostopic echo /rosout",
+        "with many computers raise verify_patience; see",
         "on {place}: rostopic echo /rosout",
         cost=3.5,
         what="rospy fails there",
@@ -774,7 +773,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     ("registration", "closed"): Fault(
         "a node on {place} says where its topic is to be had, and no connection to that port opens",
-        f"let all TCP ports above 1024 pass, not some of them; see {RULES}",
+        "let all TCP ports above 1024 pass, not some of them; see",
         RULES,
         read=ALWAYS,
     ),
