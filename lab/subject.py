@@ -56,10 +56,12 @@ class Lab:
         path = f"/tmp/{Path(script or '').name}"
         text = (NODES / script).read_text() if script else ""
         line = f"bash -lc 'exec {command.format(script=path)}'"
+        # A node of rospy that is stopped during a call to its roscore waits for itself.
+        options = f"--unit {unit} -p TimeoutStopSec=10 -p StandardOutput=truncate:/run/{unit}.out"
         self.run(
             host,
             f"{f'cat > {path};' if script else ''} systemctl stop {unit} 2>/dev/null; "
-            f"systemd-run --quiet --collect --unit {unit} -p StandardOutput=truncate:/run/{unit}.out {line}",
+            f"systemd-run --quiet --collect {options} {line}",
             stdin=text,
         )
 

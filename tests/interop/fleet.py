@@ -71,7 +71,9 @@ class Computer:
 
     def start(self, unit: str, command: str) -> None:
         """Run something in the background until `stop`; the fixture `fleet_rests` stops everything at the end of a test."""
-        self.run(f"systemd-run --quiet --collect --unit=test-{unit} bash -lc {shlex.quote(f'exec {command}')}")
+        # A node of rospy that is stopped during a call to its roscore waits for itself.
+        options = f"--quiet --collect --property=TimeoutStopSec=10 --unit=test-{unit}"
+        self.run(f"systemd-run {options} bash -lc {shlex.quote(f'exec {command}')}")
 
     def stop(self, unit: str) -> None:
         """Stop what `start` started (a pattern), if it is there."""
