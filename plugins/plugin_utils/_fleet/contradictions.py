@@ -26,7 +26,7 @@ from .exports import (
     make_node_filters,
     topics_of,
 )
-from .filters import BUILT_IN, WHITE_LISTS, Filters, matches, usable
+from .filters import BUILT_IN, SYNC, WHITE_LISTS, Filters, matches, usable
 from .flows import Channel, list_givers, make_flows
 from .inventory import RobotValues
 from .model import Fleet, Robot
@@ -256,17 +256,14 @@ def _find_built_in_names(party: RobotValues) -> list[str]:
     ]
 
 
-# The parameters of master_sync that a master may be called like. It has the white list of a master below the master's name.
-PARAMETERS = frozenset(("allow", "diagnostics", "differences", "members", "metrics", "strangers"))
-
-
 def _find_parameter_names(parties: Sequence[RobotValues]) -> list[str]:
+    """Return a sentence for a master that is called like a parameter of master_sync, which has white lists below the names of masters."""
     return [
         f"{party.host}: multimaster_exports is declared, but the name of its master, {party.master_name}, is that of a parameter of "
         f"master_sync; expected another name, since the others have a white list below it: rename the computer, or remove "
         f"multimaster_exports in {party.file}."
         for party in parties
-        if party.own.exports is not None and party.master_name in PARAMETERS
+        if party.own.exports is not None and party.master_name in SYNC
     ]
 
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the nodes take, in the nodes' own words: filters of the exchange, and parameters that never cross.
+"""What the nodes take, in the nodes' own words: filters of the exchange, parameters of master_sync, and those that never cross.
 
 The controller has the files of the nodes on its disk, since it brings them to the robots.
 """
@@ -23,7 +23,7 @@ from ....roles.nodes.files.python.rosfleet_multimaster.protocol.filters import (
     matches,
     usable,
 )
-from ....roles.nodes.files.python.rosfleet_multimaster.protocol.parameters import CROSSING, NEVER_CROSSING
+from ....roles.nodes.files.python.rosfleet_multimaster.protocol.parameters import CROSSING, NEVER_CROSSING, SYNC
 
 __all__ = (
     "BUILT_IN",
@@ -33,6 +33,7 @@ __all__ = (
     "NEVER_CROSSING",
     "NO_NAME",
     "SUCCESSOR",
+    "SYNC",
     "UNKNOWN_TYPES",
     "WHITE_LISTS",
     "Filters",
