@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-from ..plugin_utils._changes.confirmation import GuardedAction
+from ..plugin_utils._changes.confirmation import GuardedAction, Result
 
 # The names by which an inventory has the port of ssh.
 PORTS = ("ansible_port", "ansible_ssh_port")
@@ -18,14 +19,12 @@ class ActionModule(GuardedAction):
 
     what = "packet filter rules"
 
-    def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
-        """Run the module and return its result; see ActionBase."""
-        ports = self._task.args.get("ssh_ports") or []
-        hostvars = (task_vars or {}).get("hostvars") or {}
+    def answer(self, args: Mapping[str, Any], task_vars: dict[str, Any]) -> Result:
+        """Return the answer of the module to the options with these ports."""
+        ports = args.get("ssh_ports") or []
         if isinstance(ports, list):
-            self._task.args = {**self._task.args, "ssh_ports": sorted({*ports, *ssh_ports(hostvars)})}
-        result: dict[str, Any] = super().run(tmp, task_vars)
-        return result
+            args = {**args, "ssh_ports": sorted({*ports, *ssh_ports(task_vars.get("hostvars") or {})})}
+        return super().answer(args, task_vars)
 
 
 def ssh_ports(hostvars: Any) -> set[int]:

@@ -4,9 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
-
-from ansible.plugins.action import ActionBase
 
 from ..plugin_utils._changes import trees
 from ..plugin_utils._changes.robot_action import Result, RobotAction
@@ -15,7 +14,6 @@ from ..plugin_utils._changes.robot_action import Result, RobotAction
 class ActionModule(RobotAction):
     """Runs the module."""
 
-    def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
-        """Run the module and return its result; see ActionBase."""
-        result: Result = ActionBase.run(self, tmp, task_vars)
-        return {**result, **self._execute_module(module_args=trees.read_trees(self._task.args), task_vars=task_vars)}
+    def answer(self, args: Mapping[str, Any], task_vars: dict[str, Any]) -> Result:
+        """Return the answer of the module, which takes files and no trees."""
+        return self._execute_module(module_args=trees.read_trees(args), task_vars=task_vars)

@@ -9,8 +9,6 @@ import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ansible.plugins.action import ActionBase
-
 from ..plugin_utils._changes import trees
 from ..plugin_utils._changes.concerns import UnknownTag, choose_concerns
 from ..plugin_utils._changes.confirmation import GuardedAction, Result, seconds_of
@@ -28,36 +26,34 @@ class ActionModule(GuardedAction):
 
     what = "kernel settings, routes, packet filter rules and peers of the tunnel"
 
-    def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
-        """Run the module and return the result of all concerns; see ActionBase."""
-        result: Result = ActionBase.run(self, tmp, task_vars)
+    def answer(self, args: Args, task_vars: dict[str, Any]) -> Result:
+        """Return the result of all concerns."""
         # Before ansible-core 2.19, a template turns None into an empty text.
-        args = {name: options for name, options in self._task.args.items() if options not in (None, "")}
-        run_tags, skip_tags = ((task_vars or {}).get(f"ansible_{kind}_tags") or () for kind in ("run", "skip"))
+        args = {name: options for name, options in args.items() if options not in (None, "")}
+        run_tags, skip_tags = (task_vars.get(f"ansible_{kind}_tags") or () for kind in ("run", "skip"))
         try:
             args = choose_concerns(args, run_tags, skip_tags, self._task.tags)
         except UnknownTag as problem:
-            return {**result, "failed": True, "msg": str(problem)}
+            return {"failed": True, "msg": str(problem)}
         if not args:
-            return {**result, "changed": False, "msg": "The tags of this run leave out all concerns of this task."}
+            return {"changed": False, "msg": "The tags of this run leave out all concerns of this task."}
         if "managed_files" in args:
             args["managed_files"] = [trees.read_trees(bundle) for bundle in args["managed_files"]]
         wanted = args.get("shells")
         if not isinstance(wanted, Mapping):
-            return {**result, **self._apply(args, task_vars)}
+            return self._apply(args, task_vars)
         args["shells"] = {**wanted, "before": {}, "notes": []}  # the module only reads
-        result.update(self._apply(args, task_vars))
+        result = self._apply(args, task_vars)
         result["warnings"] = [*result.get("warnings", []), *(wanted.get("notes") or ())]
         return result if self._task.check_mode or result.get("failed") else compare_shells(result, wanted)
 
-    def _apply(self, args: Args, task_vars: dict[str, Any] | None) -> Result:
+    def _apply(self, args: Args, task_vars: dict[str, Any]) -> Result:
         """Return the result of one run, or of two."""
         word = "" if self.cannot_be_cut else secrets.token_hex(8)
         trial, rest = split_concerns(args, word)
         seconds = max((seconds_of(options.get("confirm_within")) for options in trial.values()), default=0)
         if not seconds:
-            only: Result = self._execute_module(module_args={**trial, **rest}, task_vars=task_vars)
-            return only
+            return self._execute_module(module_args={**trial, **rest}, task_vars=task_vars)
         more = REST if rest else 0.0
         first, reason = self._run_first({**trial, **rest}, seconds, task_vars, more)
         if first and not first.get("unconfirmed"):

@@ -15,7 +15,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from ansible.errors import AnsibleAuthenticationFailure, AnsibleConnectionFailure
-from ansible.plugins.action import ActionBase
 from ansible.plugins.connection import ConnectionBase
 
 from .._fleet.plain_text import LINE, plain
@@ -41,20 +40,19 @@ class GuardedAction(RobotAction):
 
     what = "settings"  # the concern in a sentence, in the plural
 
-    def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
-        """Run the module and return its result; see ActionBase."""
-        result: Result = ActionBase.run(self, tmp, task_vars)
-        args = {name: value for name, value in self._task.args.items() if name != "confirmation"}
+    def answer(self, args: Mapping[str, Any], task_vars: dict[str, Any]) -> Result:
+        """Return the answer of one run of the module, or of two."""
+        args = {name: value for name, value in args.items() if name != "confirmation"}
         seconds = seconds_of(args.get("confirm_within"))
         if seconds and self.cannot_be_cut:
             args["confirm_within"] = seconds = 0
         if not seconds:
-            return {**result, **self._execute_module(module_args=args, task_vars=task_vars)}
+            return self._execute_module(module_args=args, task_vars=task_vars)
         confirming = {**args, "confirm_within": 0, "confirmation": secrets.token_hex(8)}
         first, reason = self._run_first({**confirming, "confirm_within": seconds}, seconds, task_vars)
         if first and not first.get("unconfirmed"):
-            return {**result, **first}
-        return {**result, **_merge(first, self._run_second(confirming, seconds, reason, task_vars))}
+            return first
+        return _merge(first, self._run_second(confirming, seconds, reason, task_vars))
 
     @property
     def cannot_be_cut(self) -> bool:
@@ -62,7 +60,7 @@ class GuardedAction(RobotAction):
         return bool(self._task.check_mode or self._connection.transport == "local")
 
     def _run_second(
-        self, args: Mapping[str, Any], seconds: int, reason: str, task_vars: dict[str, Any] | None, more: float = 0.0
+        self, args: Mapping[str, Any], seconds: int, reason: str, task_vars: dict[str, Any], more: float = 0.0
     ) -> Result:
         """Return the result of the run that confirms, over a new connection. It has `more` seconds beside those of the switch."""
         last = time.monotonic() + seconds + GRACE
@@ -85,7 +83,7 @@ class GuardedAction(RobotAction):
             time.sleep(PAUSE)
 
     def _run_first(
-        self, args: Mapping[str, Any], seconds: int, task_vars: dict[str, Any] | None, more: float = 0.0
+        self, args: Mapping[str, Any], seconds: int, task_vars: dict[str, Any], more: float = 0.0
     ) -> tuple[Result, str]:
         """Return the result of the first run, or an empty result and the reason. The run has `more` seconds beside those of the switch."""
         last = time.monotonic() + seconds + GRACE
@@ -102,7 +100,7 @@ class GuardedAction(RobotAction):
                     raise
             time.sleep(PAUSE)
 
-    def _attempt(self, args: Mapping[str, Any], task_vars: dict[str, Any] | None, limit: float) -> Result:
+    def _attempt(self, args: Mapping[str, Any], task_vars: dict[str, Any], limit: float) -> Result:
         """Run the module once. Raises AnsibleConnectionFailure, also after `limit` seconds."""
         with limit_time(limit):
             # Ansible writes into the options, so it gets a copy.

@@ -44,9 +44,13 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
             answer_of(cls.__module__.rpartition(".")[2])
 
     def run(self, tmp: None = None, task_vars: dict[str, Any] | None = None) -> Result:
-        """Run the module and return its result; see ActionBase."""
+        """Return the answer of the action; see ActionBase."""
         result: Result = super().run(tmp, task_vars)
-        return {**result, **self._execute_module(task_vars=task_vars)}
+        return {**result, **self.answer(self._task.args, task_vars or {})}
+
+    def answer(self, args: Mapping[str, Any], task_vars: dict[str, Any]) -> Result:
+        """Return the answer of the module to the options of the task."""
+        return self._execute_module(module_args={**args}, task_vars=task_vars)
 
     def _execute_module(self, *args: Any, task_vars: dict[str, Any] | None = None, **options: Any) -> Result:
         """Run a module; see ActionBase. Ansible first asks the robot for its Python, so that answer has bounds as well."""
