@@ -158,7 +158,7 @@ def _configure_computer(fleet: Fleet, robot: Robot, computer: Computer, plan: mo
         routes_expected=expected,
         look_at=_look_at(fleet, robot, is_master, expected, metrics),
         multicast_routing=_multicast_routing(fleet, computer) if is_gateway else None,
-        firewall=_firewall(fleet, robot, computer),
+        firewall=_firewall(fleet, robot, computer, tunnel),
         clock=_clock(fleet, robot, computer),
         tunnel=tunnel,
         environment=_environment(fleet, robot, computer),
@@ -318,16 +318,14 @@ def _list_behind(robot: Robot, computer: Computer) -> tuple[IPv4Network, ...]:
 # The packet filter
 
 
-def _firewall(fleet: Fleet, robot: Robot, computer: Computer) -> model.Firewall | None:
+def _firewall(fleet: Fleet, robot: Robot, computer: Computer, tunnel: model.Tunnel | None) -> model.Firewall | None:
     """Return the packet filter of a computer. None: no packet filter is wanted. A hub passes packets on for the whole fleet, as a router."""
     if fleet.variables.firewall != "fleet":
         return None
     networks = _networks_behind_router(fleet) if computer == fleet.hub else _list_behind(robot, computer)
     # Who comes by the tunnel has a key; to others its port does not answer.
-    tunnel = (
-        (f"{fleet.variables.tunnel_port}/udp",) if fleet.variables.tunnel != "none" and computer.common_address else ()
-    )
-    return model.Firewall(networks, computer.variables.firewall_also, (*computer.variables.firewall_ports, *tunnel))
+    ports = (f"{tunnel.port}/udp",) if tunnel else ()
+    return model.Firewall(networks, computer.variables.firewall_also, (*computer.variables.firewall_ports, *ports))
 
 
 def _let_in(fleet: Fleet, belonging: model.Membership) -> tuple[IPv4Network, ...]:
