@@ -27,6 +27,7 @@ from ..plugin_utils._changes.refusal import FleetAction, Refusal
 from ..plugin_utils._checks.engine import FAILED
 from ..plugin_utils._data.plain import Mismatch
 from ..plugin_utils._fleet.plain_text import LINE, plain, plain_data, plain_lines
+from ..plugin_utils._fleet.sentences import join_causes
 from ..plugin_utils._judgement.judgement import Judgement, judge_run, make_document
 from ..plugin_utils._judgement.matrices import Matrices
 from ..plugin_utils._judgement.run import OPTIONS, Run, gather_run
@@ -131,8 +132,7 @@ def write_files(
 
 def join_rivals(finding: Mapping[str, Any]) -> dict[str, Any]:
     """Return a finding for a task of its own. Its sentence also has the other possible causes."""
-    sentences = [finding["sentence"], *(rival["sentence"] for rival in finding["rivals"])]
-    return {**finding, "sentence": f"one of these: {'; or '.join(sentences)}" if finding["rivals"] else sentences[0]}
+    return {**finding, "sentence": join_causes([cause["sentence"] for cause in (finding, *finding["rivals"])])}
 
 
 def has_callbacks() -> bool:

@@ -29,6 +29,11 @@ def number_problems(problems: Sequence[str]) -> str:
     return "\n".join([f"{len(texts)} problems:", *(f"{number}. {text}" for number, text in enumerate(texts, 1))])
 
 
+def join_causes(causes: Sequence[str]) -> str:
+    """Return the sentence of a finding: the only cause, or all that it may be."""
+    return f"one of these: {'; or '.join(causes)}" if len(causes) > 1 else causes[0]
+
+
 def shorten_list(names: Iterable[str], most: int = 3, others: str = "more") -> str:
     """Return the first names, and the number of the others."""
     texts = list(names)

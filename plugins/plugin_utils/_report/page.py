@@ -20,6 +20,7 @@ from markupsafe import Markup
 from .._checks.engine import FAILED, OK, UNKNOWN, WARNING
 from .._checks.table import TITLES
 from .._fleet.plain_text import LINE, LONGEST, plain, plain_data
+from .._fleet.sentences import join_causes
 from .._judgement.matrices import Matrices
 from .._plan.model import FleetPlan
 from .arrows import draw_arrows
@@ -78,7 +79,8 @@ def _shorten(entry: Mapping[str, Any]) -> dict[str, Any]:
     """Return a finding with the first of its rows, and its ways as pictures."""
     parts = plain_data({**entry, "seen": (), "follows": (), "ways": ()}, LINE)
     drawn = [Markup(draw_way(way)) for way in entry["ways"]]  # noqa: S704  # its texts are escaped there
-    return {**parts, "seen": _rows(entry["seen"]), "follows": _rows(entry["follows"]), "ways": drawn}
+    causes = join_causes([cause["sentence"] for cause in (parts, *parts["rivals"])])
+    return {**parts, "causes": causes, "seen": _rows(entry["seen"]), "follows": _rows(entry["follows"]), "ways": drawn}
 
 
 def _rows(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from .._checks.engine import FAILED, OK, UNKNOWN, VERDICTS, WARNING, Row
 from .._checks.table import CHECKS, TITLES
 from .._diagnosis.diagnosis import INFERRED, Diagnosis, Finding
 from .._fleet.plain_text import plain
-from .._fleet.sentences import shorten_list
+from .._fleet.sentences import join_causes, shorten_list
 from .._judgement.summary import Summary, is_small
 from .traffic import HEADINGS, describe_measurement, list_dearest
 
@@ -112,10 +112,8 @@ def _findings(findings: Sequence[Finding], heading: str, numbers: Iterator[int],
 
 def _finding(entry: Finding) -> Iterator[tuple[str, str]]:
     """Yield the lines of a finding: (label, text). Those without a text are not printed."""
-    if entry.rivals:
-        yield "{number:>3}. ", "one of these: " + "; or ".join(part.sentence() for part in entry.candidates)
-    else:
-        yield "{number:>3}. ", entry.sentence()
+    causes = [part.sentence() for part in entry.candidates] if entry.rivals else [entry.sentence()]
+    yield "{number:>3}. ", join_causes(causes)
     if entry.proof:
         yield "     seen:     ", _describe_rows(entry.proof)
         yield "     follows:  ", _count_checks(row.check for row in entry.rows)
