@@ -155,11 +155,8 @@ def find_vault_values(value: Any) -> Iterator[str]:
             yield str(value)
         except AnsibleError:  # this run has no password for it, so its values have no clear text here
             return
-    elif isinstance(value, Mapping):
-        for part in value.values():
-            yield from find_vault_values(part)
-    elif isinstance(value, (list, tuple)):
-        for part in value:
+    elif isinstance(value, (Mapping, list, tuple)):
+        for part in value.values() if isinstance(value, Mapping) else value:
             yield from find_vault_values(part)
 
 

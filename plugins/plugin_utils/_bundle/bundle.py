@@ -62,8 +62,8 @@ def remove_secrets(run: Run, secrets: Secrets) -> Run:
 
 def rename(run: Run, aliases: Mapping[str, list[str]], users: set[str]) -> Run:
     """Return a run with new names and addresses."""
-    known = (json.dumps([to_plain(run.fleet), {name: to_plain(seen) for name, seen in run.observations.items()}]),)
-    other = Anonymous(run.fleet, aliases, users, [*known, *run.logs.values()])
+    known = json.dumps(to_plain([run.fleet, run.observations]))
+    other = Anonymous(run.fleet, aliases, users, [known, *run.logs.values()])
     return dataclasses.replace(
         run,
         fleet=other.data(run.fleet),
@@ -83,7 +83,7 @@ def write_files(run: Run, page: str, document: Mapping[str, Any]) -> dict[str, s
         "README.txt": README.format(collection=run.about["collection"], time=run.about["time"], names=names),
         ABOUT: _json(about),
         PLAN: _json(to_plain(run.fleet)),
-        OBSERVATIONS: _json({name: to_plain(seen) for name, seen in run.observations.items()}),
+        OBSERVATIONS: _json(to_plain(run.observations)),
         "report.json": _json(document),
         "report.html": page,
         **logs,
