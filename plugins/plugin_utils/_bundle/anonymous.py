@@ -15,14 +15,15 @@ from ipaddress import AddressValueError, IPv4Address, IPv4Network, IPv6Address
 from typing import Any
 
 from .._plan.model import FleetPlan
+from .._plan.units import NODES, OTHERS
 from .addresses import Addresses
 from .secrets import list_words
 
 # Names of the collection and of ROS stay, also if a robot has one of them.
 _OURS = (
-    r"master_discovery|master_sync|mas[_-](?:discovery|sync|daemon)|rosfleet(?:[_.-]multimaster)?|rosout|roscore|rosmaster|ros_comm"
+    rf"master_(?:{'|'.join(NODES)})|mas[_-](?:discovery|sync|daemon)|rosfleet(?:[_.-]multimaster)?|rosout|roscore|rosmaster|ros_comm"
     r"|multimaster_verify(?:_talker|_listener)?"
-    r"|multimaster[_-](?:address|roscore|discovery|sync|connections|multicast-routing|verify)"
+    rf"|multimaster[_-](?:{'|'.join((*OTHERS, *NODES))}|multicast-routing|verify)"
 )
 _PUBLIC = {"localhost", "wiki.ros.org", "www.ros.org", "docs.ros.org", "answers.ros.org", "github.com", "www.w3.org"}
 _URI = re.compile(r"(?:https?|rosrpc)://(?:[^/@\s]{1,200}@)?([A-Za-z0-9][A-Za-z0-9.-]{0,200})(?=[:/\s\"'\])]|$)")

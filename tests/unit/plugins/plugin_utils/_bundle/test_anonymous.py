@@ -9,6 +9,7 @@ import fleets
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.anonymous import Anonymous
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.units import NODES, OTHERS
 
 
 @pytest.fixture(name="other", scope="module")
@@ -55,6 +56,12 @@ def test_words(text, expected):
         ["http://annas-laptop:11311/ and /home/bert/ws", "http://wiki.ros.org/x"],
     )
     assert fresh.text(text) == expected
+
+
+@pytest.mark.parametrize("name", [*NODES, *OTHERS])
+def test_units_and_nodes_keep_their_names_beside_a_host_of_it(name):
+    text = f"multimaster-{name}.service and /master_{name}" if name in NODES else f"multimaster-{name}.service"
+    assert Anonymous(fleets.fig12(), {"tibi-nav": [name]}).text(text) == text
 
 
 def test_addresses_in_texts_are_those_of_the_plan(other):
