@@ -28,20 +28,27 @@ from .exports import (
 )
 from .filters import BUILT_IN, SYNC, WHITE_LISTS, Filters, matches, usable
 from .flows import Channel, list_givers, make_flows
-from .inventory import RobotValues
+from .inventory import InventoryValues, RobotValues
 from .model import Fleet, Robot
 from .sentences import nearest, shorten_list
 from .variables import FleetVariables
 
 
-def find_contradictions(parties: Sequence[RobotValues], robots: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return one sentence for each contradiction. `robots` has the computers of every robot, also of robots that are no party."""
-    problems: list[str] = []
-    for party in parties:
-        problems += [*_find_wrong_receivers(party, robots), *_find_built_in_names(party)]
-    problems += _find_parameter_names(parties) + _find_collisions(parties, list(robots))
-    problems += _find_crossing_parameters(parties, list(robots)) + _find_meeting_names(parties, list(robots))
-    return [*problems, *_find_second_white_lists(parties), *_find_filtered_exports(parties)]
+def find_contradictions(reading: InventoryValues) -> Iterator[str]:
+    """Yield one sentence for each contradiction. A robot without hosts declares nothing, and may be meant by others."""
+    parties = {robot.name: robot for robot in reading.robots if robot.hosts}
+    declarers, robots = list(parties.values()), reading.inventory.robots
+    for party in declarers:
+        yield from (*_find_wrong_receivers(party, robots), *_find_built_in_names(party))
+    yield from _find_parameter_names(declarers)
+    yield from _find_collisions(parties, list(robots))
+    yield from _find_crossing_parameters(parties, list(robots))
+    yield from _find_meeting_names(declarers, list(robots))
+    yield from _find_second_white_lists(declarers)
+    yield from _find_filtered_exports(parties)
+    yield from find_excluded_strangers(reading.shared)
+    yield from _find_local_diagnostics(declarers, reading.shared)
+    yield from _find_wrong_seals(declarers, {*reading.hosts, *reading.inventory.routers}, reading.shared)
 
 
 def find_excluded_strangers(shared: FleetVariables) -> list[str]:
@@ -214,7 +221,7 @@ def _find_ambiguous_prefixes(fleet: Fleet) -> list[str]:
     return list(problems.values())
 
 
-def find_local_diagnostics(parties: Sequence[RobotValues], shared: FleetVariables) -> Iterator[str]:
+def _find_local_diagnostics(parties: Sequence[RobotValues], shared: FleetVariables) -> Iterator[str]:
     """Yield a sentence for each robot that names /diagnostics, if that topic stays on each robot."""
     for party in parties if shared.diagnostics == "local" else ():
         topics = {
@@ -276,15 +283,14 @@ _ONE_GIVER = {
 }
 
 
-def _find_collisions(parties: Sequence[RobotValues], robots: Sequence[str]) -> list[str]:
+def _find_collisions(parties: Mapping[str, RobotValues], robots: Sequence[str]) -> list[str]:
     """Return a sentence for two robots that give the same service or action to a third, by its name or by a pattern."""
-    by_name = {party.name: party for party in parties}
     return sorted(
-        f"{by_name[first].host}: multimaster_exports gives the {KINDS[key]} {name} to {shorten_list(receivers)}, and so does "
+        f"{parties[first].host}: multimaster_exports gives the {KINDS[key]} {name} to {shorten_list(receivers)}, and so does "
         f"that of {second}; expected one of the two, {why}: rename it on one of them, or choose with 'to' who gets which."
         for key, why in _ONE_GIVER.items()
-        for name, givers in _match_givers(parties, key)
-        for (first, second), receivers in _pair_givers(givers, by_name, robots)
+        for name, givers in _match_givers(parties.values(), key)
+        for (first, second), receivers in _pair_givers(givers, parties, robots)
     )
 
 
@@ -333,12 +339,11 @@ def _list_meeting(one: Export, other: Export) -> list[str]:
     return [name for name in names if any(matches([name], second) or matches([second], name) for second in others)]
 
 
-def _find_crossing_parameters(parties: Sequence[RobotValues], robots: Sequence[str]) -> list[str]:
+def _find_crossing_parameters(parties: Mapping[str, RobotValues], robots: Sequence[str]) -> list[str]:
     """Return a sentence for two robots that give the same parameter to a third, or one in the namespace of the other."""
-    by_name = {party.name: party for party in parties}
     entries = [
         (party.name, entry, [entry.rename(name) for name in entry.parameters])  # as the receivers have them
-        for party in parties
+        for party in parties.values()
         for entry in party.entries
     ]
     problems = {}
@@ -349,17 +354,17 @@ def _find_crossing_parameters(parties: Sequence[RobotValues], robots: Sequence[s
             for other in (other for other in names if is_within(name, other)):
                 givers[robot].append(entry)
                 given[robot] = other
-        for (first, second), receivers in _pair_givers(givers, by_name, robots):
+        for (first, second), receivers in _pair_givers(givers, parties, robots):
             also = "so does that of" if given[first] == given[second] else f"{given[second]} is given by that of"
             problems[name] = (
-                f"{by_name[first].host}: multimaster_exports gives the parameter {given[first]} to {shorten_list(receivers)}, and {also} "
+                f"{parties[first].host}: multimaster_exports gives the parameter {given[first]} to {shorten_list(receivers)}, and {also} "
                 f"{second}; expected one of the two, since a roscore keeps one value: put it into a namespace of its robot, or choose "
                 "with 'to' who gets which."
             )
     return list(problems.values())
 
 
-def _match_givers(parties: Sequence[RobotValues], key: str) -> Iterator[tuple[str, dict[str, list[Export]]]]:
+def _match_givers(parties: Collection[RobotValues], key: str) -> Iterator[tuple[str, dict[str, list[Export]]]]:
     """Yield each exported name of a kind, with robot -> its entries for this name or for a pattern of it."""
     givers: dict[str, dict[str, list[Export]]] = defaultdict(lambda: defaultdict(list))  # by name or pattern, by robot
     for party in parties:
@@ -412,11 +417,10 @@ def _find_second_white_lists(parties: Sequence[RobotValues]) -> Iterator[str]:
             )
 
 
-def _find_filtered_exports(parties: Sequence[RobotValues]) -> Iterator[str]:
+def _find_filtered_exports(parties: Mapping[str, RobotValues]) -> Iterator[str]:
     """Yield a sentence for names that an entry gives to a certain robot, and that filters leave out."""
-    by_name = {party.name: party for party in parties}
-    for party, entry in [(declarer, entry) for declarer in parties for entry in declarer.inner_entries]:
-        for receiver in (by_name[name] for name in dict.fromkeys(entry.to) if name in by_name.keys() - {party.name}):
+    for party, entry in [(declarer, entry) for declarer in parties.values() for entry in declarer.inner_entries]:
+        for receiver in (parties[name] for name in dict.fromkeys(entry.to) if name in parties.keys() - {party.name}):
             actions = [("actions", name) for name in entry.actions]
             for taker, giver, names, parts, what in (
                 (receiver, party, entry.names(), FROM_SERVER, ""),
@@ -458,7 +462,7 @@ def _is_master_ignored(filters: Mapping[str, Sequence[str]], master: str) -> boo
 # Sealed computers
 
 
-def find_wrong_seals(robots: Sequence[RobotValues], hosts: Collection[str], shared: FleetVariables) -> Iterator[str]:
+def _find_wrong_seals(robots: Sequence[RobotValues], hosts: Collection[str], shared: FleetVariables) -> Iterator[str]:
     """Yield a sentence for each thing that cannot be done with a sealed computer. `hosts` are those of the inventory."""
     owner: dict[str, str] = {}
     for robot in robots:

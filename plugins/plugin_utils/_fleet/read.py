@@ -47,7 +47,7 @@ def read_fleet(inventory: Inventory) -> Fleet:
     problems += [
         *_find_ambiguous_names(reading),
         *networks.find_network_problems(reading, router),
-        *_find_contradictions(reading),
+        *contradictions.find_contradictions(reading),
         *networks.find_wrong_tunnel_network(reading.shared),
         *heartbeats.find_slow_heartbeats(reading.shared.heartbeat_hz, reading.shared.offline_after),
     ]
@@ -295,15 +295,6 @@ def _find_ambiguous_names(reading: InventoryValues) -> Iterator[str]:
                     f"{computer}: multimaster_aliases has localhost, which every computer is for itself; expected names of "
                     "this computer alone: remove it."
                 )
-
-
-def _find_contradictions(reading: InventoryValues) -> Iterator[str]:
-    robots = [robot for robot in reading.robots if robot.hosts]
-    hosts = {*reading.hosts, *reading.inventory.routers}
-    yield from contradictions.find_contradictions(robots, reading.inventory.robots)
-    yield from contradictions.find_excluded_strangers(reading.shared)
-    yield from contradictions.find_local_diagnostics(robots, reading.shared)
-    yield from contradictions.find_wrong_seals(robots, hosts, reading.shared)
 
 
 def _collapse(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:

@@ -15,9 +15,17 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports as exports_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows as flows_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.inventory import RobotValues
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.inventory import (
+    Inventory,
+    InventoryValues,
+    RobotValues,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import UnexpectedValue
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import RobotVariables, make
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import (
+    FleetVariables,
+    RobotVariables,
+    make,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -434,7 +442,8 @@ def test_a_hundred_robots_with_one_service_are_a_few_sentences():
     entries = exports_module.read_exports([RESET])
     own = make(RobotVariables, {"multimaster_exports": entries})
     parties = [RobotValues(f"r{number}", [f"c{number}"], own) for number in range(100)]
-    found = contradictions.find_contradictions(parties, {party.name: [party.host] for party in parties})
+    inventory = Inventory({party.name: party.hosts for party in parties}, {})
+    found = list(contradictions.find_contradictions(InventoryValues(inventory, {}, make(FleetVariables, {}), parties)))
     assert len(found) == 3
     assert any(
         "c0: multimaster_exports gives the service /reset to r2, r3, r4 and 95 more, and so does that of r1;"
