@@ -34,15 +34,14 @@ MOST_STARS = 2  # in one name
 MOST_NAMES_WITH = {1: 500, 2: 40}  # stars -> names; an action is three
 MOST_TEXT = 32768  # characters of all names
 
-# Parameters are copied by their whole names.
-_PARAMETER = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
+# Of parameters, which are copied by their whole names, and of namespaces.
+_WHOLE_NAME = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
 _LONGEST = 255
 _NAME = re.compile(r"[/*][A-Za-z0-9_/*]*")
 
 # What makes an entry one of the border, which renames topics and keeps their rate.
 OF_BORDER = ("as", "rate", "newest", "frames")
 _PREFIX = re.compile(r"(?:[A-Za-z0-9]+[/_])+")
-_NAMESPACE = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
 DIAGNOSTICS = "/diagnostics"
 FASTEST = 1000.0  # messages a second
 
@@ -226,7 +225,7 @@ def _read_border(entry: Mapping[Any, Any]) -> dict[str, Any]:
     """Read what makes an entry one of the border."""
     namespace, rate, newest = entry.get("as", ""), entry.get("rate", 0), entry.get("newest", False)
     frames = entry.get("frames", "")
-    if "as" in entry and (not isinstance(namespace, str) or not _NAMESPACE.fullmatch(namespace)):
+    if "as" in entry and (not isinstance(namespace, str) or not _WHOLE_NAME.fullmatch(namespace)):
         raise UnexpectedValue(f"a namespace such as /kobuki1 at 'as', or a name, but there is '{namespace}'")
     number = isinstance(rate, (int, float)) and not isinstance(rate, bool)
     if "rate" in entry and not (number and 0 < rate <= FASTEST):
@@ -288,7 +287,7 @@ def _check_name(key: str, name: str) -> None:
 
 
 def _check_parameter(name: str) -> None:
-    if not _PARAMETER.fullmatch(name) or len(name) > _LONGEST:
+    if not _WHOLE_NAME.fullmatch(name) or len(name) > _LONGEST:
         raise UnexpectedValue(
             "whole names of letters, digits, '_' and '/' at 'parameters', since a name has all that is below it, too, but there is "
             f"'{name}'"

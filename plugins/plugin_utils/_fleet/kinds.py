@@ -92,9 +92,6 @@ class SealedComputer(NamedTuple):
         return " ".join([str(self.address), *self.aliases])
 
 
-SEALED = ("address", "aliases")
-
-
 def seals(value: Any) -> Mapping[str, SealedComputer]:
     """Read the sealed computers of a robot: each name with its address, or with `address` and `aliases`."""
     expected = "names of computers with their addresses, such as {hsrb: 192.168.1.40}"
@@ -103,10 +100,10 @@ def seals(value: Any) -> Mapping[str, SealedComputer]:
     for key, entry in value.items():
         if not is_host_name(key) or key.lower() == "localhost":
             raise UnexpectedValue(f"{expected}, but '{key}' is no name")
-        unknown = sorted(map(str, set(entry) - set(SEALED))) if isinstance(entry, Mapping) else []
+        unknown = sorted(map(str, set(entry) - set(SealedComputer._fields))) if isinstance(entry, Mapping) else []
         if unknown:
             raise UnexpectedValue(
-                f"'address' and 'aliases' of '{key}'{nearest(unknown[0], SEALED)}, but '{unknown[0]}' is neither"
+                f"'address' and 'aliases' of '{key}'{nearest(unknown[0], SealedComputer._fields)}, but '{unknown[0]}' is neither"
             )
     return {str(key): _seal(entry) for key, entry in value.items()}
 
