@@ -130,12 +130,22 @@ def find_missing_folders(path: str) -> typing.List[str]:
 
 
 def make_folders(path: str) -> typing.List[str]:
-    """Make a folder (mode 0755) and its missing parents; returns the folders that it made, outermost first."""
-    missing = find_missing_folders(path)
-    for folder in missing:
-        os.mkdir(folder, 0o755)
-        os.chmod(folder, 0o755)
-    return missing
+    """Make a folder (mode 0755) and its missing parents; returns the folders that it made, outermost first.
+
+    Raises OSError, with none of them left.
+    """
+    made: typing.List[str] = []
+    try:
+        for folder in find_missing_folders(path):
+            os.mkdir(folder, 0o755)
+            made.append(folder)
+            os.chmod(folder, 0o755)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            for folder in reversed(made):
+                remove_folder_if_empty(folder)
+        raise
+    return made
 
 
 def remove_folder_if_empty(path: str) -> None:

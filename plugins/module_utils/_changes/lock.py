@@ -75,30 +75,33 @@ def read_undisturbed(folder: str, read: typing.Callable[[], T]) -> T:
 def _take(folder: str, name: str, deadline: float) -> typing.Tuple[int, typing.List[str]]:
     """Wait for the lock of a folder; returns its descriptor, and the folders made for it, outermost first.
 
-    Raises OSError where there can be none, Problem where a run does not end.
+    Raises OSError where there can be none, Problem where a run does not end. Then nothing of it is left.
     """
     path = os.path.join(folder, NAME)
     made: typing.List[str] = []
     vanishing = time.monotonic() + _VANISHING
-    while True:
-        try:
-            made += atomic.make_folders(folder)
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-        except (FileExistsError, FileNotFoundError):  # runs remove this folder at their end, and make it at their start
-            if time.monotonic() > vanishing:
+    with contextlib.ExitStack() as undo:
+        undo.callback(_remove_folders, folder, made)
+        while True:
+            try:
+                for place in atomic.find_missing_folders(folder):  # one by one: others may make some of them meanwhile
+                    made += atomic.make_folders(place)
+                descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+            except (FileExistsError, FileNotFoundError):  # runs make this folder at their start, and remove it
+                if time.monotonic() > vanishing:
+                    raise
+                continue
+            try:
+                if _is_free(descriptor, fcntl.LOCK_EX, path, deadline) and _is_at(descriptor, path):
+                    _sign(descriptor, name)
+                    undo.pop_all()
+                    return descriptor, made
+            except BaseException as problem:
+                if isinstance(problem, OSError):  # a file system without locks
+                    _remove_unsigned(descriptor, path)
+                os.close(descriptor)
                 raise
-            continue
-        except OSError:
-            _remove_folders(folder, made)
-            raise
-        try:
-            if _is_free(descriptor, fcntl.LOCK_EX, path, deadline) and _is_at(descriptor, path):
-                _sign(descriptor, name)
-                return descriptor, made
-        except BaseException:
             os.close(descriptor)
-            raise
-        os.close(descriptor)
 
 
 def _free(folder: str, descriptor: int, made: typing.Sequence[str]) -> None:
@@ -107,13 +110,22 @@ def _free(folder: str, descriptor: int, made: typing.Sequence[str]) -> None:
         path = os.path.join(folder, NAME)
         if _is_at(descriptor, path):
             atomic.remove(path)
-        _remove_folders(folder, made)
+    _remove_folders(folder, made)
     os.close(descriptor)
 
 
 def _remove_folders(folder: str, made: typing.Sequence[str]) -> None:
+    """Remove the folder of a lock, and those made for it, where they are empty."""
     for place in [folder, *reversed(made)]:
-        atomic.remove_folder_if_empty(place)
+        with contextlib.suppress(OSError):
+            atomic.remove_folder_if_empty(place)
+
+
+def _remove_unsigned(descriptor: int, path: str) -> None:
+    """Remove a file that cannot be locked. One with the name of a process stays, since that may hold it."""
+    with contextlib.suppress(OSError):
+        if not os.fstat(descriptor).st_size and _is_at(descriptor, path):
+            atomic.remove(path)
 
 
 def _wait(path: str, deadline: float) -> None:

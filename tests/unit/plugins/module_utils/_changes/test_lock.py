@@ -4,6 +4,7 @@
 """The lock of a run, held by real processes."""
 
 import contextlib
+import errno
 import os
 import random
 import signal
@@ -121,6 +122,45 @@ def test_where_there_can_be_no_lock_a_sentence_says_so(tmp_path):
     (tmp_path / "file").touch()
     with lock.hold([str(tmp_path / "file")], "example") as sentences:
         assert [("file/lock cannot be locked" in one, "(File exists)" in one) for one in sentences] == [(True, True)]
+
+
+def test_nothing_is_left_where_a_folder_cannot_be_made(records):
+    with lock.hold([str(records / ("long" * 100))], "example") as sentences:
+        assert len(sentences) == 1 and "File name too long" in sentences[0]
+        assert list(records.parents[2].iterdir()) == []
+
+
+def refuse(*_arguments):
+    raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+
+def test_nothing_is_left_on_a_file_system_without_locks(records, monkeypatch):
+    monkeypatch.setattr(lock.fcntl, "flock", refuse)
+    with lock.hold([str(records)], "example") as sentences:
+        assert len(sentences) == 1 and "No locks available" in sentences[0]
+        assert list(records.parents[2].iterdir()) == []
+
+
+def test_a_lock_of_another_stays_where_none_can_be_had(records, monkeypatch):
+    with holder(records), monkeypatch.context() as patch:
+        patch.setattr(lock.fcntl, "flock", refuse)
+        with lock.hold([str(records)], "example") as sentences:
+            assert (len(sentences), (records / "lock").exists()) == (1, True)
+
+
+def test_folders_of_two_that_begin_at_once_are_removed(records, monkeypatch):
+    make, raced = os.mkdir, []
+
+    def make_late(path, *mode):
+        if path == str(records) and not raced:  # another run makes it just before
+            raced.append(path)
+            make(path)
+        make(path, *mode)
+
+    monkeypatch.setattr(os, "mkdir", make_late)
+    with lock.hold([str(records)], "example") as sentences:
+        assert sentences == []
+    assert raced and list(records.parents[2].iterdir()) == []
 
 
 def test_a_link_in_its_place_is_not_followed(records):

@@ -104,6 +104,13 @@ def test_make_folders_ends_for_a_relative_path(tmp_path, monkeypatch):
     assert atomic.make_folders("a/b") == ["a", "a/b"]
 
 
+def test_make_folders_leaves_none_where_one_fails(tmp_path):
+    (tmp_path / "before").mkdir()
+    with pytest.raises(OSError, match="too long"):
+        atomic.make_folders(str(tmp_path / "before" / "a" / "b" / ("long" * 100)))
+    assert list((tmp_path / "before").iterdir()) == []
+
+
 def test_make_folders_tells_what_it_made(tmp_path):
     assert atomic.make_folders(str(tmp_path / "a" / "b")) == [str(tmp_path / "a"), str(tmp_path / "a" / "b")]
     assert atomic.make_folders(str(tmp_path / "a" / "b")) == []
