@@ -232,7 +232,7 @@ class UnitSteps:
             try:
                 return function(*arguments)
             except (OSError, Problem) as problem:
-                failures.append(str(problem))
+                failures.append(sentence(problem))
                 return None
 
         attempt(self.systemd.call, "daemon-reload")
@@ -252,10 +252,7 @@ class UnitSteps:
                 names.append(name)
                 attempt(self._restart, name, state.InvocationID)
         if names:
-            try:
-                self._remember_pending(names)
-            except (OSError, Problem) as problem:
-                failures.append(sentence(problem))
+            attempt(self._remember_pending, names)
         return failures
 
     def _remember_pending(self, names: typing.Iterable[str]) -> None:

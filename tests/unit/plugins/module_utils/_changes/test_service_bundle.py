@@ -3,6 +3,7 @@
 
 """Runs of managed_services with a systemd that is a file: what they return, undone, and killed at every call."""
 
+import errno
 import json
 import os
 import subprocess
@@ -244,6 +245,19 @@ def test_a_former_unit_that_does_not_start_again_is_told(computer, monkeypatch):
         f"The unit {CORE} did not restart. This could not be taken back: The unit {CORE} did not restart."
     )
     assert run.failure(caught.value) == {"changed": True, "previous_state_is_back": False}
+
+
+def test_a_folder_that_cannot_be_removed_again_is_a_sentence(computer, monkeypatch):
+    def refuse(_paths):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), "/var/lib/robot")
+
+    monkeypatch.setattr(unit_steps.systemctl, "remove_trees", refuse)
+    with pytest.raises(StepFailure) as caught:
+        computer.apply({CORE: text(1, "bad")})
+    assert str(caught.value) == (
+        f"The unit {CORE} did not start: it is failed. This could not be taken back: /var/lib/robot cannot be written "
+        "(Read-only file system); expected a writable file: mount its file system writable."
+    )
 
 
 def test_a_machine_without_systemd_or_folder_is_a_sentence(computer, monkeypatch):
