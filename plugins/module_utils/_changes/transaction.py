@@ -45,7 +45,7 @@ class StepFailure(Problem):
         """`text` is for a module that has its own sentences."""
         self.cause = cause
         self.left = left  # a text for everything that could not be undone
-        end = f"Not put back: {', '.join(left)}." if left else "Everything is as it was before."
+        end = f"Not put back: {', '.join(left).rstrip('.')}." if left else "Everything is as it was before."
         super().__init__(text or f"{sentence(cause)} {end}")
 
 

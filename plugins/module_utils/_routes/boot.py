@@ -8,7 +8,7 @@ import typing
 
 from .._changes import atomic
 from .._module.difference import difference, mode_difference
-from .._module.problem import Problem
+from .._module.problem import Problem, sentence
 from .kernel import Route, format_route
 from .managers.contract import Machine, PlannedTexts, RoutesByInterface
 from .managers.table import AUTO, BACKENDS
@@ -158,7 +158,7 @@ class Boot:
         try:
             self._write(self.before)
         except (Problem, OSError) as problem:
-            return [str(problem)]
+            return [sentence(problem)]
         return []
 
     def _write(self, texts: typing.Mapping[str, typing.Optional[str]]) -> None:

@@ -6,6 +6,7 @@
 import json
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import StepFailure
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot import Boot
@@ -83,6 +84,17 @@ def test_a_failure_half_way_puts_the_files_back(tree):
     (tree / "etc/network/if-up.d").unlink()
     assert plan.undo() == []
     assert snapshot(tree) == before
+
+
+def test_a_place_that_cannot_be_put_back_is_a_sentence(tree):
+    plan = boot(tree, choice=CHOICE)
+    plan.apply()
+    hook = tree / HOOK.lstrip("/")
+    hook.unlink()
+    hook.mkdir()
+    told = f"{hook} cannot be written (Is a directory); expected a writable file: correct the path, or move the folder away."
+    assert plan.undo() == [told]
+    assert str(StepFailure(Problem("No."), plan.undo())) == f"No. Not put back: {told}"
 
 
 @pytest.mark.parametrize("backend", ["netplan", "networkmanager"])
