@@ -346,7 +346,7 @@ def _find_crossing_parameters(parties: Mapping[str, RobotValues], robots: Sequen
         for party in parties.values()
         for entry in party.entries
     ]
-    problems = {}
+    problems = []
     for name in sorted({name for _robot, _entry, names in entries for name in names}):
         givers: dict[str, list[Export]] = defaultdict(list)
         given: dict[str, str] = {}  # robot -> this name, or the one that it is in
@@ -356,12 +356,12 @@ def _find_crossing_parameters(parties: Mapping[str, RobotValues], robots: Sequen
                 given[robot] = other
         for (first, second), receivers in _pair_givers(givers, parties, robots):
             also = "so does that of" if given[first] == given[second] else f"{given[second]} is given by that of"
-            problems[name] = (
+            problems.append(
                 f"{parties[first].host}: multimaster_exports gives the parameter {given[first]} to {shorten_list(receivers)}, and {also} "
                 f"{second}; expected one of the two, since a roscore keeps one value: put it into a namespace of its robot, or choose "
                 "with 'to' who gets which."
             )
-    return list(problems.values())
+    return problems
 
 
 def _match_givers(parties: Collection[RobotValues], key: str) -> Iterator[tuple[str, dict[str, list[Export]]]]:

@@ -330,6 +330,14 @@ WRONG = {
             "one of the two, since a roscore keeps one value: put it into a namespace of its robot, or choose with 'to' who gets which."
         ],
     ),
+    "a parameter of all robots": (
+        {robot: exports({"parameters": ["/model"]}) for robot in ("tibi", "dabo", "car")},
+        [
+            "dabo-nav: multimaster_exports gives the parameter /model to tibi, and so does that of car; expected",
+            "tibi-visio: multimaster_exports gives the parameter /model to dabo, and so does that of car; expected",
+            "tibi-visio: multimaster_exports gives the parameter /model to car, and so does that of dabo; expected",
+        ],
+    ),
     "a parameter in that of another robot": (
         {"tibi": exports({"parameters": ["/arm"]}), "dabo": exports({"parameters": ["/arm/joints"]})},
         [
