@@ -76,7 +76,9 @@ def _roscore():
 def source_of(roscore, identity=None, tells=True):
     identity, stamps = identity or Identity(), Stamps()
     poller = types.SimpleNamespace(
-        roscore=types.SimpleNamespace(has=lambda method: tells and method == CHANGES),
+        roscore=types.SimpleNamespace(
+            has=lambda method: tells and method == CHANGES, rpc=types.SimpleNamespace(uri=roscore.uri)
+        ),
         poll=lambda: State(URI, "polled"),
         do_not_sync=["/polled"],
     )
@@ -123,7 +125,8 @@ def test_any_other_roscore_is_polled(roscore):
 
 
 @pytest.mark.parametrize("more", [[-1, "8 callers wait already", 0], None])
-def test_where_it_does_not_tell_or_is_not_enough_it_is_polled(roscore, more):
+def test_where_it_does_not_tell_or_is_not_enough_it_is_polled(roscore, more, caplog):
+    caplog.set_level("INFO")
     if more is None:
         more = [
             1,
@@ -133,6 +136,7 @@ def test_where_it_does_not_tell_or_is_not_enough_it_is_polled(roscore, more):
     roscore.answers.put(more)
     source = source_of(roscore)
     assert source.next().name == "polled" and source.next().name == "polled" and len(roscore.asked) == 1
+    assert f"the roscore at {roscore.uri} is read instead of listened to: " in caplog.text
 
 
 def test_after_a_start_of_sync_it_is_listened_to_again_soon(roscore, monkeypatch):

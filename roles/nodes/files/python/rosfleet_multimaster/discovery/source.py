@@ -93,7 +93,8 @@ class Source:
                 self.do_not_sync, self.refusal_counts = self._follower.do_not_sync, self._follower.refusal_counts
                 return state
         except (PollInstead, InvalidDocument, Fault) as problem:
-            program.LOG.info("the roscore is read instead of listened to: %s", problem)
+            uri = self._poller.roscore.rpc.uri
+            program.LOG.info("the roscore at %s is read instead of listened to: %s", uri, problem)
             self._drop()
             self._known_until = monotonic() + AGAIN
         except Exception:
