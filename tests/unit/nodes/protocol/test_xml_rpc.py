@@ -84,6 +84,19 @@ def test_a_hostile_document_is_refused_before_it_costs_much(kind, packed):
     assert peak < 75 << 20
 
 
+@pytest.mark.parametrize("tag", ["string", "base64"])
+def test_a_text_within_many_elements_is_one_text(tag):
+    around = 90
+    body = document(f"<value>{f'<{tag}>' * around}{'YWFh' * (1 << 18)}{f'</{tag}>' * around}</value>")
+    tracemalloc.start()
+    try:
+        values = loads(body)[0]
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert sum(map(bool, values)) == 1 and peak < 10 << 20
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-16-be"])
 def test_document_types_are_refused_in_every_encoding(encoding):
     text = '<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "ha">]>' + document("<value>&a;</value>").decode()

@@ -81,7 +81,9 @@ class _Reader(xmlrpc.client.Unmarshaller):
         if self._size > _NUMBER and tag.split(":")[-1] in _NUMBERS:
             raise ValueError(f"a number of more than {_NUMBER} digits")
         _end(self, tag)
-        self._size = 0
+        if self._size:  # else an element around this one would have its text again
+            self._data.clear()
+        self._size, self._wide = 0, False
 
     def _refuse(self) -> None:
         raise DocumentTooLarge(f"its values take more than {self._most >> 20} MiB of memory")
