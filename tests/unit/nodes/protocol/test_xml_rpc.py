@@ -53,6 +53,8 @@ HOSTILE = {
     "nesting": ("<value><array><data>" * 100 + "</data></array></value>" * 100, "within each other"),
     "a number": ("<value><int>" + "1" * 401 + "</int></value>", "400 digits"),
     "wide texts": (("<value>" + "a" * 9000 + "\U0001f916</value>") * 1000, "memory"),
+    "texts of two bytes": (("<value>" + "a" * 9000 + "я</value>") * 1750, "memory"),
+    "a text that becomes wide": ("<value>" + "a" * (3 << 20) + "я</value>", "text of more"),
     "a long text": ("<value>" + "a" * (5 << 20) + "</value>", "text of more"),
     "a long comment": ("<!--" + "a" * (1 << 20) + "-->", "token"),
     "a long attribute": ('<value a="' + "a" * (1 << 20) + '"/>', "token"),

@@ -21,7 +21,7 @@ _NESTING = 100  # elements within each other: a list in a list has three
 _NUMBER = 400  # digits: Python before 3.11 takes seconds for a long one, and everything waits
 _PIECE = 1 << 16  # bytes that are unpacked and read at once
 _TOKEN = 1 << 17  # bytes of one token of XML, such as a comment
-_TEXT = 4 << 20  # bytes of one text
+_TEXT = 4 << 20  # bytes of memory of one text
 _ELEMENT = 40  # bytes of memory that an element costs about, beside its text
 _STRUCT = 40  # and a mapping more
 _DEAR = 24 << 20  # bytes of memory of any document: 5,000 topics are 6 MB
@@ -45,13 +45,13 @@ class _Reader(xmlrpc.client.Unmarshaller):
 
     def __init__(self, dear: int, longest: int, plain_types: bool) -> None:
         xmlrpc.client.Unmarshaller.__init__(self, use_builtin_types=plain_types)
-        self._depth, self._left, self._size, self._wide = 0, dear, 0, False
+        self._depth, self._left, self._size, self._width = 0, dear, 0, 1
         self._most, self._longest = dear, longest
 
     # These three are called for each element, of which a state has thousands: they call as little as can be.
 
     def start(self, tag: str, attrs: typing.Dict[str, str]) -> None:
-        self._depth, self._size, self._wide = self._depth + 1, 0, False
+        self._depth, self._size, self._width = self._depth + 1, 0, 1
         if self._depth > _NESTING:
             raise DocumentTooLarge(f"more than {_NESTING} elements within each other")
         self._left -= _ELEMENT + _STRUCT if tag == "struct" else _ELEMENT
@@ -60,19 +60,17 @@ class _Reader(xmlrpc.client.Unmarshaller):
         _start(self, tag, attrs)
 
     def data(self, text: str) -> None:
-        cost = len(text)
-        self._size += cost
-        if not _is_ascii(text):
-            if not self._wide and max(text) > "\uffff":
-                self._wide = True  # one such character makes all of a text wide
-                cost += 3 * (self._size - cost)
-            cost += 3 * len(text) if self._wide else 0
-        elif self._wide:
-            cost *= 4
-        self._left -= cost
+        if self._width < 4 and not _is_ascii(text):
+            widest = max(text)  # one such character makes all of a text wide
+            width = 4 if widest > "\uffff" else 2 if widest > "\xff" else 1
+            if width > self._width:
+                self._left -= self._size * (width - self._width)
+                self._width = width
+        self._size += len(text)
+        self._left -= len(text) * self._width
         if self._left < 0:
             self._refuse()
-        if self._size > self._longest:
+        if self._size * self._width > self._longest:
             raise DocumentTooLarge(f"a text of more than {self._longest} bytes")
         self._data.append(text)
 
@@ -83,7 +81,7 @@ class _Reader(xmlrpc.client.Unmarshaller):
         _end(self, tag)
         if self._size:  # else an element around this one would have its text again
             self._data.clear()
-        self._size, self._wide = 0, False
+        self._size, self._width = 0, 1
 
     def _refuse(self) -> None:
         raise DocumentTooLarge(f"its values take more than {self._most >> 20} MiB of memory")
@@ -97,7 +95,7 @@ class Document:
     """A document that is read piece by piece. Every method raises ValueError or what expat and xmlrpc have, or a Fault."""
 
     def __init__(self, most: int, dear: int = _DEAR, longest: int = _TEXT, plain_types: bool = True) -> None:
-        """`most`: bytes of the document; `dear`: of memory of its values; `longest`: of one text.
+        """`most`: bytes of the document; `dear`: of memory of its values; `longest`: of memory of one text.
 
         `plain_types`: bytes and datetime, and not the classes of xmlrpc.client, which write the same again.
         """
