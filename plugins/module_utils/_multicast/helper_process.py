@@ -115,9 +115,12 @@ def serve(sockets: Sockets, settings: Settings, path: str) -> None:
 
 
 def plain(settings: Settings) -> typing.List[typing.Any]:
-    """List the settings that must be the same in both tasks of a run, in a form that JSON leaves as it is."""
+    """List the settings that must be the same in both tasks of a run, in a form that JSON leaves as it is.
+
+    The label of the run is not among them: the door has it, and sentences to a user have this list.
+    """
     computers = [list(item) for item in sorted(settings.computers.items())]
-    return [settings.run, settings.group, settings.port, settings.address, computers, sorted(settings.apart)]
+    return [settings.group, settings.port, settings.address, computers, sorted(settings.apart)]
 
 
 def send(control: socket.socket, outgoing: Datagrams, errors: typing.Dict[str, typing.Any]) -> None:

@@ -132,7 +132,7 @@ def collect(params: Params, settings: Settings, index: int) -> Result:
     request = {"do": "measure", "settings": plain(settings)}
     request.update((option, params[option]) for option in ("rounds", "interval", "unicast"))
     ended = (
-        f"No helper of the run {settings.run!r} is listening on this computer: its task with action=start did not run, "
+        "No helper of this run is listening on this computer: its task with action=start did not run, "
         f"or its lifetime ({params['lifetime']} s) was over; run that task before this one, or raise lifetime."
     )
     try:
@@ -145,7 +145,7 @@ def collect(params: Params, settings: Settings, index: int) -> Result:
         raise Problem(ended)
     if "settings" in reply:
         raise Problem(
-            f"The helper of the run {settings.run!r} was started with other options ({reply['settings']}) than this "
+            f"The helper of this run was started with other options ({reply['settings']}) than this "
             f"task has ({plain(settings)}); give both tasks the same."
         )
     if not params["unicast"]:
