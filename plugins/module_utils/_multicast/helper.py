@@ -22,7 +22,7 @@ TELLS = 3  # times that a helper introduces itself, or says that it is done, bec
 ANSWERS = 40  # answers per second and computer; more would be a flood of another program
 SOURCES = 4096  # kept of each peer, and of all strangers together; more would be a flood of another program
 ANY_PORT = 0  # a stranger counts by its address: its ports are no sources of their own
-PORTS = 8  # ports of one address to which a helper introduces itself
+PORTS = 8  # ports of one address to which a helper introduces itself at a time
 
 
 Address = typing.Tuple[str, int]  # IPv4 address and port
@@ -186,10 +186,18 @@ class Helper:
         return answers <= ANSWERS * len(self.settings.computers)
 
     def _introduce(self, source: Address) -> Datagrams:
-        """Introduce this helper to a new source: it may not hear us on the group, and could not ask us otherwise."""
-        ports = sum(1 for address, port in self.telling if address == source[0])
-        if source in self.telling or ports >= PORTS:
+        """Introduce this helper to a new source: it may not hear us on the group, and could not ask us otherwise.
+
+        Where its address has too many ports, the first one that was told all times makes room: most may be forged.
+        """
+        ports = [other for other in self.telling if other[0] == source[0]]
+        if source in ports:
             return []
+        if len(ports) >= PORTS:
+            spent = [other for other in ports if not self.telling[other]]
+            if not spent:
+                return []
+            del self.telling[spent[0]]
         self.telling[source] = TELLS
         return self._tell(source)
 

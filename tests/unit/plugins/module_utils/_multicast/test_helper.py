@@ -264,6 +264,20 @@ def test_answers_and_introductions_are_bounded():
     assert [len(payload) for payload, unused in one.datagram(0, ("10.0.0.2", 1), "226.0.0.0", "eth0", 24)] == []
 
 
+def test_forged_ports_do_not_use_up_the_introductions():
+    one = helper()
+    for port in range(m.PORTS):
+        one.datagram(0, ("10.0.0.2", port), "226.0.0.0", "eth0", 0)
+    member = "10.0.0.2", 40001
+    assert one.datagram(0, member, "226.0.0.0", "eth0", 0) == []
+    for now in range(m.TELLS):
+        one.poll(now, 0)
+    ((_payload, told),) = one.datagram(m.TELLS, member, "226.0.0.0", "eth0", 0)
+    assert (told, one.datagram(m.TELLS, member, "226.0.0.0", "eth0", 0)) == (member, [])
+    again = [one.datagram(m.TELLS, ("10.0.0.2", port), "226.0.0.0", "eth0", 0) for port in range(1000)]
+    assert sum(map(len, again)) == m.PORTS - 1, "it keeps its place until it was told all times"
+
+
 def test_heartbeats_of_a_discovery_node_are_no_probes():
     one = helper()
     one.datagram(0, ("10.0.0.2", 11511), "226.0.0.0", "eth0", 24)
