@@ -3,17 +3,22 @@
 
 """The reasons for which this kernel drops packets of 127.0.0.1, as its own tracefs tells them."""
 
+import contextlib
 import json
 import os
 import socket
 import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 
+import ansible_collections
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._follow import drops, listener
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._follow.capture import Tag
 
+COLLECTIONS = Path(next(iter(ansible_collections.__path__))).parent
 NO_SOCKET = "drop reason NO_SOCKET"
 SENT = 50  # far more than others on this machine send to closed ports meanwhile
 
@@ -65,15 +70,114 @@ def test_a_drop_has_its_reason_and_nothing_stays_on(tracefs):
     assert not [name for name in after if "NOT_SPECIFIED" in name] and not list_instances(tracefs)
 
 
+LISTEN = """
+import sys, time
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._follow import drops
+with drops.DropReasons(sys.argv[1]):
+    print("listens", flush=True)
+    time.sleep(60)
+"""
+CONTAINER = ["unshare", "--net"]
+
+
+@contextlib.contextmanager
+def run_listener(tracefs, *before):
+    """A process that listens until it is killed at the end."""
+    words = [*before, sys.executable, "-c", LISTEN, str(tracefs)]
+    environment = {**os.environ, "PYTHONPATH": str(COLLECTIONS)}
+    with subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True) as listening:
+        try:
+            assert listening.stdout.readline() == "listens\n"
+            yield
+        finally:
+            listening.kill()
+
+
 def test_what_a_killed_listener_left_is_taken_over(tracefs):
-    left = drops.DropReasons(str(tracefs))
-    left.__enter__()
-    send_to_nobody()
+    with run_listener(tracefs):
+        send_to_nobody()
+    assert list(map(is_on, list_instances(tracefs))) == [True]
     with drops.DropReasons(str(tracefs)) as reasons:
         assert reasons.read().get(NO_SOCKET, 0) < SENT
         send_to_nobody()
         assert reasons.read()[NO_SOCKET] >= SENT
     assert not list_instances(tracefs)
+
+
+def test_what_killed_containers_left_is_removed(tracefs):
+    with run_listener(tracefs, *CONTAINER), run_listener(tracefs, *CONTAINER):
+        pass
+    assert list(map(is_on, list_instances(tracefs))) == [True, True]
+    with drops.DropReasons(str(tracefs)):
+        assert len(list_instances(tracefs)) == 1
+    assert not list_instances(tracefs)
+
+
+def test_a_listener_that_lives_keeps_its_own(tracefs):
+    with run_listener(tracefs, *CONTAINER):
+        with drops.DropReasons(str(tracefs)):
+            assert list(map(is_on, list_instances(tracefs))) == [True, True]
+        assert list(map(is_on, list_instances(tracefs))) == [True]
+    with drops.DropReasons(str(tracefs)):
+        pass
+    assert not list_instances(tracefs)
+
+
+def test_two_of_one_network_do_not_share(tracefs):
+    with drops.DropReasons(str(tracefs)) as first:
+        with drops.DropReasons(str(tracefs)) as second:
+            send_to_nobody()
+            assert second.read() == {}
+        assert first.read()[NO_SOCKET] >= SENT
+
+
+@pytest.mark.parametrize("name", ["rosfleet_follower", "rosfleet_follow_1_x", "rosfleet_other"])
+def test_what_has_another_name_is_not_ours(tracefs, name):
+    other = tracefs / "instances" / name
+    other.mkdir()
+    try:
+        with drops.DropReasons(str(tracefs)):
+            pass
+        assert list_instances(tracefs) == [other]
+    finally:
+        other.rmdir()
+
+
+def test_one_that_is_removed_before_it_is_locked_is_made_again(tracefs, monkeypatch):
+    lock, removed = drops.fcntl.flock, []
+
+    def remove_first(descriptor, kind):
+        if not removed:
+            removed.extend(list_instances(tracefs))
+            removed[0].rmdir()
+        lock(descriptor, kind)
+
+    monkeypatch.setattr(drops.fcntl, "flock", remove_first)
+    with drops.DropReasons(str(tracefs)):
+        assert list_instances(tracefs) == removed and is_on(removed[0])
+    assert not list_instances(tracefs)
+
+
+def test_one_that_another_has_made_again_is_not_taken(tracefs, monkeypatch):
+    lock, made = drops.fcntl.flock, []
+
+    def make_again(descriptor, kind):
+        if not made:
+            made.extend(list_instances(tracefs))
+            made[0].rmdir()
+            made[0].mkdir()
+            made.append(drops._open(str(made[0])))
+            lock(made[1], kind)
+        lock(descriptor, kind)
+
+    monkeypatch.setattr(drops.fcntl, "flock", make_again)
+    try:
+        with drops.DropReasons(str(tracefs)) as reasons:
+            assert reasons.read() == {}
+        assert list_instances(tracefs) == made[:1]
+    finally:
+        os.close(made[1])
+        made[0].rmdir()
 
 
 def test_the_listener_tells_the_reasons(tracefs, monkeypatch, tmp_path):
