@@ -37,6 +37,11 @@ def remedy(problem: OSError) -> str:
     return _REMEDIES.get(problem.errno or 0, "look at the file, its file system and its disk")
 
 
+def tell_reason(problem: BaseException) -> str:
+    """Return why something failed: the words of the kernel, without a number, or else those of the error."""
+    return getattr(problem, "strerror", None) or str(problem)
+
+
 def unreadable(problem: OSError) -> str:
     """Return the sentence for a user about a file that cannot be read."""
     return _tell(problem, "read", "regular")

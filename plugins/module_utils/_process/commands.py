@@ -13,6 +13,7 @@ import tempfile
 import threading
 import typing
 
+from .._module.problem import tell_reason
 from .._module.regular_files import read_regular
 
 BASE_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
@@ -71,7 +72,7 @@ def run(
                 preexec_fn=become,
             )
         except (OSError, ValueError, subprocess.SubprocessError) as problem:  # ValueError: a word with a NUL
-            return Answer(-1, b"", f"{argv[0]} could not be started: {problem}")
+            return Answer(-1, b"", f"{argv[0]} could not be started: {tell_reason(problem)}")
         late = threading.Event()
         # The time limit of subprocess polls, up to 0.05 s apart, for each command.
         timer = threading.Timer(limit, _end_late, (process.pid, late))

@@ -160,7 +160,7 @@ def test_a_content_that_its_command_refuses_is_a_sentence(machine):
 @pytest.mark.parametrize(
     ("command", "said"),
     [
-        (["/no/such/check"], "could not be started: [Errno 2] No such file or directory"),
+        (["/no/such/check"], "could not be started: No such file or directory"),
         (["/etc/passwd"], "Permission denied"),
         (["a\0b"], "could not be started: embedded null byte"),
         (["false"], "(status 1)"),

@@ -49,4 +49,4 @@ def test_what_a_command_leaves_behind_ends_with_it(tmp_path):
 
 def test_a_command_that_is_not_there_is_a_sentence():
     answer = commands.run(["no-such-command"])
-    assert answer.status == -1 and answer.error.startswith("no-such-command could not be started: ")
+    assert (answer.status, answer.error) == (-1, "no-such-command could not be started: No such file or directory")
