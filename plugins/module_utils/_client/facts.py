@@ -11,6 +11,7 @@ import xmlrpc.client
 
 from .._machine import ports
 from .._module.plain_text import plain
+from .._module.problem import tell_reason
 from .._process.deadlines import call_all
 from . import node_services, tcpros
 from .xml_rpc import Strange, ask, server
@@ -48,7 +49,7 @@ def _master(place: Row) -> typing.Optional[Row]:
     except Strange:
         return None
     except OSError as problem:
-        return dict(entry, error=plain(problem))
+        return dict(entry, error=plain(tell_reason(problem)))
     nodes = {node for table in tables for users in table.values() for node in users}
     entry.update(nodes=len(nodes), topics=len({*publishers, *subscribers}), services=len(services))
     provided = {name: users[0] for name, users in services.items() if users}
@@ -108,7 +109,7 @@ def _call(roscore: str, service: str, node: str, known: tcpros.Types) -> typing.
     try:
         return (entry, *tcpros.call_by_name(roscore, service, known, CALLER))
     except OSError as problem:
-        return dict(entry, error=plain(problem)), [], ""
+        return dict(entry, error=plain(tell_reason(problem))), [], ""
 
 
 def _discovery(roscore: str, uri: str, service: str, node: str) -> Row:

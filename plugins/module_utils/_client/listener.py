@@ -15,6 +15,7 @@ import typing
 from functools import partial
 
 from .._module.plain_text import quote
+from .._module.problem import tell_reason
 from . import node, tcpros
 from .ros import Ros
 from .xml_rpc import server
@@ -113,7 +114,7 @@ class Listener:
                 steps.append(ANSWERED)
                 self._hear(topic, *tcpros.hear(place, topic, self.name, partial(steps.append, CONNECTED)))
             except Exception as problem:  # whatever a stranger answers
-                self.errors[topic], self.steps[topic] = f"{quote(uri)}: {quote(problem)}", steps[-1]
+                self.errors[topic], self.steps[topic] = f"{quote(uri)}: {quote(tell_reason(problem))}", steps[-1]
                 again = threading.Timer(AGAIN, self._due.put, ((topic, uri),))
                 again.daemon = True
                 again.start()

@@ -14,6 +14,7 @@ import typing
 
 from .._machine.outcomes import Outcome, classify_error
 from .._module.plain_text import plain
+from .._module.problem import tell_reason
 from .._module.regular_files import read_regular
 from .._process.commands import BASE_PATH, text
 from .._process.deadlines import poll
@@ -104,7 +105,7 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
             service = own[0] if own else LIST_MASTERS
             rows, _type = tcpros.call_by_name(ros.uri, service, tcpros.LIST_MASTERS, CALLER)
         except (OSError, LookupError, TypeError, ValueError) as problem:  # or a state that is none
-            return {"masters": [], "error": plain(problem)}
+            return {"masters": [], "error": plain(tell_reason(problem))}
         return {
             "masters": [{key: row[key] for key in ("name", "uri", "online", "monitoruri")} for row in rows],
             "error": "",

@@ -20,6 +20,7 @@ from .._client.xml_rpc import server
 from .._machine import network
 from .._machine.outcomes import Outcome, classify_error
 from .._module.plain_text import plain
+from .._module.problem import tell_reason
 from .._process.deadlines import call_all
 from .._process.foreign import last_line
 
@@ -78,7 +79,7 @@ def node_uris(ros: Ros, *tables: Names) -> typing.Dict[str, str]:
         answers = server(ros.uri, STATE).system.multicall(calls)
         return {node: answer[0][2] for node, answer in zip(nodes, answers) if answer[0][0] == 1}
     except (OSError, xmlrpc.client.Error, LookupError, TypeError) as problem:
-        raise OSError(f"{ros.uri}: {problem}") from problem
+        raise OSError(f"{ros.uri}: {tell_reason(problem)}") from problem
 
 
 def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]]:

@@ -12,6 +12,7 @@ from .._client.xml_rpc import server
 from .._machine import network as machine
 from .._machine.outcomes import Outcome, connect
 from .._module.plain_text import quote
+from .._module.problem import tell_reason
 from .._process.deadlines import poll
 from . import network
 
@@ -35,7 +36,7 @@ def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.D
             offset, uncertainty = clock_offset(master["monitor_uri"])
             found.update(clock_offset_s=round(offset, 6), clock_uncertainty_s=round(uncertainty, 6))
         except (OSError, xmlrpc.client.Error, ValueError, TypeError, IndexError) as problem:
-            found["clock_error"] = f"getCurrentTime failed: {quote(problem)}"
+            found["clock_error"] = f"getCurrentTime failed: {quote(tell_reason(problem))}"
         except Exception as problem:  # http.client's and expat's own: something else than a discovery node
             found["clock_error"] = f"getCurrentTime failed: {type(problem).__name__}: {quote(problem)}"
     return found

@@ -16,6 +16,7 @@ from .._client.ros import Ros
 from .._client.xml_rpc import server
 from .._machine.outcomes import Outcome, classify_error
 from .._module.plain_text import plain
+from .._module.problem import tell_reason
 from .._process.deadlines import PAUSE, call_all, poll
 from . import topics
 from .talker import topic_of
@@ -105,7 +106,7 @@ def _read(job: Job, method: typing.Callable[..., typing.Any], *arguments: typing
     try:
         return _make_row(job, (name for name, nodes in method(*arguments)[4] if isinstance(name, str) and nodes))
     except (OSError, xmlrpc.client.Error) as problem:
-        error = plain(str(problem)) or type(problem).__name__
+        error = plain(tell_reason(problem)) or type(problem).__name__
         return _make_row(job, error=error, outcome=classify_error(problem)[0])
     except Exception as problem:  # whatever a stranger answers
         return _make_row(job, error=type(problem).__name__, outcome=Outcome.FAILED)

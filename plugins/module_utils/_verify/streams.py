@@ -13,6 +13,7 @@ from .._client import tcpros
 from .._client.listener import place_of
 from .._client.ros import Ros
 from .._module.plain_text import plain
+from .._module.problem import tell_reason
 from .talker import node_of, topic_of
 
 SPARE = 10.0  # seconds, beside those of the streams, for all that do not answer
@@ -35,5 +36,5 @@ def _stream(ros: Ros, talker: str, label: str, caller: str, seconds: float, dead
         place = place_of(topic, ros.ask("lookupNode", node_of(label, talker)), caller)
         came, took = tcpros.send_stream(place, topic, caller, seconds)
     except Exception as problem:  # whatever a stranger answers
-        return {"computer": talker, "mbit_s": None, "error": plain(problem)}
+        return {"computer": talker, "mbit_s": None, "error": plain(tell_reason(problem))}
     return {"computer": talker, "mbit_s": round(came * 8 / took / 1e6, 1), "error": ""}

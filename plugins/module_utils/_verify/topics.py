@@ -11,6 +11,7 @@ from .._client.listener import Listener, Message, listener_of
 from .._client.ros import Ros, roscore
 from .._machine.outcomes import Outcome, connect
 from .._module.plain_text import plain, quote
+from .._module.problem import tell_reason
 from .._process.deadlines import PAUSE, call_all, poll
 from .network import TRIES
 from .talker import sentence_of, topic_of
@@ -116,7 +117,7 @@ def listen(
         listener = Listener(ros, listener_of(own), wanted)
         listener.run(max(deadline, time.monotonic() + LEAST))
     except OSError as problem:
-        return {}, dict.fromkeys(wanted, f"the listener failed: {problem}"), None
+        return {}, dict.fromkeys(wanted, f"the listener failed: {tell_reason(problem)}"), None
     return listener.heard, listener.errors, dict(listener.steps)
 
 

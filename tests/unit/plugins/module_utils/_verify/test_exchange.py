@@ -229,6 +229,12 @@ def test_a_roscore_that_is_not_there(tmp_path):
     assert "127.0.0.1:1" in found["error"] and found["topics"] == found["imports"] == []
 
 
+def test_nodes_of_a_roscore_that_is_not_there(tmp_path):
+    (tmp_path / "environment").write_text("ROS_MASTER_URI=http://127.0.0.1:1\n")
+    with pytest.raises(OSError, match=r"^http://127\.0\.0\.1:1: Connection refused$"):
+        exchange.node_uris(probe_ros.Ros(str(tmp_path / "environment")))
+
+
 def test_the_program_itself(monkeypatch, capsys):
     """With the parts of ROS that it asks pretended: one type has a class, one has none, one breaks when it is imported."""
 

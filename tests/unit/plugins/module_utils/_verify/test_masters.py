@@ -65,6 +65,14 @@ def test_discovery_that_refuses_or_is_something_else():
         assert found["open"] and found["clock_offset_s"] is None and "getCurrentTime failed" in found["clock_error"]
 
 
+def test_discovery_whose_address_is_not_that_of_its_state():
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        found = masters.discovery(dict(master(other.getsockname()[1]), monitor_uri="http://127.0.0.1:9/"), 0)
+    assert found["open"] and found["clock_error"] == 'getCurrentTime failed: "Connection refused"'
+
+
 def _greet(listener):
     connection = listener.accept()[0]
     connection.sendall(b"SSH-2.0-OpenSSH\r\n")

@@ -85,6 +85,12 @@ def test_a_node_that_does_not_answer_says_why(ros):
     assert found[TWO]["outcome"] == "failed" and "no roscore" in found[TWO]["error"] and found[TWO]["given"] == []
 
 
+def test_a_node_that_has_ended_says_why(ros):
+    master = {"computer": TWO, "monitor_uri": "http://127.0.0.1:9/"}
+    row = sources._read((master, set()), sources.server(master["monitor_uri"]).masterInfo)
+    assert (row["error"], row["outcome"]) == ("Connection refused", "refused")
+
+
 def test_without_a_roscore_nothing_is_told(ros):
     found, _command = ros
     found.uri = "http://127.0.0.1:9"

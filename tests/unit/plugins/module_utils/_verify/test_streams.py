@@ -29,6 +29,14 @@ def test_each_talker_gets_a_stream_and_a_missing_one_a_sentence(tmp_path):
     assert found[1]["mbit_s"] is None and "unknown node" in found[1]["error"]
 
 
+def test_a_talker_that_has_ended_says_why(tmp_path):
+    roscore = Roscore()
+    roscore.publishers[topic_of(NAMES[0])] = {node_of("run", NAMES[0]): "http://127.0.0.1:9/"}
+    with served(roscore) as uri:
+        (row,) = streams.streams(asking(tmp_path, uri), list(NAMES[:1]), "run", "robot1computer", 0.1)
+    assert row["error"] == "Connection refused"
+
+
 def test_all_together_have_a_time(tmp_path, monkeypatch):
     monkeypatch.setattr(streams, "SPARE", -10.0)
     found = streams.streams(asking(tmp_path, "http://127.0.0.1:1"), list(NAMES), "run", "robot1computer", 0.1)
