@@ -302,18 +302,20 @@ def _find_meeting_names(parties: Sequence[RobotValues], robots: Sequence[str]) -
 
     Two patterns of which none is within the other, such as /*/x and /y/*, are not compared.
     """
-    problems = {}
+    by_name = {party.name: party for party in parties}
+    meetings: dict[tuple[str, str, str], list[str]] = {}  # both givers and the name -> receivers
     for receiver in robots:
         for (party, entry), (other, its) in _pair_renamed(parties, receiver):
             same = _list_meeting(entry, its) if party == other or entry.namespace or its.namespace else []
             if same:
-                whose = "another entry" if party == other else f"that of {other.name}"
-                problems[party.name, other.name, same[0]] = (
-                    f"{party.host}: multimaster_exports gives {same[0]} to {receiver}, and so does {whose}; expected one of the two, since "
-                    f"their messages would be mixed: choose another namespace with 'as', or with 'to' who gets which, in "
-                    f"{party.file}."
-                )
-    return list(problems.values())
+                receivers = meetings.setdefault((party.name, other.name, same[0]), [])
+                receivers += [receiver] if receiver not in receivers else []
+    return [
+        f"{by_name[giver].host}: multimaster_exports gives {name} to {shorten_list(receivers)}, and so does "
+        f"{'another entry' if giver == other else f'that of {other}'}; expected one of the two, since their messages would be mixed: "
+        f"choose another namespace with 'as', or with 'to' who gets which, in {by_name[giver].file}."
+        for (giver, other, name), receivers in meetings.items()
+    ]
 
 
 def _pair_renamed(parties: Sequence[RobotValues], receiver: str) -> Iterator[tuple[Giver, Giver]]:

@@ -926,6 +926,10 @@ def test_an_action_crosses_with_all_its_topics():
             "gives /sc* to station, and so does another entry",
         ),
         ({"kobuki2": [{"services": ["/reset"], "as": "/kobuki1"}]}, "gives /kobuki1/reset to station"),
+        (
+            {**{f"kobuki{number}": [{"topics": ["/scan"], "as": "/k"}] for number in (1, 2)}, "display": []},
+            "gives /k/scan to station, display, and so does that of kobuki1",
+        ),
         ({"kobuki2": [{"topics": ["/scan"], "as": "/k", "to": ["kobuki3"]}]}, "is for 'kobuki3', which is no robot"),
         ({"kobuki2": [{"topics": ["/rosout"], "as": "/k"}]}, "has the topic /rosout, which is never exchanged"),
     ],
