@@ -43,9 +43,10 @@ class TunnelKey(ModuleRun):
             return
         with explain_unreadable("The key is as it was before."):
             key = _run_wg("genkey", b"").encode() + b"\n"
+            public = _run_wg("pubkey", key)
             os.makedirs(os.path.dirname(self.path), 0o700, exist_ok=True)
             atomic.write_by_rename(self.path + NEXT, key, 0o600)
-            self.public = _run_wg("pubkey", key)
+            self.public = public
 
     def result(self) -> Fields:
         """The return values beside `changed` and `msg`. In check mode a new key is not known yet."""

@@ -56,6 +56,13 @@ def test_a_key_is_made_once_and_closed_to_others(wg):
             wg.take_into_use()
 
 
+def test_a_key_without_its_public_half_is_not_written(wg):
+    wg.broken = "pubkey"
+    with pytest.raises(Problem, match="wg pubkey failed"):
+        wg.bring()
+    assert wg.made == 1 and not wg.path.parent.exists()
+
+
 def test_a_plan_alone_makes_no_key(wg):
     planned = key.TunnelKey({"rotate": False, "path": str(wg.path)})
     assert planned.changed and not wg.path.parent.exists() and not wg.made
