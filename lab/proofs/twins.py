@@ -25,9 +25,9 @@ def tell_apart(robots: Mapping[str, Computer], station: Computer) -> Iterator[Re
         )
         yield Result("rostopic list has the topic in the robot's namespace", whom, ok, " ".join(seen.split()))
         for topic in ("scan", "map", "camera/image_raw/compressed"):
-            seen = station.run(f"timeout 20 rostopic echo -n 1 /{robot}/{topic}")
+            seen = station.run(f"timeout -k 5 20 rostopic echo -n 1 /{robot}/{topic}")
             yield Result(f"a message of /{topic} is this robot's", whom, computer.name in seen, seen[:60])
-        seen = station.run(f"timeout 20 rostopic echo -n 1 /{robot}/odom/header/frame_id")
+        seen = station.run(f"timeout -k 5 20 rostopic echo -n 1 /{robot}/odom/header/frame_id")
         yield Result("a header names this robot's frame", whom, f"{robot}/odom" in seen, " ".join(seen.split()))
         ok, seen = wait_for(
             lambda robot=robot: station.run(f"rosservice call /{robot}/reset"),

@@ -105,7 +105,7 @@ class Computer:
 
     def hears(self, topic: str, seconds: float = PATIENCE) -> bool:
         """Say if anything arrives on a topic."""
-        return self.run(f"timeout {seconds:.0f} rostopic echo -n 1 {topic}", check=False).startswith("data:")
+        return self.run(f"timeout -k 5 {seconds:.0f} rostopic echo -n 1 {topic}", check=False).startswith("data:")
 
     def topics(self) -> list[str]:
         """The topics that its roscore knows."""
@@ -203,7 +203,7 @@ class Robot(Computer):
     def masters(self) -> dict[str, bool]:
         """The masters that its discovery lists, and whether they are online."""
         messages = f"source {SETUP};" if self.discovery == UPSTREAM else ""
-        listed = self.run(f"{messages} timeout 10 rosservice call /master_discovery/list_masters", check=False)
+        listed = self.run(f"{messages} timeout -k 5 10 rosservice call /master_discovery/list_masters", check=False)
         return {
             name: online == "True"
             for name, online in re.findall(r'name: "?([\w-]+)"?$.*?online: (\w+)', listed, re.M | re.S)

@@ -64,7 +64,7 @@ def test_a_topic_goes_with_its_publisher(giver, taker):
 def test_a_service_is_called(giver, taker):
     giver.start("server", "python3 /opt/nodes/programs/service_server.py interop_server")
     assert "/interop_server/where" in eventually(taker.services, lambda names: "/interop_server/where" in names)
-    assert giver.host in taker.run("timeout 20 rosservice call /interop_server/where")
+    assert giver.host in taker.run("timeout -k 5 20 rosservice call /interop_server/where")
     giver.stop("server")
     assert "/interop_server/where" not in eventually(taker.services, lambda names: "/interop_server/where" not in names)
 

@@ -40,5 +40,5 @@ def test_all_is_proved_inside_the_tunnel(lab):
 
 
 def test_its_masters_are_known_by_their_addresses_in_it(lab):
-    said = lab.run("bob-pc", "timeout 10 rosservice call /master_discovery/list_masters")
+    said = lab.run("bob-pc", "timeout -k 5 10 rosservice call /master_discovery/list_masters")
     assert said.count("online: True") == 3 and "10.77.0.21" in said, said

@@ -46,7 +46,7 @@ def published(lab, host=STATION):
 
 def hear(lab, topic, number=1, host=STATION, seconds=20):
     """The texts of messages."""
-    said = lab.run(host, f"timeout {seconds} rostopic echo -n {number} -p {topic}", check=False)
+    said = lab.run(host, f"timeout -k 5 {seconds} rostopic echo -n {number} -p {topic}", check=False)
     return [line.partition(",")[2] for line in said.splitlines()[1:]]
 
 
@@ -69,7 +69,7 @@ def test_what_is_meant_for_one_robot_comes_to_it_alone(lab):
     for robot, host in TWINS.items():
         other = next(name for name in TWINS.values() if name != host)
         before = len(lab.output(other, "robot"))
-        lab.run(STATION, f"timeout 6 rostopic pub -r 5 /{robot}/cmd_vel std_msgs/String 'to {robot}'", check=False)
+        lab.run(STATION, f"timeout -k 5 6 rostopic pub -r 5 /{robot}/cmd_vel std_msgs/String 'to {robot}'", check=False)
         heard = [text for _at, text in lab.output(host, "robot")]
         assert heard.count(f"to {robot}") > 10, heard[-5:]
         assert len(lab.output(other, "robot")) == before
@@ -87,7 +87,7 @@ def test_all_of_four_robots_is_told_apart(lab):
 )
 def test_a_goal_comes_in_a_frame_of_its_robot(lab, frame, there):
     before = len(lab.output(ONE, "robot"))
-    goal = f"timeout 5 rostopic pub -r 2 /kobuki1/goal geometry_msgs/PoseStamped '{{header: {{frame_id: {frame}}}}}'"
+    goal = f"timeout -k 5 5 rostopic pub -r 2 /kobuki1/goal geometry_msgs/PoseStamped '{{header: {{frame_id: {frame}}}}}'"
     lab.run(STATION, goal, check=False)
     heard = {text for _at, text in lab.output(ONE, "robot")[before:]}
     assert heard == ({f"goal in {there}"} if there else set())
@@ -99,7 +99,7 @@ def test_a_node_of_roscpp_notices_nothing(lab):
 
 
 def test_a_rate_is_kept_before_the_link(lab):
-    said = lab.run(STATION, f"timeout 12 rostopic hz {CAMERA}", check=False)
+    said = lab.run(STATION, f"timeout -k 5 12 rostopic hz {CAMERA}", check=False)
     rates = [float(text) for text in re.findall(r"average rate: ([0-9.]+)", said)]
     assert rates and 4.0 <= rates[-1] <= 5.3, said
 
@@ -136,7 +136,7 @@ def test_five_listeners_cost_as_much_as_one(lab):
 
 def test_what_crosses_is_told(lab):
     def look():
-        said = lab.run(STATION, "timeout 8 rostopic echo -n 6 /diagnostics", check=False)
+        said = lab.run(STATION, "timeout -k 5 8 rostopic echo -n 6 /diagnostics", check=False)
         return said if "multimaster: border" in said else ""
 
     said = wait_until(look, 40, "its entry")

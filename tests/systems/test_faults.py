@@ -185,7 +185,7 @@ def test_a_node_with_the_name_of_a_local_one_is_reported(lab):
     """
     for host in (FIRST, SECOND):
         lab.run(host, "systemctl stop multimaster-sync")
-    talker = "timeout 60 rostopic pub -r 5 /here{} std_msgs/Int32 1 __name:=twin"
+    talker = "timeout -k 5 60 rostopic pub -r 5 /here{} std_msgs/Int32 1 __name:=twin"
     for host in (FIRST, SECOND):
         lab.run(host, f"systemd-run --unit twin --collect bash -lc '{talker.format(host[6])}'")
     for host in (FIRST, SECOND):
@@ -277,7 +277,7 @@ def test_a_filter_keeps_out_what_is_not_wanted(lab):
     assert lab.play("site.yml", variables={"multimaster_filters": {"sync_topics": ["/wanted/*"]}})[0] == 0
     for topic in ("wanted/one", "unwanted"):
         unit = topic.replace("/", "-")
-        talker = f"timeout 60 rostopic pub -r 5 /{topic} std_msgs/Int32 1"
+        talker = f"timeout -k 5 60 rostopic pub -r 5 /{topic} std_msgs/Int32 1"
         lab.run(SECOND, f"systemd-run --unit {unit} --collect bash -lc '{talker}'")
     eventually(lambda: lab.run(SECOND, "rostopic list").split(), lambda topics: "/unwanted" in topics)
     topics = eventually(lambda: lab.run(FIRST, "rostopic list").split(), lambda topics: "/wanted/one" in topics)

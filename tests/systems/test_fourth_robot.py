@@ -126,7 +126,7 @@ def test_inner_computers_hear_each_other(grown):
         topic = f"/{here.replace('-', '_')}/said"
         lab.run(here, f"systemd-run --quiet --unit said bash -lc 'rostopic pub -r 5 {topic} std_msgs/String {here}'")
         listed = eventually(lambda there=there, topic=topic: topic in lab.run(there, "rostopic list").split(), True)
-        heard = lab.run(there, f"timeout 20 rostopic echo -n 1 {topic}", check=False)
+        heard = lab.run(there, f"timeout -k 5 20 rostopic echo -n 1 {topic}", check=False)
         lab.run(here, "systemctl stop said")
         assert listed, f"{there} does not list {topic}"
         assert here in heard, f"{here} -> {there}"

@@ -29,7 +29,7 @@ def link(there, what="up"):
 
 def listen(lab, host):
     """Listen to /diagnostics for some seconds: (time, name, level) of each entry, and the whole text."""
-    text = lab.run(host, "timeout 11 rostopic echo /diagnostics; true")
+    text = lab.run(host, "timeout -k 5 11 rostopic echo /diagnostics; true")
     found = []
     for message in text.split("---"):
         stamp = re.search(r"secs: (\d+)\s+nsecs: +(\d+)", message)

@@ -95,7 +95,7 @@ def expect_exchange(lab, of=None):
 
     def look(pair):
         here, there = pair
-        command = f"timeout 20 rostopic echo -n 1 /{label(there)}/test; timeout 20 rosservice call /{label(there)}_server/where"
+        command = f"timeout -k 5 20 rostopic echo -n 1 /{label(there)}/test; timeout -k 5 20 rosservice call /{label(there)}_server/where"
         seen = lab.run(here, command, check=False)
         return None if "data: 1" in seen and f'message: "{there}"' in seen else f"{there} -> {here}: {seen!r}"
 

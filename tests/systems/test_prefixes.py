@@ -121,7 +121,7 @@ def test_a_topic_crosses_all_ways(fleet):
     say(lab, ANA)
     say(lab, BOB)
     for giver, taker in ((ANA, BOB), (BOB, ANA), (CID, ANA), (CID, BOB)):
-        heard = f"su - operator -c 'timeout 30 rostopic echo -n 1 /from_{giver[:3]}'"
+        heard = f"su - operator -c 'timeout -k 5 30 rostopic echo -n 1 /from_{giver[:3]}'"
         wait_until(lambda: "hello" in lab.run(taker, heard, check=False), 60, f"{taker} hears {giver}")  # noqa: B023
     wait_until(lambda: "hello" in lab.run(CID, "cat /run/ros-box.out"), 60, f"{CID} hears {ANA} in its container")
 

@@ -106,7 +106,7 @@ def test_the_workspace_works_for_its_person_and_the_services(robbed):
 
 def test_the_verification_is_no_way_to_root_either(robbed):
     lab, _output = robbed
-    talker = "exec timeout 60 rostopic pub -r 5 /note ws_msgs/Note hello"
+    talker = "exec timeout -k 5 60 rostopic pub -r 5 /note ws_msgs/Note hello"
     lab.run(FIRST, f"systemd-run --quiet --unit note --collect su - {PERSON} -c '{talker}'")
     lab.run(FIRST, "until rostopic list | grep -q ^/note; do sleep 0.2; done")
     arguments = {

@@ -110,9 +110,9 @@ def test_a_node_that_died_meanwhile_is_gone(nodes, slack):
 def test_what_the_nodes_have_still_works(nodes):
     nodes.run(FIRST, "rosparam set /alpha/word second")
     nodes.run(FIRST, "timeout 20 bash -c 'until grep -q \"word second\" /run/alpha.out; do sleep 0.1; done'")
-    assert "alpha" in nodes.run(FIRST, "timeout 20 rostopic echo -n 1 /alpha/out")
+    assert "alpha" in nodes.run(FIRST, "timeout -k 5 20 rostopic echo -n 1 /alpha/out")
     assert "success: True" in nodes.run(FIRST, "rosservice call /alpha/serve").replace('"', "")
-    nodes.run(FIRST, "timeout 20 rostopic pub -1 /alpha/in std_msgs/String hello")
+    nodes.run(FIRST, "timeout -k 5 20 rostopic pub -1 /alpha/in std_msgs/String hello")
     nodes.run(FIRST, "timeout 20 bash -c 'until grep -q \"heard hello\" /run/alpha.out; do sleep 0.1; done'")
 
 
@@ -224,7 +224,7 @@ def told_of_both(lab, here, there):
     line = f"{there}: the node /camera at http://{there}:.* is refused: here it is http://{here}:"
     lab.run(here, f"timeout 30 bash -c 'until {SYNC_LOG} | grep -q \"{line}\"; do sleep 0.2; done'")
     diagnosed = f"node /camera.*http://{there}:.* of {there} is refused, here it is http://{here}:"
-    listened = "timeout 5 rostopic echo /diagnostics"
+    listened = "timeout -k 5 5 rostopic echo /diagnostics"
     assert lab.run(here, f"{listened} | tr -d '\\n\"' | sed 's/  */ /g' | grep -o '{diagnosed}'; true")
 
 
@@ -276,7 +276,7 @@ GET_RECORD = (
 def test_what_it_has_refused_is_on_diagnostics(lab):
     name = "/" + "n" * 600
     assert "more than the roscore takes" in lab.run(FIRST, f"rosparam set {name} 1 2>&1; true")
-    look = "timeout 5 rostopic echo /diagnostics | grep -A 1 'refused requests, name'; true"
+    look = "timeout -k 5 5 rostopic echo /diagnostics | grep -A 1 'refused requests, name'; true"
     for _try in range(5):
         shown = lab.run(FIRST, look)
         if shown:
@@ -395,7 +395,7 @@ def test_after_a_boot_a_node_elsewhere_is_back_and_dead_ones_not(lab):
     )
     print(f"\nback after {time.monotonic() - began:.1f} s")
     assert uri in lab.run(FIRST, "rosnode info /far")
-    assert "far" in lab.run(FIRST, "timeout 20 rostopic echo -n 1 /far/out")
+    assert "far" in lab.run(FIRST, "timeout -k 5 20 rostopic echo -n 1 /far/out")
     assert "/near" not in lab.run(FIRST, "rosnode list")
     assert "/use_sim_time" not in lab.run(FIRST, "rosparam list")
     lab.run(FIRST, "rosparam set /far/word later")

@@ -72,7 +72,7 @@ def test_a_node_that_hangs_is_started_again(impatient, node):
     )
     lab.run(FIRST, masters % SECOND)
     lab.run(SECOND, masters % FIRST)
-    assert "here" in lab.run(FIRST, "timeout 30 rostopic echo -n 1 /watched")
+    assert "here" in lab.run(FIRST, "timeout -k 5 30 rostopic echo -n 1 /watched")
 
 
 ASK = """

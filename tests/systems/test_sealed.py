@@ -43,7 +43,7 @@ def test_robots_talk_with_a_sealed_roscore(lab):
     lab.start(SEALED, "pose", f"env {MAKER} rostopic pub -r 5 /hsr/pose std_msgs/String ready")
     lab.start(OTHER, "status", "rostopic pub -r 5 /kobuki/status std_msgs/String ready")
     lab.start(SEALED, "grip", f"env {MAKER} python3 {{script}} grip", "programs/service_server.py")
-    hear = "timeout 40 rostopic echo -n 1 {}"
+    hear = "timeout -k 5 40 rostopic echo -n 1 {}"
     assert "ready" in lab.run(OTHER, hear.format("/hsr/pose"))
     assert "ready" in lab.run(COMPANION, hear.format("/kobuki/status"))
     assert "ready" in lab.run(SEALED, f"env {MAKER} {hear.format('/kobuki/status')}")

@@ -87,7 +87,7 @@ def replace(lab: Lab, host: str) -> None:
 
 def listed(lab: Lab, host: str) -> str:
     """The masters that are online for a computer."""
-    said = lab.run(host, "timeout 10 rosservice call /master_discovery/list_masters", check=False)
+    said = lab.run(host, "timeout -k 5 10 rosservice call /master_discovery/list_masters", check=False)
     return said.replace("-", "_") if said.count("online: True") == len(ADDRESSES) else ""
 
 
