@@ -185,11 +185,11 @@ msg:
 """
 
 from ..module_utils._changes.module import run_module
-from ..module_utils._firewall.run import OPTIONS, Run
+from ..module_utils._firewall.run import CONCERN
 
 
 def main() -> None:
-    run_module(OPTIONS, lambda module, memory: Run(module.params, memory), "firewall", "packet filter rules")
+    run_module(CONCERN)
 
 
 if __name__ == "__main__":

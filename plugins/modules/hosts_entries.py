@@ -327,12 +327,12 @@ msg:
 """
 
 from ..module_utils._changes.module import run_module
-from ..module_utils._hosts.run import OPTIONS, Run
+from ..module_utils._hosts.run import CONCERN
 
 
 def main() -> None:
     """Plan, and apply unless in check mode."""
-    run_module(OPTIONS, lambda module, memory: Run(module.params, module.backup_local))
+    run_module(CONCERN)
 
 
 if __name__ == "__main__":

@@ -183,13 +183,13 @@ msg:
   sample: 2 files of the bundle nodes were written, 1 was removed and 31 were right.
 """
 
-from ..module_utils._changes.file_bundle import OPTIONS, ManagedFiles
+from ..module_utils._changes.file_bundle import CONCERN
 from ..module_utils._changes.module import run_module
 
 
 def main() -> None:
     """Plan, and apply unless in check mode."""
-    run_module(OPTIONS, lambda module, memory: ManagedFiles(module.params))
+    run_module(CONCERN)
 
 
 if __name__ == "__main__":

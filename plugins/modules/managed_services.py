@@ -224,12 +224,12 @@ msg:
 """
 
 from ..module_utils._changes.module import run_module
-from ..module_utils._changes.service_bundle import OPTIONS, ManagedServices
+from ..module_utils._changes.service_bundle import CONCERN
 
 
 def main() -> None:
     """Plan, and apply unless in check mode."""
-    run_module(OPTIONS, lambda module, memory: ManagedServices(module.params))
+    run_module(CONCERN)
 
 
 if __name__ == "__main__":

@@ -160,27 +160,14 @@ msg:
   sample: "1 of 1 routes changed. /etc/hosts: 1 added."
 """
 
-from ..module_utils._computer.concerns import select_concerns
+from ..module_utils._computer.concerns import OPTIONS, select_concerns
 from ..module_utils._computer.run import SHELLS, carry_out
 from ..module_utils._module.module import Module
 
 
 def main() -> None:
     """Carry out the concerns that were asked for."""
-    module = Module(
-        argument_spec={
-            "sysctl": {"type": "dict"},
-            "routes": {"type": "dict"},
-            "firewall": {"type": "dict"},
-            "tunnel": {"type": "dict"},
-            "hosts_entries": {"type": "dict"},
-            "multimaster_packages": {"type": "dict"},
-            "managed_files": {"type": "list", "elements": "dict", "default": []},
-            "managed_services": {"type": "list", "elements": "dict", "default": []},
-            "shells": {"type": "dict", "options": SHELLS},
-        },
-        supports_check_mode=True,
-    )
+    module = Module(argument_spec=dict(OPTIONS, shells={"type": "dict", "options": SHELLS}), supports_check_mode=True)
     carry_out(module, select_concerns(module.params), read_back=module.params["shells"] is not None)
 
 

@@ -73,12 +73,12 @@ msg:
 """
 
 from ..module_utils._changes.module import run_module
-from ..module_utils._packages.run import OPTIONS, Packages
+from ..module_utils._packages.run import CONCERN
 
 
 def main() -> None:
     """Install and remove."""
-    run_module(OPTIONS, lambda module, memory: Packages(module.params))
+    run_module(CONCERN)
 
 
 if __name__ == "__main__":

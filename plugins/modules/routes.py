@@ -421,11 +421,11 @@ msg:
 """
 
 from ..module_utils._changes.module import run_module
-from ..module_utils._routes.run import OPTIONS, Run
+from ..module_utils._routes.run import CONCERN
 
 
 def main() -> None:
-    run_module(OPTIONS, lambda module, memory: Run(module.params, memory), "routes", "routes")
+    run_module(CONCERN)
 
 
 if __name__ == "__main__":

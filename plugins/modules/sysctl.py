@@ -306,11 +306,11 @@ msg:
 """
 
 from ..module_utils._changes.module import run_module
-from ..module_utils._sysctl.run import OPTIONS, Run
+from ..module_utils._sysctl.run import CONCERN
 
 
 def main() -> None:
-    run_module(OPTIONS, lambda module, memory: Run(module.params, memory), "sysctl", "kernel settings")
+    run_module(CONCERN)
 
 
 if __name__ == "__main__":

@@ -95,12 +95,12 @@ msg:
 """
 
 from ..module_utils._changes.module import run_module
-from ..module_utils._tunnel.run import OPTIONS, make_run
+from ..module_utils._tunnel.run import CONCERN
 
 
 def main() -> None:
     """Bring the tunnel to its plan."""
-    run_module(OPTIONS, make_run, "tunnel", "peers of the tunnel")
+    run_module(CONCERN)
 
 
 if __name__ == "__main__":

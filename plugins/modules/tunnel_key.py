@@ -61,12 +61,12 @@ msg:
 """
 
 from ..module_utils._changes.module import run_module
-from ..module_utils._tunnel.key import OPTIONS, TunnelKey
+from ..module_utils._tunnel.key import CONCERN
 
 
 def main() -> None:
     """Make the key."""
-    run_module(OPTIONS, lambda module, memory: TunnelKey(module.params, module.check_mode))
+    run_module(CONCERN)
 
 
 if __name__ == "__main__":

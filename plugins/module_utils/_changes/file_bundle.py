@@ -10,7 +10,7 @@ from .._module.plain_text import LINE, quote
 from .._module.problem import Problem, explain_unreadable, sentence
 from .._process import commands
 from . import files, transaction, writable
-from .module import Fields, ModuleRun
+from .module import Concern, Fields, ModuleRun
 from .record import RECORDS
 
 FILE = dict(
@@ -170,3 +170,6 @@ class ManagedFiles(ModuleRun):
         )
         reloaded = [f"{self.reloaded} {'would be' if check_mode else 'was'} {self._deed}."] if self.reloaded else []
         return " ".join([text, *reloaded, *self.files.notes])
+
+
+CONCERN = Concern("managed_files", OPTIONS, lambda module, memory: ManagedFiles(module.params), many=True)

@@ -3,9 +3,9 @@
 
 """The shell of the modules that change a machine: plan, refuse or warn, apply unless in check mode, report.
 
-A module's `main` gives its options to `run_module`, and the function that makes its ModuleRun:
+A module's `main` gives its Concern to `run_module`, which `multimaster_computer` takes, too:
 
-    run_module(OPTIONS, lambda module, memory: Run(module.params, memory), "routes", "routes")
+    CONCERN = Concern("routes", OPTIONS, lambda module, memory: Run(module.params, memory), "routes")
 """
 
 import typing
@@ -88,18 +88,36 @@ class PlainGuard:
         return result
 
 
-def run_module(options: Fields, make: Make, name: str = "", what: str = "") -> None:
-    """Run a module with these options and end it. Two runs at once on one computer wait for each other.
+class Concern(typing.NamedTuple):
+    """A module by its name, which is that of its dead-man's switch, too."""
 
-    `make` makes the ModuleRun out of the module and the memory of an earlier run. That one only a dead-man's switch has:
-    the module has one where `name` and `what` are given (see deadman.Guard).
-    """
-    module = Module(argument_spec=dict(deadman.OPTIONS, **options) if what else options, supports_check_mode=True)
-    guard = deadman.Guard(module, what, deadman.Switch(name)) if what else PlainGuard()
+    name: str
+    options: Fields  # the argument_spec of its module, without that of a confirmation
+    make: Make  # its ModuleRun; only a dead-man's switch has the memory of an earlier run
+    guarded: str = ""  # what its switch guards, as in a sentence; empty where it has none
+    many: bool = False  # multimaster_computer takes its options several times
+    fixed: Fields = {}  # options that its place in the order of multimaster_computer decides
+
+    @property
+    def specification(self) -> Fields:
+        """The argument_spec of its module."""
+        return dict(deadman.OPTIONS, **self.options) if self.guarded else self.options
+
+    def make_guard(self, module: typing.Any, switches: str = deadman.FOLDER) -> typing.Any:
+        """Make the frame of its run; `switches` is the folder of all switches."""
+        if not self.guarded:
+            return PlainGuard()
+        return deadman.Guard(module, self.guarded, deadman.Switch(self.name, switches))
+
+
+def run_module(concern: Concern) -> None:
+    """Run the module of a concern and end it. Two runs at once on one computer wait for each other."""
+    module = Module(argument_spec=concern.specification, supports_check_mode=True)
+    guard = concern.make_guard(module)
     folders = [] if module.check_mode else [module.params["records"]]
     try:
         with lock.hold(folders, module._name) as unlocked:
-            result = run_locked(module, make, guard, unlocked)
+            result = run_locked(module, concern.make, guard, unlocked)
     except Problem as problem:  # of the lock
         result = guard.failure(problem)
     return (ends.fail if result.pop("failed", False) else ends.leave)(module, **result)

@@ -9,7 +9,7 @@ import typing
 from .._module.difference import difference
 from .._module.problem import Problem, sentence
 from . import files, unit_steps, units, writable
-from .module import Fields, ModuleRun
+from .module import Concern, Fields, ModuleRun
 from .record import RECORDS
 from .systemctl import Systemd
 from .transaction import StepFailure, carry_out
@@ -161,3 +161,6 @@ def _state_after(action: units.Action, unit: typing.Optional[units.Unit]) -> str
         return f"inactive, absent ({action.why})"
     verb = f" ({action.run}: {action.why})" if action.run else ""
     return f"{'active' if unit.started else 'inactive'}, {'enabled' if unit.enabled else 'disabled'}{verb}"
+
+
+CONCERN = Concern("managed_services", OPTIONS, lambda module, memory: ManagedServices(module.params), many=True)

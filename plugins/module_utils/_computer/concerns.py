@@ -6,7 +6,7 @@
 import typing
 
 from .._changes import file_bundle, service_bundle
-from .._changes.module import Make
+from .._changes.module import Concern
 from .._firewall import run as firewall
 from .._hosts import run as hosts
 from .._packages import run as packages
@@ -16,34 +16,21 @@ from .._tunnel import run as tunnel
 
 Options = typing.Mapping[str, typing.Any]
 
-
-class Concern(typing.NamedTuple):
-    """A module by its name, which is that of its dead-man's switch, too."""
-
-    name: str
-    options: Options  # the argument_spec of its module, without that of a confirmation
-    make: Make  # its ModuleRun
-    guarded: str = ""  # what its switch guards, as in a sentence; empty where it has none
-    fixed: Options = {}  # options that its place in the order decides
-
-
-_PACKAGES = Concern("multimaster_packages", packages.OPTIONS, lambda module, memory: packages.Packages(module.params))
-
 CONCERNS = (
-    Concern("sysctl", sysctl.OPTIONS, lambda module, memory: sysctl.Run(module.params, memory), "kernel settings"),
-    Concern("routes", routes.OPTIONS, lambda module, memory: routes.Run(module.params, memory), "routes"),
-    Concern(
-        "firewall", firewall.OPTIONS, lambda module, memory: firewall.Run(module.params, memory), "packet filter rules"
-    ),
-    Concern("tunnel", tunnel.OPTIONS, tunnel.make_run, "peers of the tunnel"),
-    Concern("hosts_entries", hosts.OPTIONS, lambda module, memory: hosts.Run(module.params, module.backup_local)),
-    _PACKAGES._replace(fixed={"keep": True}),
-    Concern("managed_files", file_bundle.OPTIONS, lambda module, memory: file_bundle.ManagedFiles(module.params)),
-    Concern(
-        "managed_services", service_bundle.OPTIONS, lambda module, memory: service_bundle.ManagedServices(module.params)
-    ),
-    _PACKAGES._replace(fixed={"keep": False}),  # no service needs them any more
+    sysctl.CONCERN,
+    routes.CONCERN,
+    firewall.CONCERN,
+    tunnel.CONCERN,
+    hosts.CONCERN,
+    packages.CONCERN._replace(fixed={"keep": True}),
+    file_bundle.CONCERN,
+    service_bundle.CONCERN,
+    packages.CONCERN._replace(fixed={"keep": False}),  # no service needs them any more
 )
+OPTIONS: typing.Dict[str, typing.Any] = {
+    concern.name: {"type": "list", "elements": "dict", "default": []} if concern.many else {"type": "dict"}
+    for concern in CONCERNS
+}
 
 
 def select_concerns(parameters: Options) -> typing.List[typing.Tuple[Concern, Options]]:

@@ -10,13 +10,13 @@ which confirms, does the others. A concern that fails ends the run: earlier ones
 import typing
 
 from .._changes import deadman, lock
-from .._changes.module import Fields, PlainGuard, run_locked
+from .._changes.module import Concern, Fields, run_locked
 from .._machine import shells
 from .._module import ends
 from .._module.module import validate_options
 from .._module.problem import Problem
 from .._process import deadlines
-from .concerns import Concern, Options
+from .concerns import Options
 
 _SHELLS_LIMIT = 20.0  # seconds until shells have said what they see
 SHELLS = dict(
@@ -35,13 +35,10 @@ class ConcernModule:
     def __init__(self, module: typing.Any, concern: Concern, options: Options, switches: str) -> None:
         """Read the options. Raises Problem where they are wrong."""
         self.concern = concern
-        specification = dict(deadman.OPTIONS, **concern.options) if concern.guarded else concern.options
-        self.params = validate_options(concern.name, options, specification)
+        self.params = validate_options(concern.name, options, concern.specification)
         self.check_mode, self._diff, self.warn = module.check_mode, module._diff, module.warn
         self.backup_local = module.backup_local
-        self.guard: typing.Any = PlainGuard()
-        if concern.guarded:
-            self.guard = deadman.Guard(self, concern.guarded, deadman.Switch(concern.name, switches))
+        self.guard = concern.make_guard(self, switches)
 
 
 def carry_out(

@@ -14,7 +14,7 @@ import typing
 
 from .._changes import files
 from .._changes.deadman import UndoStep
-from .._changes.module import Fields, ModuleRun
+from .._changes.module import Concern, Fields, ModuleRun
 from .._changes.record import RECORDS
 from .._changes.transaction import Data, Step, carry_out, do_nothing, intent, outcome
 from .._module.difference import difference_of_lines
@@ -46,7 +46,7 @@ def has_systemd() -> bool:
 class Run(ModuleRun):
     """One run of the module: reads the machine and plans, then applies the plan or says what prevents it."""
 
-    def __init__(self, options: typing.Mapping[str, typing.Any], memory: typing.Optional[Data] = None) -> None:
+    def __init__(self, options: typing.Mapping[str, typing.Any]) -> None:
         """Read and plan; changes nothing. Raises OSError, and Problem for unusable options, rules or files."""
         self.access = access.read_access()
         self.packet_filter = read_options(options, self.access.ssh)
@@ -191,3 +191,6 @@ def _load_and_check(back_end: BackEnd) -> None:
             f"{back_end.name} has other rules than were loaded ({'; '.join(map(quote, differing))}), expected the same: find "
             "out which program changes them."
         )
+
+
+CONCERN = Concern("firewall", OPTIONS, lambda module, memory: Run(module.params), "packet filter rules")

@@ -8,7 +8,7 @@ import socket
 import typing
 
 from .._changes import transaction, writable
-from .._changes.module import Fields, ModuleRun
+from .._changes.module import Concern, Fields, ModuleRun
 from .._changes.record import RECORDS
 from .._module.difference import difference
 from .._module.plain_text import quote
@@ -214,3 +214,6 @@ class Run(ModuleRun):
         own = self.own_name.lower() in before.lower().split()
         name = "this computer's own name" if own else "a name of the fleet"
         return f"Line {item['line']} ({quote(before)}) no longer binds {name} to loopback; of it remains: {quote(after) or 'nothing'}."
+
+
+CONCERN = Concern("hosts_entries", OPTIONS, lambda module, memory: Run(module.params, module.backup_local))

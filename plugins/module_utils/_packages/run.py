@@ -12,7 +12,7 @@ import typing
 
 from .._changes.file_bundle import OPTIONS as FILES
 from .._changes.file_bundle import ManagedFiles
-from .._changes.module import Fields, ModuleRun
+from .._changes.module import Concern, Fields, ModuleRun
 from .._machine import fkie
 from .._module.plain_text import LINE, plain, quote
 from .._module.problem import Problem
@@ -167,3 +167,6 @@ def _apt(*words: str) -> None:
             f"apt-get {plain(' '.join(words), LINE)} failed ({quote(' '.join(errors) or f'status {answer.status}', _LONGEST)}); expected "
             "package sources that have these packages, and a network: run it on this computer by hand."
         )
+
+
+CONCERN = Concern("multimaster_packages", OPTIONS, lambda module, memory: Packages(module.params))

@@ -11,7 +11,7 @@ import os
 import typing
 
 from .._changes import writable
-from .._changes.module import ModuleRun
+from .._changes.module import Concern, ModuleRun
 from .._changes.record import RECORDS, Record
 from .._changes.transaction import Step, carry_out, intent, outcome
 from .._module.difference import difference_of_lines
@@ -365,3 +365,6 @@ def _check_overrides(backends: typing.Mapping[str, str], interfaces: typing.Cont
         if name not in CHOICES:
             raise Problem(f"backends: {interface} has {name!r}, expected one of {', '.join(CHOICES)}.")
     return backends
+
+
+CONCERN = Concern("routes", OPTIONS, lambda module, memory: Run(module.params, memory), "routes")

@@ -13,7 +13,7 @@ import re
 import typing
 
 from .._changes import atomic, transaction, writable
-from .._changes.module import ModuleRun
+from .._changes.module import Concern, ModuleRun
 from .._changes.record import RECORDS, Record
 from .._module.difference import difference, difference_of_lines, mode_difference
 from .._module.plain_text import quote
@@ -394,3 +394,6 @@ def _conflict_sentence(item: Data, drop_in: str) -> str:
     else:
         problem = f"{where} sets {quote(conflict['value'])} at boot, after {drop_in}"
     return f"{item['name']}: {problem}, expected {item['value']}: correct or remove it there, or set on_conflict to report to go on."
+
+
+CONCERN = Concern("sysctl", OPTIONS, lambda module, memory: Run(module.params, memory), "kernel settings")

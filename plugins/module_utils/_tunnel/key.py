@@ -12,7 +12,7 @@ import stat
 import typing
 
 from .._changes import atomic
-from .._changes.module import Fields, ModuleRun
+from .._changes.module import Concern, Fields, ModuleRun
 from .._changes.record import RECORDS
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem, explain_unreadable
@@ -93,3 +93,6 @@ def _run_wg(word: str, given: bytes) -> str:
             "with -e tunnel_rotate=true for another key."
         )
     return answer.text.strip()
+
+
+CONCERN = Concern("tunnel_key", OPTIONS, lambda module, memory: TunnelKey(module.params, module.check_mode))

@@ -14,6 +14,7 @@ import shutil
 import typing
 
 from .._changes import atomic, file_bundle
+from .._changes.module import Concern
 from .._changes.record import RECORDS
 from .._machine import ports, systemd
 from .._module.plain_text import LINE, quote
@@ -138,11 +139,6 @@ class Tunnel(file_bundle.ManagedFiles):
         return os.path.lexists(key.KEY + key.NEXT) and key.publish(key.KEY + key.NEXT) in planned
 
 
-def make_run(module: typing.Any, memory: typing.Any) -> Tunnel:
-    """Make the run of a module; `memory`: that of an earlier run, which this one confirms."""
-    return Tunnel(module.params, memory is not None)
-
-
 def _free(holder: typing.Mapping[str, typing.Any]) -> str:
     """Say what to do about the holder of the port. A socket without a process is the kernel's, as of another WireGuard."""
     who = (
@@ -153,3 +149,8 @@ def _free(holder: typing.Mapping[str, typing.Any]) -> str:
 
 def _runs() -> bool:
     return systemd.states([UNIT], ("ActiveState",))[0].get("ActiveState") == "active"
+
+
+CONCERN = Concern(
+    "tunnel", OPTIONS, lambda module, memory: Tunnel(module.params, memory is not None), "peers of the tunnel"
+)

@@ -67,7 +67,7 @@ def end(monkeypatch):
     def end(module, make):
         monkeypatch.setattr(shell, "Module", lambda **arguments: module)
         with pytest.raises(End) as caught:
-            shell.run_module({}, lambda given, memory: make(memory))
+            shell.run_module(shell.Concern("example", {}, lambda given, memory: make(memory)))
         return caught.value.args[0]
 
     return end
@@ -160,9 +160,9 @@ def test_a_module_with_a_switch_has_its_options(monkeypatch):
         raise Stop(sorted(arguments["argument_spec"]))
 
     monkeypatch.setattr(shell, "Module", stop)
-    for words, options in ((("routes", "routes"), ["confirm_within", "confirmation", "own"]), ((), ["own"])):
+    for guarded, options in (("routes", ["confirm_within", "confirmation", "own"]), ("", ["own"])):
         with pytest.raises(Stop) as caught:
-            shell.run_module({"own": {}}, lambda module, memory: Run(), *words)
+            shell.run_module(shell.Concern("routes", {"own": {}}, lambda module, memory: Run(), guarded))
         assert caught.value.args[0] == options
 
 

@@ -5,11 +5,10 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import ModuleRun
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.module import Concern, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer import run as computer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._computer.concerns import (
     CONCERNS,
-    Concern,
     select_concerns,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells

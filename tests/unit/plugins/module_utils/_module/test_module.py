@@ -48,7 +48,7 @@ def test_the_log_has_no_values(logged):
 def test_every_module_that_runs_on_computers_has_it(path):
     text = path.read_text(encoding="utf-8")
     assert "AnsibleModule" not in text
-    assert ("Module(" in text or "run_module(OPTIONS, " in text) == ("def main()" in text)
+    assert ("Module(" in text or "run_module(CONCERN)" in text) == ("def main()" in text)
 
 
 def test_options_of_another_module_are_as_it_would_have_them():
