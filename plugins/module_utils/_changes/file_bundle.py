@@ -101,15 +101,14 @@ class ManagedFiles(ModuleRun):
 
     def apply(self) -> None:
         """Write and remove the files, or put everything back and raise StepFailure."""
-        try:
-            transaction.carry_out(self.files.steps_around())
-        except transaction.StepFailure as problem:
-            sentences = [f"The files of the bundle {self.bundle} could not be written: {sentence(problem.cause)}"]
-            sentences += problem.left or ["Everything that this run had changed was put back."]
-            raise transaction.StepFailure(problem.cause, problem.left, " ".join(sentences)) from problem.cause
+        transaction.carry_out(self.files.steps_around(), self._explain_failure)
         if self.reloaded:
             self._reload()
             self.files.forget_pending()
+
+    def _explain_failure(self, cause: Exception, left: typing.List[str]) -> str:
+        sentences = [f"The files of the bundle {self.bundle} could not be written: {sentence(cause)}"]
+        return " ".join(sentences + (left or ["Everything that this run had changed was put back."]))
 
     def _reload(self) -> None:
         # The files may be drop-ins of the unit, so systemd reads units before a restart.

@@ -83,13 +83,7 @@ class ManagedServices(ModuleRun):
             if not self.files.remembered:
                 self.files.record.tidy()
             return
-        try:
-            carry_out(self.change.steps())
-        except StepFailure as problem:
-            back = ["This could not be taken back:"] + problem.left if problem.left else ["The previous state is back."]
-            raise StepFailure(
-                problem.cause, problem.left, " ".join([sentence(problem.cause)] + back)
-            ) from problem.cause
+        carry_out(self.change.steps(), _explain_failure)
 
     def failure(self, problem: Problem) -> Fields:
         """The fields of a failed change: `changed` says that something is left of it."""
@@ -135,6 +129,11 @@ class ManagedServices(ModuleRun):
         if right or not parts:
             parts.append(f"{right} {'other ' if parts else ''}units {'are' if check_mode else 'were'} right")
         return " ".join(["; ".join(parts) + "."] + self.files.notes)
+
+
+def _explain_failure(cause: Exception, left: typing.List[str]) -> str:
+    back = ["This could not be taken back:", *left] if left else ["The previous state is back."]
+    return " ".join([sentence(cause), *back])
 
 
 def _item(unit: units.Unit, action: units.Action, written: bool, state: units.State) -> Fields:

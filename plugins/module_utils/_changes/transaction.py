@@ -36,28 +36,34 @@ class Step(typing.NamedTuple):
 
 
 class StepFailure(Problem):
-    """A step has failed, and the steps before it are undone as far as possible.
+    """A step has failed, and the steps before it are undone as far as possible. Its text says both."""
 
-    Its text is the sentence of the cause, followed by what was undone.
-    """
-
-    def __init__(self, cause: Exception, left: typing.List[str], text: str = "") -> None:
-        """`text` is for a module that has its own sentences."""
+    def __init__(self, cause: Exception, left: typing.List[str], text: str) -> None:
+        super().__init__(text)
         self.cause = cause
         self.left = left  # a text for everything that could not be undone
-        end = f"Not put back: {', '.join(left).rstrip('.')}." if left else "Everything is as it was before."
-        super().__init__(text or f"{sentence(cause)} {end}")
 
 
-def carry_out(steps: typing.Iterable[Step]) -> None:
-    """Do all steps or none. Raises StepFailure."""
+#: The cause and what is left, to the text of a StepFailure.
+Explain = typing.Callable[[Exception, typing.List[str]], str]
+
+
+def explain_failure(cause: Exception, left: typing.List[str]) -> str:
+    """Return the sentence of the cause, followed by what was undone."""
+    end = f"Not put back: {', '.join(left).rstrip('.')}." if left else "Everything is as it was before."
+    return f"{sentence(cause)} {end}"
+
+
+def carry_out(steps: typing.Iterable[Step], explain: Explain = explain_failure) -> None:
+    """Do all steps or none. Raises StepFailure; `explain` is for a module that has its own sentences."""
     started: typing.List[Step] = []
     try:
         for step in steps:
             started.append(step)
             step.do()
     except FAILURES as problem:
-        raise StepFailure(problem, undo(started)) from problem
+        left = undo(started)
+        raise StepFailure(problem, left, explain(problem, left)) from problem
 
 
 def undo(steps: typing.Sequence[Step]) -> typing.List[str]:

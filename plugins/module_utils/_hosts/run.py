@@ -92,10 +92,7 @@ class Run(ModuleRun):
         """Write the file, and ask libc for its names if it is the one that libc reads. Raises Problem."""
         replacing = transaction.Step(self.file.path, self._replace, lambda: self.file.restore(self.plan.content))
         steps = [replacing, transaction.Step(self.file.path, self.file.clean)]
-        try:
-            transaction.carry_out(self.guard.steps_around(steps) if self.guard else steps)
-        except transaction.StepFailure as problem:
-            raise transaction.StepFailure(problem.cause, problem.left, self._failure_sentence(problem)) from problem
+        transaction.carry_out(self.guard.steps_around(steps) if self.guard else steps, self._explain_failure)
         if self.is_system:
             self.answers = list(resolve(self.bindings))
             self._check()
@@ -119,15 +116,14 @@ class Run(ModuleRun):
                 self.backup_file = self.back_up(self.file.path)
             self.written = self.file.replace(self.plan.content)
 
-    def _failure_sentence(self, problem: transaction.StepFailure) -> str:
+    def _explain_failure(self, cause: Exception, left: typing.List[str]) -> str:
         """The sentence on a change that was not done."""
-        if not isinstance(problem.cause, OSError):
-            return str(problem)
-        left = f" Not put back: {', '.join(problem.left)}." if problem.left else ""
-        cause = problem.cause
+        if not isinstance(cause, OSError):
+            return transaction.explain_failure(cause, left)
+        end = f" Not put back: {', '.join(left)}." if left else ""
         return (
             f"Cannot write {self.file.path} ({cause.strerror or cause}: {cause.filename or self.file.path}), which has its old content; "
-            f"expected a writable file: {remedy(cause)}.{left}"
+            f"expected a writable file: {remedy(cause)}.{end}"
         )
 
     def failure(self, problem: Problem) -> Fields:

@@ -295,7 +295,7 @@ class Run(ModuleRun):
 
     def apply_runtime(self) -> None:
         """Write the kernel's values alone. Raises Problem as `apply`."""
-        self._carry_out([self._kernel_step()])
+        transaction.carry_out([self._kernel_step()], self._explain_failure)
 
     # The change
 
@@ -312,7 +312,8 @@ class Run(ModuleRun):
                     lambda: self._write_texts(self.texts_before),
                 ),
             ]
-        self._carry_out([*steps, transaction.outcome(self.record, self.plan.final.plain())])
+        steps.append(transaction.outcome(self.record, self.plan.final.plain()))
+        transaction.carry_out(steps, self._explain_failure)
 
     def _kernel_step(self) -> transaction.Step:
         what = f"the values in {self.kernel.proc}"
@@ -347,15 +348,11 @@ class Run(ModuleRun):
         self.lost = [boot.name_of(key) for key in enabled if self.kernel.look(key).value == "1"]
         return self.kernel.restore(self.current)
 
-    def _carry_out(self, steps: typing.Iterable[transaction.Step]) -> None:
-        try:
-            transaction.carry_out(steps)
-        except transaction.StepFailure as problem:
-            if not self.lost or problem.left:
-                raise
-            end = "not the addresses and routes of IPv6 that the kernel removed with"
-            text = f"{sentence(problem.cause)} The values are as they were before, but {end} {', '.join(self.lost)}."
-            raise transaction.StepFailure(problem.cause, problem.left, text) from problem
+    def _explain_failure(self, cause: Exception, left: typing.List[str]) -> str:
+        if not self.lost or left:
+            return transaction.explain_failure(cause, left)
+        end = "not the addresses and routes of IPv6 that the kernel removed with"
+        return f"{sentence(cause)} The values are as they were before, but {end} {', '.join(self.lost)}."
 
     def _write_texts(self, texts: typing.Mapping[str, typing.Optional[str]]) -> None:
         """Give drop-ins these texts, None for no file; without our drop-in, its folders go where we made them."""
