@@ -8,7 +8,6 @@ the packets themselves show.
 """
 
 import re
-import shutil
 import typing
 
 from .._process.commands import run, text
@@ -94,10 +93,9 @@ def read_rules() -> Counters:
     return found
 
 
-def _list(program: str, *words: str) -> str:
-    path = shutil.which(program, path="/usr/sbin:/usr/bin:/sbin:/bin")
-    answer = run([path, *words], limit=5) if path else None
-    return "" if answer is None or answer.status != 0 else answer.output.decode("utf-8", "replace")
+def _list(*command: str) -> str:
+    answer = run(command, limit=5)
+    return answer.text if answer.status == 0 else ""
 
 
 def read_ruleset(lines: str) -> Counters:

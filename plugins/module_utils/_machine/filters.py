@@ -8,7 +8,6 @@ What a rule says beyond protocol, port, addresses, interfaces, state and length 
 
 import ipaddress
 import json
-import shutil
 import typing
 
 from .._process.commands import run
@@ -33,10 +32,9 @@ class UnknownRule(Exception):
 
 def filters() -> Words:
     """Read the chains of IPv4 and ARP. `readable` is false without nft, or without an answer in JSON."""
-    nft = shutil.which("nft", path="/usr/sbin:/usr/bin:/sbin:/bin")
-    answer = run([nft, "-j", "list", "ruleset"], limit=10) if nft else None
+    answer = run(["nft", "-j", "list", "ruleset"], limit=10)
     try:
-        if answer and answer.status == 0:
+        if answer.status == 0:
             ruleset = json.loads(answer.output.decode("utf-8"))
             return {"readable": True, "chains": chains(ruleset), "arp": find_arp_filters(ruleset)}
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
