@@ -53,21 +53,15 @@ class ManagedFiles(ModuleRun):
         self.bundle = options["bundle"]
         with explain_unreadable():
             self.files = files.FileBundle("files", self.bundle, options["records"], options["files"]).make_plan()
-        self.restarts = bool((options.get("reload") or {}).get("restart"))
-        self.reloaded = self._to_reload(options.get("reload") or {})
+        reload = options.get("reload") or {}
+        self.restarts = bool(reload.get("restart"))
+        self.reloaded = ""  # the service that is to read its files again, empty for none
+        if reload and self.files.expect(
+            reload["service"], lambda path: path.startswith(reload["folder"]), reload["due"]
+        ):
+            self.reloaded = reload["service"]
         self.unread = False  # its files are as planned, and it could not be reloaded
-        if self.reloaded:  # until that is done, also for the next run where this one fails or is killed
-            self.files.intent["pending"] = self.files.after["pending"] = [self.reloaded]
         self.changed = self.files.changed or bool(self.reloaded)
-
-    def _to_reload(self, reload: typing.Mapping[str, typing.Any]) -> str:
-        """The service that is to read its files again, empty for none."""
-        touched = [file.path for file in self.files.writes] + self.files.removals
-        pending = self.files.remembered.get("pending", [])
-        due = reload and (
-            reload["due"] or reload["service"] in pending or any(path.startswith(reload["folder"]) for path in touched)
-        )
-        return str(reload["service"]) if due else ""
 
     @property
     def refusals(self) -> typing.List[str]:

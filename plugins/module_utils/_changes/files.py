@@ -496,6 +496,17 @@ class FilePlan:
             begin = [intent(self.record, self.intent, self.remembered, RECORD_RESTORE_FAILURE), *self.steps()]
         return [*begin, *others, outcome(self.record, self.after)]
 
+    def expect(self, deed: str, is_about: typing.Callable[[str], bool], due: bool = False) -> bool:
+        """Say if a deed is to follow the steps: one that is due, that is about a path which changes, or that was left undone.
+
+        The record has it until `forget_pending`, also for the next run where this one fails or is killed.
+        """
+        paths = [file.path for file in self.writes] + self.removals
+        if not (due or deed in self.remembered.get("pending", []) or any(map(is_about, paths))):
+            return False
+        self.intent["pending"] = self.after["pending"] = [deed]
+        return True
+
     def forget_pending(self) -> None:
         """Save that what was pending after the steps is done. Where that fails, the next run does it once more."""
         with contextlib.suppress(OSError):

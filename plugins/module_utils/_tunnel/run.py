@@ -53,7 +53,8 @@ class Tunnel(file_bundle.ManagedFiles):
         self._waits = bool(options["files"]) and self._is_next_planned()
         self._lost = not self.changed and bool(options["files"]) and not confirms and self._has_lost()
         self.runtime_changes = self.changed or bool(self._left) or self._waits or self._lost
-        self._is_unread = self._expect_reading()
+        # systemd is to read its units again: for this run, or for an earlier one that was killed before that.
+        self._is_unread = self.files.expect(_READ, lambda path: "/nftables.service.d/" in path)
         self.changed = self.runtime_changes or self._is_unread
 
     def _has_lost(self) -> bool:
@@ -62,15 +63,6 @@ class Tunnel(file_bundle.ManagedFiles):
             return False
         shown = commands.run(["ip", "link", "show", "dev", INTERFACE])
         return shown.status != 0 or not is_guard(commands.run(LISTING))
-
-    def _expect_reading(self) -> bool:
-        """Say if systemd is to read its units again: for this run, or for an earlier one that was killed before that."""
-        touched = [file.path for file in self.files.writes] + self.files.removals
-        pending = _READ in self.files.remembered.get("pending", [])
-        if not pending and not any("/nftables.service.d/" in path for path in touched):
-            return False
-        self.files.intent["pending"] = self.files.after["pending"] = [_READ]
-        return True
 
     def result(self) -> typing.Dict[str, typing.Any]:
         """The return values beside `changed`, `msg` and `diff`."""
