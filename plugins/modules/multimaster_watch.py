@@ -206,7 +206,6 @@ msg:
   sample: 23 values are watched since 312 s; 1 of them is lost.
 """
 
-import contextlib
 import re
 import typing
 
@@ -215,7 +214,7 @@ from ..module_utils._module import actions
 from ..module_utils._module.module import Module
 from ..module_utils._module.problem import Problem
 from ..module_utils._multicast.packets import open_copies
-from ..module_utils._process.background import Visit, end_others, find_wrong_value, leave, open_door, path_of
+from ..module_utils._process import background
 from ..module_utils._watch.process import serve
 
 KIND = "watch"  # of the doors of watches
@@ -229,7 +228,7 @@ Result = typing.Dict[str, typing.Any]
 def find_wrong_setting(params: Params) -> typing.Optional[str]:
     """Say in one sentence which option cannot be used; None where all can."""
     bounds = (("port", 1, 65535), ("until", 0, 604800), ("lifetime", 1, 604800))
-    return find_wrong_value(params, bounds) or find_wrong_place(params)
+    return background.find_wrong_value(params, bounds) or find_wrong_place(params)
 
 
 def find_wrong_place(params: Params) -> typing.Optional[str]:
@@ -251,23 +250,19 @@ def find_wrong_place(params: Params) -> typing.Optional[str]:
 
 def start_watch(params: Params, _check_mode: bool) -> Result:
     """Leave a watch behind. Its sockets are opened first, so an error shows in this task."""
-    path = path_of(KIND, params["run"])
-    try:
-        end_others(KIND)
+    path = background.path_of(KIND, params["run"])
+    with background.explain_refusal(f"Cannot watch the heartbeats on port {params['port']}"):
+        background.end_others(KIND)
         raw = open_copies(params["port"])
-        door = open_door(path)
-    except OSError as error:
-        raise Problem(f"Cannot watch the heartbeats on port {params['port']}: {_explain(error)}.") from error
-    leave(lambda: serve(raw, door, path, params), (raw, door), "multimaster_watch")
+        door = background.open_door(path)
+    background.leave(lambda: serve(raw, door, path, params), (raw, door), "multimaster_watch")
     return {"msg": f"The watch lives for {params['lifetime']} s at most."}
 
 
 def collect_losses(params: Params, _check_mode: bool) -> Result:
     """Ask the watch. It answers at the end of `until`, or as soon as a value is lost."""
-    reply: Result = {}
-    with contextlib.suppress(OSError):
-        visit = Visit(path_of(KIND, params["run"]), {"until": params["until"]})
-        reply = visit.reply(min(params["until"], LONGEST) + ANSWER) or {}
+    wait = min(params["until"], LONGEST) + ANSWER
+    reply = background.ask(background.path_of(KIND, params["run"]), {"until": params["until"]}, wait)
     if not reply:
         raise Problem(
             f"No watch of the run {params['run']!r} lives on this computer: its task with action=start did not run, its "
@@ -282,15 +277,9 @@ def collect_losses(params: Params, _check_mode: bool) -> Result:
 
 def stop_watches(_params: Params, _check_mode: bool) -> Result:
     """End every watch of this computer."""
-    try:
-        end_others(KIND)
-    except OSError as error:
-        raise Problem(f"Cannot end the watches of this computer: {_explain(error)}.") from error
+    with background.explain_refusal("Cannot end the watches of this computer"):
+        background.end_others(KIND)
     return {"msg": "No watch lives here."}
-
-
-def _explain(error: OSError) -> str:
-    return f"{error.strerror or error}{'; it needs root, so set become: true' if isinstance(error, PermissionError) else ''}"
 
 
 ACTIONS = {"start": start_watch, "collect": collect_losses, "stop": stop_watches}

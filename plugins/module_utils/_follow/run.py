@@ -8,7 +8,7 @@ import typing
 from .._machine.network import is_address
 from .._machine.outcomes import Outcome
 from .._module.problem import Problem
-from .._process.background import Visit, end_others, find_wrong_value, leave, open_door, path_of
+from .._process.background import ask, end_others, explain_refusal, find_wrong_value, leave, open_door, path_of
 from .._process.deadlines import call_all
 from .capture import Tag, open_socket
 from .counters import read_counters
@@ -53,14 +53,11 @@ def start_listener(params: Params, _check_mode: bool) -> Result:
     """Leave a listener behind. Its sockets are opened first, so an error shows in this task."""
     ports = (probe["port"] for probe in params["probes"] if probe["protocol"] == "tcp")
     tag, path = Tag.from_run(params["run"], ports), path_of(KIND, params["run"])
-    try:
+    with explain_refusal("Cannot see the packets of this computer"):
         end_others(KIND)
         before = read_counters()
         link = open_socket(tag)
         door = open_door(path)
-    except OSError as error:
-        more = "; it needs root, so set become: true" if isinstance(error, PermissionError) else ""
-        raise Problem(f"Cannot see the packets of this computer: {error.strerror or error}{more}.") from error
     leave(lambda: serve(link, door, path, tag, params["lifetime"], before), (link, door), "multimaster_follow")
     return {"msg": f"The listener lives for {params['lifetime']} s at most."}
 
@@ -78,10 +75,7 @@ def send_probes(params: Params, _check_mode: bool) -> Result:
 
 def collect_packets(params: Params, _check_mode: bool) -> Result:
     """Ask the listener for what it has seen. It ends with its answer."""
-    try:
-        reply = Visit(path_of(KIND, params["run"]), {"do": "tell"}).reply(ANSWER) or {}
-    except OSError:
-        reply = {}
+    reply = ask(path_of(KIND, params["run"]), {"do": "tell"}, ANSWER)
     if not reply:
         raise Problem(
             "No listener of this run lives on this computer: its task with action=listen did not run, "

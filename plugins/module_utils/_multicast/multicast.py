@@ -11,7 +11,7 @@ from .._machine import network
 from .._module import actions
 from .._module.plain_text import quote
 from .._module.problem import Problem
-from .._process.background import Visit, end_others, find_wrong_value, leave, path_of
+from .._process.background import Visit, end_others, explain_refusal, find_wrong_value, leave, path_of
 from .._process.commands import text
 from .helper import Settings
 from .helper_process import icmp_rounds, open_sockets, plain, serve
@@ -21,6 +21,8 @@ from .multicast_report import explain, icmp_round
 KIND = "multicast"  # of the doors of helpers
 MOST_ICMP_ROUNDS = 5
 LONGEST_MEASUREMENT = 120  # seconds
+# ip(7), IP_ADD_MEMBERSHIP
+_REMEDIES = {errno.ENOBUFS: "this kernel joins no more groups, so raise net.ipv4.igmp_max_memberships"}
 IGNORE_BROADCASTS = "/proc/sys/net/ipv4/icmp_echo_ignore_broadcasts"
 
 Params = typing.Dict[str, typing.Any]
@@ -113,16 +115,9 @@ def start(settings: Settings, index: int) -> Result:
     """Leave a helper behind; sockets that cannot be opened are a Problem before there is one."""
     path = path_of(KIND, settings.run)
     where = f"{settings.group}:{settings.port} on {settings.interface} ({settings.address})"
-    try:
+    with explain_refusal(f"Cannot listen for {where}", _REMEDIES):
         end_others(KIND)
         sockets = open_sockets(settings, index, path)
-    except OSError as error:
-        why = error.strerror or error
-        if isinstance(error, PermissionError):
-            why = f"{why}; it needs root, so set become: true"
-        if error.errno == errno.ENOBUFS:  # ip(7), IP_ADD_MEMBERSHIP
-            why = f"{why}; this kernel joins no more groups, so raise net.ipv4.igmp_max_memberships"
-        raise Problem(f"Cannot listen for {where}: {why}.") from error
     leave(lambda: serve(sockets, settings, path), sockets, "multicast_verify's helper")
     return {"msg": f"Listening for {where}, for {settings.lifetime} s at most."}
 

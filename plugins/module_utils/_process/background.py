@@ -19,6 +19,7 @@ import time
 import typing
 
 from .._module.plain_text import LINE, plain, quote
+from .._module.problem import Problem
 
 FOLDER = "/run/rosfleet-multimaster"
 LONGEST_LINE = 1 << 24  # bytes of a request or reply; the files of the nodes are half a megabyte
@@ -39,6 +40,17 @@ def find_wrong_value(
         if not least <= params[option] <= most:
             return f"{option} is {params[option]}, expected {least} to {most}{unit}."
     return None
+
+
+@contextlib.contextmanager
+def explain_refusal(deed: str, remedies: typing.Mapping[int, str] = {}) -> typing.Iterator[None]:
+    """Raise Problem for an OSError in this block: which deed failed, why, and what to do; `remedies` by errno."""
+    try:
+        yield
+    except OSError as error:
+        is_refused = isinstance(error, PermissionError)
+        remedy = "it needs root, so set become: true" if is_refused else remedies.get(error.errno or 0)
+        raise Problem(f"{deed}: {error.strerror or error}{f'; {remedy}' if remedy else ''}.") from error
 
 
 # The process
@@ -167,6 +179,14 @@ class Visit:
             return None
         finally:
             self.connection.close()
+
+
+def ask(path: str, request: Line, seconds: float) -> Line:
+    """Ask the process of a door, and read its reply; empty where none listens, or where it ends without one."""
+    try:
+        return Visit(path, request).reply(seconds) or {}
+    except OSError:
+        return {}
 
 
 def end_others(kind: str) -> None:
