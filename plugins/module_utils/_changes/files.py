@@ -25,7 +25,7 @@ from .._module.difference import difference
 from .._module.plain_text import quote
 from .._module.problem import Problem
 from . import atomic, ownership
-from .record import Record, records
+from .record import Record, check_absolute, records
 from .transaction import Step, intent, outcome
 
 _FILE = "a file"
@@ -124,8 +124,7 @@ def record_of(kind: str, bundle: str, folder: str) -> Record:
             f"The bundle {bundle!r} is not usable as a label; expected 1 to 64 letters, digits, '.', '_' and '-', "
             "for example nodes."
         )
-    if not os.path.isabs(folder):
-        raise Problem(f"records is {folder!r}, expected an absolute path.")
+    check_absolute({"records": folder}, "records")
     return Record(f"{kind}-{bundle}", folder, _SHAPE)
 
 

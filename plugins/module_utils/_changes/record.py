@@ -92,6 +92,13 @@ class Record:
             atomic.remove_folder_if_empty(os.path.dirname(self.path))
 
 
+def check_absolute(options: typing.Mapping[str, typing.Any], *names: str) -> None:
+    """Raise Problem where one of these options is no absolute path."""
+    for name in names:
+        if not os.path.isabs(options[name]):
+            raise Problem(f"{name} is {options[name]!r}, expected an absolute path.")
+
+
 def misfit(data: typing.Any, shape: Shape, place: str = "") -> str:
     """Say where data has not a shape, or nothing."""
     if isinstance(shape, list) and isinstance(data, list):

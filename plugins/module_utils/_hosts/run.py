@@ -9,7 +9,7 @@ import typing
 
 from .._changes import transaction, writable
 from .._changes.module import Concern, Fields, ModuleRun
-from .._changes.record import RECORDS
+from .._changes.record import RECORDS, check_absolute
 from .._module.difference import difference
 from .._module.plain_text import quote
 from .._module.problem import Problem, explain_unreadable, remedy
@@ -46,9 +46,7 @@ class Run(ModuleRun):
         back_up: typing.Callable[[str], str],
     ) -> None:
         """`back_up` copies a file beside it and returns the path of the copy (AnsibleModule.backup_local)."""
-        for option in ("path", "records"):
-            if not os.path.isabs(options[option]):
-                raise Problem(f"{option} is {options[option]!r}, expected an absolute path.")
+        check_absolute(options, "path", "records")
         with explain_unreadable(""):
             self.bindings = bindings_of(options["entries"])
             self.file = HostsFile(options["path"], options["records"])

@@ -12,7 +12,7 @@ import typing
 
 from .._changes import writable
 from .._changes.module import Concern, ModuleRun
-from .._changes.record import RECORDS, Record
+from .._changes.record import RECORDS, Record, check_absolute
 from .._changes.transaction import Step, carry_out, intent, outcome
 from .._module.difference import difference_of_lines
 from .._module.plain_text import quote
@@ -78,9 +78,7 @@ class Run(ModuleRun):
 
         Raises Problem for options, files or a record that cannot be used.
         """
-        for option in ("root", "records"):
-            if not os.path.isabs(options[option]):
-                raise Problem(f"{option} is {options[option]!r}, expected an absolute path.")
+        check_absolute(options, "root", "records")
         self.machine = contract.read_machine(options["root"])
         self.overrides = _check_overrides(options["backends"] or {}, self.machine.interfaces)
         requests = route_options.parse_routes(

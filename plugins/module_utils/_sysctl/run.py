@@ -14,7 +14,7 @@ import typing
 
 from .._changes import atomic, transaction, writable
 from .._changes.module import Concern, ModuleRun
-from .._changes.record import RECORDS, Record
+from .._changes.record import RECORDS, Record, check_absolute
 from .._module.difference import difference, difference_of_lines, mode_difference
 from .._module.plain_text import quote
 from .._module.problem import Problem, sentence
@@ -57,9 +57,7 @@ class Run(ModuleRun):
 
         Raises Problem for options, files or a record that cannot be used.
         """
-        for option in ("root", "proc", "records"):
-            if not os.path.isabs(options[option]):
-                raise Problem(f"{option} is {options[option]!r}, expected an absolute path.")
+        check_absolute(options, "root", "proc", "records")
         self.optional = plan.optional_of(options["settings"])
         self.drop_in = options["drop_in"]
         plan.check_drop_in(self.drop_in)
