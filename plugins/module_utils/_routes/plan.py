@@ -57,8 +57,7 @@ class KeyPlan(typing.NamedTuple):
     removals: typing.List[Change]
     after: typing.List[str]  # the routes of the key afterwards
     result: typing.Any  # a RouteResult, or what the module returns for a route that is no longer listed
-    interim: typing.Optional[Entry] = None  # the record on the way and afterwards; None: no new entry
-    final: typing.Optional[Entry] = None
+    entry: typing.Optional[Entry] = None  # the record on the way, our route last; None: no new entry
 
 
 class Plan(typing.NamedTuple):
@@ -91,6 +90,7 @@ def plan_routes(
         for key, entry in sorted(entries.items())
         if key not in wanted
     }
+    made = {key: part.entry for key, part in wanted.items() if part.entry is not None}
     after = {key: part.after for key, part in [*wanted.items(), *taken_back.items()]}
     replaced = [changes for part in wanted.values() for changes in (part.adds, part.removals)]
     returns = _flat(part.adds for part in taken_back.values())
@@ -98,8 +98,8 @@ def plan_routes(
     return Plan(
         changes=changes,
         undo=_undo(routes, current, after) if changes else [],
-        interim=_merge_entries(entries, {key: part.interim for key, part in wanted.items()}),
-        final=_merge_entries({}, {key: part.final for key, part in wanted.items()}),
+        interim={**entries, **made},
+        final={key: entry._replace(made=entry.made[-1:]) for key, entry in made.items()},
         after=after,
         results=[wanted[route.key].result for route in routes],
         taken_back=[part.result for part in taken_back.values()],
@@ -108,11 +108,6 @@ def plan_routes(
 
 def _flat(lists: typing.Iterable[typing.List[Change]]) -> typing.List[Change]:
     return [change for changes in lists for change in changes]
-
-
-def _merge_entries(entries: Entries, new: typing.Dict[Key, typing.Optional[Entry]]) -> Entries:
-    """The entries together with the new ones, where there is one."""
-    return {**entries, **{key: entry for key, entry in new.items() if entry is not None}}
 
 
 # One listed route
@@ -135,9 +130,8 @@ def _plan_listed(route: Route, kernel_routes: Held, entry: Entry, replace: bool)
     )
     if same and not others and route.way not in _ways(entry):
         return part  # an adopted route has no record: it is not ours to take back
-    replaced = _list_replaced(entry, kernel_routes)
     earlier = tuple(other for other in entry.made if other != route)
-    return part._replace(interim=Entry(earlier + (route,), replaced), final=Entry((route,), replaced))
+    return part._replace(entry=Entry(earlier + (route,), _list_replaced(entry, kernel_routes)))
 
 
 def _sort_routes(route: Route, kernel_routes: Held, entry: Entry) -> typing.Tuple[Held, Held, Held]:
