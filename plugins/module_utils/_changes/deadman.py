@@ -106,10 +106,10 @@ class Timer:
 class Switch:
     """One dead-man's switch of this machine, by its name."""
 
-    def __init__(self, name: str, folder: str = FOLDER, timer: typing.Optional[Timer] = None) -> None:
+    def __init__(self, name: str, folder: str = "", timer: typing.Optional[Timer] = None) -> None:
         self.unit = f"multimaster-rollback-{name}"
-        self.base = folder
-        self.folder = os.path.join(folder, f"rollback-{name}")
+        self.base = folder or FOLDER
+        self.folder = os.path.join(self.base, f"rollback-{name}")
         self.timer = timer or Timer()
 
     def arm(self, token: str, seconds: int, undo: typing.Iterable[UndoStep], memory: typing.Any = None) -> None:

@@ -103,11 +103,9 @@ class Concern(typing.NamedTuple):
         """The argument_spec of its module."""
         return dict(deadman.OPTIONS, **self.options) if self.guarded else self.options
 
-    def make_guard(self, module: typing.Any, switches: str = deadman.FOLDER) -> typing.Any:
-        """Make the frame of its run; `switches` is the folder of all switches."""
-        if not self.guarded:
-            return PlainGuard()
-        return deadman.Guard(module, self.guarded, deadman.Switch(self.name, switches))
+    def make_guard(self, module: typing.Any) -> typing.Any:
+        """Make the frame of its run."""
+        return deadman.Guard(module, self.guarded, deadman.Switch(self.name)) if self.guarded else PlainGuard()
 
 
 def run_module(concern: Concern) -> None:

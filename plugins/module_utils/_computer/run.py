@@ -9,7 +9,7 @@ which confirms, does the others. A concern that fails ends the run: earlier ones
 
 import typing
 
-from .._changes import deadman, lock
+from .._changes import lock
 from .._changes.module import Concern, Fields, run_locked
 from .._machine import shells
 from .._module import ends
@@ -32,24 +32,23 @@ SHELLS = dict(
 class ConcernModule:
     """Stands for the AnsibleModule of one concern."""
 
-    def __init__(self, module: typing.Any, concern: Concern, options: Options, switches: str) -> None:
+    def __init__(self, module: typing.Any, concern: Concern, options: Options) -> None:
         """Read the options. Raises Problem where they are wrong."""
         self.concern = concern
         self.params = validate_options(concern.name, options, concern.specification)
         self.check_mode, self._diff, self.warn = module.check_mode, module._diff, module.warn
         self.backup_local = module.backup_local
-        self.guard = concern.make_guard(self, switches)
+        self.guard = concern.make_guard(self)
 
 
 def carry_out(
     module: typing.Any,
     requests: typing.Sequence[typing.Tuple[Concern, Options]],
-    switches: str = deadman.FOLDER,
     read_back: bool = False,
 ) -> None:
     """Carry out all concerns in their order, read what shells see then where that is asked for, and end the module."""
     try:
-        parts = [ConcernModule(module, concern, options, switches) for concern, options in requests]
+        parts = [ConcernModule(module, concern, options) for concern, options in requests]
     except Problem as problem:
         return ends.fail(module, f"{problem} Nothing was changed.")
     folders = [] if module.check_mode else [part.params["records"] for part in parts]

@@ -97,17 +97,18 @@ class Module:
 @pytest.fixture(autouse=True)
 def _machine(tmp_path, monkeypatch):
     monkeypatch.setattr(deadman, "Timer", Timer)
+    monkeypatch.setattr(deadman, "FOLDER", str(tmp_path / "run"))
     monkeypatch.setattr(deadman, "connection", lambda: "")
     monkeypatch.setattr(Change, "folder", tmp_path)
 
 
 @pytest.fixture
-def carry_out(tmp_path):
+def carry_out():
     """Run concerns; returns the result of the module."""
 
     def carry_out(*asked, check_mode=False, **how):
         module = Module(check_mode)
-        computer.carry_out(module, asked, str(tmp_path / "run"), **how)
+        computer.carry_out(module, asked, **how)
         return module.end
 
     return carry_out
@@ -170,7 +171,7 @@ def test_a_trial_that_fails_takes_the_one_before_it_back(carry_out, tmp_path):
 def test_a_rollback_by_the_machine_takes_the_others_along(carry_out, tmp_path, rung):
     carry_out(*TRIED)
     for name in rung:
-        deadman.Switch(name, str(tmp_path / "run")).roll_back_now()
+        deadman.Switch(name).roll_back_now()
     result = carry_out(*CONFIRMING, *REST)
     assert result["failed"] and result["rolled_back"] is True
     assert "The kernel settings were not confirmed over a new connection within 60 s" in result["msg"]
@@ -180,7 +181,7 @@ def test_a_rollback_by_the_machine_takes_the_others_along(carry_out, tmp_path, r
 
 def test_what_is_confirmed_stays_where_a_later_one_fails(carry_out, tmp_path):
     carry_out(*TRIED)
-    deadman.Switch("routes", str(tmp_path / "run")).roll_back_now()
+    deadman.Switch("routes").roll_back_now()
     result = carry_out(*CONFIRMING, *REST)
     assert "The routes were not confirmed" in result["msg"] and "kernel settings" not in result["msg"]
     assert there(tmp_path) == {"a-now", "a-boot"}
