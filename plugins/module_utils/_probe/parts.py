@@ -41,8 +41,10 @@ class Part(typing.NamedTuple):
     """A part of the result: its key, the function that looks, and the value where it cannot look."""
 
     name: str
-    look: typing.Callable[[Params, Ros, float], typing.Any]  # options, ROS, deadline (monotonic seconds)
+    look: typing.Callable[..., typing.Any]
     default: typing.Any
+    # Those of `look`: names of options, `params` for all of them, `ros`, and `deadline` (monotonic seconds).
+    arguments: typing.Tuple[str, ...] = ()
     runs_commands: bool = False  # it runs commands of ROS or measures with others, so it is left out in check mode
     on_router: bool = False  # the router of the common network has it, too
     # It is looked at when the other parts are through, and on the computer of a roscore only. By then what was waited for
@@ -70,11 +72,11 @@ def list_talkers(params: Params) -> typing.List[str]:
     return [member["name"] for member in list_members(params) if member["name"] in talkers]
 
 
-def look_members(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+def look_members(params: Params) -> typing.List[Result]:
     return network.members(list_members(params), params["name"], not params["is_router"])
 
 
-def look_claims(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+def look_claims(params: Params) -> typing.List[Result]:
     """Ask for the owners of the own addresses, and of the others' addresses on the same networks."""
     others = [member for member in list_members(params) if member["name"] != params["name"]]
     return claims.claims(
@@ -82,7 +84,7 @@ def look_claims(params: Params, ros: Ros, deadline: float) -> typing.List[Result
     )
 
 
-def look_masters(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+def look_masters(params: Params, deadline: float) -> typing.List[Result]:
     """Look at the discovery nodes of all masters. Wait only for those of computers that take part."""
     awaited = present(params)
     return call_all(
@@ -100,7 +102,7 @@ def look_list_masters(params: Params, ros: Ros, deadline: float) -> Result:
     return ros_commands.list_masters(ros, names, deadline)
 
 
-def look_outsiders(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+def look_outsiders(params: Params) -> typing.List[Result]:
     """Ask the discovery node of this computer for the peers that it ignores."""
     own = [master["monitor_uri"] for master in params["masters"] if master["computer"] == params["name"]]
     return masters.outsiders(own[0]) if own else []
@@ -118,19 +120,14 @@ def look_topics(params: Params, ros: Ros, deadline: float) -> typing.List[Result
 # Imports take most of a module's start. A part that few computers or actions need is imported where it is used.
 
 
-def look_next_boot(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
+def look_next_boot(services_here: typing.List[str], planned: typing.Optional[Params]) -> typing.List[Result]:
     from .._boot import next_boot
 
-    return [] if params["boot"] is None else next_boot.differences(params["services"], params["boot"])
-
-
-def look_multicast(params: Params, ros: Ros, deadline: float) -> typing.Optional[Result]:
-    """Measure on the group. An obstacle is a result too, since the other parts still count."""
-    return group(params, "collect")
+    return [] if planned is None else next_boot.differences(services_here, planned)
 
 
 def group(params: Params, action: str) -> typing.Optional[Result]:
-    """Return what multicast_verify returns for this action; None where nothing is measured on the group."""
+    """Return what multicast_verify returns for this action, also an obstacle; None where nothing is measured on the group."""
     if params["multicast"] is None:
         return None
     from .._multicast import multicast
@@ -143,7 +140,7 @@ def group(params: Params, action: str) -> typing.Optional[Result]:
         return {"failed": True, "msg": str(problem)}
 
 
-def look_traffic(params: Params, ros: Ros, deadline: float) -> Result:
+def look_traffic(params: Params, ros: Ros) -> Result:
     """Measure what the robot sends to others, on the computer of its roscore alone."""
     return traffic.measure_traffic(ros, params["members"], params["name"]) if params["is_master"] else traffic.NOTHING
 
@@ -153,66 +150,64 @@ def environment(params: Params, ros: Ros) -> typing.Dict[str, str]:
     return {**ros.variables, **{name: str(value) for name, value in params["variables"].items()}}
 
 
+def look_services(params: Params, ros: Ros) -> typing.List[Result]:
+    return services.services(params["services"], environment(params, ros))
+
+
+_ALL = ("params", "ros", "deadline")
 PARTS = (
-    Part("multicast", look_multicast, None, runs_commands=True, shared=True),  # first: it waits most
-    Part("traffic", look_traffic, traffic.NOTHING, runs_commands=True, shared=True),
-    Part("members", look_members, [], on_router=True),
-    Part("claims", look_claims, [], on_router=True),
-    Part("policy", lambda params, ros, deadline: network.policy(), {"rules": [], "closed": []}, on_router=True),
-    Part("name_sources", lambda params, ros, deadline: network.name_sources(), []),
-    Part("default_routes", lambda params, ros, deadline: network.default_routes(), [], on_router=True),
+    # first: it waits most
+    Part("multicast", lambda params: group(params, "collect"), None, ("params",), runs_commands=True, shared=True),
+    Part("traffic", look_traffic, traffic.NOTHING, ("params", "ros"), runs_commands=True, shared=True),
+    Part("members", look_members, [], ("params",), on_router=True),
+    Part("claims", look_claims, [], ("params",), on_router=True),
+    Part("policy", network.policy, {"rules": [], "closed": []}, on_router=True),
+    Part("name_sources", network.name_sources, []),
+    Part("default_routes", network.default_routes, [], on_router=True),
+    Part("forwarding", network.forwarding, {"ip_forward": None, "interfaces": []}, on_router=True),
+    Part("masters", look_masters, [], ("params", "deadline")),
+    Part("roscore", ros_commands.roscore, {"uri": "", "answer": "", "error": "not looked at"}, ("ros", "deadline")),
     Part(
-        "forwarding",
-        lambda params, ros, deadline: network.forwarding(),
-        {"ip_forward": None, "interfaces": []},
-        on_router=True,
+        "list_masters",
+        look_list_masters,
+        {"masters": [], "seconds": 0.0, "error": "not looked at"},
+        _ALL,
+        runs_commands=True,
     ),
-    Part("masters", look_masters, []),
-    Part(
-        "roscore",
-        lambda params, ros, deadline: ros_commands.roscore(ros, deadline),
-        {"uri": "", "answer": "", "error": "not looked at"},
-    ),
-    Part(
-        "list_masters", look_list_masters, {"masters": [], "seconds": 0.0, "error": "not looked at"}, runs_commands=True
-    ),
-    Part("topics", look_topics, [], runs_commands=True),
-    Part("outsiders", look_outsiders, [], final=True),
-    Part("sources", look_sources, [], runs_commands=True, final=True),
+    Part("topics", look_topics, [], _ALL, runs_commands=True),
+    Part("outsiders", look_outsiders, [], ("params",), final=True),
+    Part("sources", look_sources, [], _ALL, runs_commands=True, final=True),
     Part(
         "exchange",
-        lambda params, ros, deadline: exchange.exchange(ros, params["members"], params["name"]),
+        exchange.exchange,
         dict(exchange.NOTHING, error="not looked at"),
+        ("ros", "members", "name"),
         runs_commands=True,
         final=True,
     ),
-    Part(
-        "parameters",
-        lambda params, ros, deadline: parameters.parameters(ros, params["parameters"] or {}, params["crossing"]),
-        parameters.NOTHING,
-        final=True,
-    ),
+    Part("parameters", parameters.parameters, parameters.NOTHING, ("ros", "parameters", "crossing"), final=True),
     Part(
         "clock",
-        lambda params, ros, deadline: dict(resources.clock(), **time_sources.time_sources(PATIENCE)),
+        lambda: dict(resources.clock(), **time_sources.time_sources(PATIENCE)),
         {"synchronised": None, "answers": None, "service": "", "sources": []},
     ),
     Part(
         "tunnel",
-        lambda params, ros, deadline: tunnel.look(),
+        tunnel.look,
         {"up": None, "guarded": None, "public_key": "", "port": 0, "time_s": None, "mtu": 0, "peers": []},
     ),
-    Part("changes", lambda params, ros, deadline: changes.changes(), [], on_router=True),
-    Part("disks", lambda params, ros, deadline: resources.disks(params["services"]), [], on_router=True),
-    Part("file_limits", lambda params, ros, deadline: resources.file_limits(), []),
+    Part("changes", changes.changes, [], on_router=True),
+    Part("disks", resources.disks, [], ("services",), on_router=True),
+    Part("file_limits", resources.file_limits, []),
     Part(
         "container_names",
-        lambda params, ros, deadline: resources.container_names(member["name"] for member in params["members"]),
+        lambda members: resources.container_names(member["name"] for member in members),
         [],
+        ("members",),
     ),
-    Part("ros_missing", lambda params, ros, deadline: ros.problem(), "not looked at"),
-    Part("next_boot", look_next_boot, [], on_router=True),
-    Part("services", lambda params, ros, deadline: services.services(params["services"], environment(params, ros)), []),
+    Part("ros_missing", Ros.problem, "not looked at", ("ros",)),
+    Part("next_boot", look_next_boot, [], ("services", "boot"), on_router=True),
+    Part("services", look_services, [], ("params", "ros")),
 )
 
 
@@ -232,10 +227,11 @@ def look(params: Params, check_mode: bool) -> Result:
     result: Result = {part.name: part.default for part in PARTS}
     result["problems"] = []
     ros = Ros(params["environment_file"], params["environment"])
+    given = dict(params, params=params, ros=ros, deadline=start + params["patience"])
 
     def attempt(part: Part) -> PartResult:
         try:
-            return part, part.look(params, ros, start + params["patience"]), ""
+            return part, part.look(*[given[name] for name in part.arguments]), ""
         except Exception as problem:  # a strange machine may raise anything: the other parts still count
             return part, part.default, f"{part.name} could not be looked at: {quote(str(problem).rstrip('.'), LINE)}."
 

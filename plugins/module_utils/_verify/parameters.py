@@ -15,18 +15,19 @@ MOST = 50  # parameters that are told
 LONGEST = 200  # characters of a value: they are for people
 # The same nodes of fkie_mas, where somebody has started them by hand.
 SUCCESSOR = {"master_discovery": "mas_discovery", "master_sync": "mas_sync"}
+Plan = typing.Dict[str, typing.Dict[str, typing.Any]]  # node -> its parameters
 NOTHING: typing.Dict[str, typing.Any] = {"nodes": [], "differing": [], "crossing": [], "error": ""}
 
 
 def parameters(
-    ros: Ros, planned: typing.Dict[str, typing.Dict[str, typing.Any]], crossing: typing.Iterable[str] = ()
+    ros: Ros, planned: typing.Optional[Plan], crossing: typing.Iterable[str] = ()
 ) -> typing.Dict[str, typing.Any]:
     """Compare the namespace of each node with what is planned; its units write all of it there when the node starts.
 
     `crossing`: names of parameters whose digests are wanted, since two robots are to have the same.
     """
     found: typing.Dict[str, typing.Any] = {"nodes": [], "differing": [], "crossing": [], "error": ""}
-    for node, wanted in sorted(planned.items()):
+    for node, wanted in sorted((planned or {}).items()):
         if not wanted:
             continue
         try:
