@@ -87,7 +87,9 @@ def test_all_of_four_robots_is_told_apart(lab):
 )
 def test_a_goal_comes_in_a_frame_of_its_robot(lab, frame, there):
     before = len(lab.output(ONE, "robot"))
-    goal = f"timeout -k 5 5 rostopic pub -r 2 /kobuki1/goal geometry_msgs/PoseStamped '{{header: {{frame_id: {frame}}}}}'"
+    goal = (
+        f"timeout -k 5 5 rostopic pub -r 2 /kobuki1/goal geometry_msgs/PoseStamped '{{header: {{frame_id: {frame}}}}}'"
+    )
     lab.run(STATION, goal, check=False)
     heard = {text for _at, text in lab.output(ONE, "robot")[before:]}
     assert heard == ({f"goal in {there}"} if there else set())
