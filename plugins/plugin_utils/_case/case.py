@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
-from .._fleet.model import Gateway
 from .._observed.observations import Datagrams, Exchange, ForwardingInterface, Multicast, Observation, Probe, SeenMember
 from .._plan.model import COMMON, ComputerPlan, FleetPlan, Master
 from .packet_filters import ReadFilters
@@ -219,14 +218,6 @@ class Case:  # no dataclass: a large fleet has hundreds of thousands, and many c
         return self.ways.way(self.observer.plan, self.target)
 
     @property
-    def gateways(self) -> tuple[Gateway | None, Gateway | None]:
-        """The gateways on the way to the target; in a check of one computer the gateway of its network, and None."""
-        if self.target in self.ways.members and self.target != self.observer.name:
-            return self.way.own, self.way.its
-        behind = not self.observer.plan.common_address
-        return self.ways.gateways.get(self.observer.plan.robot) if behind else None, None
-
-    @property
     def masters(self) -> tuple[str, str]:
         """The computers with the roscores of the observer and of the target."""
-        return self.ways.master(self.observer.plan.robot), self.ways.master(self.planned.robot if self.planned else "")
+        return self.ways.master_of(self.observer.name), self.ways.master_of(self.target)

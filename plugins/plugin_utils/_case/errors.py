@@ -82,7 +82,7 @@ def list_rejects(case: Case, target: str, traffic: str) -> Parts:
     """List the packet filters that may report an error in the target's place."""
     if target == case.observer.name:
         return frozenset()
-    between = needs.gateways(case, case.observer.name, target)
+    between = case.ways.list_forwarders(case.observer.name, target)
     forwards = join_parts(make_parts("filter", gateway, "forward") for gateway in between)
     return forwards | needs.passes(case.observer.name, target, traffic)
 
@@ -91,10 +91,10 @@ def _list_lost_routes(case: Case, target: str) -> Parts:
     """The observer's own kernel has no route there, or one of the type unreachable."""
     name = case.observer.name
     return (
-        needs.route_parts(name, _beyond(case, target))
+        needs.route_parts(name, case.ways.network_of(target))
         | make_parts("route", name, "closed", "rule")
         | make_parts("interface", name, "address", "prefix")
-        | make_parts("link", name, "down", what=needs.links(case, name, target)[0][1])
+        | make_parts("link", name, "down", what=case.ways.list_links(name, target)[0][1])
     )
 
 
@@ -102,31 +102,27 @@ def _list_silent_neighbours(case: Case, reporter: str, target: str) -> Parts:
     """The reporter, which may be the observer, got no ARP answer from the next hop: the target, or a gateway."""
     if not reporter:
         return frozenset()
-    crossed = needs.links(case, reporter, target)
+    crossed = case.ways.list_links(reporter, target)
     network = crossed[0][1]
     following = next((place for place, _network in crossed if place != reporter), target)
     found = make_parts("network", network, "dead") | make_parts("computer", following, "off")
     for place in (reporter, following):
         found |= make_parts("link", place, "down", what=network) | make_parts("interface", place, "address", "prefix")
         found |= make_parts("neighbour", place, "mute", "filter")
-    beyond = _beyond(case, target)
-    if not needs.is_in(case, reporter, beyond):  # or it has looked for the target in a network of its own
+    beyond = case.ways.network_of(target)
+    if not case.ways.is_in(reporter, beyond):  # or it has looked for the target in a network of its own
         found |= needs.route_parts(reporter, beyond)
     return found
-
-
-def _beyond(case: Case, target: str) -> str:
-    return case.ways.network(case.ways.members[target].robot)
 
 
 #: ICMP error -> the parts of the computer that reports it, by its name, and of the target
 REPORTED: Mapping[Outcome, Callable[[Case, str, str], Parts]] = {
     Outcome.HOST_UNREACHABLE: _list_silent_neighbours,
     Outcome.NETWORK_UNREACHABLE: lambda case, reporter, target: make_parts(
-        "route", reporter, "missing", what=_beyond(case, target)
+        "route", reporter, "missing", what=case.ways.network_of(target)
     ),
     Outcome.TIME_EXCEEDED: lambda case, reporter, target: make_parts(
-        "route", reporter, "circle", what=_beyond(case, target)
+        "route", reporter, "circle", what=case.ways.network_of(target)
     ),
     Outcome.PROHIBITED: lambda case, reporter, target: (
         make_parts("filter", reporter or target, "forward") | needs.passes(case.observer.name, target, "icmp")

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import pairwise
 
-from .._fleet.model import Gateway
 from .._plan.model import COMMON
 from .case import Case
 from .parts import Part
@@ -50,8 +49,9 @@ def _way(case: Case, one: str, other: str) -> Parts:
     parts |= duplicates(case, one, other) | neighbours(case, one, other) | neighbours(case, other, one)
     for asks, answers in _hops(case, one, other):
         parts |= {Part("neighbour", asks, "fixed", answers), Part("neighbour", answers, "fixed", asks)}
-    parts |= _tunnel_parts(case, [place for place, network in links(case, one, other) if network == COMMON])
-    parts |= {Part(kind, gateway, mode) for gateway in gateways(case, one, other) for kind, mode in FORWARDER}
+    links, between = case.ways.list_links(one, other), case.ways.list_forwarders(one, other)
+    parts |= _tunnel_parts(case, [place for place, network in links if network == COMMON])
+    parts |= {Part(kind, gateway, mode) for gateway in between for kind, mode in FORWARDER}
     return frozenset(parts | _link_parts(case, one, other, "down", "dead") | _routes(case, one, other))
 
 
@@ -83,7 +83,7 @@ def _link_parts(case: Case, one: str, other: str, mode: str, *network_modes: str
     """List a fault of each link on the way, and faults of each network."""
     return join_parts(
         make_parts("link", place, mode, what=network) | make_parts("network", network, *network_modes)
-        for place, network in links(case, one, other)
+        for place, network in case.ways.list_links(one, other)
     )
 
 
@@ -96,7 +96,7 @@ def neighbours(case: Case, sender: str, target: str) -> Parts:
 
 def _hops(case: Case, one: str, other: str) -> Iterable[tuple[str, str]]:
     """List the neighbours on the way, two by two."""
-    return pairwise(dict.fromkeys(place for place, _network in links(case, one, other)))
+    return pairwise(dict.fromkeys(place for place, _network in case.ways.list_links(one, other)))
 
 
 def duplicates(case: Case, one: str, other: str) -> Parts:
@@ -111,19 +111,18 @@ def duplicates(case: Case, one: str, other: str) -> Parts:
 
 def _routes(case: Case, one: str, other: str) -> Parts:
     """List the routes of a packet and its answer: those of the two ends, and of the gateways between them."""
-    if _robot(case, one) == _robot(case, other):
+    if case.ways.robot_of(one) == case.ways.robot_of(other):
         return frozenset()
-    member = case.ways.members.get(other)
-    there = case.ways.network(member.robot) if member else COMMON  # the other may be a gateway
-    back = _network(case, one) if _gateway(case, one) else COMMON
-    if is_in(case, one, there) and is_in(case, other, back):
+    there = case.ways.network_of(other)  # the other may be a gateway
+    back = case.ways.network_of(one) if case.ways.find_gateway(one) else COMMON
+    if case.ways.is_in(one, there) and case.ways.is_in(other, back):
         return frozenset()
-    between = gateways(case, one, other)
+    between = case.ways.list_forwarders(one, other)
     parts = set(make_parts("route", one, "defaults") | make_parts("route", other, "defaults"))
     for destination, computers in ((there, [one, *between]), (back, [*between, other])):
         for computer in computers:
             parts |= {Part("route", computer, "circle", destination), *make_parts("route", computer, "closed", "rule")}
-            if not is_in(case, computer, destination):
+            if not case.ways.is_in(computer, destination):
                 parts |= route_parts(computer, destination)
     return frozenset(parts)
 
@@ -133,67 +132,16 @@ def route_parts(computer: str, network: str) -> Parts:
     return join_parts(make_parts("route", computer, "missing", "other", what=what) for what in (network, ""))
 
 
-def is_in(case: Case, computer: str, network: str) -> bool:
-    """Say if a computer has an address in a network."""
-    plan = case.fleet.computers.get(computer)
-    return plan is not None and (
-        network == case.ways.network(plan.robot) or (bool(plan.common_address) and network == COMMON)
-    )
-
-
-def _network(case: Case, computer: str) -> str:
-    """Name the network of a computer's address; the router's is the common one."""
-    return case.ways.network(_robot(case, computer))
-
-
-def links(case: Case, one: str, other: str) -> list[tuple[str, str]]:
-    """List the links on the way, as (computer, network), from one end to the other."""
-    robots = [_robot(case, name) for name in (one, other)]
-    if robots[0] == robots[1]:
-        network = _network(case, one)
-        return [(one, network), (other, network)]
-    return [*_links_to_common(case, one), *reversed(_links_to_common(case, other))]
-
-
-def _links_to_common(case: Case, computer: str) -> list[tuple[str, str]]:
-    """List the links from a computer to the common network."""
-    gateway = _gateway(case, computer)
-    if gateway is None:
-        return [(computer, COMMON)]
-    network = _network(case, computer)
-    return [(computer, network), (gateway.title, network), (gateway.title, COMMON)]
-
-
-def gateways(case: Case, one: str, other: str) -> list[str]:
-    """List the computers that forward the packets."""
-    titles = [place for (place, _network_), (next_, _other) in pairwise(links(case, one, other)) if place == next_]
-    plan = case.fleet.computers.get(one)
-    if titles and plan and plan.routes_expected and case.fleet.router and case.fleet.router.name:
-        titles.append(case.fleet.router.name)  # with multimaster_routes: existing they may go by it
-    return titles
-
-
-def _robot(case: Case, computer: str) -> str:
-    member = case.ways.members.get(computer)
-    return member.robot if member else ""
-
-
-def _gateway(case: Case, computer: str) -> Gateway | None:
-    """Return the gateway that a computer is behind."""
-    plan = case.fleet.computers.get(computer)
-    return None if plan is None or plan.common_address else case.ways.gateways.get(_robot(case, computer))
-
-
 def large(case: Case, one: str, other: str) -> Parts:
     """List the parts that lose only large packets on the way."""
     if one == other:
         return frozenset()
     parts: set[Part] = set()
-    for place, network in links(case, one, other):
+    for place, network in case.ways.list_links(one, other):
         if network == COMMON and place in case.fleet.computers and case.fleet.computers[place].tunnel:
             parts |= make_parts("tunnel", place, "mtu")
         parts |= make_parts("interface", place, "mtu", what=network) | make_parts("network", network, "large")
-    for gateway in gateways(case, one, other):
+    for gateway in case.ways.list_forwarders(one, other):
         parts |= make_parts("forwarding", gateway, "large")
     return frozenset(parts)
 
@@ -204,7 +152,7 @@ def arp_parts(case: Case, one: str, other: str) -> Parts:
     A computer that forwards packets reports it to their sender ("host unreachable"). A device of another make may not.
     """
     parts: set[Part] = set()
-    for (place, network), (following, beyond) in pairwise(links(case, one, other)):
+    for (place, network), (following, beyond) in pairwise(case.ways.list_links(one, other)):
         if network == beyond and place in case.fleet.computers:
             parts |= silent_parts(place, following, network)
     return frozenset(parts)
@@ -221,7 +169,7 @@ def loss_parts(case: Case, one: str, other: str) -> Parts:
     """List the parts that lose some packets on the way: wireless interfaces that save power among them."""
     return _link_parts(case, one, other, "loss", "loss") | join_parts(
         make_parts("link", place, "power_save", what=network)
-        for place, network in links(case, one, other)
+        for place, network in case.ways.list_links(one, other)
         if (computer := case.run.get(place))
         and (interface := computer.interface_on.get(network))
         and interface.power_save
@@ -231,7 +179,7 @@ def loss_parts(case: Case, one: str, other: str) -> Parts:
 def slow(case: Case, one: str, other: str) -> Parts:
     """List the parts that may make a stream slow. It goes out of one link and into the next."""
     parts: set[Part] = set()
-    for number, (place, network) in enumerate(links(case, one, other)):
+    for number, (place, network) in enumerate(case.ways.list_links(one, other)):
         parts |= make_parts("link", place, "slow", "slow in" if number % 2 else "slow out", what=network)
         parts |= make_parts("network", network, "slow")
     return frozenset(parts)
@@ -239,7 +187,7 @@ def slow(case: Case, one: str, other: str) -> Parts:
 
 def translation_parts(case: Case, one: str, other: str) -> Parts:
     """List the translations that may be on the way: a gateway translates what leaves by one of its interfaces."""
-    crossed = pairwise(links(case, one, other))
+    crossed = pairwise(case.ways.list_links(one, other))
     return join_parts(
         make_parts("translation", place, "on", what=network)
         for (before, _came), (place, network) in crossed
@@ -286,8 +234,8 @@ def multicast(case: Case, hearer: str, speaker: str) -> Parts:
 
 def _group_forwarders(case: Case, one: str, other: str) -> list[str]:
     """List the computers that forward the group between two. A gateway also forwards what it sends or receives itself."""
-    between = gateways(case, one, other)
-    if not between and _robot(case, one) == _robot(case, other):
+    between = case.ways.list_forwarders(one, other)
+    if not between and case.ways.robot_of(one) == case.ways.robot_of(other):
         return [place for place in (one, other) if (plan := case.fleet.computers.get(place)) and plan.multicast_routing]
     return between
 
@@ -357,7 +305,7 @@ def _arrive(case: Case, sender: str, hearer: str) -> bool:
 
 def registration_parts(case: Case, observer: str, target: str) -> Parts:
     """List what the target's registrations need to reach the observer's roscore, and what a query there needs."""
-    own, its = case.ways.master(_robot(case, observer)), case.ways.master(_robot(case, target))
+    own, its = case.ways.master_of(observer), case.ways.master_of(target)
     at_home, asked = home_parts(case, target), roscore(case, observer, own)
     if own == its:
         return at_home | asked
@@ -367,7 +315,7 @@ def registration_parts(case: Case, observer: str, target: str) -> Parts:
 def home_parts(case: Case, target: str) -> Parts:
     """List what the target's talker needs to be registered at its own roscore."""
     own_parts = make_parts("registration", target, "talker") | make_parts("environment", target, "shell")
-    return roscore(case, target, case.ways.master(_robot(case, target))) | own_parts
+    return roscore(case, target, case.ways.master_of(target)) | own_parts
 
 
 def node_connection_parts(case: Case, observer: str, target: str) -> Parts:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Ways of packets between two computers of a fleet: source address, next hop, gateways on the way.
+"""Ways of packets between two computers of a fleet: source address, next hop, links and gateways on the way.
 
 Pure: the plan of the fleet in, facts out. Everything is looked up, nothing is searched.
 """
@@ -9,6 +9,7 @@ Pure: the plan of the fleet in, facts out. Everything is looked up, nothing is s
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import NamedTuple
 
 from .._fleet.model import Gateway
@@ -17,12 +18,10 @@ from .parts import Part
 
 
 class Way(NamedTuple):
-    """A way from an observer to a target; a gateway is None where the way does not cross it."""
+    """A way from an observer to a target."""
 
     source: str
     next_hop: str | None  # None on the same network
-    own: Gateway | None  # of the observer's network
-    its: Gateway | None  # of the target's network
     # the gateways that the route may have; an empty text is a route without a gateway
     hops: frozenset[str] = frozenset([""])
 
@@ -41,9 +40,9 @@ class Ways:
     """The plan of a fleet, indexed for questions about ways and masters."""
 
     def __init__(self, fleet: FleetPlan) -> None:
+        self._fleet = fleet
         self.members: Mapping[str, Member] = {member.name: member for member in fleet.members}
         self.gateways: Mapping[str, Gateway] = fleet.gateways  # robot -> gateway
-        self._router = fleet.router
         self.group = f"{fleet.multicast_group}:{fleet.multicast_port}"
         self.masters: Mapping[str, Master] = fleet.master_of
         # names and address of each member, in small letters
@@ -81,6 +80,53 @@ class Ways:
         """Name the network of a robot's computers."""
         return f"the network of {robot}" if robot in self.gateways else COMMON
 
+    def robot_of(self, computer: str) -> str:
+        """Name the robot of a computer; empty for the router."""
+        return self.members[computer].robot if computer in self.members else ""
+
+    def network_of(self, computer: str) -> str:
+        """Name the network of a computer's address; the router's is the common one."""
+        return self.network(self.robot_of(computer))
+
+    def master_of(self, computer: str) -> str:
+        """Name the computer with the roscore of a computer's robot; empty for the router, which has none."""
+        master = self.masters.get(self.robot_of(computer))
+        return master.computer if master else ""
+
+    def find_gateway(self, computer: str) -> Gateway | None:
+        """Return the gateway that a computer is behind."""
+        plan = self._fleet.computers.get(computer)
+        return None if plan is None or plan.common_address else self.gateways.get(self.robot_of(computer))
+
+    def is_in(self, computer: str, network: str) -> bool:
+        """Say if a computer has an address in a network."""
+        plan = self._fleet.computers.get(computer)
+        return plan is not None and (
+            network == self.network(plan.robot) or (bool(plan.common_address) and network == COMMON)
+        )
+
+    def list_links(self, one: str, other: str) -> list[tuple[str, str]]:
+        """List the links on the way, as (computer, network), from one end to the other."""
+        if self.robot_of(one) == self.robot_of(other):
+            network = self.network_of(one)
+            return [(one, network), (other, network)]
+        return [*self._list_links_to_common(one), *reversed(self._list_links_to_common(other))]
+
+    def _list_links_to_common(self, computer: str) -> list[tuple[str, str]]:
+        gateway = self.find_gateway(computer)
+        if gateway is None:
+            return [(computer, COMMON)]
+        network = self.network_of(computer)
+        return [(computer, network), (gateway.title, network), (gateway.title, COMMON)]
+
+    def list_forwarders(self, one: str, other: str) -> list[str]:
+        """List the computers that forward the packets."""
+        titles = [place for (place, _came), (next_, _left) in pairwise(self.list_links(one, other)) if place == next_]
+        plan, router = self._fleet.computers.get(one), self._fleet.router
+        if titles and plan and plan.routes_expected and router and router.name:
+            titles.append(router.name)  # with multimaster_routes: existing they may go by it
+        return titles
+
     def name_at(self, address: str) -> str:
         """Name the computer with an address; empty where none is known."""
         return self._at.get(address, "")
@@ -94,19 +140,14 @@ class Ways:
 
     def _way(self, plan: ComputerPlan, robot: str) -> Way:
         if plan.robot == robot:
-            return Way(str(plan.address), None, None, None)
-        own = None if plan.common_address else self.gateways.get(plan.robot)
-        its = self.gateways.get(robot)
-        if own:
+            return Way(str(plan.address), None)
+        if own := self.find_gateway(plan.computer):
             hop = str(own.address)
-            return Way(str(plan.address), hop, own, its, frozenset([hop]))
+            return Way(str(plan.address), hop, frozenset([hop]))
+        its, source = self.gateways.get(robot), str(plan.common_address or plan.address)
         if not its:
-            return Way(str(plan.common_address or plan.address), None, None, None)
+            return Way(source, None)
         hops = {str(its.common_address)}
-        if plan.common_address and plan.routes_expected and self._router:
-            hops.add(str(self._router.address))  # with multimaster_routes: existing they may go by the router
-        return Way(str(plan.common_address or plan.address), str(its.common_address), None, its, frozenset(hops))
-
-    def master(self, robot: str) -> str:
-        """Name the computer with the roscore of a robot; empty for the router, which has none."""
-        return self.masters[robot].computer if robot in self.masters else ""
+        if plan.common_address and plan.routes_expected and self._fleet.router:
+            hops.add(str(self._fleet.router.address))  # with multimaster_routes: existing they may go by the router
+        return Way(source, str(its.common_address), frozenset(hops))

@@ -56,7 +56,7 @@ def _reachable_suspects(case: Case) -> Parts:
     parts = _reachable_needs(case) | make_parts("interface", name, "address", "prefix")
     for network in [case.ways.network(plan.robot)] + ([COMMON] if plan.common_address else []):
         parts |= make_parts("link", name, "down", what=network) | make_parts("network", network, "dead")
-    for gateway in filter(None, case.gateways):
+    if gateway := case.ways.find_gateway(name):
         parts |= make_parts("computer", gateway.title, "off") | make_parts("forwarding", gateway.title, "off")
         parts |= make_parts("filter", gateway.title, "forward") | make_parts("route", name, "missing", "other")
         parts |= make_parts("link", gateway.title, "down", what=case.ways.network(plan.robot))

@@ -94,7 +94,7 @@ def _translator(case: Case, computer: str) -> Parts:
     between = needs.translation_parts(case, computer, other)
     if not between:
         return make_parts("translation", computer, "on")
-    first = needs.gateways(case, computer, other)[0]
+    first = case.ways.list_forwarders(computer, other)[0]
     return frozenset(part for part in between if part.place == first)
 
 
@@ -287,7 +287,7 @@ def _hops(case: Case, address: IPv4Address) -> frozenset[str]:
     plan = case.observer.plan
     if any(address in entry.network for entry in plan.networks):
         return frozenset([""])
-    gateway = None if plan.common_address else case.ways.gateways.get(plan.robot)
+    gateway = case.ways.find_gateway(plan.computer)
     return frozenset([str(gateway.address)]) if gateway else case.way.hops
 
 

@@ -178,7 +178,3 @@ class Verification:
         """Make the case of one pair, as a check looks at it."""
         master = self.ways.master_at[target] if check.scope in MASTERS else None
         return Case(self.state, self.run[observer], target, master)
-
-    def make_case(self, observer: str, target: str) -> Case:
-        """Make a case of two computers of the run, or of one, for questions about the way between them."""
-        return Case(self.state, self.run[observer], target, None)

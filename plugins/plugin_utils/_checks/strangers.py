@@ -66,7 +66,7 @@ def _misread_member_parts(case: Case, entry: Outsider) -> Parts:
     master = case.ways.master_at.get(computer)
     if master is not None and not is_one_of(entry.uri, case.ways.master_uris[master.robot]):
         return make_parts("roscore", computer, "name", what=entry.uri)
-    beyond = COMMON if computer in {gateway.title for gateway in case.ways.gateways.values()} else ""
+    beyond = COMMON if computer in case.ways.titles else ""
     return make_parts("translation", computer, "on", what=beyond)
 
 

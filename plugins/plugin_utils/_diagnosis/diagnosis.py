@@ -22,7 +22,7 @@ from .._case.parts import ALWAYS, ANY, FOLLOWS, HEARSAY, RULED, Part
 from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement, Row, Verification
 from .._fleet.sentences import shorten_list
 from .._follow.findings import SeenEnd, find_ends
-from .._follow.probes import find_trip, list_links, list_trips
+from .._follow.probes import find_trip, list_trips
 from .commands import command
 from .cover import Failure, explain
 from .effects import Effects
@@ -277,7 +277,7 @@ class _Diagnosis:
 
     def _list_computers(self, one: str, other: str) -> set[str]:
         """Name the planned computers on the way between two."""
-        return {one, other, *(place for place, _network in list_links(self.verification, one, other))}
+        return {one, other, *(place for place, _network in self.verification.ways.list_links(one, other))}
 
     def _weigh(self, entry: Finding) -> tuple[int, float, bool, int, Part]:
         """Order findings: the serious ones first; of these what is so now; of these what a value shows; of these what most follows from."""

@@ -13,7 +13,6 @@ from .._case.parts import Part
 from .._checks.engine import Verification
 from .._observed.second_look import SecondLook, SeenPackets
 from .place import Hop, Map, Place, Trip, describe_counters, describe_place, locate
-from .probes import list_links
 from .suspects import find_sign, is_consistent, name_place
 
 
@@ -65,7 +64,7 @@ def find_ends(verification: Verification) -> list[SeenEnd]:
     """Find the places where the followed packets of a run end; nothing where none was followed."""
     looks = {name: one.seen.second_look for name, one in verification.run.items() if one.seen.second_look}
     probes = [probe for look in looks.values() for probe in look.probes]
-    links = {probe.number: list_links(verification, probe.sender, probe.target) for probe in probes}
+    links = {probe.number: verification.ways.list_links(probe.sender, probe.target) for probe in probes}
     name_at = verification.ways.name_at
     chart = Map(
         hosts={mac: name for name, one in verification.run.items() for mac in one.macs},

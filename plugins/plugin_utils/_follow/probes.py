@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
 
-from .._case import needs
 from .._case.packet_filters import GROUP, ROSCORE, TRAFFIC
 from .._case.parts import Part
 from .._checks.engine import FAILED, WARNING, Check, Row, Verification
@@ -31,19 +30,15 @@ def find_trip(verification: Verification, check: Check, row: Row) -> Trip | None
         return None
     if traffic == GROUP:
         return Trip(traffic, row.target, row.observer)
-    target = _name_master(verification, row.observer) if traffic == ROSCORE else row.target
+    target = verification.ways.master_of(row.observer) if traffic == ROSCORE else row.target
     return Trip(traffic, row.observer, target)
-
-
-def _name_master(verification: Verification, computer: str) -> str:
-    return verification.ways.master(verification.run[computer].plan.robot)
 
 
 def list_trips(verification: Verification, check: Check, row: Row) -> list[Trip]:
     """List what a failed check has sent in vain, as far as it can be followed: its own packets, then its questions to nodes."""
     if row.verdict not in (FAILED, WARNING):
         return []
-    own, master = find_trip(verification, check, row), _name_master(verification, row.observer)
+    own, master = find_trip(verification, check, row), verification.ways.master_of(row.observer)
     suspects = (check.suspects or check.needs)(verification.case(check, row.observer, row.target))
     found = [own] if own else []
     if Part("roscore", master, "hung") in suspects and master not in verification.ways.sealed_roscores:
@@ -95,12 +90,7 @@ def _make_probe(verification: Verification, number: int, trip: Trip) -> Followed
 
 def list_listeners(verification: Verification, probes: Iterable[FollowedProbe]) -> list[str]:
     """Name the computers of the run that have an address on a network which one of the probes crosses."""
-    links = (link for probe in probes for link in list_links(verification, probe.sender, probe.target))
+    ways = verification.ways
+    links = (link for probe in probes for link in ways.list_links(probe.sender, probe.target))
     networks = {network for _place, network in links}
-    cases = {name: verification.make_case(name, name) for name in verification.run}
-    return [name for name, case in cases.items() if any(needs.is_in(case, name, network) for network in networks)]
-
-
-def list_links(verification: Verification, sender: str, target: str) -> list[tuple[str, str]]:
-    """List the planned links between two computers, as (computer, network)."""
-    return needs.links(verification.make_case(sender, target), sender, target)
+    return [name for name in verification.run if any(ways.is_in(name, network) for network in networks)]

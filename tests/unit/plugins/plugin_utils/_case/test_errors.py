@@ -4,10 +4,9 @@
 """The suspects that an error leaves: each errno and each ICMP error, by whom it was reported."""
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.case import Case, FleetState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.errors import OWN, find_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FAULTS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import Verification
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
 from fleets import diagnosed, fig12, no_answer, observed, of, parts, update
 
@@ -21,8 +20,8 @@ def find(outcome, traffic="rpc", ping=None, one=ONE, other=OTHER):
     seen = observed(fleet)
     if ping is not None:
         update(of(seen[one].probe.members, other), ping_address=ping)
-    verification = Verification(CHECKS, fleet, seen)
-    return find_parts(verification.make_case(one, other), outcome, traffic)
+    state = FleetState(fleet, seen)
+    return find_parts(Case(state, state.run[one], other), outcome, traffic)
 
 
 def places(found):

@@ -14,7 +14,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.di
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._follow.findings import has_all
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._follow.probes import (
     choose_probes,
-    list_links,
     list_listeners,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import FilterChains
@@ -49,7 +48,9 @@ def follow(fleet, seen, missed=()):
     probes = choose_probes(verification, list_unshown(verification))
     captures = {name: [] for name in seen}
     for probe in probes:
-        route = list(dict.fromkeys(place for place, _network in list_links(verification, probe.sender, probe.target)))
+        route = list(
+            dict.fromkeys(place for place, _network in verification.ways.list_links(probe.sender, probe.target))
+        )
         for before, after in zip(route, route[1:], strict=False):
             values = {
                 "source_port": 4000,
