@@ -40,21 +40,21 @@ class Trip(NamedTuple):
 
 
 class Stage(enum.Enum):
-    """The last step of packets that was seen."""
+    """The last step of packets that was seen; the values are for people: what was seen last, and what was not seen."""
 
-    SOURCE = "source"  # they do not leave the computer that is to send them
-    ASKED = "asked"  # it asks for the hardware address of the next one, and gets no answer
-    WIRE = "wire"  # they leave one computer, and do not come in at the next one
-    STRANGER = "stranger"  # they leave for a hardware address that no computer of the fleet has
-    HOP = "hop"  # they come in at a computer that is to pass them on, and do not leave it
-    TARGET = "target"  # they come in at their target, and it does not answer
-    WITHHELD = "withheld"  # their answers come in at the sender, and its program does not get them
-    MUTE = "mute"  # the connection opens, and a question in it gets no answer
-    CUT = "cut"  # the connection opens, and the other computer does not confirm a question in it
-    REPORTED = "reported"  # a computer reports by ICMP why it passes them on no more
-    CIRCLE = "circle"  # they come back to a computer that has passed them on before
-    UNSEEN = "unseen"  # nobody could see it: a computer there did not listen, or has missed packets
-    ARRIVED = "arrived"  # they arrive, and so does the answer
+    SOURCE = "do not leave {at}"
+    ASKED = "do not leave {at}: it asks who has {asked}, and no computer answers"
+    WIRE = "left {at}{interface} for {next}{mac}, and did not come in there"
+    STRANGER = "left {at}{interface} for{mac}, which no computer of the fleet has{expected}"
+    HOP = "came in at {at}{interface}, and did not leave it"
+    TARGET = "came in at {at}{interface}, which sent no answer"
+    WITHHELD = "came in at {at}{interface}, and no program there got them"
+    MUTE = "open at {at}, and a question in them gets no answer"
+    CUT = "open, and {next} does not confirm a question in them"
+    REPORTED = "end at {at}, which reports ICMP type {type}, code {code}"
+    CIRCLE = "come back to {at}{interface}, which has passed them on before"
+    UNSEEN = "are seen by nobody"  # a computer there did not listen, or has missed packets
+    ARRIVED = "arrive, and so does the answer"
 
 
 @dataclass(frozen=True)
@@ -282,20 +282,6 @@ def locate(looks: Mapping[str, SecondLook], chart: Map, routes: Mapping[int, Seq
 # Words
 
 PROBES = {"icmp": "pings", "tcp": "connections to port {port}", "udp": "datagrams to port {port}"}
-#: stage -> what was seen last, and what was not seen
-SENTENCES: Mapping[Stage, str] = {
-    Stage.SOURCE: "do not leave {at}",
-    Stage.ASKED: "do not leave {at}: it asks who has {asked}, and no computer answers",
-    Stage.WIRE: "left {at}{interface} for {next}{mac}, and did not come in there",
-    Stage.STRANGER: "left {at}{interface} for{mac}, which no computer of the fleet has{expected}",
-    Stage.HOP: "came in at {at}{interface}, and did not leave it",
-    Stage.TARGET: "came in at {at}{interface}, which sent no answer",
-    Stage.WITHHELD: "came in at {at}{interface}, and no program there got them",
-    Stage.MUTE: "open at {at}, and a question in them gets no answer",
-    Stage.CUT: "open, and {next} does not confirm a question in them",
-    Stage.REPORTED: "end at {at}, which reports ICMP type {type}, code {code}",
-    Stage.CIRCLE: "come back to {at}{interface}, which has passed them on before",
-}
 
 
 def describe_probe(probe: FollowedProbe) -> str:
@@ -320,7 +306,7 @@ def describe_place(place: Place, chart: Map) -> str:
         "code": last.icmp_code if last else "",
         "expected": f" ({place.next}, which was expected, has {' and '.join(own[:2])})" if own else "",
     }
-    return f"{answers}{describe_probe(place.probe)} {SENTENCES[place.stage].format(**words)}"
+    return f"{answers}{describe_probe(place.probe)} {place.stage.value.format(**words)}"
 
 
 def describe_counters(counters: Iterable[Counter]) -> str:
