@@ -935,23 +935,22 @@ CALLS = (
     *(("registration", mode) for mode in ("talker", "listener")),
     *(("filter", f"{mode} out") for mode in ("rpc", "roscore", "nodes", "all")),
 )
-STOPPED, FULL, LOOPING = ("service", "stopped"), ("service", "full"), ("service", "looping")
+STOPPED, LOOPING = ("service", "stopped"), ("service", "looping")
+STANDSTILL = (STOPPED, ("service", "full"), LOOPING)  # in one of these a node answers nobody
 SEALED = ("roscore", "sealed")
 # With a tunnel its interface is gone, with its address and its routes; what is measured by the group needs that address.
 TUNNEL = (("tunnel", "ended"),)
 _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
-    **{(node, "hung"): (STOPPED, FULL, LOOPING) for node in ("roscore", "discovery", "sync")},
+    **{(node, "hung"): STANDSTILL for node in ("roscore", "discovery", "sync")},
     **{
         (node, "stale"): (
-            STOPPED,
-            FULL,
-            LOOPING,
+            *STANDSTILL,
             *((name, mode) for name in (node, "roscore") for mode in ("dead", "hung")),
             SEALED,
         )
         for node in ("discovery", "sync")
     },
-    **dict.fromkeys((("registration", "talker"), ("registration", "listener")), (STOPPED, FULL, LOOPING)),
+    **dict.fromkeys((("registration", "talker"), ("registration", "listener")), STANDSTILL),
     **{
         ("filter", f"{mode} {way}"): tuple(
             ("filter", more) for more in (mode, f"all {way}", "all") if more != f"{mode} {way}"
@@ -959,7 +958,7 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
         for mode in DROPPED
         for way in ("in", "out")
     },
-    ("sync", "untold"): (STOPPED, FULL, LOOPING, ("sync", "dead")),
+    ("sync", "untold"): (*STANDSTILL, ("sync", "dead")),
     ("computer", "unmeasured"): (("link", "down"), ("interface", "address"), PORTS, *TUNNEL),
     ("set_up", "by_hand"): (("set_up", "others"),),
     ("set_up", "refused"): (("ros", "broken"),),
@@ -971,18 +970,14 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     ("sync", "dead"): (("roscore", "dead"), SEALED, LOOPING),
     # systemd ends a stopped process and starts it again, and its neighbours with it: they know little at first.
     ("service", "restarting"): (
-        STOPPED,
-        FULL,
-        LOOPING,
+        *STANDSTILL,
         ("roscore", "dead"),
         ("roscore", "hung"),
         SEALED,
         ("set_up", "others"),
     ),
     **dict.fromkeys((("discovery", "configuration"), ("sync", "configuration")), (STOPPED, LOOPING)),
-    ("names", "unknown"): (("names", "order"),),
-    ("names", "old"): (("names", "order"),),
-    ("names", "several"): (("names", "order"),),
+    **{("names", mode): (("names", "order"),) for mode in ("unknown", "old", "several")},
     ("roscore", "name"): (("environment", "service"),),
     ("interface", "multicast"): (("interface", "address"),),
     ("route", "missing"): (
