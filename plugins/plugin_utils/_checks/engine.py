@@ -111,7 +111,7 @@ class Verification:
         least: float = 0.0,
         since_last: float = 0.0,
     ) -> None:
-        self.checks = checks
+        self.checks = {check.id: check for check in checks}
         self.fleet = fleet
         self.state = FleetState(fleet, observations, least, since_last)
         self.ways, self.run = self.state.ways, self.state.run
@@ -155,7 +155,7 @@ class Verification:
                 yield own_master if target == name else masters, Case(self.state, observer, target, master)
 
     def _select(self, *scopes: str) -> list[Check]:
-        return [check for check in self.checks if check.scope in scopes]
+        return [check for check in self.checks.values() if check.scope in scopes]
 
     @property
     def pairs(self) -> tuple[int, int]:
@@ -178,3 +178,8 @@ class Verification:
         """Make the case of one pair, as a check looks at it."""
         master = self.ways.master_at[target] if check.scope in MASTERS else None
         return Case(self.state, self.run[observer], target, master)
+
+    def list_suspects(self, row: Row) -> Parts:
+        """List the parts that may be the reason of a row."""
+        check = self.checks[row.check]
+        return self.ways.seal((check.suspects or check.needs)(self.case(check, row.observer, row.target)))

@@ -19,7 +19,7 @@ from .._case.case import LATELY, Participant
 from .._case.errors import find_parts
 from .._case.needs import Parts
 from .._case.parts import ALWAYS, ANY, FOLLOWS, HEARSAY, RULED, Part
-from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement, Row, Verification
+from .._checks.engine import FAILED, OK, UNKNOWN, WARNING, Judgement, Row, Verification
 from .._fleet.sentences import shorten_list
 from .._follow.findings import SeenEnd, find_ends
 from .._follow.probes import find_trip, list_trips
@@ -125,7 +125,6 @@ def _sample(rows: Sequence[Row]) -> list[Row]:
 class _Diagnosis:
     def __init__(self, verification: Verification, rows: Sequence[Row]) -> None:
         self.verification = verification
-        self.checks = {check.id: check for check in verification.checks}
         self.bad = {(row.check, row.observer, row.target) for row in rows}
         self.broken: dict[Part, Finding] = {}  # a finding for each part, at first
         self.places: dict[tuple[str, ...], list[Part]] = defaultdict(list)  # what was read to be broken, by place
@@ -140,16 +139,16 @@ class _Diagnosis:
 
     def _read(self, row: Row) -> None:
         """Note what a row shows to be broken, or whom it lets suspect."""
-        check = self.checks[row.check]
+        check = self.verification.checks[row.check]
         case = self.verification.case(check, row.observer, row.target)
         judged = check.judge(case) or Judgement(row.verdict)
         told = case.ways.seal(find_parts(case, judged.outcome, check.carries))
         shown = told if len(told) == 1 else frozenset()
-        if evidence := self._find_drop(check, row) or self._read_end(row) or case.ways.seal(judged.broken) or shown:
+        if evidence := self._find_drop(row) or self._read_end(row) or case.ways.seal(judged.broken) or shown:
             for part in sorted(evidence):  # a set of texts has another order in each run
                 self._finding(part).proof.append(row)
         else:
-            self.open.append((row, told or case.ways.seal((check.suspects or check.needs)(case))))
+            self.open.append((row, told or self.verification.list_suspects(row)))
 
     def _read_end(self, row: Row) -> Parts:
         """Return the part that followed packets have shown on the way of a row."""
@@ -161,7 +160,7 @@ class _Diagnosis:
 
     def _find_end(self, row: Row) -> SeenEnd | None:
         """Find the place where packets of the same kind were seen to end on the way of a row."""
-        for trip in list_trips(self.verification, self.checks[row.check], row) if self.ends else ():
+        for trip in list_trips(self.verification, row) if self.ends else ():
             own = [end for end in self.ends if end.trip == trip]
             computers = self._list_computers(trip.sender, trip.target)
             same = [end for end in self.ends if end.trip.traffic == trip.traffic and end.crosses(computers)]
@@ -172,9 +171,9 @@ class _Diagnosis:
     def _finding(self, part: Part) -> Finding:
         return self.broken.setdefault(part, Finding(part))
 
-    def _find_drop(self, check: Check, row: Row) -> Parts:
+    def _find_drop(self, row: Row) -> Parts:
         """Find the packet filter with a rule that drops what a check has sent in vain."""
-        trip = find_trip(self.verification, check, row) if check.carries else None
+        trip = find_trip(self.verification, row) if self.verification.checks[row.check].carries else None
         part = trip and self.verification.state.filters.find_drop(trip.sender, trip.target, trip.traffic)
         return frozenset() if part is None else frozenset({part})
 
@@ -217,22 +216,17 @@ class _Diagnosis:
         """Give what known faults explain to their findings: what was sent ends in the world as it was read, too."""
         effects, rest = Effects(self.verification, self.broken), []
         for part in [part for part in self.broken if part.kind in NODES or part in self.shown]:
-            causes = {self._find_cause(effects, row) for row in self.broken[part].proof}
+            proof = self.broken[part].proof
+            causes = {effects.find_cause(row, self.verification.list_suspects(row)) for row in proof}
             if not causes & {None, part} and causes <= self.broken.keys():
                 self.broken[min(filter(None, causes))].rows += self.broken.pop(part).proof
         for row, suspects in self.open:
-            cause = effects.find_cause(self.checks[row.check], row, suspects)
+            cause = effects.find_cause(row, suspects)
             if cause is None:
                 rest.append((row, suspects))
             else:
                 self.broken[cause].rows.append(row)
         self.open = rest
-
-    def _find_cause(self, effects: Effects, row: Row) -> Part | None:
-        """Find the known fault from which follows what a row has shown of a node."""
-        check = self.checks[row.check]
-        case = self.verification.case(check, row.observer, row.target)
-        return effects.find_cause(check, row, case.ways.seal((check.suspects or check.needs)(case)))
 
     def _use_ends(self) -> None:
         """Let what failed on a way that was followed suspect only what the packets left there."""
@@ -323,7 +317,7 @@ class _Diagnosis:
         return frozenset(entry.part for entry in chosen)
 
     def _loss_suspects(self, row: Row) -> Parts:
-        case = self.verification.case(self.checks[row.check], row.observer, row.target)
+        case = self.verification.case(self.verification.checks[row.check], row.observer, row.target)
         return needs.loss_parts(case, row.observer, row.target) | needs.loss_parts(case, *case.masters)
 
     def _doubt(self, part: Part) -> float | None:

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from .._case.actual_world import ActualWorld
 from .._case.packet_filters import ROSCORE
 from .._case.parts import Part
-from .._checks.engine import Check, Row, Verification
+from .._checks.engine import Row, Verification
 from .._follow.place import Trip
 from .._follow.probes import find_trip
 
@@ -37,9 +37,9 @@ class Effects:
         self.world = ActualWorld(verification.state, known)
         self.causes: dict[Trip, Part | None] = {}
 
-    def find_cause(self, check: Check, row: Row, suspects: Iterable[Part]) -> Part | None:
+    def find_cause(self, row: Row, suspects: Iterable[Part]) -> Part | None:
         """Find the known fault that ends something that a failed check has sent, or that the nodes send which it needs."""
-        for trip in _list_trips(self.verification, check, row, suspects):
+        for trip in _list_trips(self.verification, row, suspects):
             if trip not in self.causes:
                 self.causes[trip] = self._find_wrong_name(trip) or self.world.find_fault(
                     trip.sender, trip.target, trip.traffic
@@ -64,14 +64,14 @@ class Effects:
         )
 
 
-def _list_trips(verification: Verification, check: Check, row: Row, suspects: Iterable[Part]) -> Iterable[Trip]:
+def _list_trips(verification: Verification, row: Row, suspects: Iterable[Part]) -> Iterable[Trip]:
     """List what a check needs on the network: its own packets, and the calls of the nodes that it suspects."""
-    own = find_trip(verification, check, row)
+    own = find_trip(verification, row)
     if own is not None:
         yield own
-    if check.id in WAYS:
-        yield Trip(WAYS[check.id], row.observer, row.target)
-    master, other = verification.case(check, row.observer, row.target).masters
+    if row.check in WAYS:
+        yield Trip(WAYS[row.check], row.observer, row.target)
+    master, other = map(verification.ways.master_of, (row.observer, row.target))
     for kind, place in sorted({(part.kind, part.place) for part in suspects if part.mode == "hung"}):
         if kind == "roscore":
             yield Trip(ROSCORE, row.target if place == other != master else row.observer, place)

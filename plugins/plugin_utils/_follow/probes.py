@@ -13,7 +13,7 @@ from itertools import zip_longest
 
 from .._case.packet_filters import GROUP, ROSCORE, TRAFFIC
 from .._case.parts import Part
-from .._checks.engine import FAILED, WARNING, Check, Row, Verification
+from .._checks.engine import FAILED, WARNING, Row, Verification
 from .._observed.second_look import FollowedProbe
 from .place import LARGE, Trip
 
@@ -23,9 +23,9 @@ MOST = 12  # probes of one run
 KINDS: Mapping[str, str] = {"ping_large": LARGE}
 
 
-def find_trip(verification: Verification, check: Check, row: Row) -> Trip | None:
+def find_trip(verification: Verification, row: Row) -> Trip | None:
     """Return what a failed check has sent itself; None for a check that sends nothing of its own."""
-    traffic = check.carries or KINDS.get(check.id, "")
+    traffic = verification.checks[row.check].carries or KINDS.get(row.check, "")
     if not traffic or row.verdict not in (FAILED, WARNING):
         return None
     if traffic == GROUP:
@@ -34,14 +34,14 @@ def find_trip(verification: Verification, check: Check, row: Row) -> Trip | None
     return Trip(traffic, row.observer, target)
 
 
-def list_trips(verification: Verification, check: Check, row: Row) -> list[Trip]:
+def list_trips(verification: Verification, row: Row) -> list[Trip]:
     """List what a failed check has sent in vain, as far as it can be followed: its own packets, then its questions to nodes."""
     if row.verdict not in (FAILED, WARNING):
         return []
-    own, master = find_trip(verification, check, row), verification.ways.master_of(row.observer)
-    suspects = (check.suspects or check.needs)(verification.case(check, row.observer, row.target))
+    own, master = find_trip(verification, row), verification.ways.master_of(row.observer)
+    suspects = verification.list_suspects(row)
     found = [own] if own else []
-    if Part("roscore", master, "hung") in suspects and master not in verification.ways.sealed_roscores:
+    if Part("roscore", master, "hung") in suspects:
         found.append(Trip(ROSCORE, row.observer, master))
     if Part("discovery", row.target, "hung") in suspects:
         found.append(Trip("rpc", row.observer, row.target))
@@ -63,8 +63,7 @@ def choose_probes(verification: Verification, groups: Iterable[Sequence[Row]]) -
 def _list_ways(verification: Verification, rows: Iterable[Row]) -> list[Trip]:
     """List one trip for each kind of packet and each two robots."""
     found: dict[tuple[str, str, str], Trip] = {}
-    checks = {check.id: check for check in verification.checks}
-    for trip in (trip for row in rows for trip in list_trips(verification, checks[row.check], row)):
+    for trip in (trip for row in rows for trip in list_trips(verification, row)):
         robots = (verification.run[trip.sender].plan.robot, verification.ways.members[trip.target].robot)
         found.setdefault((trip.traffic, *robots), trip)
     return list(found.values())
