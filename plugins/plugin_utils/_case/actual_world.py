@@ -59,8 +59,11 @@ def _make_world(state: FleetState, faults: Sequence[Part]) -> World:
     }
     world = World({**planned.machines, **machines}, planned.links)
     for part in faults:
-        change = CHANGES.get((part.kind, part.mode))
-        world = change(state, world, part) if change else world
+        change, machine = CHANGES.get((part.kind, part.mode)), world.machines.get(part.place)
+        if (part.kind, part.mode) == DEAD:
+            world = _cut_network(world, part.place)
+        elif change and machine:
+            world = world.replace_machine(change(state.fleet, machine, part))
     return world
 
 
@@ -93,70 +96,62 @@ def _list_routes(plan: ComputerPlan, interfaces: Sequence[Interface]) -> tuple[R
 
 # The faults
 
-Change = Callable[[FleetState, World, Part], World]
+Change = Callable[[FleetPlan, Machine, Part], Machine]
 
 
-def _switch_off(_state: FleetState, world: World, part: Part) -> World:
-    machine = world.machines.get(part.place)
-    return world.replace_machine(replace(machine, on=False)) if machine else world
+def _cut_network(world: World, name: str) -> World:
+    link = world.links.get(name)
+    return replace(world, links={**world.links, name: replace(link, up=False)}) if link else world
 
 
-def _cut_network(_state: FleetState, world: World, part: Part) -> World:
-    link = world.links.get(part.place)
-    return replace(world, links={**world.links, link.name: replace(link, up=False)}) if link else world
+def _switch_off(_fleet: FleetPlan, machine: Machine, _part: Part) -> Machine:
+    return replace(machine, on=False)
 
 
-def _cut_link(_state: FleetState, world: World, part: Part) -> World:
+def _cut_link(_fleet: FleetPlan, machine: Machine, part: Part) -> Machine:
     """Take an interface down, of a device without a probe, too."""
-    machine = world.machines.get(part.place)
-    if machine is None:
-        return world
     interfaces = [replace(one, up=False) if part.what in ("", one.link) else one for one in machine.interfaces]
-    return world.replace_machine(replace(machine, interfaces=tuple(interfaces)))
+    return replace(machine, interfaces=tuple(interfaces))
 
 
-def _close_route(state: FleetState, world: World, part: Part) -> World:
-    """Take away the way to a network, or to all others: the packets go where nobody passes them on."""
-    machine, fleet = world.machines.get(part.place), state.fleet
-    if machine is None:
-        return world
+def _close_routes(machine: Machine, networks: Iterable[IPv4Network]) -> Machine:
+    """Take away the ways to networks: the packets go where nobody passes them on."""
+    closed = [Route(network, kind=NOWHERE) for network in networks]
+    return replace(machine, routes=(*closed, *machine.routes))
+
+
+def _lose_route(fleet: FleetPlan, machine: Machine, part: Part) -> Machine:
+    """Take away the way to a network, or to all others."""
     own = {address.network for one in machine.interfaces for address in one.addresses}
-    gone = [network for network, link in fleet.network_names.items() if part.what in ("", link)]
-    closed = [Route(network, kind=NOWHERE) for network in gone if network not in own]
-    return world.replace_machine(replace(machine, routes=(*closed, *machine.routes)))
+    gone = (network for network, link in fleet.network_names.items() if part.what in ("", link))
+    return _close_routes(machine, (network for network in gone if network not in own))
 
 
-def _close_address(_state: FleetState, world: World, part: Part) -> World:
+def _close_address(_fleet: FleetPlan, machine: Machine, part: Part) -> Machine:
     """Close the way to what the words of a closed route name, such as "blackhole 192.168.12.0/24 table 7"."""
-    machine = world.machines.get(part.place)
     try:
-        network = IPv4Network(part.what.split()[1].replace("default", "0.0.0.0/0"))
+        return _close_routes(machine, [IPv4Network(part.what.split()[1].replace("default", "0.0.0.0/0"))])
     except (ValueError, IndexError):
-        return world
-    closed = Route(network, kind=NOWHERE)
-    return world.replace_machine(replace(machine, routes=(closed, *machine.routes))) if machine else world
+        return machine
 
 
-def _lose_neighbour(state: FleetState, world: World, part: Part) -> World:
+def _lose_neighbour(fleet: FleetPlan, machine: Machine, part: Part) -> Machine:
     """Close the routes by a neighbour whose hardware address is wrong."""
-    machine, plan = world.machines.get(part.place), state.fleet.computers.get(part.what)
-    if machine is None or plan is None:
-        return world
-    own = {entry.address for entry in plan.networks}
-    closed = [Route(IPv4Network(address), kind=NOWHERE) for address in own]
-    routes = [replace(one, kind=NOWHERE) if one.gateway in own else one for one in machine.routes]
-    return world.replace_machine(replace(machine, routes=(*closed, *routes)))
+    plan = fleet.computers.get(part.what)
+    own = {entry.address for entry in plan.networks} if plan else set()
+    routes = tuple(replace(one, kind=NOWHERE) if one.gateway in own else one for one in machine.routes)
+    return _close_routes(replace(machine, routes=routes), map(IPv4Network, own))
 
 
+DEAD = ("network", "dead")
 # What the packets of a world need beside the interfaces, rules and filters that were read.
 CHANGES: Mapping[tuple[str, str], Change] = {
     ("computer", "off"): _switch_off,
     ("link", "down"): _cut_link,
-    ("network", "dead"): _cut_network,
-    ("route", "missing"): _close_route,
-    ("route", "other"): _close_route,
+    ("route", "missing"): _lose_route,
+    ("route", "other"): _lose_route,
     ("route", "closed"): _close_address,
     ("neighbour", "fixed"): _lose_neighbour,
 }
 # The kinds of parts at whose place a packet may end.
-KINDS = frozenset({"interface", "forwarding", "reverse_path", "filter", *(kind for kind, _mode in CHANGES)})
+KINDS = frozenset({"interface", "forwarding", "reverse_path", "filter", "network", *(kind for kind, _mode in CHANGES)})
