@@ -374,7 +374,8 @@ class _Diagnosis:
         if part in self.shown:
             return 0
         count, enough = 0, ENOUGH if part.fault.hard else MANY
-        for observer, target in dict.fromkeys(chain(self._suspect_pairs(part), self._sample_pairs(part))):
+        pairs = chain(self._suspect_pairs(part), self._sample_pairs(part))
+        for observer, target in dict.fromkeys(way for one, other in pairs for way in ((one, other), (other, one))):
             count += self._count_needs(observer, target)[part]
             if count >= enough:
                 break
@@ -400,9 +401,8 @@ class _Diagnosis:
         return found
 
     def _suspect_pairs(self, part: Part) -> Iterable[tuple[str, str]]:
-        """List pairs that failed, and may have because of a part, in both directions."""
-        pairs = ((row.observer, row.target) for row, suspects in self.open if part in suspects)
-        return (pair for one, other in islice(pairs, ASKED) for pair in ((one, other), (other, one)))
+        """List pairs that failed, and may have because of a part."""
+        return islice(((row.observer, row.target) for row, suspects in self.open if part in suspects), ASKED)
 
     def _sample_pairs(self, part: Part) -> Iterable[tuple[str, str]]:
         """List other pairs that may need a part: those of the computers at its place, and those of their robot."""
@@ -414,12 +414,7 @@ class _Diagnosis:
         far = [member.name for member in members]
         step = max(1, len(near or far) * len(far) // ASKED)
         pairs = ((one, other) for one in near or far for other in far)
-        some = islice(pairs, 0, None, step)
-        return (
-            pair
-            for one, other in chain(zip(part.places, part.places, strict=True), some)
-            for pair in ((one, other), (other, one))
-        )
+        return chain(zip(part.places, part.places, strict=True), islice(pairs, 0, None, step))
 
 
 def _merge_parts(broken: Iterable[Finding]) -> Iterable[Finding]:
