@@ -41,7 +41,7 @@ class ActualWorld:
             return None
         datagram = TRAFFIC[traffic] == "udp"
         packet = self._state.filters.make_packet(member, "udp" if datagram else traffic)
-        source = (own.discovery_address or own.address) if datagram and own else None
+        source = own.discovery_address if datagram and own else None
         end = packets.echo(world, sender, replace(packet, source=source)).failure
         if end is None:
             return None

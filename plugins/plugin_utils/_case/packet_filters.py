@@ -26,8 +26,6 @@ GROUP, ROSCORE = "group", "roscore"
 ALL = "all"  # of a rule or a policy for packets of any kind
 # the word of a filter's mode -> the protocol of such packets
 TRAFFIC: Mapping[str, str] = {"icmp": "icmp", "udp": "udp", GROUP: "udp", "rpc": "tcp", ROSCORE: "tcp", "nodes": "tcp"}
-WORDS = {IN: "in", OUT: "out"}
-CHAINS = {"in": (IN,), "out": (OUT,), "forward": (FORWARD,)}  # by the last word of a mode; else both ends
 
 
 class ReadFilters:
@@ -61,8 +59,8 @@ class ReadFilters:
         seen = self._observations.get(part.place)
         if seen is None or seen.filters is None or not seen.filters.readable or part.place not in self.world.machines:
             return False
-        chains = CHAINS.get(part.mode.rpartition(" ")[2], (IN, OUT))
-        return self.world.machines[part.place].unclear.isdisjoint(chains)
+        chain = part.mode.rpartition(" ")[2]  # without one the filter is that of both ends
+        return self.world.machines[part.place].unclear.isdisjoint({chain} & {IN, OUT, FORWARD} or {IN, OUT})
 
     def _trace_packet(self, sender: str, target: str, traffic: str) -> Part | None:
         member, machines = self._members.get(target), self.world.machines
@@ -84,7 +82,7 @@ class ReadFilters:
         if rule.chain == FORWARD:
             return self._name_filter(rule, where, "forward", TRAFFIC[traffic].upper() if rule.protocol else "")
         mode = traffic if rule.protocol else ALL
-        return self._name_filter(rule, where, mode if failed is way.back else f"{mode} {WORDS[rule.chain]}")
+        return self._name_filter(rule, where, mode if failed is way.back else f"{mode} {rule.chain}")
 
     def _trace_datagram(self, sender: str, target: str) -> Part | None:
         """Return the filter at one of the two ends that drops a datagram to the group."""
@@ -99,7 +97,7 @@ class ReadFilters:
         for machine, chain, rule in ends:
             if rule is not None and chain not in machine.unclear:
                 mode = GROUP if rule.destinations else "udp" if rule.protocol else ALL
-                return self._name_filter(rule, machine.name, f"{mode} {WORDS[chain]}")
+                return self._name_filter(rule, machine.name, f"{mode} {chain}")
         return None
 
     def make_packet(self, member: Member, traffic: str) -> Packet:
@@ -120,7 +118,7 @@ class ReadFilters:
     def _address(self, name: str) -> IPv4Address:
         """Return the address by which a computer is discovered, or else its own."""
         member = self._members.get(name)
-        return (member.discovery_address or member.address) if member else self._fleet.computers[name].address
+        return member.discovery_address if member else self._fleet.computers[name].address
 
     @cached_property
     def world(self) -> World:

@@ -44,7 +44,6 @@ class Ways:
         self.members: Mapping[str, Member] = {member.name: member for member in fleet.members}
         self.gateways: Mapping[str, Gateway] = fleet.gateways  # robot -> gateway
         self.group = f"{fleet.multicast_group}:{fleet.multicast_port}"
-        self.masters: Mapping[str, Master] = fleet.master_of
         # names and address of each member, in small letters
         names = {entry.address: [name.lower() for name in entry.names] for entry in fleet.hosts_entries}
         self.called: Mapping[str, frozenset[str]] = {
@@ -60,18 +59,17 @@ class Ways:
         for gateway in self.gateways.values():
             self._at.update({str(gateway.address): gateway.title, str(gateway.common_address): gateway.title})
         self.titles = frozenset(gateway.title for gateway in self.gateways.values())
-        self.master_uris: Mapping[str, tuple[str, ...]] = fleet.master_uris  # by robot
-        self.sealed_roscores: Mapping[str, str] = fleet.companions  # by companion
         self.master_at: Mapping[str, Master] = {master.computer: master for master in fleet.masters}
         self.parts: dict[tuple[str, str], frozenset[Part]] = {}  # between two computers, as needs.way finds them
 
     def seal(self, parts: frozenset[Part]) -> frozenset[Part]:
         """Say of the roscores on sealed computers that they are there: nobody can look at them, or start them again, from here."""
-        if not self.sealed_roscores:
+        sealed = self._fleet.companions
+        if not sealed:
             return parts
         return frozenset(
-            Part("roscore", self.sealed_roscores[part.place], "sealed", _describe_roscore(part))
-            if part.kind == "roscore" and part.place in self.sealed_roscores
+            Part("roscore", sealed[part.place], "sealed", _describe_roscore(part))
+            if part.kind == "roscore" and part.place in sealed
             else part
             for part in parts
         )
@@ -90,7 +88,7 @@ class Ways:
 
     def master_of(self, computer: str) -> str:
         """Name the computer with the roscore of a computer's robot; empty for the router, which has none."""
-        master = self.masters.get(self.robot_of(computer))
+        master = self._fleet.master_of.get(self.robot_of(computer))
         return master.computer if master else ""
 
     def find_gateway(self, computer: str) -> Gateway | None:

@@ -348,8 +348,8 @@ def _roscore_suspects(case: Case) -> Parts:
 def _judge_master_uri(case: Case) -> Judgement | None:
     if not case.observer.is_probed or case.observer.lacks_ros:
         return None
-    expected = case.ways.masters[case.observer.plan.robot].uri
-    named = case.ways.master_uris[case.observer.plan.robot]  # a sealed roscore may have any of its names
+    expected = case.fleet.master_of[case.observer.plan.robot].uri
+    named = case.fleet.master_uris[case.observer.plan.robot]  # a sealed roscore may have any of its names
     roscore = case.probe.roscore
     is_asked = is_same_uri(roscore.uri, expected)
     shell = make_parts("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {roscore.uri}")

@@ -422,7 +422,7 @@ def _judge_clock(case: Case) -> Judgement | None:
 
 def _has_planned_uri(entry: ListedMaster, case: Case) -> bool:
     """Nobody here can rename a sealed roscore: it may have any of its names."""
-    return is_one_of(entry.uri, case.ways.master_uris[case.master.robot])
+    return is_one_of(entry.uri, case.fleet.master_uris[case.master.robot])
 
 
 def _has_planned_address(entry: ListedMaster, case: Case) -> bool:

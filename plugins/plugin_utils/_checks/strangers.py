@@ -64,7 +64,7 @@ def _misread_member_parts(case: Case, entry: Outsider) -> Parts:
     """A computer of the fleet that is ignored: its master calls itself otherwise, or its gateway translates its address."""
     computer = case.ways.name_at(entry.address)
     master = case.ways.master_at.get(computer)
-    if master is not None and not is_one_of(entry.uri, case.ways.master_uris[master.robot]):
+    if master is not None and not is_one_of(entry.uri, case.fleet.master_uris[master.robot]):
         return make_parts("roscore", computer, "name", what=entry.uri)
     beyond = COMMON if computer in case.ways.titles else ""
     return make_parts("translation", computer, "on", what=beyond)

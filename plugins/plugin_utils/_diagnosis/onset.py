@@ -16,7 +16,6 @@ from ipaddress import IPv4Network
 from .._case.case import FleetState, Participant
 from .._case.parts import Part
 from .._observed.observations import BootDeviation, Probe, Service
-from .._plan.model import COMMON
 
 SERVICES = ("roscore", "discovery", "sync")
 LATER = ("hung", "stale", "untold", "full", "stopped")  # these begin some time after the start, which says nothing
@@ -88,13 +87,12 @@ def _decides(entry: BootDeviation, part: Part, state: FleetState) -> bool:
 
 def _leads(entry: BootDeviation, part: Part, state: FleetState) -> bool:
     """Say if the route of a file, such as "192.168.11.0/24 by 192.168.1.201", leads to the network of a part; without one to any."""
-    networks = {state.ways.network(member.robot): member.network for member in state.fleet.members}
-    wanted = {**networks, COMMON: state.fleet.common_network}.get(part.what)
     try:
         destination = IPv4Network(entry.name.strip('"').partition(" by ")[0].replace("default", "0.0.0.0/0"))
     except ValueError:
         return False
-    return not part.what or (wanted is not None and wanted.subnet_of(destination))
+    names = state.fleet.network_names.items()
+    return not part.what or any(name == part.what and network.subnet_of(destination) for network, name in names)
 
 
 def _find_subjects(part: Part, computer: Participant, state: FleetState) -> set[str]:
