@@ -16,7 +16,7 @@ from .._data.plain import to_plain
 from .._diagnosis.diagnosis import Diagnosis
 from .._fleet.filters import matches
 from .._fleet.flows import find_outer_name
-from .._observed.observations import Exchange, Observation, Probe, SentTopic
+from .._observed.observations import Exchange, Import, Observation, Probe, SentTopic
 from .._observed.uris import normalise_uri
 from .._plan.model import FleetPlan
 from .summary import Summary
@@ -111,18 +111,18 @@ def _list_registrations(
     if exchange is None:
         return {"topics": [], "services": [], "takes": []}
     takes = [
-        {
-            "robot": by_uri.get(normalise_uri(entry.master), entry.master),
-            "topics": _clean_names(topic.name for topic in entry.topics if _has_publisher(topic.publishers)),
-            "services": _clean_names(service.name for service in entry.services),
-        }
+        {"robot": by_uri.get(normalise_uri(entry.master), entry.master), **_name_registrations(entry)}
         for entry in exchange.imports
     ]
     takes += [_list_crossed(exchange, channel) for channel in channels]
+    return {**_name_registrations(exchange), "takes": takes}
+
+
+def _name_registrations(part: Exchange | Import) -> dict[str, list[str]]:
+    """Name what is published and served, by own nodes or by those of another master."""
     return {
-        "topics": _clean_names(topic.name for topic in exchange.topics if _has_publisher(topic.publishers)),
-        "services": _clean_names(service.name for service in exchange.services),
-        "takes": takes,
+        "topics": _clean_names(topic.name for topic in part.topics if _has_publisher(topic.publishers)),
+        "services": _clean_names(service.name for service in part.services),
     }
 
 
