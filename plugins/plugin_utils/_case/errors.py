@@ -105,10 +105,9 @@ def _list_silent_neighbours(case: Case, reporter: str, target: str) -> Parts:
     crossed = case.ways.list_links(reporter, target)
     network = crossed[0][1]
     following = next((place for place, _network in crossed if place != reporter), target)
-    found = make_parts("network", network, "dead") | make_parts("computer", following, "off")
+    found = needs.silent_parts(reporter, following, network)
     for place in (reporter, following):
-        found |= make_parts("link", place, "down", what=network) | make_parts("interface", place, "address", "prefix")
-        found |= make_parts("neighbour", place, "mute", "filter")
+        found |= make_parts("interface", place, "address", "prefix") | make_parts("neighbour", place, "mute", "filter")
     beyond = case.ways.network_of(target)
     if not case.ways.is_in(reporter, beyond):  # or it has looked for the target in a network of its own
         found |= needs.route_parts(reporter, beyond)
