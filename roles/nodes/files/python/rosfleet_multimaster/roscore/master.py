@@ -39,25 +39,15 @@ from .refusals import Refusals
 
 _log = logging.getLogger("rosfleet.master")
 
-#: method that changes something -> the index of the URI of the calling node in its arguments
-CHANGES = {
-    "registerPublisher": 3,
-    "registerSubscriber": 3,
-    "registerService": 3,
-    "subscribeParam": 1,
-    "unregisterPublisher": 0,
-    "unregisterSubscriber": 0,
-    "unregisterService": 0,
-    "unsubscribeParam": 0,
-    "setParam": 0,
-    "deleteParam": 0,
+#: method that registers something -> the kind of its record, and the index of the URI of the calling node in its arguments
+_REGISTERS = {
+    "registerPublisher": ("publisher", 3),
+    "registerSubscriber": ("subscriber", 3),
+    "registerService": ("service", 3),
+    "subscribeParam": ("listener", 1),
 }
-_REGISTERS = {  # method that registers something -> the kind of its record
-    "registerPublisher": "publisher",
-    "registerSubscriber": "subscriber",
-    "registerService": "service",
-    "subscribeParam": "listener",
-}
+#: methods that change something; for each that registers, there is one that takes it back
+CHANGES = {*_REGISTERS, *(f"un{method}" for method in _REGISTERS), "setParam", "deleteParam"}
 _RESERVED = "/" + imports.IMPORTS.split("/")[1]  # what is below it is set by the collection alone
 PART = 200  # records that are read at once
 TYPES_AGAIN = 5.0  # seconds until types are looked through again
@@ -295,14 +285,13 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         self.usage.count(record)
 
     def _change(self, name: str, arguments: Tuple[Any, ...]) -> Any:
-        at = CHANGES[name]
         check_names(arguments[:-1] if name == "setParam" else arguments)
         self._check_bounds(name, arguments)
         key = _find_parameter(name, arguments)
         arguments = self._protect(name, key, arguments)
         growth = self._find_growth(name, key, arguments)
-        texts = len(arguments) > max(at, 1) and all(isinstance(arguments[place], str) for place in (0, at))
-        if at and texts:
+        _kind, at = _REGISTERS.get(name, ("", 0))
+        if at and len(arguments) > at and all(isinstance(arguments[place], str) for place in (0, at)):
             refusal = self._refusal(arguments[0], arguments[at])
             if refusal:
                 return -1, refusal, 0
@@ -343,8 +332,8 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def _check_bounds(self, name: str, arguments: Tuple[Any, ...]) -> None:
         """Raise Refusal where there is no room for a new registration."""
-        kind, at = _REGISTERS.get(name), CHANGES[name]
-        if kind is None or len(arguments) <= at or not all(isinstance(text, str) for text in arguments):
+        kind, at = _REGISTERS.get(name, ("", 0))
+        if not kind or len(arguments) <= at or not all(isinstance(text, str) for text in arguments):
             return
         node, uri, key = arguments[0], arguments[at], arguments[2 if kind == "listener" else 1]
         key = rosgraph.names.resolve_name(key, node) + ("/" if kind == "listener" else "")
