@@ -226,7 +226,8 @@ def test_nobody_is_woken_for_a_poll_that_brought_nothing():
         return found
 
     source = types.SimpleNamespace(next=following, do_not_sync=None, pause=0.001)
-    start_source_thread(source, ended, lambda state, _secret: told.append(state), lambda *_why: None, told.append)
+    loop = types.SimpleNamespace(post=lambda function, *arguments: function(*arguments))
+    start_source_thread(source, loop, ended, lambda state, _secret: told.append(state), lambda *_why: None)
     ended.wait(10)
     time.sleep(0.05)
     assert told == [one, one, two], "and again after a failure, which had said that there is no state"

@@ -104,13 +104,7 @@ class MasterDiscovery:
     def run(self) -> int:
         """Run until the end; the exit status."""
         program.on_signals(self.loop, self._end)
-        start_source_thread(
-            self.source,
-            self.ended,
-            lambda state, do_not_sync: self.loop.post(self._on_state, state, do_not_sync),
-            lambda why, since: self.loop.post(self._on_roscore_failure, why, since),
-            lambda why: self.loop.post(program.give_up, why),
-        )
+        start_source_thread(self.source, self.loop, self.ended, self._on_state, self._on_roscore_failure)
         self.loop.run(self._tick)
         return self._finish()
 

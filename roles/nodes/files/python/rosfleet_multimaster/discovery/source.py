@@ -11,7 +11,7 @@ from xmlrpc.client import Fault
 
 from ..edge.clock import monotonic, wall_clock
 from ..edge.local_roscore import Identity
-from ..edge.loop import EndFlag, start_thread
+from ..edge.loop import EndFlag, Loop, start_thread
 from ..edge.process import program
 from ..edge.roscore import KNOWN
 from ..edge.rpc_client import Rpc
@@ -126,14 +126,14 @@ class Source:
 
 def start_source_thread(
     source: Source,
+    loop: Loop,
     ended: EndFlag,
     on_state: Callable[[State, Any], None],
     on_failure: Callable[[str, float], None],
-    give_up: Callable[[str], None],
 ) -> None:
-    """Hand on states until `ended`. The callbacks are called in a thread of its own.
+    """Hand on states until `ended`, in a thread of its own. The callbacks are called in the loop.
 
-    `on_state(state, do_not_sync)`; `on_failure(why, since)`: no answer of the roscore since then; `give_up(why)`: it is a new one.
+    `on_state(state, do_not_sync)`; `on_failure(why, since)`: no answer of the roscore since then. A new roscore ends the program.
     """
 
     def follow() -> None:
@@ -146,16 +146,16 @@ def start_source_thread(
                 state = source.next()
                 if state is not before or source.do_not_sync != secret or failing is not None:
                     before, secret = state, source.do_not_sync
-                    on_state(state, secret)
+                    loop.post(on_state, state, secret)
                 failing = None
             except program.Fatal as problem:
-                give_up(str(problem))
+                loop.post(program.give_up, str(problem))
                 return
             except Exception as problem:  # no answer of the roscore, or nonsense
                 if not isinstance(problem, program.FAILURES):
                     program.LOG.debug("the roscore's state cannot be read", exc_info=True)
                 failing = (started if source.pause else monotonic()) if failing is None else failing
-                on_failure(str(problem) or type(problem).__name__, failing)
+                loop.post(on_failure, str(problem) or type(problem).__name__, failing)
             ended.wait(RETRY if failing is not None else source.pause)
 
     start_thread("source", follow)
