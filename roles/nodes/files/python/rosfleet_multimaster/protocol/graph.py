@@ -80,7 +80,7 @@ def build(graph: State, node_uris: Mapping[str, str], service_uris: Mapping[str,
     providers = {
         service: describe(users[0], service_uris.get(service)) for service, users in graph.services.items() if users
     }
-    used = {topic: graph.types[topic] for topic in {**graph.publishers, **graph.subscribers} if topic in graph.types}
+    used = dict(_pick(graph.types, {**graph.publishers, **graph.subscribers}))
     return replace(graph, types=used, nodes=nodes, providers=providers)
 
 
@@ -104,7 +104,13 @@ def local_part(state: State) -> State:
         return {name: users for name, users in left.items() if users}
 
     nodes = {name: node for name, node in state.nodes.items() if node.origin == state.uri}
-    publishers, subscribers, services = mine(state.publishers), mine(state.subscribers), mine(state.services)
+    return keep_part(state, nodes, mine(state.publishers), mine(state.subscribers), mine(state.services))
+
+
+def keep_part(
+    state: State, nodes: Mapping[str, Node], publishers: Endpoints, subscribers: Endpoints, services: Endpoints
+) -> State:
+    """The state with these of its nodes and registrations alone, and with what it says about them."""
     return replace(
         state,
         publishers=publishers,

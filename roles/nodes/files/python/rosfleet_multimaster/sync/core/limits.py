@@ -11,7 +11,7 @@ them (sync.py). Free of sockets, threads and clocks.
 from dataclasses import replace
 from typing import Any, Container, Dict, Iterable, List, Mapping, Optional, Set, Tuple
 
-from ...protocol.graph import Endpoints, State
+from ...protocol.graph import Endpoints, State, keep_part
 from ...protocol.plain_text import quote
 from .sync import KINDS, Refusal, Remote, Row, master_nodes, rows
 
@@ -39,15 +39,9 @@ def limit_state(
     taken = set(own[:most])
     taken.update(_list_foreign(everything, taken, mine)[: most - len(taken)])
     tables: Dict[str, Any] = {f"{kind}s": _keep_rows(kind, getattr(state, f"{kind}s"), taken) for kind in KINDS}
-    topics, nodes = {*tables["publishers"], *tables["subscribers"]}, {node for _kind, _name, node in taken}
-    return replace(
-        state,
-        **tables,
-        types={name: kind for name, kind in state.types.items() if name in topics},
-        nodes={name: node for name, node in state.nodes.items() if name in nodes},
-        providers={name: provider for name, provider in state.providers.items() if name in tables["services"]},
-        left_out=max(0, len(own) - most),
-    )
+    users = {node for _kind, _name, node in taken}
+    nodes = {name: node for name, node in state.nodes.items() if name in users}
+    return replace(keep_part(state, nodes, **tables), left_out=max(0, len(own) - most))
 
 
 def _list_foreign(everything: Iterable[Row], taken: Set[Row], mine: Container[str]) -> List[Row]:
