@@ -26,7 +26,7 @@ from .border.wire import PATIENCE, Wire
 from .discovery.rpc_methods import callers, serve
 from .edge import local_roscore
 from .edge.addresses import find_own_host, local_hosts
-from .edge.clock import monotonic
+from .edge.clock import keep_fresh, monotonic
 from .edge.display import Display
 from .edge.loop import DirectRunner, Loop, RecurringJob, Workers
 from .edge.process import program
@@ -48,7 +48,6 @@ READ, READ_WHOLE = 0.2, 1.0  # seconds between two looks at the own roscore: one
 MOST_WIRES, MOST_NEW = 1000, 200  # connections of others, and those without a header
 # Of one address, and those that nobody but this computer may have
 MOST_WIRES_OF_ONE, MOST_NEW_OF_ONE, RESERVED = 400, 50, 100
-FRESH = 1.0  # seconds that the own addresses are kept
 LONGEST_WAIT = 60.0  # seconds that another border may wait for news
 # Fields of a header between two borders: whose it is, and the node whose messages it wants.
 ROBOT, NODE = "rosfleet_border", "rosfleet_publisher"
@@ -65,26 +64,13 @@ class Provider(NamedTuple):
     name: str  # of the service there
 
 
-class AddressBook:
-    """The addresses of this computer, read anew after a while: each connection asks for them."""
-
-    def __init__(self) -> None:
-        self._read_at, self._own = -FRESH, local_hosts()
-
-    def have(self, address: str) -> bool:
-        """True for an address of this computer."""
-        now = monotonic()
-        if now - self._read_at > FRESH:
-            self._read_at, self._own = now, local_hosts()
-        return address in self._own
-
-
 class MasterBorder:
     """The program: what the own roscore and the other borders have becomes feeds, and listeners are given to these."""
 
     def __init__(self, values: Mapping[str, Any], roscore: Roscore, uri: str) -> None:
         """`uri`: that the roscore calls itself."""
-        self.loop, self.limited, self.budget, self.addresses = Loop(), program.LimitedLog(), Budget(), AddressBook()
+        self.loop, self.limited, self.budget = Loop(), program.LimitedLog(), Budget()
+        self.own_hosts = keep_fresh(local_hosts)  # each connection asks for them
         self.robot, self.roscore = values["robot"], roscore
         self.channels = [Channel.from_entry(entry) for entry in values["channels"]]
         self.peers = {channel.peer: channel for channel in self.channels}
@@ -102,7 +88,7 @@ class MasterBorder:
         self.listener = listen()
         members = Members.from_parameters(values)
         self.foreign_hosts = frozenset(host for one in members.robots if one.robot != self.robot for host in one.hosts)
-        self.rules = callers(members, uri, self.addresses.have)
+        self.rules = callers(members, uri, self._is_here)
         port = int(self.listener.getsockname()[1])
         self.api = SlaveApi(uri, port, partial(self.loop.post, self._on_shutdown), self._list_links)
         methods = {**self.api.methods(), OFFERS: LongPoll(self._tell_offers)}
@@ -262,6 +248,9 @@ class MasterBorder:
         now, offers = found
         return [now, self.api.port, [[*offer[:3], list(offer.nodes)] for offer in offers]]
 
+    def _is_here(self, address: str) -> bool:
+        return address in self.own_hosts()
+
     def _is_peer(self, robot: Any, address: str) -> bool:
         return isinstance(robot, str) and robot in self.peers and address in self.peers[robot].hosts
 
@@ -338,7 +327,7 @@ class MasterBorder:
     def _find_excess(self, address: str) -> str:
         """Say that there are too many connections of one address, or of all; empty where there are not. This computer has a reserve."""
         new = [wire.address for wire in self.wires if wire.header is None]
-        if self.addresses.have(address):
+        if self._is_here(address):
             return "too many connections at once" if len(self.wires) >= MOST_WIRES else ""
         its_own = sum(wire.address == address for wire in self.wires)
         if its_own >= MOST_WIRES_OF_ONE or new.count(address) >= MOST_NEW_OF_ONE:
@@ -406,7 +395,7 @@ class MasterBorder:
         if found is None:
             _refuse(wire, f"{plain(service)} is not provided here")
             return
-        parties = (found.place,) if self.addresses.have(wire.address) else (found.place, wire.address)
+        parties = (found.place,) if self._is_here(wire.address) else (found.place, wire.address)
         if not self.calling.have_room(*parties):
             _refuse(wire, "too many calls at once")
             return

@@ -3,11 +3,10 @@
 """Follows the changes of another master: it is asked for news, and answers as soon as there are some."""
 
 import random
-from functools import lru_cache
 from typing import Any, Callable, Dict, Optional
 
 from ..edge.addresses import addresses_of_all, network, networks
-from ..edge.clock import monotonic, processor_time
+from ..edge.clock import keep_fresh, monotonic, processor_time
 from ..edge.loop import EndFlag, start_thread
 from ..edge.patience import Pace
 from ..edge.rpc_client import Rpc
@@ -22,7 +21,6 @@ from .core.sync import Fetch, Sync
 
 WAIT = (20.0, 30.0)  # seconds that a master may wait for news: random, so that not all ask at once
 TIMEOUT = 10.0  # seconds more for the answer
-FRESH = 1.0  # seconds that the own addresses and networks are kept
 LOOKUPS = 3.0  # seconds for the names in a state that the plan does not have
 MOST = 10_000  # registrations in a state that is followed, of all nodes in it; a larger one is fetched as a whole
 
@@ -59,15 +57,10 @@ class Answer:
         return apply_difference(before, self.document, self.gone)
 
 
-@lru_cache(1)
-def _read_network(_moment: int) -> LocalNetwork:
-    """The own addresses and networks. The moment is the key of the cache alone."""
-    return LocalNetwork(frozenset(network().own), Networks(networks()))
-
-
+@keep_fresh
 def read_network() -> LocalNetwork:
-    """The own addresses and networks. They are kept for a moment: to read them takes longer than to handle a change. Raises OSError."""
-    return _read_network(int(monotonic() / FRESH))
+    """The own addresses and networks. To read them takes longer than to handle a change. Raises OSError."""
+    return LocalNetwork(frozenset(network().own), Networks(networks()))
 
 
 class StateFilter:
