@@ -33,10 +33,14 @@ class Link(NamedTuple):
     uri: str = ""  # of the master
 
 
+#: Kinds of registrations: each has a table in the state of a master, under its plural.
+KINDS = ("publisher", "subscriber", "service")
+
+
 class Registration(NamedTuple):
     """One registration of a node of another master."""
 
-    kind: str  # publisher, subscriber, service
+    kind: str  # one of KINDS
     name: str
     node: str
     node_uri: str

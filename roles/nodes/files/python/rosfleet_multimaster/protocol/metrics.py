@@ -16,7 +16,6 @@ LABEL = 100  # characters of the value of a label
 MOST = 1000  # lines of one metric
 REASONS = ("node", "service", "type", "place", "limit", "parameter")  # kinds of refusals
 CHANGES = ("registered", "unregistered")
-KINDS = ("publisher", "subscriber", "service")
 
 Values = Tuple[str, ...]
 Samples = Dict[str, Dict[Values, float]]  # metric -> values of its labels -> value

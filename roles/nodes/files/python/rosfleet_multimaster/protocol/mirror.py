@@ -12,11 +12,11 @@ from typing import Any, Dict, List, Optional, Tuple
 from .differences import PARTS
 from .graph import InvalidDocument, Origins, State, build
 from .json_text import unpack_rows
+from .messages import KINDS
 
 CHANGES = "rosfleetChanges"  # the method by which a roscore tells its changes,
 REFUSED = "/rosfleet_multimaster/refused"  # and how often it has refused something, as if it were a parameter
 
-_ENDPOINTS = {"publisher": "publishers", "subscriber": "subscribers", "service": "services"}
 #: kind -> the types of what follows it
 _TYPES = {
     "publisher": (str, str, bool),
@@ -53,15 +53,13 @@ class Mirror:
     def take(self, whole: bool, records: Any) -> None:
         """Take records; `whole`: they replace what is held. Raises InvalidDocument. Unknown kinds are left out."""
         known = _records(records)
-        tables: Dict[str, Any] = {
-            part: {} if whole else dict(getattr(self.state, part)) for part in _ENDPOINTS.values()
-        }
+        tables: Dict[str, Any] = {kind: {} if whole else dict(getattr(self.state, f"{kind}s")) for kind in KINDS}
         if whole:
             for table in (self._types, self.node_uris, self.service_uris, self.parameters):
                 table.clear()
         for kind, name, *rest in known:
-            if kind in _ENDPOINTS:
-                self._endpoint(tables[_ENDPOINTS[kind]], kind, name, *rest)
+            if kind in tables:
+                self._endpoint(tables[kind], kind, name, *rest)
             elif kind == "node":
                 _set_or_remove(self.node_uris, name, rest[0] or None)
             elif kind == "type":
@@ -69,7 +67,8 @@ class Mirror:
             else:
                 _set_or_remove(self.parameters, name, rest[0])
         if whole or any(record[0] != "parameter" for record in known):
-            self._rebuild(replace(self.state, **tables, types=self._types))
+            endpoints = {f"{kind}s": table for kind, table in tables.items()}
+            self._rebuild(replace(self.state, **endpoints, types=self._types))
 
     def belong(self, origins: Origins) -> None:
         """Learn which nodes are of other masters. It is known as long as they are there with that URI."""

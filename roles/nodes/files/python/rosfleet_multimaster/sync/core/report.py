@@ -6,7 +6,7 @@ from collections import Counter
 from typing import Iterable, List, Mapping, Sequence, Tuple
 
 from ...protocol import metrics
-from ...protocol.messages import Diagnosis, Registration, warning
+from ...protocol.messages import KINDS, Diagnosis, Registration, warning
 from ...protocol.plain_text import quote
 from .limits import sentence
 from .sync import Refusal
@@ -91,5 +91,5 @@ def parameter_samples(masters: Iterable[str], copied: Iterable[str]) -> metrics.
 def registration_samples(names: Mapping[str, str], held: Mapping[Registration, str]) -> metrics.Samples:
     """The samples about registrations. `names`: URI of a master -> its name."""
     counts = Counter((names.get(uri, ""), item.kind) for item, uri in held.items())
-    known = sorted({*names.values(), *(name for name, _kind in counts)} - {""})[: metrics.MOST // len(metrics.KINDS)]
-    return {"registrations": {(name, kind): counts[name, kind] for name in known for kind in metrics.KINDS}}
+    known = sorted({*names.values(), *(name for name, _kind in counts)} - {""})[: metrics.MOST // len(KINDS)]
+    return {"registrations": {(name, kind): counts[name, kind] for name in known for kind in KINDS}}

@@ -18,7 +18,7 @@ from ...protocol.filters import UNKNOWN_TYPES, Filters, Pattern, Rules
 from ...protocol.graph import LOCAL, State
 from ...protocol.imports import Claims
 from ...protocol.members import Members, host_of
-from ...protocol.messages import Master, NodeKey, Registration
+from ...protocol.messages import KINDS, Master, NodeKey, Registration
 
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
 PAUSE = 1.0  # seconds between two fetches where the first one brought nothing new: anyone can announce a change
@@ -28,7 +28,6 @@ DOUBT = 10.0  # seconds between two fetches of a followed master that told no ch
 MISSING = 15.0  # seconds that a master may be missing in the list (of a discovery node that has just started)
 
 LONG_AGO, NEVER = float("-inf"), float("inf")
-KINDS = ("publisher", "subscriber", "service")  # each has a table in a State and in a View, under its plural
 
 Row = Tuple[str, str, str]  # kind, topic or service, node
 
