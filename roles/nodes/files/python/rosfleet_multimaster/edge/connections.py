@@ -12,13 +12,13 @@ import socket
 import struct
 from typing import Callable, FrozenSet, List, NamedTuple, Tuple
 
+from ..protocol.members import LOWEST
 from .addresses import ACKNOWLEDGE, ALL, REQUEST, addresses, ask_kernel, attributes
 
 _NETLINK_SOCK_DIAG, _SOCK_DIAG_BY_FAMILY, _SOCK_DESTROY = 4, 20, 21
 _LISTEN, _TIME_WAIT, _STATES = 10, 6, 12  # states of TCP, numbered from 1
 _INFO = 2  # the attribute with struct tcp_info; asked for by bit 1
 _INFO_LAST_DATA_RECEIVED = 52  # bytes into it: milliseconds since data came, and then since an acknowledgement came
-_LOWEST = 1024  # ports below it are of ssh and the like, never of a node, whatever a robot says of its nodes
 _MESSAGE = struct.Struct("=BBBB48s20x")  # struct inet_diag_msg
 _OWNER = 64  # bytes into it: the user
 
@@ -64,7 +64,7 @@ def end_all(wanted: Callable[[Tcp], bool]) -> List[Tcp]:
     """End the connections between nodes that `wanted` names, and return them. Raises OSError where none could be ended."""
     ended, problem = [], None
     for connection in connections():
-        if min(connection.local[1], connection.remote[1]) >= _LOWEST and wanted(connection):
+        if min(connection.local[1], connection.remote[1]) >= LOWEST and wanted(connection):
             try:
                 ended += [connection] if end(connection) else []
             except OSError as refusal:  # the others are none the worse for it

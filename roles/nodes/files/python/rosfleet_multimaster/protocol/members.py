@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 from .plain_text import quote
 
 IGNORE, ALLOW = "ignore", "allow"
+LOWEST = 1024  # ports below it are of ssh and the like, never of a node, whatever a robot says of its nodes
 
 
 class Member(NamedTuple):

@@ -16,9 +16,9 @@ import re
 from dataclasses import dataclass, field
 from typing import Any, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Set, Tuple
 
-from ...protocol.members import Members, host_of, port_of
+from ...protocol.members import LOWEST, Members, host_of, port_of
 from ...protocol.messages import NodeKey, Registration
-from .permission import LOWEST, ports
+from .permission import ports
 from .sync import View
 
 FORGET = 930.0  # seconds after a loss: by then TCP itself has given up (net.ipv4.tcp_retries2)

@@ -7,9 +7,7 @@ The program with the right to end connections (end_connections.py) asks this. It
 
 from typing import Collection, FrozenSet, Tuple
 
-from ...protocol.members import Members
-
-LOWEST = 1024  # ports below it are of ssh and the like, never of a node
+from ...protocol.members import LOWEST, Members
 
 Endpoint = Tuple[str, int]
 

@@ -12,9 +12,8 @@ from typing import Container, Dict, FrozenSet, Iterable, List, Mapping, NamedTup
 from urllib.parse import urlsplit
 
 from ...protocol.graph import State
-from ...protocol.members import Member, Members, host_of, is_address
+from ...protocol.members import LOWEST, Member, Members, host_of, is_address
 from ...protocol.plain_text import quote
-from .permission import LOWEST
 
 LOCAL_NAMES = ("", "localhost", "localhost.localdomain", "ip6-localhost")
 MAX_NAMES = 16  # hosts of one state that are looked up
