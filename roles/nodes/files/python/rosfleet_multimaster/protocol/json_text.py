@@ -17,6 +17,7 @@ MOST = 2 << 20  # characters of a text that is sent: larger values travel as XML
 _MEMORY = 24 << 20  # bytes
 _CHARACTER, _VALUE, _MAPPING = 4, 120, 300  # bytes that they cost at most
 _DIGITS = 400  # of a number: Python before 3.11 takes seconds for a long one
+UNWRITABLE = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")  # XML has no such characters
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 
 

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Callable, Dict, List, Optional, Sequence, Set
 from ..edge.clock import monotonic
 from ..edge.loop import Loop, Workers, run_later
 from ..edge.rpc_client import Rpc
+from ..protocol.messages import NodeKey
 from ..protocol.xml_rpc import NODE
-from .core.registry import NodeKey, Record, Registry, node_of
+from .core.registry import Record, Registry, node_of
 from .tcpros import provider
 
 if TYPE_CHECKING:  # it needs rosmaster

@@ -9,6 +9,7 @@ Every program that reaches its port may call it. Whatever a caller sends, the pr
 import re
 from typing import Any, Dict, Iterable, List, NamedTuple, Sequence, Tuple
 
+from ...protocol.json_text import UNWRITABLE
 from .registry import descend, split_name
 
 MIB = 1 << 20
@@ -48,8 +49,7 @@ _NUMBER, _TEXT, _MEMBER, _LIST, _MAPPING = 60, 80, 120, 130, 240
 _REGISTRATION = 1500
 
 _DEAR = '<>&"\\\n\r\t'  # signs that XML or JSON writes as several
-_ANY_DEAR = re.compile(r'[<>&"\\\n\r\t]')
-_UNWRITABLE = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")  # XML has no such characters
+_ANY_DEAR = re.compile(f"[{re.escape(_DEAR)}]")
 _TIME = re.compile(r"[-+0-9T:Z. ]{0,40}\Z")
 
 
@@ -110,7 +110,7 @@ def weigh_text(text: str) -> int:
 def is_writable(value: Any) -> bool:
     """True where XML can have each text in a value. JSON can have others. Raises RecursionError for a very deep one."""
     if isinstance(value, str):
-        return not _UNWRITABLE.search(value)
+        return not UNWRITABLE.search(value)
     if isinstance(value, dict):
         return all(map(is_writable, [*value, *value.values()]))
     return not isinstance(value, (list, tuple)) or all(map(is_writable, value))

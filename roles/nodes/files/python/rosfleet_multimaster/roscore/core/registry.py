@@ -13,8 +13,9 @@ A record is a list, its kind first:
 
 from typing import Any, Callable, Dict, Iterable, List, Sequence, Tuple
 
+from ...protocol.messages import NodeKey
+
 Record = List[Any]
-NodeKey = Tuple[str, str]  # a node: its name and its URI
 
 
 USERS = ("publisher", "subscriber", "listener")  # kinds of records about nodes that use something

@@ -11,13 +11,14 @@ import math
 import re
 from typing import Any, Dict, List, Tuple
 
+from ...protocol.json_text import UNWRITABLE
+
 DEPTH = 16  # lists and mappings in each other
 PARTS = 20_000  # texts, numbers and the like in one value
 BYTES = 1 << 20  # of the texts of one value, in UTF-8
 KEY = 255  # characters of the name of a member
 _PART = 16  # bytes that a number, or the frame of anything, counts
 _INTEGERS = range(-(1 << 31), 1 << 31)  # XML-RPC has no others
-_UNWRITABLE = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")  # XML has no such characters
 _LINE_END = re.compile("\r\n?")
 _NO_KEY = re.compile("[/\0-\x1f\x7f]")
 
@@ -56,7 +57,7 @@ class _Reader:
         return {self._text(key): self.take(part, depth + 1) for key, part in value.items()}
 
     def _text(self, text: str) -> str:
-        if _UNWRITABLE.search(text):
+        if UNWRITABLE.search(text):
             raise Objection("has a character that XML does not have")
         self._count(0, len(text) if text.isascii() else len(text.encode()))
         return _LINE_END.sub("\n", text)  # as whoever reads it from XML has it
