@@ -14,7 +14,8 @@ import hashlib
 import json
 from collections import deque
 from dataclasses import replace
-from typing import Any, Callable, Deque, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from itertools import islice
+from typing import Any, Callable, Deque, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set
 
 from .graph import InvalidDocument, State, add_stamps, parse, users_of
 
@@ -113,25 +114,23 @@ class History:
 
     def __init__(self) -> None:
         self.revision = 1
-        self._records: Deque[Tuple[int, Undo]] = deque()  # number of the change, what it replaced
+        self._records: Deque[Undo] = deque()  # what each change replaced; the last one is that of `revision`
         self._size = 0
 
     def add(self, undo: Undo) -> None:
         """Note a change. One that replaced nothing has a number, too: stamps may be others."""
         self.revision += 1
-        self._records.append((self.revision, undo))
+        self._records.append(undo)
         self._size += _size(undo)
         while self._size > MOST_NAMES or len(self._records) > MOST_RECORDS:
-            self._size -= _size(self._records.popleft()[1])
+            self._size -= _size(self._records.popleft())
 
     def undo_since(self, revision: int) -> Optional[Undo]:
         """The rows that all changes after this one replaced; None where it is not known any more."""
         if revision > self.revision or revision < self.revision - len(self._records):
             return None
         merged: Dict[str, Dict[str, Any]] = {}
-        for number, undo in reversed(self._records):
-            if number <= revision:
-                break
+        for undo in islice(reversed(self._records), self.revision - revision):
             for part, rows in undo.items():
                 merged.setdefault(part, {}).update(rows)
         return merged
