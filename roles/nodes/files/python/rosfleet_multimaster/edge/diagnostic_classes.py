@@ -62,9 +62,7 @@ def to_time(seconds: float) -> Any:
     """Return a time of ROS, of seconds since 1970."""
     from genpy import Time
 
-    seconds = max(seconds, 0.0)  # ROS has no earlier ones, whatever the clock says
-    whole = int(seconds)
-    return Time(whole, int((seconds - whole) * 1e9))
+    return Time.from_sec(max(seconds, 0.0))  # ROS has no earlier ones, whatever the clock says
 
 
 def build_array(classes: Any, parts: Sequence[Diagnosis], now: float, hardware: str) -> Any:
