@@ -39,19 +39,16 @@ class Follower:
     def __init__(self, uri: str, caller: str, mirror: Mirror, identity: Identity, stamps: Stamps) -> None:
         self._rpc, self._caller = Rpc(uri, WAIT + TIMEOUT, STATE, own=True), caller
         self._mirror, self._identity, self._stamps = mirror, identity, stamps
-        self.do_not_sync: Any = None
-        self.refusal_counts: Any = None
+        self.parameters = mirror.parameters  # those that the roscore tells
 
     def next(self) -> State:
         """The next state. Raises as Poller.poll, and PollInstead."""
         service = self._identity.service
         self._mirror.take_answer(self._rpc.call(CHANGES, self._caller, *self._mirror.position, WAIT, True))
         self._identity.check_service(service, self._mirror.service_uris.get(service[0]))
-        record = imports.read(self._mirror.parameters.get(imports.IMPORTS))
+        record = imports.read(self.parameters.get(imports.IMPORTS))
         self._mirror.belong(record.claims)
         self._refuse_foreign(record)
-        self.do_not_sync = self._mirror.parameters.get("/do_not_sync")
-        self.refusal_counts = self._mirror.parameters.get(REFUSED)
         return self._stamps.stamp(self._mirror.state, wall_clock())
 
     def _refuse_foreign(self, record: imports.Record) -> None:
@@ -90,7 +87,7 @@ class Source:
                 self._known_until = monotonic() + KNOWN
             if self._follower is not None:
                 state = self._follower.next()
-                self.do_not_sync, self.refusal_counts = self._follower.do_not_sync, self._follower.refusal_counts
+                self.do_not_sync, self.refusal_counts = map(self._follower.parameters.get, ("/do_not_sync", REFUSED))
                 return state
         except (PollInstead, InvalidDocument, Fault) as problem:
             uri = self._poller.roscore.rpc.uri
