@@ -78,10 +78,6 @@ class _Sink:
         self.wire, self.answer, self.throttle = wire, answer, Throttle(rate)
         self.md5sum = ""  # that it was told; empty before it has its header
 
-    def send(self, message: bytes, now: float) -> None:
-        if self.throttle.pass_on(message, now):
-            self.wire.send(message)
-
 
 class Feed:
     """One topic."""
@@ -309,8 +305,9 @@ class Feed:
     # Those who listen
 
     def _send(self, sink: _Sink, message: bytes, now: float) -> None:
-        sink.send(message, now)
-        if sink.throttle.due is not None:
+        if sink.throttle.pass_on(message, now):
+            sink.wire.send(message)
+        elif sink.throttle.due is not None:
             self._request_tick(sink.throttle.due)
 
     def _list_headers(self) -> List[Fields]:

@@ -81,17 +81,14 @@ class Budget:
             for payer in self.payers:
                 held[payer.address] = held.get(payer.address, 0) + payer.size
             fullest = max(self.payers, key=lambda payer: (held[payer.address], payer.size), default=None)
-            slowest = min(filter(_is_sending, self.payers), key=lambda payer: payer.progress, default=None)
+            sending = (payer for payer in self.payers if payer.is_sending)
+            slowest = min(sending, key=lambda payer: payer.progress, default=None)
             if fullest is not None and fullest.size and not (slowest and slowest.is_stuck):
                 fullest.shrink()
             elif slowest is not None:
                 slowest.end("it does not read, and others need the memory")
             else:
                 return
-
-
-def _is_sending(payer: Payer) -> bool:
-    return payer.is_sending
 
 
 class Outbox:
