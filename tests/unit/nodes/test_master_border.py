@@ -377,3 +377,20 @@ def test_a_topic_that_is_gone_is_gone_on_both(robots):
     wait_for(lambda: station.published() == {"/robot/scan"})
     robot.roscore.register("unregisterPublisher", "/laser", "/scan", "")
     wait_for(lambda: not station.published())
+
+
+@pytest.mark.slow
+def test_the_reason_of_who_ends_the_border_is_quoted(tmp_path, capfd):
+    robot = Robot(tmp_path, "robot")
+    robot.start(robot, True)
+
+    def is_there():
+        with contextlib.suppress(OSError):
+            return robot.api.getPid("/other")[2] == robot.process.pid
+
+    wait_for(is_there)
+    with contextlib.suppress(OSError, xmlrpc.client.Error):  # it may end before it has answered
+        robot.api.shutdown("/other", "all is well")
+    assert robot.process.wait(10) == 1
+    robot.roscore.server.stop()
+    assert 'somebody ended this node: "all is well"' in capfd.readouterr().err

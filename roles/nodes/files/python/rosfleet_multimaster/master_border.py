@@ -90,7 +90,7 @@ class MasterBorder:
         self.foreign_hosts = frozenset(host for one in members.robots if one.robot != self.robot for host in one.hosts)
         self.rules = callers(members, uri, self._is_here)
         port = int(self.listener.getsockname()[1])
-        self.api = SlaveApi(uri, port, partial(self.loop.post, self._on_shutdown), self._list_links)
+        self.api = SlaveApi(uri, port, partial(self.loop.post, local_roscore.obey_shutdown), self._list_links)
         methods = {**self.api.methods(), OFFERS: LongPoll(self._tell_offers)}
         self.server = serve("", values["port"], methods, self._on_malformed, self.rules)
         self.uri = f"http://{find_own_host()}:{values['port']}/"
@@ -170,9 +170,6 @@ class MasterBorder:
     def _end(self) -> None:
         program.leave_after(5.0)
         self.loop.stop()
-
-    def _on_shutdown(self, reason: str) -> None:
-        program.give_up(f"somebody ended this node: {plain(reason)}")
 
     def _on_malformed(self, host: str, why: str) -> None:
         self.limited.say("warning", f"malformed {host}", f"a request of {host} is refused: {plain(why)}")

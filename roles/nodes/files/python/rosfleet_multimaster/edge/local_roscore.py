@@ -76,7 +76,12 @@ def begin(ros: Any, default_name: str, table: Table, description: str) -> Start:
 
 def _on_shutdown(ended: EndFlag, reason: str) -> None:
     if not ended:
-        program.give_up(f"somebody ended this node: {quote(reason)}")
+        obey_shutdown(reason)
+
+
+def obey_shutdown(reason: str) -> None:
+    """End this node, since another program wants it to. `reason`: its words."""
+    program.give_up(f"somebody ended this node: {quote(reason)}")
 
 
 class Identity:
