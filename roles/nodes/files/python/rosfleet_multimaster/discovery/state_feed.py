@@ -15,7 +15,7 @@ from ..edge.clock import monotonic
 from ..edge.rpc_server import PackedAnswer, RefusedCall
 from ..protocol.differences import History, changes, difference_in_view, digest, empty_difference
 from ..protocol.filters import Rules
-from ..protocol.graph import State, parse, stamp_text
+from ..protocol.graph import State, parse
 
 LONGEST_WAIT = 60.0  # seconds
 MOST_FILTERS, MOST_TEXT = 512, 1 << 22  # filters that are kept, and their characters
@@ -111,8 +111,7 @@ class StateFeed:
                 return [epoch, now, False, *difference, ""]
             revision = asked = now  # the rules hide the change: there is nothing to tell
             if not self._wait(news, until):
-                empty = empty_difference(state, [stamp_text(state.stamp), stamp_text(state.local_stamp)])
-                return [epoch, now, False, *empty, self._digest(epoch, now, state, view)]
+                return [epoch, now, False, *empty_difference(state), self._digest(epoch, now, state, view)]
 
     def _whole(self, epoch: str, now: int, state: State, view: CallerView) -> Any:
         """A whole state, made once for all callers with the same rules: in a fleet that starts, all ask at once."""

@@ -17,7 +17,7 @@ from dataclasses import replace
 from itertools import islice
 from typing import Any, Callable, Deque, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set
 
-from .graph import InvalidDocument, State, add_stamps, parse, users_of
+from .graph import InvalidDocument, State, add_stamps, document, parse, users_of
 
 DIFFERENCES = "rosfleetDifferences"
 PACKED = "rosfleetDifferencesPacked"  # the same, its answers as texts of JSON
@@ -163,9 +163,10 @@ def difference(before: Sequence[Any], after: Sequence[Any]) -> Optional[Differen
     return Difference(rows_told, gone)
 
 
-def empty_difference(state: State, stamps: Sequence[Any]) -> Difference:
-    """An answer without any change, with these stamps as the document writes them."""
-    return Difference([*stamps, state.uri, state.name, *([] for _part in PARTS)], [[] for _part in PARTS[:_USED]])
+def empty_difference(state: State) -> Difference:
+    """An answer without any change."""
+    nothing = State(state.uri, state.name, state.stamp, state.local_stamp)
+    return Difference(document(nothing), [[] for _part in PARTS[:_USED]])
 
 
 def digest(state: State) -> str:
