@@ -306,6 +306,19 @@ def test_a_hostile_publisher_is_asked_again_later(running, what):
     hostile.server.accept()
 
 
+def test_what_a_publisher_says_is_quoted(running, monkeypatch):
+    said, publisher = [], Publisher()
+    monkeypatch.setattr(running.feed._limited, "say", lambda *words: said.append(words))
+    running.aim(publisher)
+    listener = running.listen()
+    while not said:  # it is told when it has failed some times
+        with publisher.server.accept()[0] as connection:
+            connection.sendall(encode_header({"error": "all is well"}))
+            connection.recv(1000)
+            connection.recv(1)
+    assert listener and said[0][2] == '/chatter cannot be had from its publisher: it says "all is well"'
+
+
 def test_a_message_that_is_too_long_is_left_out(running):
     publisher = Publisher()
     running.aim(publisher)

@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, Hashable, List, Mapping, NamedTuple, Opt
 from ..edge.clock import monotonic
 from ..edge.loop import Loop
 from ..edge.process import program
-from ..protocol.plain_text import plain
+from ..protocol.plain_text import plain, quote
 from .core.definition import DefinitionError
 from .core.frames import Change, FramesError, Rewrite, make_rewrite
 from .core.header import encode_header
@@ -227,7 +227,7 @@ class Feed:
     def _on_header(self, source: _Source, wire: Wire) -> None:
         header = wire.header or {}
         if "error" in header or not header.get("md5sum"):
-            wire.end(f"it says {plain(header.get('error') or 'no md5sum')}")
+            wire.end(f"it says {quote(header.get('error', '')) or 'no md5sum'}")
             return
         source.problem = ""
         if source.origin.change is not None:
