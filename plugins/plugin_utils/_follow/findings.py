@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -65,15 +66,35 @@ def find_ends(verification: Verification) -> list[SeenEnd]:
     looks = {name: one.seen.second_look for name, one in verification.run.items() if one.seen.second_look}
     probes = [probe for look in looks.values() for probe in look.probes]
     links = {probe.number: verification.ways.list_links(probe.sender, probe.target) for probe in probes}
-    name_at = verification.ways.name_at
+    name_at = name_addresses(verification)
     chart = Map(
-        hosts={mac: name for name, one in verification.run.items() for mac in one.macs},
+        hosts=_list_holders((mac, name) for name, one in verification.run.items() for mac in one.macs),
         name_at=name_at,
         listening=frozenset(name for name, look in looks.items() if look.packets and has_all(look.packets, name_at)),
         networks=_name_networks(links.values()),
     )
     routes = {number: list(dict.fromkeys(place for place, _network in own)) for number, own in links.items()}
     return [_describe(place, chart, looks) for place in locate(looks, chart, routes) if place.is_fault]
+
+
+def _list_holders(pairs: Iterable[tuple[str, str]]) -> dict[str, frozenset[str]]:
+    """List for each address the computers that have it."""
+    found = defaultdict(set)
+    for address, name in pairs:
+        found[address].add(name)
+    return {address: frozenset(names) for address, names in found.items()}
+
+
+def name_addresses(verification: Verification) -> Callable[[str], str]:
+    """Name the computer with an address: the planned one, or the only one that was read to have it, beside its planned ones."""
+    read = _list_holders(
+        (address, name)
+        for name, one in verification.run.items()
+        for interface in one.interfaces
+        for address in interface.addresses
+    )
+    more = {address: min(names) for address, names in read.items() if len(names) == 1}
+    return lambda address: verification.ways.name_at(address) or more.get(address, "")
 
 
 def has_all(packets: SeenPackets, name_at: Callable[[str], str]) -> bool:

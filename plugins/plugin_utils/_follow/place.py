@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import enum
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -52,6 +52,7 @@ class Stage(enum.Enum):
     MUTE = "open at {at}, and a question in them gets no answer"
     CUT = "open, and {next} does not confirm a question in them"
     REPORTED = "end at {at}, which reports ICMP type {type}, code {code}"
+    CHANGED = "left {at}{interface} {changed}, and {address} was asked"
     CIRCLE = "come back to {at}{interface}, which has passed them on before"
     UNSEEN = "are seen by nobody"  # a computer there did not listen, or has missed packets
     ARRIVED = "arrive, and so does the answer"
@@ -111,7 +112,7 @@ class Place:
 class Map:
     """The owners of addresses and hardware addresses, and the computers that listen."""
 
-    hosts: Mapping[str, str]  # hardware address -> computer
+    hosts: Mapping[str, frozenset[str]]  # hardware address -> computers: containers of one machine may share one
     name_at: Callable[[str], str]  # IPv4 address -> computer, empty for one of no computer
     listening: frozenset[str]  # and have missed no packet, so what they did not see was not there
     networks: Mapping[tuple[str, str], str] = field(default_factory=dict)  # (computer, the next one) -> planned network
@@ -127,6 +128,8 @@ class _Walk:
         connections = {one.sequence for one in seen.get(probe.sender, ()) if self._begins(one)}
         self.own = {host: [one for one in packets if self._is_own(one, connections)] for host, packets in seen.items()}
         self.hops: list[Hop] = []  # of all walks, in their order
+        self.steps: list[tuple[str, Capture]] = []  # the packet that left, and from where, of each of these
+        self.changers: set[str] = set()  # computers that change ports, as a NAT may do
         self.asks = {host: [one for one in packets if one.protocol == ARP] for host, packets in seen.items()}
 
     def _begins(self, one: Capture) -> bool:
@@ -162,10 +165,36 @@ class _Walk:
         place = (
             there if there.stage != Stage.ARRIVED or self.probe.protocol == "udp" else self._find_answer(there, route)
         )
+        # What was answered did arrive, also where nobody saw it: a NAT may change the identifiers of pings.
+        if self._is_answered() and there.stage != Stage.STRANGER:
+            return replace(place, stage=Stage.ARRIVED)
         if report is None or (place.answer and place.stage in (Stage.ARRIVED, Stage.WITHHELD)):
-            return place
+            return self._find_change(place)
         at = self.chart.name_at(report.reporter) or report.reporter
         return replace(there, stage=Stage.REPORTED, at=at, next="", last=report)
+
+    def _is_answered(self) -> bool:
+        """Say if the program that has sent them got an answer, whoever sent it."""
+        return self.sent is not None and Outcome.ANSWERED in (self.sent.outcome, self.sent.data)
+
+    def _find_change(self, place: Place) -> Place:
+        """Return the place where an address was changed, if packets end by that: at a computer that others have made their target, or
+        with an answer of another address than was asked; nowhere if nobody saw it change. What else ends is left as it is.
+        """
+        asked, last = self.probe.address, place.last
+        if last is None or last.outgoing:
+            return place
+        if place.stage == Stage.HOP and not place.answer:
+            is_changed = last.destination != asked and self.chart.name_at(last.destination) == place.at
+            changes = [(at, left) for at, left in self.steps if left.destination != asked]
+        else:
+            is_changed = place.stage == Stage.WITHHELD and last.source != asked
+            own = {asked, *(one.destination for one in self._list(self.probe.target, REQUEST, outgoing=False))}
+            changes = [(at, left) for at, left in self.steps if left.kind == ANSWER and left.source not in own]
+        if not is_changed:
+            return place
+        at, left = changes[0] if changes else ("", None)
+        return replace(place, stage=Stage.CHANGED if left else Stage.UNSEEN, at=at, next="", last=left)
 
     def _find_answer(self, there: Place, route: Sequence[str]) -> Place:
         """Find the place of the answer to what has arrived."""
@@ -213,10 +242,15 @@ class _Walk:
                     return replace(place, stage=stage, asked=asked, next=to)
                 # The first one of an answer is there, or it was not walked.
                 return replace(place, stage=self._unless_blind(at, Stage.HOP) if came else self._start())
+            # An interface above another one shows each packet, too: first as it goes out, last as it comes in.
+            left = [one for one in left if one.interface == left[0].interface]
             place = replace(place, last=left[-1])
-            to = self._find_receiver(left[-1], place.next, kind)
+            if came and came[-1].source_port != left[-1].source_port:
+                self.changers.add(at)
+            to = self._find_receiver(left[-1], place.next, [name for name in route if name not in passed], kind)
             came = self._list(to, kind, outgoing=False)
-            came = [one for one in came if one.interface == came[-1].interface]  # a bridge shows each packet twice
+            came = [one for one in came if one.interface == came[-1].interface]
+            self.steps.append((at, left[-1]))
             self.hops.append(self._make_hop(at, to, left[-1], came))
             if not to:
                 return replace(place, stage=Stage.STRANGER)
@@ -244,39 +278,54 @@ class _Walk:
             came=came[-1].interface if came else "",
         )
 
-    def _find_receiver(self, left: Capture, planned: str, kind: str) -> str:
+    def _find_receiver(self, left: Capture, planned: str, rest: Iterable[str], kind: str) -> str:
         """Name the computer for which a packet left; a group and an interface without hardware addresses name none.
 
         A hardware address that nobody told may be that of the planned one all the same: a bridge translates it, and the packet came
-        in for an own one, or the computer was not asked.
+        in for an own one, or the computer was not asked. It may be that of a router of no fleet, too: then it came in at one of the rest.
         """
-        if not ONE_HOST.fullmatch(left.target_mac):
+        holders = self.chart.hosts.get(left.target_mac, frozenset())
+        if planned in holders or not ONE_HOST.fullmatch(left.target_mac):
             return planned
-        came = self._list(planned, kind, outgoing=False)
-        is_planned = planned not in self.chart.listening or any(
-            self.chart.hosts.get(one.target_mac) == planned for one in came
-        )
-        return self.chart.hosts.get(left.target_mac, planned if is_planned else "")
+        came = [
+            name
+            for name in ((planned, *rest) if not holders else sorted(holders))
+            if any(name in self.chart.hosts.get(one.target_mac, ()) for one in self._list(name, kind, outgoing=False))
+        ]
+        if came or holders:
+            return next(iter([*came, *sorted(holders)]))
+        return "" if planned in self.chart.listening else planned
 
     def _find_question(self, host: str, route: Sequence[str]) -> str:
         """Return the address for which a computer asked in vain, of those on the way: programs ask for others, too."""
         asks = self.asks.get(host, ())
-        answered = {one.source for one in asks if not one.outgoing}
-        asked = [one.destination for one in asks if one.outgoing and one.kind == REQUEST]
-        due = (address for address in asked if self.chart.name_at(address) in route or address == self.probe.address)
-        return next((address for address in due if address not in answered), "")
+        # The kernel takes an answer only where it comes in at the interface that has asked: the uppermost of those that show it.
+        answered = {(one.source, one.interface) for one in asks if not one.outgoing}
+        asked: dict[str, str] = {}
+        for one in asks:
+            if one.outgoing and one.kind == REQUEST:
+                asked.setdefault(one.destination, one.interface)
+        due = (one for one in asked.items() if self.chart.name_at(one[0]) in route or one[0] == self.probe.address)
+        return next((address for address, interface in due if (address, interface) not in answered), "")
 
 
 def locate(looks: Mapping[str, SecondLook], chart: Map, routes: Mapping[int, Sequence[str]]) -> list[Place]:
     """Find the place of each probe. `routes` has the planned computers on the way of each."""
     seen = {host: look.packets.seen for host, look in looks.items() if look.packets}
     found: list[Place] = []
+    changers: set[str] = set()
     for look in looks.values():
         sent = {one.number: one for one in look.sent}
         for probe in (probe for probe in look.probes if probe.number in routes):
             walk, route = _Walk(probe, sent.get(probe.number), chart, seen), routes[probe.number]
             found.append(replace(walk.find_place(route), route=tuple(route), hops=tuple(walk.hops)))
-    return found
+            changers |= walk.changers
+    return [replace(one, stage=Stage.UNSEEN) if _is_hidden(one, changers) else one for one in found]
+
+
+def _is_hidden(place: Place, changers: Container[str]) -> bool:
+    """Say if pings may have left a computer unseen: one that changes the ports of others may change the identifiers of pings."""
+    return (place.stage, place.probe.protocol) == (Stage.HOP, "icmp") and place.at in changers
 
 
 # Words
@@ -295,10 +344,12 @@ def describe_probe(probe: FollowedProbe) -> str:
 def describe_place(place: Place, chart: Map) -> str:
     """Say what was seen last, and what was not seen, of a place that is a fault."""
     last, answers = place.last, "the answers to " if place.answer and place.stage != Stage.MUTE else ""
-    own = sorted(mac for mac, name in chart.hosts.items() if name == place.next)
+    own = sorted(mac for mac, names in chart.hosts.items() if place.next in names)
     words = {
         "at": place.at,
         "next": place.next,
+        "address": place.probe.address,
+        "changed": (f"from {last.source}" if place.answer else f"for {last.destination}") if last else "",
         "asked": place.asked,
         "interface": f" on {last.interface}" if last else "",
         "mac": f" {last.target_mac}" if last and last.target_mac else "",

@@ -6,9 +6,20 @@
 import json
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import namespaces
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._follow import place
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._follow.place import Stage
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.second_look import (
+    Capture,
+    FollowedProbe,
+    SecondLook,
+    SeenPackets,
+    SentProbe,
+)
 
 # A datagram, an echo request and a connection of others
 TRAFFIC = """
@@ -40,10 +51,10 @@ def follow(network, probes, lifetime=60):
         )
 
     numbers = range(len(network.hosts))
-    for number in numbers:
-        call(number, "listen", lifetime=lifetime)
-    sent = [call(number, "send")["sent"] for number in numbers]
-    return sent, [call(number, "collect") for number in numbers]
+    with ThreadPoolExecutor() as pool:
+        list(pool.map(lambda number: call(number, "listen", lifetime=lifetime), numbers))
+        sent = [result["sent"] for result in pool.map(lambda number: call(number, "send"), numbers)]
+        return sent, list(pool.map(lambda number: call(number, "collect"), numbers))
 
 
 def mac(host):
@@ -150,3 +161,110 @@ def test_a_listener_ends_by_itself_and_says_so(three):
         time.sleep(0.1)
     answer = three.run_module(one, "multimaster_follow", {**options, "action": "collect"}, True)
     assert "No listener of this run lives on this computer" in answer["msg"]
+
+
+# What the controller says of real packets on ways of other shapes: address translation, routers of no fleet
+
+FOUR = {1: ["10.0.1.1"], 2: ["10.0.2.1"], 3: ["10.0.1.254", "10.0.2.254"], 4: ["10.0.1.253"]}
+DROPS = "table inet lost {{ chain c {{ type filter hook {} priority 0; {} drop; }}; }}"
+NAT = "table ip nat {{ chain c {{ type nat hook {}; {}; }}; }}"
+
+
+@pytest.fixture
+def four(tmp_path):
+    """Two ends in networks of their own, the router between them, and a computer beside the first one."""
+    network = namespaces.Network(4, tmp_path)
+    for number, host in enumerate(network.hosts, 1):
+        host.run("ip", "address", "flush", "dev", "eth0")
+        for address in FOUR[number]:
+            host.run("ip", "address", "add", f"{address}/24", "dev", "eth0")
+    one, other, router, _beside = network.hosts
+    router.run("sysctl", "-q", "-w", "net.ipv4.ip_forward=1")
+    one.run("ip", "route", "add", "default", "via", "10.0.1.254")
+    other.run("ip", "route", "add", "default", "via", "10.0.2.254")
+    yield network
+    network.end()
+
+
+def list_links(host):
+    links = json.loads(host.run("ip", "-j", "address"))
+    own = [link for link in links if link["ifname"] != "lo" and link["addr_info"]]
+    return {link["address"] for link in own}, {one["local"] for link in own for one in link["addr_info"]}
+
+
+def judge(network, route, address, protocols, unasked=()):
+    """Follow a packet of each protocol along the planned route; return what is said of each: the stage, the computer, and its words."""
+    hosts = {host.name: list_links(host) for host in network.hosts if host not in unasked}
+    names = {one: name for name, (_macs, addresses) in hosts.items() for one in addresses}
+    traffic = {"icmp": "icmp", "tcp": "rpc"}
+    probes = [
+        FollowedProbe(number, route[0].name, route[-1].name, traffic[protocol], protocol, address, 11611)
+        for number, protocol in enumerate(protocols)
+    ]
+    sent, collected = follow(network, [vars(one) for one in probes])
+    outcomes = [
+        SentProbe(**{**one, "outcome": Outcome(one["outcome"]), "data": Outcome(one["data"])})
+        for one in sent[network.hosts.index(route[0])]
+    ]
+    looks = {
+        host.name: SecondLook(packets=SeenPackets(tuple(Capture(**one) for one in result["seen"])))
+        for host, result in zip(network.hosts, collected, strict=True)
+        if host.name in hosts
+    }
+    looks[route[0].name] = SecondLook(tuple(probes), tuple(outcomes), looks[route[0].name].packets)
+    chart = place.Map(
+        {mac: frozenset([name]) for name, (macs, _addresses) in hosts.items() for mac in macs},
+        lambda one: names.get(one, ""),
+        frozenset(hosts),
+    )
+    found = place.locate(looks, chart, {one.number: [host.name for host in route] for one in probes})
+    return [(one.stage, one.at, place.describe_place(one, chart) if one.is_fault else "") for one in found]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("drops", [False, True])
+def test_a_nat_that_changes_identifiers_is_not_blamed(four, drops):
+    one, other, router, _beside = four.hosts
+    router.run("nft", NAT.format("postrouting priority 100", "ip saddr 10.0.1.1 masquerade fully-random"))
+    if drops:
+        other.run("nft", DROPS.format("input", ""))
+    said = judge(four, [one, router, other], "10.0.2.1", ["icmp", "tcp"])
+    expected = [Stage.UNSEEN, Stage.TARGET] if drops else [Stage.ARRIVED, Stage.ARRIVED]
+    assert [stage for stage, _at, _words in said] == expected
+    assert said[1][1] == (other.name if drops else one.name)
+
+
+@pytest.mark.slow
+def test_an_answer_of_another_address_ends_where_it_changed(four):
+    one, other, router, _beside = four.hosts
+    router.run(
+        "nft",
+        "table ip odd { chain c { type filter hook forward priority 0; ip saddr 10.0.2.1 ip saddr set 10.0.1.77; }; }",
+    )
+    (_ping, (stage, at, words)) = judge(four, [one, router, other], "10.0.2.1", ["icmp", "tcp"])
+    assert (stage, at) == (Stage.CHANGED, router.name)
+    assert words.endswith("left robot3computer on eth0 from 10.0.1.77, and 10.0.2.1 was asked")
+
+
+@pytest.mark.slow
+def test_a_computer_that_others_made_the_target_is_not_blamed(four):
+    one, other, router, beside = four.hosts
+    router.run("nft", NAT.format("prerouting priority -100", "ip daddr 10.0.2.1 dnat to 10.0.1.253"))
+    beside.run("nft", DROPS.format("input", ""))
+    for stage, at, words in judge(four, [one, router, other], "10.0.2.1", ["icmp", "tcp"]):
+        assert (stage, at) == (Stage.CHANGED, router.name)
+        assert words.endswith("left robot3computer on eth0 for 10.0.1.253, and 10.0.2.1 was asked")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("drops", "said", "name"),
+    [((), Stage.ARRIVED, 0), ((1, "input"), Stage.TARGET, 1), ((2, "forward"), Stage.STRANGER, 0)],
+    ids=["well", "far", "middle"],
+)
+def test_a_router_that_nobody_planned_may_pass_packets_on(four, drops, said, name):
+    one, other, router, beside = four.hosts
+    if drops:
+        four.hosts[drops[0]].run("nft", DROPS.format(drops[1], ""))
+    for stage, at, _words in judge(four, [one, beside, other], "10.0.2.1", ["icmp", "tcp"], unasked=[router]):
+        assert (stage, at) == (said, four.hosts[name].name)

@@ -11,7 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.di
     LOCATED,
     list_unshown,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._follow.findings import has_all
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._follow.findings import has_all, name_addresses
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._follow.probes import (
     choose_probes,
     list_listeners,
@@ -130,3 +130,14 @@ def test_only_a_flood_in_the_name_of_a_member_hides_something():
     names = {"10.0.0.1": "one"}
     for full, whole in (((), True), (("203.0.113.9",), True), (("203.0.113.9", "10.0.0.1"), False)):
         assert has_all(SeenPackets(full=full), lambda address: names.get(address, "")) == whole
+
+
+def test_an_address_beside_the_planned_ones_names_its_computer():
+    fleet = fig12()
+    seen = observed(fleet)
+    (one, other, *_rest) = seen
+    for name, more in ((one, ("10.9.9.1", "172.17.0.1")), (other, ("172.17.0.1",))):
+        first = seen[name].probe.forwarding.interfaces[0]
+        update(first, addresses=(*first.addresses, *more))
+    name_at = name_addresses(Verification(CHECKS, fleet, seen))
+    assert (name_at("10.9.9.1"), name_at("172.17.0.1")) == (one, "")  # each container host may have the second one

@@ -24,7 +24,9 @@ from hypothesis import strategies as st
 ROUTE = ["one", "gate", "two"]
 MACS = {"one": "02:00:00:00:00:01", "gate": "02:00:00:00:00:02", "two": "02:00:00:00:00:03"}
 ADDRESSES = {"10.0.1.1": "one", "10.0.1.254": "gate", "10.0.2.254": "gate", "10.0.2.1": "two"}
-CHART = Map({mac: name for name, mac in MACS.items()}, lambda address: ADDRESSES.get(address, ""), frozenset(ROUTE))
+CHART = Map(
+    {mac: frozenset([name]) for name, mac in MACS.items()}, lambda address: ADDRESSES.get(address, ""), frozenset(ROUTE)
+)
 PING = FollowedProbe(3, "one", "two", "icmp", "icmp", "10.0.2.1")
 CALL = FollowedProbe(3, "one", "two", "rpc", "tcp", "10.0.2.1", port=11611)
 BEAT = FollowedProbe(3, "one", "two", "udp", "udp", "10.0.2.1", port=11511)
@@ -51,14 +53,12 @@ def join(*all_seen):
     return {name: [one for seen in all_seen for one in seen[name]] for name in ROUTE}
 
 
-def find(seen, probe=PING, sent=None, listening=tuple(ROUTE)):
+def find(seen, probe=PING, sent=None, listening=tuple(ROUTE), chart=CHART):
     looks = {name: SecondLook(packets=SeenPackets(tuple(seen[name]))) for name in listening}
     sent = sent or SentProbe(probe.number, Outcome.NO_ANSWER, source_port=4000)
     first = looks.get("one", SecondLook())
     looks["one"] = SecondLook((probe,), (sent,), first.packets)
-    chart = Map(
-        CHART.hosts, CHART.name_at, frozenset(listening), {("one", "gate"): "net 1"}
-    )  # fmt: skip
+    chart = replace(chart, listening=frozenset(listening), networks={("one", "gate"): "net 1"})
     (found,) = place.locate(looks, chart, {probe.number: ROUTE})
     return found
 
@@ -174,7 +174,7 @@ def test_an_unknown_mac_may_be_that_of_the_planned_computer():
     assert where(find(seen))[:2] == (Stage.TARGET, "two")
     flooded = {**seen, "two": [capture(False, "request", "02:00:00:00:00:99")]}  # by a switch that knows nobody with it
     assert find(flooded).stage == Stage.STRANGER
-    chart = replace(CHART, hosts={mac: name for mac, name in CHART.hosts.items() if name != "gate"})
+    chart = replace(CHART, hosts={mac: names for mac, names in CHART.hosts.items() if "gate" not in names})
     lost = {"one": [capture(True, "request", MACS["gate"])], "two": []}
     looks = {name: SecondLook(packets=SeenPackets(tuple(packets))) for name, packets in lost.items()}
     looks["one"] = replace(looks["one"], probes=(PING,), sent=(SentProbe(3, Outcome.NO_ANSWER),))
@@ -214,6 +214,46 @@ def test_a_bridge_shows_each_packet_twice_and_counts_once():
     seen = cross("request", ["one", "gate"])
     seen["gate"] = [replace(one, interface=name) for one in seen["gate"] for name in ("port", "bridge")]
     assert find(seen).times == 1
+
+
+def test_an_interface_above_another_one_is_named():
+    """That of a VLAN, whose packets leave by its parent, too."""
+    seen = cross("request", ["one", "gate"])
+    seen["one"] = [replace(one, interface=name) for one in seen["one"] for name in ("eth0.10", "eth0")]
+    assert find(seen).hops[0].left == "eth0.10"
+
+
+def test_containers_with_one_hardware_address_are_told_apart():
+    """As those of IPVLAN are, which have that of their machine."""
+    chart = replace(CHART, hosts={**CHART.hosts, MACS["two"]: frozenset(["another", "gate", "two"])})
+    seen = join(cross("request", ROUTE), cross("answer", ROUTE[::-1]))
+    assert where(find(seen, chart=chart)) == (Stage.WITHHELD, "one", "", True)
+    lost = cross("request", ROUTE)
+    lost["two"] = []
+    assert where(find(lost, chart=chart)) == (Stage.WIRE, "gate", "two", False)
+
+
+def test_an_answer_at_another_interface_is_none():
+    """The kernel takes it where it has asked: a bond with the answers at its inactive port does not."""
+    asked = [
+        Capture(name, True, "request", "arp", "10.0.1.1", "10.0.1.254")
+        for name in ("bond0", "eth0")  # each shows the question
+    ]
+    for name, stage in (("eth1", Stage.ASKED), ("eth0", Stage.ASKED), ("bond0", Stage.SOURCE)):
+        answer = Capture(name, False, "answer", "arp", "10.0.1.254", "10.0.1.1")
+        assert find({"one": [*asked, answer], "gate": [], "two": []}).stage == stage
+
+
+def test_what_is_answered_ends_nowhere_where_nobody_saw_it():
+    for outcome, stage in ((Outcome.ANSWERED, Stage.ARRIVED), (Outcome.NO_ANSWER, Stage.HOP)):
+        assert find(cross("request", ["one", "gate"]), sent=SentProbe(3, outcome)).stage == stage
+
+
+def test_an_answer_that_changed_unseen_has_no_place():
+    seen = join(cross("request", ROUTE), cross("answer", ROUTE[::-1]))
+    seen["one"] = [one if one.outgoing else replace(one, source="10.0.2.9") for one in seen["one"]]
+    found = find(seen)
+    assert (found.stage, found.at) == (Stage.UNSEEN, "")
 
 
 def test_a_closed_port_shows_that_a_datagram_has_arrived():
