@@ -5,6 +5,9 @@
 
 The filter lets through what this run has sent, its answers, the ICMP errors, and ARP. So the other traffic of a robot costs
 nothing, and the socket needs no promiscuous mode: a packet with the hardware address of another computer is not its business.
+
+An interface above others, as that of a VLAN, a bridge or a bond, shows a packet once more: first as it goes out, last as it comes in.
+What comes in with the tag of a VLAN (802.1Q) has come in only where the VLAN's interface shows it, without the tag.
 """
 
 import contextlib
@@ -13,12 +16,14 @@ import socket
 import struct
 import typing
 
+from .._machine.network import Port
 from .._multicast.packets import ARP_OF_IPV4, attach_filter, checksum, packet, read_arp, take_waiting, write_mac
 
 ANY_PROTOCOL = 3  # ETH_P_ALL of linux/if_ether.h: only such a socket is shown what goes out
-IPV4, ARP = 0x0800, 0x0806
+IPV4, ARP, VLAN = 0x0800, 0x0806, 0x8100
+TAGS = (b"\x81\x00", b"\x88\xa8")  # begin a tag of four bytes in a header of Ethernet (802.1Q, 802.1ad)
 ICMP, TCP, UDP = 1, 6, 17
-FOR_OTHERS, OUTGOING = 3, 4  # PACKET_OTHERHOST and PACKET_OUTGOING of linux/if_packet.h
+FOR_US, FOR_OTHERS, OUTGOING = 0, 3, 4  # PACKET_HOST, PACKET_OTHERHOST and PACKET_OUTGOING of linux/if_packet.h
 SOL_PACKET, PACKET_STATISTICS = 263, 6  # packet(7): two numbers, of all packets and of those without room
 SO_RCVBUFFORCE = 33  # asm-generic/socket.h
 ROOM = 4 << 20  # bytes for packets that wait; a flood of ARP comes while rules are read
@@ -33,6 +38,7 @@ REQUEST, ANSWER, ERROR = "request", "answer", "error"
 
 # Offsets of linux/filter.h: what the kernel knows of a packet, and its network header, whatever stands before it
 SKF_AD_PROTOCOL, NETWORK = 0xFFFFF000, 0xFFF00000
+SKF_AD_PKTTYPE, SKF_AD_VLAN_TAG, SKF_AD_VLAN_TAG_PRESENT = (SKF_AD_PROTOCOL + more for more in (4, 44, 48))
 # Classic BPF (kernel: Documentation/networking/filter.rst): code of each instruction that is used here
 LOAD_WORD, LOAD_BYTE, LOAD_HALF_AT, LOAD_BYTE_AT, LOAD_WORD_AT = 0x20, 0x30, 0x48, 0x50, 0x40
 LOAD_HALF, MASK, SHIFT, TO_INDEX, EQUAL, ANY_BIT, RETURN = 0x28, 0x54, 0x64, 0x07, 0x15, 0x45, 0x06
@@ -85,10 +91,25 @@ class Capture(typing.NamedTuple):
 def make_filter(tag: Tag) -> typing.List[typing.Tuple[int, int, int, int]]:
     """Return the program that lets packets of a run through."""
     # (code, jump if true, jump if false, operand); a jump counts the instructions that it leaves out
-    begin: typing.List[typing.Tuple] = [
+    tags: typing.List[typing.Tuple] = [
+        (LOAD_WORD, 0, 0, SKF_AD_VLAN_TAG_PRESENT),
+        (EQUAL, "kinds", 0, 0),
+        (LOAD_WORD, 0, 0, SKF_AD_PKTTYPE),
+        (EQUAL, "kinds", 0, OUTGOING),
+        (LOAD_WORD, 0, 0, SKF_AD_VLAN_TAG),  # it may be left over where none is present
+        (ANY_BIT, "refuse", 0, 0x0FFF),  # without a number it only has a priority
+    ]
+    kinds: typing.List[typing.Tuple] = [
         (LOAD_WORD, 0, 0, SKF_AD_PROTOCOL),
         (EQUAL, "accept", 0, ARP),
-        (EQUAL, 0, "refuse", IPV4),
+        (EQUAL, "ipv4", 0, IPV4),
+        (EQUAL, 0, "refuse", VLAN),  # it goes out, and the interface cannot put the tag in
+        (LOAD_HALF, 0, 0, NETWORK),
+        (EQUAL, "accept", 0, 1),  # so begins ARP
+        (MASK, 0, 0, 0xF000),
+        (EQUAL, 0, "refuse", 0x4000),
+    ]
+    ipv4: typing.List[typing.Tuple] = [
         (LOAD_HALF, 0, 0, NETWORK + 6),
         (ANY_BIT, "refuse", 0, 0x1FFF),  # a later fragment has no ports
         (LOAD_BYTE, 0, 0, NETWORK),
@@ -101,8 +122,8 @@ def make_filter(tag: Tag) -> typing.List[typing.Tuple[int, int, int, int]]:
         (EQUAL, 0, "refuse", ICMP),
         (LOAD_BYTE_AT, 0, 0, NETWORK),
     ]
-    begin += [(EQUAL, "accept", 0, kind) for kind in ERRORS]
-    begin += [
+    ipv4 += [(EQUAL, "accept", 0, kind) for kind in ERRORS]
+    ipv4 += [
         (LOAD_HALF_AT, 0, 0, NETWORK + 4),
         (EQUAL, "accept", "refuse", tag.identifier),
     ]
@@ -111,8 +132,13 @@ def make_filter(tag: Tag) -> typing.List[typing.Tuple[int, int, int, int]]:
     for offset in (2, 0):
         tcp += [(LOAD_HALF_AT, 0, 0, NETWORK + offset)]
         tcp += [(EQUAL, "accept", 0, port) for port in tag.ports]
-    lines = begin + udp + tcp + [(RETURN, 0, 0, 0), (RETURN, 0, 0, SNAP)]
-    places = {"udp": len(begin), "tcp": len(begin + udp), "refuse": len(lines) - 2, "accept": len(lines) - 1}
+    blocks = {"tags": tags, "kinds": kinds, "ipv4": ipv4, "udp": udp, "tcp": tcp}
+    blocks.update(refuse=[(RETURN, 0, 0, 0)], accept=[(RETURN, 0, 0, SNAP)])
+    lines: typing.List[typing.Tuple] = []
+    places = {}
+    for name, block in blocks.items():
+        places[name] = len(lines)
+        lines += block
     return [
         (code, *(places[to] - place - 1 if isinstance(to, str) else to for to in jumps), operand)
         for place, (code, *jumps, operand) in enumerate(lines)
@@ -145,16 +171,27 @@ def count_lost(link: socket.socket) -> int:
 # The reader
 
 
-def read_packets(link: socket.socket, tag: Tag, most: int) -> typing.Iterator[Capture]:
-    """Yield the packets of a run that wait in the socket, so many at most."""
+def read_packets(
+    link: socket.socket, tag: Tag, most: int, ports: typing.Mapping[str, Port]
+) -> typing.Iterator[Capture]:
+    """Yield the packets of a run that wait in the socket, so many at most. `ports`: the interfaces below a bridge or a bond."""
+    above = {port.master for port in ports.values()}
     for data, (interface, protocol, kind, hardware, _sender) in take_waiting(lambda: link.recvfrom(SNAP), most):
-        if kind == FOR_OTHERS:  # somebody else has set an interface to promiscuous mode
-            continue
         header = ETHERNET if hardware in WITH_HEADER else 0
         macs = (write_mac(data[6:12]), write_mac(data[:6])) if header else ("", "")
+        if kind == FOR_OTHERS and (interface not in ports or macs[1] != ports[interface].mac):
+            continue  # somebody else has set an interface to promiscuous mode
+        if kind == FOR_US and interface in ports:  # a bond may tell others the hardware addresses of its ports
+            macs = (macs[0], ports[interface].mac)
+        while header and data[header - 2 : header] in TAGS:
+            header += 4
+            protocol = int.from_bytes(data[header - 2 : header], "big")
         found = read_packet(tag, protocol, data[header:], macs)
-        if found is not None and interface != "lo":
-            yield found._replace(interface=interface, outgoing=kind == OUTGOING)
+        if found is None or interface == "lo":
+            continue
+        if kind == OUTGOING and interface in above and found.protocol != "arp":
+            continue  # it has left where a port shows it, and may be dropped before
+        yield found._replace(interface=interface, outgoing=kind == OUTGOING)
 
 
 def read_packet(tag: Tag, protocol: int, data: bytes, macs: typing.Tuple[str, str]) -> typing.Optional[Capture]:

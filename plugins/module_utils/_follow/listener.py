@@ -9,7 +9,7 @@ import socket
 import time
 import typing
 
-from .._machine.network import neighbours
+from .._machine.network import Port, neighbours, read_ports
 from .._process.background import admit, answer, remove_door
 from .capture import Capture, Tag, count_lost, read_packets
 from .counters import Counters, find_growth, read_counters
@@ -48,16 +48,16 @@ class Packets:
 
 def serve(link: socket.socket, door: socket.socket, path: str, tag: Tag, lifetime: float, before: Counters) -> None:
     """See packets until the time is over, or a visitor asks for them. `before`: the counters at the start."""
-    packets = Packets()
+    packets, own_ports = Packets(), read_ports()
     try:
         with DropReasons() as drops:
-            connection = _listen(link, door, tag, packets, time.monotonic() + lifetime)
+            connection = _listen(link, door, tag, packets, time.monotonic() + lifetime, own_ports)
             if connection is None:
                 return
             grown = {**find_growth(before, read_counters()), **drops.read()}
     finally:
         remove_door(path)
-    for found in read_packets(link, tag, LAST):
+    for found in read_packets(link, tag, LAST, own_ports):
         packets.take(found)
     packets.missed += count_lost(link)
     # Nothing is left of it here by now: who asks may begin another one.
@@ -65,12 +65,17 @@ def serve(link: socket.socket, door: socket.socket, path: str, tag: Tag, lifetim
 
 
 def _listen(
-    link: socket.socket, door: socket.socket, tag: Tag, packets: Packets, until: float
+    link: socket.socket,
+    door: socket.socket,
+    tag: Tag,
+    packets: Packets,
+    until: float,
+    own_ports: typing.Mapping[str, Port],
 ) -> typing.Optional[socket.socket]:
     """Take packets until a visitor comes; returns its connection, None after the time."""
     while time.monotonic() < until:
         ready = select.select([link, door], [], [], max(0.0, until - time.monotonic()))[0]
-        for found in read_packets(link, tag, AT_ONCE) if link in ready else ():
+        for found in read_packets(link, tag, AT_ONCE, own_ports) if link in ready else ():
             packets.take(found)
         if door in ready:
             return admit(door)[0]

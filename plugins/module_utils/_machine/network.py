@@ -3,7 +3,7 @@
 
 """The network of this machine: its interfaces with their addresses, and the routes that the kernel takes.
 
-This file alone reads the output of `ip address`, `ip route get` and `ip route show default`.
+This file alone reads the output of `ip address`, `ip link`, `ip route get` and `ip route show default`.
 (`_routes/kernel.py` reads whole routing tables, because it must be able to make each route again.)
 """
 
@@ -16,6 +16,7 @@ import typing
 from .._module.plain_text import quote
 from .._process.commands import run, text
 
+WITH_PORTS = ("bridge", "bond", "team")  # kinds of interfaces whose packets come and go by their ports (ip-link(8))
 PERMANENT = 0x4  # the flag of a neighbour set by hand or by a program (ATF_PERM)
 
 
@@ -108,6 +109,36 @@ def from_json(output: str) -> typing.List[Interface]:
         for link in data
         if "ifname" in link  # old versions leave empty objects
     ]
+
+
+class Port(typing.NamedTuple):
+    """The bridge or bond above an interface."""
+
+    master: str
+    mac: str  # its hardware address
+
+
+def read_ports() -> typing.Dict[str, Port]:
+    """Read the interfaces that are ports of a bridge or a bond: by name; none where `ip` does not tell."""
+    answer = run(["ip", "-json", "-details", "link"])
+    try:
+        return list_ports(answer.output.decode("utf-8") if answer.status == 0 else "")
+    except ValueError:
+        return {}
+
+
+def list_ports(output: str) -> typing.Dict[str, Port]:
+    """Read the ports in the output of `ip -json -details link`. Raises ValueError for anything else."""
+    data = json.loads(output)
+    if not isinstance(data, list):
+        raise ValueError("expected a list of interfaces")
+    links = [link for link in data if "ifname" in link]
+    macs = {
+        link["ifname"]: link.get("address", "")
+        for link in links
+        if link.get("linkinfo", {}).get("info_kind") in WITH_PORTS
+    }
+    return {link["ifname"]: Port(link["master"], macs[link["master"]]) for link in links if link.get("master") in macs}
 
 
 # Routes

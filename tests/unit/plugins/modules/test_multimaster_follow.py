@@ -163,8 +163,25 @@ def test_a_listener_ends_by_itself_and_says_so(three):
     assert "No listener of this run lives on this computer" in answer["msg"]
 
 
-# What the controller says of real packets on ways of other shapes: address translation, routers of no fleet
+# What the controller says of real packets on links of other shapes: bridges, VLANs, address translation, routers of no fleet
 
+# Echo requests of the run to a hardware address, each with a tag of a VLAN: source, target, both addresses, then number=VLAN
+TAGGED_PINGS = """
+import socket, struct, sys
+sys.path[:0] = sys.argv[1].split(":")
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._follow.capture import Tag
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import checksum, echo_request
+own, its = (bytes.fromhex(mac.replace(":", "")) for mac in sys.argv[2:4])
+ends = b"".join(map(socket.inet_aton, sys.argv[4:6]))
+link = socket.socket(socket.AF_PACKET, socket.SOCK_RAW)
+link.bind(("eth0", 0))
+for word in sys.argv[6:]:
+    number, vlan = map(int, word.split("="))
+    body = echo_request(Tag.from_run("test").identifier, number)
+    head = struct.pack("!BBHHHBBH", 0x45, 0, 20 + len(body), 0, 0, 64, 1, 0) + ends
+    head = head[:10] + struct.pack("!H", checksum(head)) + head[12:]
+    link.send(its + own + struct.pack("!HHH", 0x8100, vlan, 0x0800) + head + body)
+"""
 FOUR = {1: ["10.0.1.1"], 2: ["10.0.2.1"], 3: ["10.0.1.254", "10.0.2.254"], 4: ["10.0.1.253"]}
 DROPS = "table inet lost {{ chain c {{ type filter hook {} priority 0; {} drop; }}; }}"
 NAT = "table ip nat {{ chain c {{ type nat hook {}; {}; }}; }}"
@@ -219,6 +236,65 @@ def judge(network, route, address, protocols, unasked=()):
     )
     found = place.locate(looks, chart, {one.number: [host.name for host in route] for one in probes})
     return [(one.stage, one.at, place.describe_place(one, chart) if one.is_fault else "") for one in found]
+
+
+def make_bridge(host, number):
+    """Put the address of a computer on a bridge, whose hardware address no port has."""
+    host.run("ip", "link", "add", "br0", "address", f"02:00:00:00:00:0{number}", "up", "type", "bridge")
+    host.run("ip", "link", "set", "eth0", "master", "br0")
+    host.run("ip", "address", "flush", "dev", "eth0")
+    host.run("ip", "address", "add", f"{host.address}/24", "dev", "br0")
+
+
+@pytest.mark.parametrize(
+    ("number", "hook", "said", "words"),
+    [
+        (0, "", Stage.ARRIVED, ""),
+        (0, "output", Stage.SOURCE, "do not leave robot1computer"),
+        (1, "input", Stage.TARGET, "came in at robot2computer on eth0, which sent no answer"),
+    ],
+    ids=["well", "near", "far"],
+)
+def test_what_a_bridge_drops_ends_at_its_computer(three, number, hook, said, words):
+    one, other, _third = three.hosts
+    for place_of, host in enumerate((one, other)):
+        make_bridge(host, place_of)
+    if hook:
+        chain = f"chain c {{ type filter hook {hook} priority 0; ether type ip drop; }}"
+        three.hosts[number].run("nft", f"table bridge lost {{ {chain}; }}")
+    for stage, _at, sentence in judge(three, [one, other], other.address, ["icmp", "tcp"]):
+        assert stage == said and sentence.endswith(words)
+
+
+def test_what_comes_for_another_vlan_has_not_come_in(three):
+    """Without a number the tag has a priority alone, and the kernel takes the packet for one without a tag."""
+    one, other, _third = three.hosts
+    options = {"run": "test", "name": other.name, "probes": []}
+    three.run_module(other, "multimaster_follow", {**options, "action": "listen"})
+    ends = [mac(one), mac(other), one.address, other.address]
+    one.run(sys.executable, "-c", TAGGED_PINGS, ":".join(sys.path), *ends, "1=20", "2=0", "3=4095")
+    found = three.run_module(other, "multimaster_follow", {**options, "action": "collect"})
+    assert [entry["number"] for entry in found["seen"] if not entry["outgoing"] and entry["protocol"] == "icmp"] == [2]
+
+
+@pytest.mark.parametrize(
+    ("number", "said", "words"),
+    [(10, Stage.ARRIVED, ""), (20, Stage.WIRE, "left robot1computer on eth0.10 for robot2computer {}, and did not come in there")],
+    ids=["well", "wrong"],
+)  # fmt: skip
+def test_a_vlan_with_a_wrong_number_is_named(three, number, said, words):
+    one, other, _third = three.hosts
+    for host, vlan in ((one, 10), (other, number)):
+        made = host.popen("ip", "link", "add", "link", "eth0", "name", f"eth0.{vlan}", "type", "vlan", "id", str(vlan))
+        if made.wait():
+            pytest.skip("this kernel has no VLANs")
+        host.run("ip", "address", "flush", "dev", "eth0")
+        host.run("ip", "link", "set", f"eth0.{vlan}", "up")
+        host.run("ip", "address", "add", f"{host.address}/24", "dev", f"eth0.{vlan}")
+    for host, to, vlan in ((one, other, 10), (other, one, number)):
+        host.run("ip", "neighbour", "replace", to.address, "lladdr", mac(to), "dev", f"eth0.{vlan}")
+    for stage, _at, sentence in judge(three, [one, other], other.address, ["icmp", "tcp"]):
+        assert stage == said and sentence.endswith(words.format(mac(other)))
 
 
 @pytest.mark.slow

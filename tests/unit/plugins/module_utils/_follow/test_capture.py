@@ -8,6 +8,7 @@ import struct
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._follow import capture
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._follow.capture import Tag
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Port
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import checksum
 from hypothesis import given
 from hypothesis import strategies as st
@@ -20,6 +21,19 @@ def ipv4(protocol, body, ttl=64, source="10.0.0.1", target="10.0.0.2"):
     ends = bytes(map(int, f"{source}.{target}".split(".")))
     head = struct.pack("!BBHHHBBH", 0x45, 0, 20 + len(body), 0, 0, ttl, protocol, 0) + ends
     return head[:10] + struct.pack("!H", checksum(head)) + head[12:] + body
+
+
+class Link:
+    """A socket in which one packet waits."""
+
+    def __init__(self, kind, protocol=b"\x08\x00", told=capture.IPV4):
+        macs = b"".join(bytes.fromhex(mac.replace(":", "")) for mac in MACS[::-1])
+        self.packets = [(macs + protocol + ipv4(6, syn()), ("eth0", told, kind, 1, b""))]
+
+    def recvfrom(self, _size):
+        if not self.packets:
+            raise BlockingIOError
+        return self.packets.pop()
 
 
 def read(data, protocol=capture.IPV4):
@@ -98,13 +112,26 @@ def test_a_redirect_gives_no_packet_up():
 def test_a_packet_for_another_computer_has_not_come_in():
     """An interface in promiscuous mode, as a port of a bridge or while tcpdump runs, shows it."""
 
-    class Link:
-        def __init__(self, kind):
-            self.packets = [(bytes(14) + ipv4(6, syn()), ("eth0", capture.IPV4, kind, 1, b""))]
+    assert [len(list(capture.read_packets(Link(kind), TAG, 9, {}))) for kind in (0, capture.FOR_OTHERS)] == [1, 0]
 
-        def recvfrom(self, _size):
-            if not self.packets:
-                raise BlockingIOError
-            return self.packets.pop()
 
-    assert [len(list(capture.read_packets(Link(kind), TAG, 9))) for kind in (0, capture.FOR_OTHERS)] == [1, 0]
+def test_a_port_shows_what_is_for_its_bridge_and_what_has_left():
+    for port, kind, count in (
+        (Port("br0", MACS[1]), capture.FOR_OTHERS, 1),
+        (Port("br0", MACS[0]), capture.FOR_OTHERS, 0),
+        (Port("eth0", MACS[1]), capture.OUTGOING, 0),  # it is above another one, which may drop it
+    ):
+        assert len(list(capture.read_packets(Link(kind), TAG, 9, {"eth0": port}))) == count
+
+
+def test_what_comes_in_for_a_port_is_for_the_bond_above():
+    """A bond with balance-alb tells each neighbour the hardware address of one of its ports (Documentation/networking/bonding.rst)."""
+    for kind, mac in ((0, "02:00:00:00:00:99"), (capture.OUTGOING, MACS[1])):
+        (found,) = capture.read_packets(Link(kind), TAG, 9, {"eth0": Port("bond0", "02:00:00:00:00:99")})
+        assert found.target_mac == mac
+
+
+def test_a_tag_in_the_header_is_read_over():
+    """Where the interface of a VLAN leaves it in, or a port cannot put it in itself."""
+    (found,) = capture.read_packets(Link(capture.OUTGOING, b"\x81\x00\x00\x0a\x08\x00", capture.VLAN), TAG, 9, {})
+    assert (found.port, found.source_mac, found.target_mac) == (11311, *MACS)

@@ -20,7 +20,9 @@ FLOOD, ANSWER = (
 def test_a_flood_of_arp_hides_no_answer(monkeypatch, tmp_path):
     waiting = [FLOOD._replace(source=f"10.0.{number % 20}.1") for number in range(listener.MOST + 700)] + [ANSWER]
     monkeypatch.setattr(
-        listener, "read_packets", lambda link, tag, most: [waiting.pop(0) for _number in range(min(most, len(waiting)))]
+        listener,
+        "read_packets",
+        lambda link, tag, most, ports: [waiting.pop(0) for _number in range(min(most, len(waiting)))],
     )
     monkeypatch.setattr(listener, "count_lost", lambda link: 5)
     link, other = socket.socketpair()

@@ -8,7 +8,7 @@ import socket
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, RouteTo
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Port, RouteTo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 
 IP_JSON = [
@@ -115,3 +115,23 @@ def test_addresses_of_names_are_looked_up():
     assert addresses == [] and error
     for length in (70, 300):
         assert network.resolve("a" * length)[0] == []  # a label that no resolver takes
+
+
+def test_ports_of_bridges_and_bonds_from_json():
+    """The ports of a routing domain (vrf) show their packets themselves, and nobody else does."""
+    links = [
+        {},
+        {"ifname": "lo"},
+        {"ifname": "br0", "address": "02:00:00:00:00:01", "linkinfo": {"info_kind": "bridge"}},
+        {"ifname": "bond0", "address": "02:00:00:00:00:02", "master": "br0", "linkinfo": {"info_kind": "bond"}},
+        {"ifname": "red", "address": "02:00:00:00:00:03", "linkinfo": {"info_kind": "vrf"}},
+        {"ifname": "eth0", "master": "bond0", "linkinfo": {"info_slave_kind": "bond"}},
+        {"ifname": "eth1", "master": "red"},
+    ]
+    assert network.list_ports(json.dumps(links)) == {
+        "bond0": Port("br0", "02:00:00:00:00:01"),
+        "eth0": Port("bond0", "02:00:00:00:00:02"),
+    }
+    with pytest.raises(ValueError, match="expected a list"):
+        network.list_ports("{}")
+    assert isinstance(network.read_ports(), dict)
