@@ -6,7 +6,7 @@
 import json
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import StepFailure
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.transaction import explain_failure
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.boot import Boot
@@ -94,7 +94,7 @@ def test_a_place_that_cannot_be_put_back_is_a_sentence(tree):
     hook.mkdir()
     told = f"{hook} cannot be written (Is a directory); expected a writable file: correct the path, or move the folder away."
     assert plan.undo() == [told]
-    assert str(StepFailure(Problem("No."), plan.undo())) == f"No. Not put back: {told}"
+    assert explain_failure(Problem("No."), plan.undo()) == f"No. Not put back: {told}"
 
 
 @pytest.mark.parametrize("backend", ["netplan", "networkmanager"])
