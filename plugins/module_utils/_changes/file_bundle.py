@@ -55,11 +55,10 @@ class ManagedFiles(ModuleRun):
             self.files = files.FileBundle("files", self.bundle, options["records"], options["files"]).make_plan()
         reload = options.get("reload") or {}
         self.restarts = bool(reload.get("restart"))
+        service = reload.get("service")  # empty where this computer has no such service
         self.reloaded = ""  # the service that is to read its files again, empty for none
-        if reload and self.files.expect(
-            reload["service"], lambda path: path.startswith(reload["folder"]), reload["due"]
-        ):
-            self.reloaded = reload["service"]
+        if service and self.files.expect(service, lambda path: path.startswith(reload["folder"]), reload["due"]):
+            self.reloaded = service
         self.unread = False  # its files are as planned, and it could not be reloaded
         self.changed = self.files.changed or bool(self.reloaded)
 

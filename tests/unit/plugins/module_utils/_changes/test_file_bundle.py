@@ -100,6 +100,15 @@ def test_a_service_reads_its_files_again_when_one_changes(machine, systemctl):
     assert apply({"etc/a": "A", "b": "C"}, service="") == (True, False)  # there is no such service here
 
 
+@pytest.mark.parametrize("due", [False, True])
+def test_a_service_that_is_not_here_leaves_nothing_pending(machine, due):
+    reload = {"service": "", "folder": str(machine.root), "due": due}
+    machine.run({"a": "A"}, reload=reload).apply()
+    assert b"pending" not in b"".join(path.read_bytes() for path in machine.records.iterdir())
+    machine.run({}, reload=reload).apply()
+    assert not list(machine.root.parent.glob("records/*")), "no record is left of what is gone"
+
+
 def test_a_service_that_is_not_reloaded_is_a_sentence(machine, systemctl):
     systemctl[1].status = 1
     run = machine.run({"a": "A"}, reload={"service": "x.service", "folder": str(machine.root), "due": False})
