@@ -103,7 +103,18 @@ from ..plugin_utils._plan.model import UnitLines
 
 
 def service_units(
-    names: Sequence[str], *, programs: Mapping[str, Mapping[str, str]], **options: Any
+    names: Sequence[str],
+    *,
+    robot: str,
+    address: str,
+    roscore_command: str,
+    roscore_port: int,
+    programs: Mapping[str, Mapping[str, str]],
+    environment_digest: str,
+    nodes_digest: str,
+    code_digest: str = "",
+    metrics_folder: str = "",
+    tunnel_digest: str = "",
 ) -> list[dict[str, str]]:
     """Return the units by name and content; see DOCUMENTATION."""
     known = (*units.OTHERS, *programs)
@@ -113,9 +124,20 @@ def service_units(
             f"The services to run are {', '.join(names)}; expected some of {', '.join(known)}: "
             f"take {unknown[0]} out of services_list."
         )
-    own = {name: UnitLines(lines["unit"], lines["service"]) for name, lines in programs.items()}
     try:
-        return units.render_services(names, programs=own, **options)
+        return units.render_services(
+            names,
+            robot=robot,
+            address=address,
+            roscore_command=roscore_command,
+            roscore_port=roscore_port,
+            programs={name: UnitLines(lines["unit"], lines["service"]) for name, lines in programs.items()},
+            environment_digest=environment_digest,
+            nodes_digest=nodes_digest,
+            code_digest=code_digest,
+            metrics_folder=metrics_folder,
+            tunnel_digest=tunnel_digest,
+        )
     except quotes.Unquotable as problem:
         raise AnsibleFilterError(str(problem)) from problem
 
