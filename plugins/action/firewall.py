@@ -23,7 +23,7 @@ class ActionModule(GuardedAction):
         """Return the answer of the module to the options with these ports."""
         ports = args.get("ssh_ports") or []
         if isinstance(ports, list):
-            args = {**args, "ssh_ports": sorted({*ports, *ssh_ports(task_vars.get("hostvars") or {})})}
+            args = {**args, "ssh_ports": [*ports, *sorted(ssh_ports(task_vars.get("hostvars") or {}))]}
         return super().answer(args, task_vars)
 
 

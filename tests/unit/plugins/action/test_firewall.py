@@ -3,6 +3,7 @@
 
 """The action firewall hands the ports on by which the controller reaches the hosts of its inventory."""
 
+import pytest
 from ansible_collections.rosfleet.multimaster.plugins.action import firewall
 
 
@@ -16,3 +17,12 @@ def test_ports_of_an_inventory():
         "plain": {},
     }
     assert firewall.ssh_ports(hostvars) == {22, 2222, 2200}
+
+
+@pytest.mark.parametrize("ports", [[], [22, "2022"], [22, "a"], [{}, 22]])
+def test_ports_of_a_task_stand_before_those_of_the_inventory(monkeypatch, ports):
+    """The module judges them: it has a sentence for what is no port."""
+    monkeypatch.setattr(firewall.GuardedAction, "answer", lambda _self, args, _task_vars: args)
+    action = object.__new__(firewall.ActionModule)
+    hostvars = {"inner": {"ansible_port": 2222}, "gateway": {"ansible_port": 2200}}
+    assert action.answer({"ssh_ports": ports}, {"hostvars": hostvars}) == {"ssh_ports": [*ports, 2200, 2222]}
