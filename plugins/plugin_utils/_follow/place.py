@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import enum
 import re
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -159,7 +159,8 @@ class _Walk:
         there = self._walk(REQUEST, route)
         first = self._list(self.probe.sender, REQUEST, outgoing=True)
         there = replace(there, first_ttl=first[0].ttl if first else 0)
-        report = next((one for one in self.own.get(self.probe.sender, ()) if one.kind == ERROR), None)
+        reports = [one for one in self.own.get(self.probe.sender, ()) if one.kind == ERROR]
+        report = next((one for one in reports if not self._is_denied(one)), None)
         if report and self.probe.protocol == "udp" and (report.icmp_type, report.icmp_code) == CLOSED_PORT:
             return there
         place = (
@@ -168,10 +169,23 @@ class _Walk:
         # What was answered did arrive, also where nobody saw it: a NAT may change the identifiers of pings.
         if self._is_answered() and there.stage != Stage.STRANGER:
             return replace(place, stage=Stage.ARRIVED)
+        if report is None and reports and (place.stage, self.probe.protocol) == (Stage.HOP, "icmp"):
+            return replace(place, stage=Stage.UNSEEN)  # a NAT there may have given them another identifier
         if report is None or (place.answer and place.stage in (Stage.ARRIVED, Stage.WITHHELD)):
             return self._find_change(place)
         at = self.chart.name_at(report.reporter) or report.reporter
         return replace(there, stage=Stage.REPORTED, at=at, next="", last=report)
+
+    def _is_denied(self, report: Capture) -> bool:
+        """Say if the computer that is to have reported listened, has sent no such report, and has passed on what came, or got nothing."""
+        at = self.chart.name_at(report.reporter)
+        if at == self.probe.sender or at not in self.chart.listening:
+            return False
+        is_end = at == self.probe.target
+        is_done = is_end and self.probe.protocol == "udp"  # its end sends nothing
+        has_passed = is_done or bool(self._list(at, ANSWER if is_end else REQUEST, outgoing=True))
+        has_got = bool(self._list(at, REQUEST, outgoing=False))
+        return (has_passed or not has_got) and not self._list(at, ERROR, outgoing=True)
 
     def _is_answered(self) -> bool:
         """Say if the program that has sent them got an answer, whoever sent it."""
@@ -234,7 +248,7 @@ class _Walk:
         for _hop in range(MOST_HOPS):
             last = came[-1] if came else None
             place = Place(self.probe, Stage.HOP, at, following.get(at, ""), last=last, times=len(came), sent=self.sent)
-            left = self._list(at, kind, outgoing=True)
+            left = self._list_left(at, kind)
             if not left:
                 asked = self._find_question(at, route)
                 if asked:
@@ -242,13 +256,11 @@ class _Walk:
                     return replace(place, stage=stage, asked=asked, next=to)
                 # The first one of an answer is there, or it was not walked.
                 return replace(place, stage=self._unless_blind(at, Stage.HOP) if came else self._start())
-            # An interface above another one shows each packet, too: first as it goes out, last as it comes in.
-            left = [one for one in left if one.interface == left[0].interface]
             place = replace(place, last=left[-1])
             if came and came[-1].source_port != left[-1].source_port:
                 self.changers.add(at)
             to = self._find_receiver(left[-1], place.next, [name for name in route if name not in passed], kind)
-            came = self._list(to, kind, outgoing=False)
+            came = self._list(to, kind, outgoing=False)  # an interface above another one shows them last
             came = [one for one in came if one.interface == came[-1].interface]
             self.steps.append((at, left[-1]))
             self.hops.append(self._make_hop(at, to, left[-1], came))
@@ -259,11 +271,22 @@ class _Walk:
                 return replace(place, stage=lost, next=to)
             if to == end:
                 return replace(place, stage=Stage.ARRIVED, at=to, next="", last=came[-1], times=len(came))
+            if to in passed - {at} and not self._came_back(to, route[0], kind):
+                return replace(place, stage=Stage.UNSEEN)
             if to in passed:
                 return replace(place, stage=Stage.CIRCLE, at=to, next="", last=came[-1], times=len(came))
             passed.add(to)
             at = to
         return replace(place, stage=Stage.UNSEEN)
+
+    def _list_left(self, host: str, kind: str) -> list[Capture]:
+        """List the packets that left a computer, once each: an interface above another one shows each of them first."""
+        left = self._list(host, kind, outgoing=True)
+        return [one for one in left if one.interface == left[0].interface]
+
+    def _came_back(self, to: str, first: str, kind: str) -> bool:
+        """Say if packets came in once more where they have passed: at the first computer, or with less of their life."""
+        return to == first or len({one.ttl for one in self._list(to, kind, outgoing=False)}) > 1
 
     def _make_hop(self, at: str, to: str, left: Capture, came: Sequence[Capture]) -> Hop:
         return Hop(
@@ -287,14 +310,23 @@ class _Walk:
         holders = self.chart.hosts.get(left.target_mac, frozenset())
         if planned in holders or not ONE_HOST.fullmatch(left.target_mac):
             return planned
-        came = [
-            name
-            for name in ((planned, *rest) if not holders else sorted(holders))
-            if any(name in self.chart.hosts.get(one.target_mac, ()) for one in self._list(name, kind, outgoing=False))
-        ]
-        if came or holders:
-            return next(iter([*came, *sorted(holders)]))
+        members = dict.fromkeys((planned, *rest))
+        came = [name for name in dict.fromkeys((*sorted(holders), *members)) if self._has_own(name, kind)]
+        on_way = members.keys() & set(came)
+        # Anybody may tell an address of a stranger, and that packets came in: the ones that got them later say that it is not so.
+        got = [name for name in came if name in on_way or not on_way or self._passes_on(name, kind, on_way)]
+        if got or holders:
+            return next(iter([*got, *sorted(holders)]))
         return "" if planned in self.chart.listening else planned
+
+    def _has_own(self, name: str, kind: str) -> bool:
+        """Say if packets came in at a computer for one of its own hardware addresses."""
+        return any(name in self.chart.hosts.get(one.target_mac, ()) for one in self._list(name, kind, outgoing=False))
+
+    def _passes_on(self, name: str, kind: str, others: Collection[str]) -> bool:
+        """Say if packets left a computer for one of others."""
+        holders = [self.chart.hosts.get(one.target_mac, frozenset()) for one in self._list_left(name, kind)[-1:]]
+        return any(name not in names and names & set(others) for names in holders)
 
     def _find_question(self, host: str, route: Sequence[str]) -> str:
         """Return the address for which a computer asked in vain, of those on the way: programs ask for others, too."""

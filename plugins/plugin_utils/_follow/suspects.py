@@ -76,6 +76,7 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
     ),
 }
 
+BETWEEN_TWO = (Stage.WIRE, Stage.ASKED, Stage.CUT, Stage.MUTE, Stage.STRANGER)
 RULE = "rule of "  # begins the name of a rule among the counters
 OWN_CHAIN = re.compile(r"rule of \S+ [^ :]*(?:input|output)[^ :]*:", re.IGNORECASE)
 EXCEEDED = 11  # the type of ICMP for a time to live that is used up (RFC 792)
@@ -106,8 +107,9 @@ def _fits(part: Part, kind: str, modes: tuple[str, ...]) -> bool:
 
 def name_place(place: Place, words: str) -> Part:
     """Make the part that is the place itself, with what was seen there in words."""
-    if place.stage in (Stage.WIRE, Stage.ASKED, Stage.CUT) and place.next:
-        return Part.from_pair("way", "between", place.at, place.next, what=words)
+    other = place.probe.sender if place.stage == Stage.MUTE else place.next
+    if place.stage in BETWEEN_TWO and other:  # one of the two alone says what others do not see
+        return Part.from_pair("way", "between", place.at, other, what=words)
     return Part("way", place.at, "ends", words)
 
 

@@ -3,7 +3,10 @@
 
 """The place where packets end: from what three computers captured of a ping, a connection and a datagram."""
 
+import random
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
@@ -20,6 +23,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.sec
 )
 from hypothesis import given
 from hypothesis import strategies as st
+
+sys.path.append(str(Path(__file__).parent))
+
+import lies  # noqa: E402
 
 ROUTE = ["one", "gate", "two"]
 MACS = {"one": "02:00:00:00:00:01", "gate": "02:00:00:00:00:02", "two": "02:00:00:00:00:03"}
@@ -389,3 +396,69 @@ def test_a_lost_question_is_told_from_a_program_that_hangs(unconfirmed, expected
     assert where(found)[: len(expected)] == expected
     words = place.describe_place(found, CHART)
     assert ("two does not confirm a question" in words) == bool(unconfirmed)
+
+
+# One computer that lies
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_lie_costs_nobody_else_anything(seed):
+    """Who is not on the way changes nothing, where others have seen the packets; who is on it blames nobody but with itself."""
+    for number in range(250):
+        chance = random.Random(f"{seed} {number}")
+        world = lies.draw_world(chance)
+        true, liar = world.find(), chance.choice(lies.NAMES)
+        told = lies.draw_lie(chance, world, liar).find()
+        if not told.is_fault or (true.is_fault and told.at == true.at):
+            continue
+        if liar not in world.route:
+            assert (true.stage, told.at) == (Stage.STRANGER, liar), number
+        elif told.at in lies.NAMES:
+            assert liar in suspects.name_place(told, "x").places, number
+
+
+def test_a_report_that_its_computer_denies_is_none():
+    """It has passed the packets on, it has none of them, or it is their end and has answered."""
+    for protocol, hops, at, stage in (
+        (CALL, ROUTE, "10.0.1.254", Stage.TARGET),
+        (CALL, ["one", "gate"], "10.0.2.1", Stage.HOP),
+        (PING, ["one", "gate"], "10.0.2.1", Stage.UNSEEN),  # it may have come there with another identifier
+        (BEAT, ROUTE, "10.0.2.1", Stage.ARRIVED),
+    ):
+        seen = cross("request", hops, protocol)
+        seen["one"].append(capture(False, "error", probe=protocol, icmp_type=3, icmp_code=13, reporter=at))
+        assert find(seen, protocol).stage == stage
+        name = ADDRESSES[at]
+        seen[name].append(capture(True, "error", probe=protocol, icmp_type=3, icmp_code=13, reporter=at))
+        assert where(find(seen, protocol))[:2] == (Stage.REPORTED, name)
+
+
+def test_who_tells_the_address_of_a_router_takes_no_packets():
+    seen = cross("request", ROUTE)
+    seen["gate"] = [seen["gate"][0], capture(True, "request", "02:00:00:00:00:99")]
+    hosts = {**CHART.hosts, "02:00:00:00:00:99": frozenset(["other"])}
+    assert where(find(seen, chart=replace(CHART, hosts=hosts)))[:2] == (Stage.TARGET, "two")
+
+
+def test_packets_came_back_only_with_less_of_their_life():
+    for ttl, stage in ((64, Stage.UNSEEN), (62, Stage.CIRCLE)):
+        seen = cross("request", ROUTE)
+        seen["two"] = []
+        hosts = {**CHART.hosts, "02:00:00:00:00:05": frozenset(["other"])}
+        seen["gate"][-1] = replace(seen["gate"][-1], target_mac="02:00:00:00:00:05")
+        seen["other"] = [
+            capture(False, "request", "02:00:00:00:00:05"),
+            capture(True, "request", MACS["gate"], ttl=ttl),
+        ]
+        if ttl < 64:
+            seen["gate"].append(capture(False, "request", MACS["gate"], ttl=ttl))
+        found = find(seen, listening=(*ROUTE, "other"), chart=replace(CHART, hosts=hosts))
+        assert found.stage == stage and found.at == {Stage.CIRCLE: "gate"}.get(stage, "other")
+
+
+def test_what_one_of_two_alone_says_names_both():
+    seen = join(cross("request", ROUTE, CALL), cross("answer", ROUTE[::-1], CALL))
+    mute = find(seen, CALL, SentProbe(3, Outcome.OPEN, source_port=4000, data=Outcome.NO_ANSWER))
+    assert (mute.stage, suspects.name_place(mute, "x").places) == (Stage.MUTE, ("one", "two"))
+    strange = {"one": [capture(True, "request", "02:00:00:00:00:99")], "gate": [], "two": []}
+    assert suspects.name_place(find(strange), "x").places == ("gate", "one")  # the one that it has, maybe
