@@ -142,7 +142,7 @@ class _Walk:
         return self.sent is not None and one.source_port == self.sent.source_port
 
     def _is_own(self, one: Capture, connections: set[int]) -> bool:
-        if one.protocol != self.probe.protocol:
+        if one.protocol != self.probe.protocol or not (one.outgoing or one.intact):  # the kernel takes no broken one
             return False
         if (
             one.kind == ERROR and one.destination != self.probe.address

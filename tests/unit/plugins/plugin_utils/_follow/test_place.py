@@ -417,6 +417,13 @@ def test_a_lie_costs_nobody_else_anything(seed):
             assert liar in suspects.name_place(told, "x").places, number
 
 
+def test_who_gets_broken_packets_is_not_where_they_end():
+    seen = cross("request", ROUTE[:2])
+    assert where(find(seen)) == (Stage.HOP, "gate", "two", False)
+    seen["gate"] = [replace(one, intact=False) for one in seen["gate"]]
+    assert where(find(seen)) == (Stage.WIRE, "one", "gate", False)
+
+
 def test_a_report_that_its_computer_denies_is_none():
     """It has passed the packets on, it has none of them, or it is their end and has answered."""
     for protocol, hops, at, stage in (
