@@ -180,6 +180,30 @@ def test_one_that_another_has_made_again_is_not_taken(tracefs, monkeypatch):
         made[0].rmdir()
 
 
+def test_one_that_another_has_locked_stops_nobody(tracefs, monkeypatch):
+    """Others have removed ours and made it again, or are stopped while they look at it."""
+    open_folder, other = drops._open, []
+
+    def lose(folder):
+        if not other:
+            os.rmdir(folder)
+            os.mkdir(folder)
+            other.append(open_folder(folder))
+            drops.fcntl.flock(other[0], drops.fcntl.LOCK_EX)
+        return open_folder(folder)
+
+    monkeypatch.setattr(drops, "_open", lose)
+    monkeypatch.setattr(drops, "MOMENT", 0.1)
+    try:
+        with drops.DropReasons(str(tracefs)) as reasons:
+            assert reasons.read() == {}
+        (folder,) = list_instances(tracefs)
+        assert drops._is_at(other[0], str(folder))
+    finally:
+        os.close(other[0])
+        folder.rmdir()
+
+
 def test_the_listener_tells_the_reasons(tracefs, monkeypatch, tmp_path):
     monkeypatch.setattr(listener, "DropReasons", lambda: drops.DropReasons(str(tracefs)))
     monkeypatch.setattr(listener, "count_lost", lambda link: 0)  # it is no packet socket
