@@ -102,6 +102,7 @@ def _take(folder: str, name: str, deadline: float) -> typing.Tuple[int, typing.L
                 os.close(descriptor)
                 raise
             os.close(descriptor)
+            vanishing = time.monotonic() + _VANISHING  # it may come and go again after the run that had it
 
 
 def _free(folder: str, descriptor: int, made: typing.Sequence[str]) -> None:

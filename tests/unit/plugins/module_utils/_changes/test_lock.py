@@ -7,9 +7,11 @@ import contextlib
 import errno
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -161,6 +163,27 @@ def test_folders_of_two_that_begin_at_once_are_removed(records, monkeypatch):
     with lock.hold([str(records)], "example") as sentences:
         assert sentences == []
     assert raced and list(records.parents[2].iterdir()) == []
+
+
+def test_a_folder_that_goes_after_a_long_wait_is_made_again(records, monkeypatch):
+    """The run that was waited for removes it, and another one may do so just before it is locked."""
+    monkeypatch.setattr(lock, "_VANISHING", 0.1)
+    make, gone = lock.atomic.make_folders, []
+
+    def remove_again(place):
+        made = make(place)
+        if not gone:
+            gone.append(records)
+            records.rmdir()
+        return made
+
+    with holder(records) as held:
+        monkeypatch.setattr(lock.atomic, "make_folders", remove_again)
+        end = threading.Timer(0.4, lambda: (shutil.rmtree(records), held.kill()))
+        end.start()
+        with lock.hold([str(records)], "example") as sentences:
+            assert (sentences, gone) == ([], [records])
+        end.join()
 
 
 def test_a_link_in_its_place_is_not_followed(records):
