@@ -23,7 +23,9 @@ _PIECE = 1 << 16  # bytes that are unpacked and read at once
 _TOKEN = 1 << 17  # bytes of one token of XML, such as a comment
 _TEXT = 4 << 20  # bytes of memory of one text
 _ELEMENT = 40  # bytes of memory that an element costs about, beside its text
-_STRUCT = 40  # and a mapping more
+_ROOMY = 40  # and one of these more, or a list that is in no value
+_ROOMY_TAGS = ("struct", "bigdecimal")
+_HEAD, _WIDE_HEAD = 20, 44  # and a text that is in no element of its own within a value, of ASCII and of others
 _DEAR = 24 << 20  # bytes of memory of any document: 5,000 topics are 6 MB
 _SPARE = 1 << 20  # bytes of memory: what libraries write costs less than this and twice its length
 _NUMBERS = ("int", "i1", "i2", "i4", "i8", "biginteger", "bigdecimal", "double")
@@ -45,22 +47,25 @@ class _Reader(xmlrpc.client.Unmarshaller):
 
     def __init__(self, dear: int, longest: int, plain_types: bool) -> None:
         xmlrpc.client.Unmarshaller.__init__(self, use_builtin_types=plain_types)
-        self._depth, self._left, self._size, self._width = 0, dear, 0, 1
-        self._most, self._longest = dear, longest
+        self._depth, self._left, self._size, self._width, self._head = 0, dear, 0, 1, _HEAD
+        self._most, self._longest, self._alone, self._value = dear, longest, True, False
 
     # These three are called for each element, of which a state has thousands: they call as little as can be.
 
     def start(self, tag: str, attrs: typing.Dict[str, str]) -> None:
-        self._depth, self._size, self._width = self._depth + 1, 0, 1
+        self._depth, self._size, self._width, self._head = self._depth + 1, 0, 1, _HEAD
         if self._depth > _NESTING:
             raise DocumentTooLarge(f"more than {_NESTING} elements within each other")
-        self._left -= _ELEMENT + _STRUCT if tag == "struct" else _ELEMENT
+        self._alone = not self._value  # the element before this one is no value, so this one is not in it
+        is_roomy = tag in _ROOMY_TAGS or (self._alone and tag == "array")
+        self._left -= _ELEMENT + _ROOMY if is_roomy else _ELEMENT
         if self._left < 0:
             self._refuse()
         _start(self, tag, attrs)
 
     def data(self, text: str) -> None:
         if self._width < 4 and not _is_ascii(text):
+            self._head = _WIDE_HEAD
             widest = max(text)  # one such character makes all of a text wide
             width = 4 if widest > "\uffff" else 2 if widest > "\xff" else 1
             if width > self._width:
@@ -79,9 +84,13 @@ class _Reader(xmlrpc.client.Unmarshaller):
         if self._size > _NUMBER and tag.split(":")[-1] in _NUMBERS:
             raise ValueError(f"a number of more than {_NUMBER} digits")
         _end(self, tag)
+        if self._size and self._alone:
+            self._left -= self._head
+            if self._left < 0:
+                self._refuse()
         if self._size:  # else an element around this one would have its text again
             self._data.clear()
-        self._size, self._width = 0, 1
+        self._size, self._width, self._head = 0, 1, _HEAD
 
     def _refuse(self) -> None:
         raise DocumentTooLarge(f"its values take more than {self._most >> 20} MiB of memory")

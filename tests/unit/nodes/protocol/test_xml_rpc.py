@@ -3,8 +3,10 @@
 """XML-RPC documents with bounds: what the standard library writes is read as it reads it, and what is hostile is refused."""
 
 import ast
+import contextlib
 import gzip
 import pathlib
+import random
 import tracemalloc
 import xmlrpc.client
 
@@ -84,6 +86,52 @@ def test_a_hostile_document_is_refused_before_it_costs_much(kind, packed):
     finally:
         tracemalloc.stop()
     assert peak < 75 << 20
+
+
+TAGS = ("value", "string", "i8", "bigdecimal", "nil", "base64", "array", "data", "struct", "member", "name", "param")
+TEXTS = (
+    "",
+    "1",
+    "aa",
+    "\n ",
+    "YWFh",
+    "éé",
+    "漢",
+    "漢漢漢",
+    "a\U0001f916",
+    "<![CDATA[é]]>",
+    "a<!-- -->b<?c?>d",
+    "1" * 300,
+)
+DENSE = [
+    *(f"<value>{text}</value>" for text in TEXTS),
+    *(f"<{tag}>{text}</{tag}>" for tag, text in (("string", "漢"), ("array", ""), ("struct", ""), ("bigdecimal", "1"))),
+    "<value><struct><member><name>漢%d</name><value>漢</value></member></struct></value>",
+]
+
+
+def draw_element(chance, depth):
+    """Any element, of any elements and texts: it need not mean anything."""
+    tag = chance.choice(TAGS)
+    parts = [draw_element(chance, depth - 1) for _number in range(chance.choice([0, 1, 1, 2]) if depth else 0)]
+    return f"<{tag}>{''.join([chance.choice(TEXTS), *parts])}</{tag}>"
+
+
+@pytest.mark.parametrize("unit", [*DENSE, *(draw_element(random.Random(seed), 4) for seed in range(20))])
+def test_a_document_costs_the_memory_that_is_counted(unit):
+    most = 1 << 20
+    body = "".join(unit.replace("%d", str(number)) for number in range(most // len(unit.encode())))
+    text = document(f"<value><array><data>{body}</data></array></value>")[:most]
+    tracemalloc.start()
+    try:
+        with contextlib.suppress(Exception):  # what makes no sense, and what is too dear
+            loads(text, most)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 1.25 * (
+        2 * most + (1 << 20)
+    )  # a list that grows has up to an eighth more, and the parser its buffers
 
 
 @pytest.mark.parametrize("tag", ["string", "base64"])
