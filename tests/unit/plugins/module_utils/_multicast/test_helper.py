@@ -278,6 +278,18 @@ def test_forged_ports_do_not_use_up_the_introductions():
     assert sum(map(len, again)) == m.PORTS - 1, "it keeps its place until it was told all times"
 
 
+def test_forged_ports_do_not_keep_a_helper_alive():
+    air = Air(3)
+    air.run(1)
+    air.measure(range(3))
+    chance = random.Random(3)
+    for _step in range(600):
+        air.step()
+        source = "10.0.0.2", chance.randrange(1024, 1 << 16)
+        air.send(0, air.helpers[0].datagram(air.now, source, "226.0.0.0", "eth0", 0))
+    assert all(air.ended)
+
+
 def test_heartbeats_of_a_discovery_node_are_no_probes():
     one = helper()
     one.datagram(0, ("10.0.0.2", 11511), "226.0.0.0", "eth0", 24)
