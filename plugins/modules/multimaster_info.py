@@ -381,6 +381,13 @@ forwarding:
       returned: always
       type: int
       sample: 0
+    macs:
+      description: >-
+        The hardware addresses of all interfaces that are up, also of those without an address, such as the ports of a bridge.
+      returned: always
+      type: list
+      elements: str
+      sample: ['02:42:c0:a8:01:c9']
     interfaces:
       description: The interfaces with an address of IPv4.
       returned: always

@@ -726,6 +726,7 @@ forwarding:
         carrier_changes: 2
         last: ""
         power_save: null
+    macs: ['02:42:c0:a8:01:c9']
   contains:
     ip_forward:
       description: C(net.ipv4.ip_forward), or null where it cannot be read.
@@ -737,6 +738,13 @@ forwarding:
       returned: always
       type: int
       sample: 0
+    macs:
+      description: >-
+        The hardware addresses of all interfaces that are up, also of those without an address, such as the ports of a bridge.
+      returned: always
+      type: list
+      elements: str
+      sample: ['02:42:c0:a8:01:c9']
     interfaces:
       description: The interfaces that have an IPv4 address.
       returned: always

@@ -164,7 +164,7 @@ PARTS = (
     Part("policy", network.policy, {"rules": [], "closed": []}, on_router=True),
     Part("name_sources", network.name_sources, []),
     Part("default_routes", network.default_routes, [], on_router=True),
-    Part("forwarding", network.forwarding, {"ip_forward": None, "interfaces": []}, on_router=True),
+    Part("forwarding", network.forwarding, {"ip_forward": None, "interfaces": [], "macs": []}, on_router=True),
     Part("masters", look_masters, [], ("params", "deadline")),
     Part("roscore", ros_commands.roscore, {"uri": "", "answer": "", "error": "not looked at"}, ("ros", "deadline")),
     Part(

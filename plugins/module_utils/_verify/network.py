@@ -329,6 +329,9 @@ def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]
     For each interface with an IPv4 address: forwarding of packets that come in there, the effective reverse-path filter
     (the larger value of `all` and the interface), and the sending of redirects (if either of the two says so). Null
     stands for what cannot be read.
+
+    An interface without an address is told by its hardware address alone: a port of a bridge, or what is below a macvlan,
+    answers ARP for the addresses of all interfaces.
     """
 
     def value(*words: str) -> typing.Optional[int]:
@@ -340,7 +343,10 @@ def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]
         return None if None in both else max(value for value in both if value is not None)
 
     found = []
+    macs: typing.Dict[str, None] = {}
     for interface in machine.interfaces():
+        if interface.up and not interface.loopback and not interface.point_to_point:
+            macs[text(f"/sys/class/net/{interface.name}/address").strip()] = None
         name, addresses = interface.name, [entry for entry in interface.addresses if entry.family == "inet"]
         if addresses and not interface.loopback:
             settings = {
@@ -352,7 +358,7 @@ def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]
             link = dict(link_of(name), mtu=interface.mtu or None, point_to_point=interface.point_to_point)
             found.append(dict(link, interface=name, **settings, **places))
     switches = {name: value(name) for name in ("ip_forward", "icmp_echo_ignore_all")}
-    return {**switches, "interfaces": found}
+    return {**switches, "interfaces": found, "macs": list(filter(None, macs))[:MOST_LINES]}
 
 
 def link_of(interface: str) -> typing.Dict[str, typing.Any]:

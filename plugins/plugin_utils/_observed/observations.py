@@ -124,6 +124,7 @@ class ForwardingSettings:
     ip_forward: int | None = None
     interfaces: tuple[ForwardingInterface, ...] = ()
     icmp_echo_ignore_all: int | None = None
+    macs: tuple[str, ...] = ()  # the hardware addresses of all interfaces, also of those without an address
 
 
 @dataclass(frozen=True)

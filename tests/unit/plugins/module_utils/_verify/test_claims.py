@@ -18,6 +18,11 @@ import json, sys
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import claims
 print(json.dumps(claims.claims(sys.argv[1:])))
 """
+MACS = """
+import json
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import network
+print(json.dumps(network.forwarding()["macs"]))
+"""
 ROUTES = """Iface\tDestination\tGateway \tFlags\tRefCnt\tUse\tMetric\tMask\t\tMTU\tWindow\tIRTT
 eth0\t00000000\t0101A8C0\t0003\t0\t0\t0\t00000000\t0\t0\t0
 eth0\t0001A8C0\t00000000\t0001\t0\t0\t0\t00FFFFFF\t0\t0\t0
@@ -33,15 +38,17 @@ def computers(tmp_path):
     found.end()
 
 
+def run_script(host, script, *words):
+    environment = {**namespaces.os.environ, "PYTHONPATH": str(namespaces.COLLECTIONS)}
+    return json.loads(host.run(sys.executable, "-c", script, *words, env=environment))
+
+
 def asked(host, *addresses):
-    output = host.run(
-        sys.executable, "-c", ASK, *addresses, env={**namespaces.os.environ, "PYTHONPATH": str(namespaces.COLLECTIONS)}
-    )
-    return {entry["address"]: entry["macs"] for entry in json.loads(output)}
+    return {entry["address"]: entry["macs"] for entry in run_script(host, ASK, *addresses)}
 
 
-def mac(host):
-    return json.loads(host.run("ip", "-json", "link", "show", "eth0"))[0]["address"]
+def mac(host, interface="eth0"):
+    return json.loads(host.run("ip", "-json", "link", "show", interface))[0]["address"]
 
 
 @pytest.mark.slow
@@ -51,6 +58,20 @@ def test_two_computers_with_one_address_are_both_heard(computers):
     twin.run("ip", "address", "add", f"{one.address}/24", "dev", "eth0")
     assert sorted(asked(third, one.address)[one.address]) == sorted([mac(one), mac(twin)])
     assert asked(one)[one.address] == [mac(twin)]
+
+
+@pytest.mark.slow
+def test_an_interface_below_a_macvlan_answers_and_is_told(computers):
+    """Both answer for the address, though it is on the upper one alone; so the computer tells both hardware addresses."""
+    one, asker, _third = computers
+    one.run("ip", "address", "flush", "dev", "eth0")
+    one.run("ip", "link", "add", "upper", "link", "eth0", "type", "macvlan", "mode", "bridge")
+    one.run("ip", "address", "add", f"{one.address}/24", "dev", "upper")
+    one.run("ip", "link", "set", "upper", "up")
+    one.run("mount", "-t", "sysfs", "sysfs", "/sys")  # that of its own interfaces
+    both = sorted([mac(one), mac(one, "upper")])
+    assert sorted(asked(asker, one.address)[one.address]) == both
+    assert sorted(run_script(one, MACS)) == both
 
 
 def test_a_gateway_is_asked_for_and_questions_change_no_table(computers):

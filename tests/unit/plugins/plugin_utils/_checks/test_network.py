@@ -253,6 +253,18 @@ def test_who_answers_for_the_own_address(macs, twice):
     assert parts(diagnosed(change)) == ([("interface", ONE, "duplicate")] if twice else [])
 
 
+def test_an_interface_without_an_address_is_no_other_computer():
+    """The interface below a macvlan answers for the address above it, and neighbours may send to either."""
+
+    def change(seen):
+        below = "02:00:00:00:00:77"
+        update(seen[TWO].probe.forwarding, macs=(mac(TWO), below))
+        update(seen[ONE].probe, claims=(Claim("192.168.1.2", "eth0", (mac(TWO), below)),))
+        update(of(seen[ONE].probe.members, TWO), neighbour=below)
+
+    assert not diagnosed(change).findings
+
+
 @pytest.mark.parametrize(
     ("macs", "twice"), [(("02:00:00:00:00:77",), False), (("02:00:00:00:00:77", "02:00:00:00:00:78"), True)]
 )
