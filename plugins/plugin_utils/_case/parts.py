@@ -979,7 +979,8 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     **dict.fromkeys((("discovery", "configuration"), ("sync", "configuration")), (STOPPED, LOOPING)),
     **{("names", mode): (("names", "order"),) for mode in ("unknown", "old", "several")},
     ("roscore", "name"): (("environment", "service"),),
-    ("interface", "multicast"): (("interface", "address"),),
+    # What comes in elsewhere, as at a port that was taken out of a bridge, is of no use while the planned interface has no link.
+    ("interface", "multicast"): (("interface", "address"), ("link", "down")),
     ("route", "missing"): (
         ("route", "closed"),
         ("route", "rule"),

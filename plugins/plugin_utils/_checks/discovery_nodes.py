@@ -395,7 +395,11 @@ def _clock_suspects(case: Case) -> Parts:
         suspects = free or [case.observer.name, case.target]
         return join_parts(make_parts("clock", name, "off") | time_sources.list_parts(case, name) for name in suspects)
     if entry is not None and entry.open:
-        return make_parts("discovery", case.target, "hung") | needs.large(case, case.observer.name, case.target)
+        # A discovery node closes the connection of who calls from no address of the plan.
+        stranger = make_parts("interface", case.observer.name, "address")
+        return (
+            make_parts("discovery", case.target, "hung") | needs.large(case, case.observer.name, case.target) | stranger
+        )
     return _find_port_fault(case) or find_parts(case, _connect_outcome(case), "rpc") or _port_suspects(case)
 
 

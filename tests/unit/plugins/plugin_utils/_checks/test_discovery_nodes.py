@@ -23,6 +23,7 @@ from fleets import (
     of,
     parts,
     plan,
+    silent,
     update,
 )
 
@@ -285,3 +286,26 @@ def test_a_refused_port_tells_a_dead_roscore_from_a_hung_one():
     assert ("roscore", TWO, "dead") in parts(found) and not any(
         part.mode == "hung" for entry in found.findings for part in entry.candidates
     )
+
+
+def test_what_comes_in_elsewhere_follows_from_a_link_that_is_down():
+    """The interface was taken out of its bridge: the bridge has no link, and the group is heard at the interface below."""
+
+    def change(seen):
+        update(seen[ONE].probe.forwarding.interfaces[0], state="down")
+        silent(seen, [ONE], [TWO])
+        silent(seen, [TWO], [ONE])
+        _udp(True, heard_from=False, other_interfaces=["eth7"])(seen)
+
+    assert parts(diagnosed(change)) == [("link", ONE, "down")]
+
+
+def test_a_call_from_another_address_is_closed_and_explained():
+    """The planned address is the second one of its interface, so packets leave from the first."""
+
+    def change(seen):
+        update(of(seen[ONE].probe.members, TWO).route, source="192.168.1.77")
+        _master(clock_offset_s=None, clock_error="getCurrentTime failed: the connection was closed")(seen)
+
+    found = diagnosed(change)
+    assert parts(found) == [("interface", ONE, "address")] and not found.unexplained
