@@ -244,6 +244,11 @@ interfaces:
       returned: always
       type: int
       sample: 1500
+    port_of:
+      description: The bridge or bond of which it is a port, or empty. What comes in at a port belongs to the interface above it.
+      returned: always
+      type: str
+      sample: ""
     point_to_point:
       description: Whether it is one end of a link with two ends, such as a tunnel.
       returned: always
@@ -431,6 +436,11 @@ forwarding:
           returned: always
           type: int
           sample: 1500
+        port_of:
+          description: The bridge or bond of which it is a port, or empty. What comes in at a port belongs to the interface above it.
+          returned: always
+          type: str
+          sample: ""
         point_to_point:
           description: Whether the interface is one end of a link with two ends, such as a tunnel.
           returned: always

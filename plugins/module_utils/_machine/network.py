@@ -44,6 +44,7 @@ class Interface(typing.NamedTuple):
     mtu: int = 0  # bytes
     point_to_point: bool = False  # a link with two ends, such as a tunnel: no computer is asked for by ARP
     addresses: typing.Tuple[Address, ...] = ()
+    port_of: str = ""  # the bridge or bond above it, which has what comes in
 
     @property
     def networks(self) -> typing.List[typing.Any]:
@@ -79,7 +80,7 @@ class RouteTo(typing.NamedTuple):
 
 def interfaces() -> typing.List[Interface]:
     """Read the network interfaces with their addresses. Raises OSError where `ip` fails."""
-    answer = run(["ip", "-json", "address"])
+    answer = run(["ip", "-json", "-details", "address"])
     try:
         return from_json(answer.output.decode("utf-8") if answer.status == 0 else "")
     except ValueError as problem:
@@ -91,6 +92,8 @@ def from_json(output: str) -> typing.List[Interface]:
     data = json.loads(output)
     if not isinstance(data, list):
         raise ValueError("expected a list of interfaces")
+    links = [link for link in data if "ifname" in link]  # old versions leave empty objects
+    above = _find_with_ports(links)
     return [
         Interface(
             name=link["ifname"],
@@ -105,10 +108,19 @@ def from_json(output: str) -> typing.List[Interface]:
                 for entry in link.get("addr_info", ())
                 if "local" in entry
             ),
+            port_of=link["master"] if link.get("master") in above else "",
         )
-        for link in data
-        if "ifname" in link  # old versions leave empty objects
+        for link in links
     ]
+
+
+def _find_with_ports(links: typing.Iterable[typing.Dict[str, typing.Any]]) -> typing.Dict[str, str]:
+    """Find the bridges and bonds, with their hardware addresses."""
+    return {
+        link["ifname"]: link.get("address", "")
+        for link in links
+        if link.get("linkinfo", {}).get("info_kind") in WITH_PORTS
+    }
 
 
 class Port(typing.NamedTuple):
@@ -133,11 +145,7 @@ def list_ports(output: str) -> typing.Dict[str, Port]:
     if not isinstance(data, list):
         raise ValueError("expected a list of interfaces")
     links = [link for link in data if "ifname" in link]
-    macs = {
-        link["ifname"]: link.get("address", "")
-        for link in links
-        if link.get("linkinfo", {}).get("info_kind") in WITH_PORTS
-    }
+    macs = _find_with_ports(links)
     return {link["ifname"]: Port(link["master"], macs[link["master"]]) for link in links if link.get("master") in macs}
 
 

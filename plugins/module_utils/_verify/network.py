@@ -355,7 +355,8 @@ def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]
                 "send_redirects": larger(name, "send_redirects"),
             }
             places = {"addresses": [one.address for one in addresses], "prefixes": [one.prefix for one in addresses]}
-            link = dict(link_of(name), mtu=interface.mtu or None, point_to_point=interface.point_to_point)
+            link = dict(link_of(name), mtu=interface.mtu or None, port_of=interface.port_of)
+            link["point_to_point"] = interface.point_to_point
             found.append(dict(link, interface=name, **settings, **places))
     switches = {name: value(name) for name in ("ip_forward", "icmp_echo_ignore_all")}
     return {**switches, "interfaces": found, "macs": list(filter(None, macs))[:MOST_LINES]}

@@ -115,6 +115,7 @@ class ForwardingInterface:
     last: str = ""  # where it is down: the last line of the journal about its link
     point_to_point: bool = False  # a link with two ends, such as a tunnel
     power_save: bool | None = None  # of a wireless interface; None of any other one, and without an answer of iw
+    port_of: str = ""  # the bridge or bond above it
 
 
 @dataclass(frozen=True)

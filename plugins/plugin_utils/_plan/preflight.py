@@ -207,6 +207,17 @@ def _check_interface(plan: ComputerPlan, wanted: Interface, interface: Mapping[s
             f"{plan.computer}: the interface {place} is down; expected it to be up: "
             f"bring it up{up} and find out why it was not."
         )
+    elif interface.get("port_of"):
+        above = quote(interface["port_of"])
+        yield (
+            f"{plan.computer}: the interface {place} is a port of {above}; expected the address on {above} itself, since what comes in at a "
+            "port belongs to the interface above it: give the address to that one, with the routes, or take the port out."
+        )
+    elif interface["loopback"]:
+        yield (
+            f"{plan.computer}: the interface {place} is the loopback, on which no other computer is; expected the address on an interface "
+            f"that is in {wanted.network}, since packets of a multicast group go by it: give the address to that one."
+        )
     elif sends and not interface["multicast"]:
         multicast = advice.command(" (ip link set {} multicast on)", ("device", interface["name"]))
         yield (

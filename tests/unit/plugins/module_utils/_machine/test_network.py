@@ -4,12 +4,16 @@
 """The reader of interfaces, addresses and routes, on texts of iproute2 and on this machine."""
 
 import json
+import os
 import socket
+import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Port, RouteTo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+
+from tests.unit.plugins.modules import namespaces
 
 IP_JSON = [
     {},
@@ -39,6 +43,7 @@ def test_interfaces_from_json():
             "mtu": 1500,
             "point_to_point": False,
             "addresses": [{"address": "192.168.1.229", "prefix": 24, "family": "inet"}],
+            "port_of": "",
         }
     ]
     with pytest.raises(ValueError, match="expected a list"):
@@ -115,6 +120,29 @@ def test_addresses_of_names_are_looked_up():
     assert addresses == [] and error
     for length in (70, 300):
         assert network.resolve("a" * length)[0] == []  # a label that no resolver takes
+
+
+SHOW_PORTS = """
+import json
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
+print(json.dumps({entry.name: entry.port_of for entry in network.interfaces()}))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(namespaces.why_not()), reason=namespaces.why_not())
+def test_an_interface_tells_the_bridge_of_which_it_is_a_port(tmp_path):
+    computers = namespaces.Network(1, tmp_path)
+    (one,) = computers.hosts
+    try:
+        one.run("ip", "link", "add", "br0", "type", "bridge")
+        one.run("ip", "link", "set", "eth0", "master", "br0")
+        one.run("ip", "link", "add", "upper", "link", "br0", "type", "macvlan")
+        environment = {**os.environ, "PYTHONPATH": str(namespaces.COLLECTIONS)}
+        found = json.loads(one.run(sys.executable, "-c", SHOW_PORTS, env=environment))
+    finally:
+        computers.end()
+    assert {"eth0": "br0", "br0": "", "upper": "", "lo": ""}.items() <= found.items()
 
 
 def test_ports_of_bridges_and_bonds_from_json():

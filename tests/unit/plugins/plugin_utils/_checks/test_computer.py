@@ -123,6 +123,7 @@ FAULTS = [
     (_ignores_pings, "answers_pings", WARNING, "setting", ONE, "icmp_all"),
     (_sources("mdns4_minimal", "files", "dns"), "name_order", WARNING, "names", ONE, "order"),
     (_no_files, "name_order", WARNING, "names", ONE, "order"),
+    (_interface(port_of="br0"), "addresses", WARNING, "interface", ONE, "address"),
     (_interface(prefixes=(24,)), "addresses", WARNING, "interface", ONE, "prefix"),
     (_no_link, "addresses", WARNING, "link", ONE, "down"),
     # It has answered in the same run.

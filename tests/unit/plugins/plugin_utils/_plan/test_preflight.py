@@ -151,6 +151,14 @@ PROBLEMS = {
         "is 192.168.1.229, but the machine has addresses of IPv6 alone; expected an IPv4 address",
     ),
     "interface down": (lambda info: info["interfaces"][1].update(up=False), "interface eth0 .* is down"),
+    "port of a bridge": (
+        lambda info: info["interfaces"][1].update(port_of="br0"),
+        "interface eth0 .* 192.168.1.229 is a port of br0; expected the address on br0 itself",
+    ),
+    "on the loopback": (
+        lambda info: info["interfaces"][1].update(name="lo0", loopback=True, multicast=False),
+        "interface lo0 .* is the loopback, .* expected the address on an interface that is in 192.168.1.0/24",
+    ),
     "no multicast": (lambda info: info["interfaces"][1].update(multicast=False), "does not do multicast"),
     "no systemd": (lambda info: info["systemd"].update(running=False), "systemd does not run"),
     "no ROS": (lambda info: info["ros"].update(chosen=None), "no ROS was found .* multimaster_ros_setup"),
