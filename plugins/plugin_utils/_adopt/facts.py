@@ -8,6 +8,7 @@ A machine may answer anything. What is no address, network or number is refused,
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
@@ -23,8 +24,9 @@ Info = Mapping[str, Any]
 NEEDED = ("interfaces", "routing", "forwarding", "masters")
 MOST = 64  # of interfaces, roscores, discovery nodes, assignments
 MOST_ROUTES = 2000
-# Networks inside a computer: containers and virtual machines.
-INSIDE = ("docker", "virbr", "veth", "br-", "lxcbr", "lxdbr", "cni", "podman")
+# Networks inside a computer: containers and virtual machines. Docker names a network of a user by its number, such as
+# br-3f2a1b4c5d6e, and br-lan is a bridge of a person.
+INSIDE = re.compile(r"(docker|virbr|veth|lxcbr|lxdbr|cni|podman).*|br-[0-9a-f]{4,12}")
 
 
 class StrangeMachine(ValueError):
@@ -84,6 +86,8 @@ class Machine:
     aside: tuple[str, ...] = ()  # addresses that no other computer reaches it by
     # Its addresses on interfaces without multicast, and their names.
     mute: Mapping[IPv4Address, str] = field(default_factory=dict)
+    # The address from which packets to each of its own networks leave: with several there, the kernel takes one.
+    sources: Mapping[IPv4Network, IPv4Address] = field(default_factory=dict)
     hops: tuple[Hop, ...] = ()
     forwards: bool = False
     roscores: tuple[Roscore, ...] = ()
@@ -105,6 +109,7 @@ def read_machine(name: str, info: Info) -> Machine:
             addresses=tuple(usable),
             aside=tuple(aside),
             mute=mute,
+            sources=_read_sources(info["routing"]["routes"]),
             hops=tuple(_hops(info["routing"]["routes"])),
             forwards=info["forwarding"]["ip_forward"] == 1,
             roscores=tuple(_roscore(entry) for entry in info["masters"][:MOST] if not entry["error"]),
@@ -126,7 +131,7 @@ def _addresses(interfaces: Sequence[Info]) -> tuple[list[IPv4Interface], list[st
             found, device = IPv4Interface(f"{address['address']}/{address['prefix']}"), quote(entry["name"], 32)
             if entry.get("multicast") is False:
                 mute[found.ip] = device
-            why = _explain_aside(found, device, entry["up"])
+            why = _explain_aside(found, str(entry["name"]), entry["up"])
             if why:
                 aside.append(f"{found} of {device}, {why}")
             else:
@@ -135,7 +140,7 @@ def _addresses(interfaces: Sequence[Info]) -> tuple[list[IPv4Interface], list[st
 
 
 def _explain_aside(address: IPv4Interface, device: str, up: Any) -> str:
-    if device.startswith(INSIDE):
+    if INSIDE.fullmatch(device):
         return "a network inside the computer"
     if not up:
         return "which is switched off"
@@ -149,6 +154,16 @@ def _hops(routes: Sequence[Info]) -> Iterable[Hop]:
         gateway = str(entry["gateway"] or "")
         if gateway and ":" not in gateway:
             yield Hop(IPv4Network(str(entry["destination"])), IPv4Address(gateway))
+
+
+def _read_sources(routes: Sequence[Info]) -> dict[IPv4Network, IPv4Address]:
+    """Read the sources of the routes to own networks; of several to one, that with the lowest metric counts."""
+    found: dict[IPv4Network, IPv4Address] = {}
+    for entry in sorted(routes[:MOST_ROUTES], key=lambda entry: int(entry["metric"])):
+        source = str(entry.get("source") or "")
+        if source and not entry["gateway"]:
+            found.setdefault(IPv4Network(str(entry["destination"])), IPv4Address(source))
+    return found
 
 
 def _time_sources(info: Info) -> Iterable[IPv4Address]:

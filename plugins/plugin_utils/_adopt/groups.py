@@ -28,7 +28,10 @@ class Machines:
 
     @cached_property
     def networks(self) -> Mapping[IPv4Network, Mapping[str, IPv4Address]]:
-        """Network -> machine -> its address there, the lowest of several. One that lies in a wider one is the wider one."""
+        """Network -> machine -> its address there. One that lies in a wider one is the wider one.
+
+        Of several addresses it is the one that the kernel sends from, by which others know the machine; else the lowest.
+        """
         seen = sorted({entry.network for machine in self.by_name.values() for entry in machine.addresses})
         wide = [one for one in seen if not any(one != other and one.subnet_of(other) for other in seen)]
         found: dict[IPv4Network, dict[str, IPv4Address]] = {network: {} for network in wide}
@@ -37,6 +40,10 @@ class Machines:
                 for network in wide:
                     if address in network:
                         found[network][name] = address
+            held = {entry.ip for entry in machine.addresses}
+            for network, source in machine.sources.items():
+                if network in found and source in held:
+                    found[network][name] = source
         return found
 
     @cached_property

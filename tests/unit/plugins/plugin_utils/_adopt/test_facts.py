@@ -30,12 +30,19 @@ def test_a_machine_is_read():
     assert str(read.roscores[0].discovery[0].group) == "224.0.0.1" and str(read.hops[0].gateway) == "192.168.1.1"
 
 
-@pytest.mark.parametrize("name", ["docker0", "virbr0", "veth12", "br-1234"])
+@pytest.mark.parametrize("name", ["docker0", "virbr0", "veth12", "br-1234", "br-3f2a1b4c5dae", "podman"])
 def test_networks_inside_a_computer_are_left_aside(name):
     info = copy.deepcopy(INFO)
     info["interfaces"][0]["name"] = name
     read = facts.read_machine("ana", info)
     assert not read.addresses and "inside the computer" in read.aside[0]
+
+
+@pytest.mark.parametrize("name", ["br0", "br-lan", "br-wifi0", "br-0", "mv0"])
+def test_a_bridge_of_a_person_is_a_way_to_others(name):
+    info = copy.deepcopy(INFO)
+    info["interfaces"][0]["name"] = name
+    assert [str(entry.ip) for entry in facts.read_machine("ana", info).addresses] == ["192.168.1.10"]
 
 
 @pytest.mark.parametrize("change", [{"up": False}, {"loopback": True}])

@@ -116,6 +116,19 @@ def valid(proposal):
 ROBOTS = {"ana": ["ana-gate", "ana-arm"], "bob": ["bob-gate", "bob-arm"]}
 
 
+def test_of_several_addresses_in_a_network_that_which_is_sent_from_counts():
+    """A second address of an interface, or a wifi beside the wire: others know the machine by the one it sends from."""
+    infos = {
+        "ana": machine("ana", "192.168.1.10/24", "192.168.1.9/24", masters=[roscore("ana")]),
+        "bob": machine("bob", "192.168.1.11/24", "192.168.1.12/24", masters=[roscore("bob")]),
+    }
+    for metric, source in ((600, "192.168.1.9"), (100, "192.168.1.10")):
+        route = {"destination": "192.168.1.0/24", "gateway": "", "metric": metric, "source": source}
+        infos["ana"]["routing"]["routes"].append(route)
+    variables = adopted(infos).inventory().variables
+    assert [variables[name]["multimaster_address"] for name in ("ana", "bob")] == ["192.168.1.10", "192.168.1.11"]
+
+
 def test_a_network_for_administration_is_no_common_network():
     infos = fleet(laptop=machine("laptop", "10.0.0.9/24"))
     for number, info in enumerate(infos.values()):
