@@ -72,7 +72,7 @@ class Participant:
         self.interfaces = probe.forwarding.interfaces
         self.macs = frozenset(entry.mac.lower() for entry in self.interfaces if entry.mac)
         # A port of a bridge and the interface below a macvlan have no address, and answer ARP all the same.
-        self.all_macs = self.macs | frozenset(mac.lower() for mac in probe.forwarding.macs)
+        self.hardware_addresses = self.macs | frozenset(mac.lower() for mac in probe.forwarding.macs)
         planned = {str(plan.common_address): COMMON, str(plan.address): ways.network(plan.robot)}
         # by network of the plan, as far as it was read
         self.interface_on = _find_interfaces(self.interfaces, planned)

@@ -30,7 +30,13 @@ def _find_duplicates(case: Case) -> dict[str, list[str]]:
     own = {str(entry.address) for entry in case.observer.plan.networks}
     for claim in case.probe.claims:
         holder = case.run.get(case.ways.name_at(claim.address))
-        known = case.observer.all_macs if claim.address in own else holder.all_macs if holder else frozenset()
+        known = (
+            case.observer.hardware_addresses
+            if claim.address in own
+            else holder.hardware_addresses
+            if holder
+            else frozenset()
+        )
         strange = [mac for mac in claim.macs if mac.lower() not in known]
         if case.ways.name_at(claim.address) and len(strange) > (0 if known else 1):
             found[claim.address] = strange
@@ -315,7 +321,7 @@ def _judge_neighbour(case: Case) -> Judgement | None:
     if not seen or not known or case.way.crosses:
         return None
     expected = f"{case.address} is at {' or '.join(sorted(known))}"
-    if case.peer and seen in case.peer.all_macs:
+    if case.peer and seen in case.peer.hardware_addresses:
         return Judgement(OK, expected, f"it is at {seen}")
     parts = (
         make_parts("neighbour", case.observer.name, "fixed", what=case.target)

@@ -68,7 +68,7 @@ def find_ends(verification: Verification) -> list[SeenEnd]:
     links = {probe.number: verification.ways.list_links(probe.sender, probe.target) for probe in probes}
     name_at = name_addresses(verification)
     chart = Map(
-        hosts=_list_holders((mac, name) for name, one in verification.run.items() for mac in one.all_macs),
+        hosts=_list_holders((mac, name) for name, one in verification.run.items() for mac in one.hardware_addresses),
         name_at=name_at,
         listening=frozenset(name for name, look in looks.items() if look.packets and has_all(look.packets, name_at)),
         networks=_name_networks(links.values()),
