@@ -83,7 +83,7 @@ class Participant:
     @property
     def services(self) -> tuple[str, ...]:
         """The services that are to run, with the one of a gateway that passes the group on."""
-        return (*self.plan.services, *(("multicast-routing",) if self.plan.multicast_routing else ()))
+        return self.plan.services_with_routing
 
     def find_wrong_prefixes(self) -> list[tuple[str, str, int, int]]:
         """List the planned addresses in a network of another size: interface, address, its prefix length, the planned one."""

@@ -102,7 +102,7 @@ def read_observation(
 def list_plan_names(fleet: FleetPlan) -> frozenset[str]:
     """List the names in the plan: of computers, masters, robots and services."""
     robots = {plan.robot for plan in fleet.computers.values()} | {master.robot for master in fleet.masters}
-    services = {name for plan in fleet.computers.values() for name in plan.services}
+    services = {name for plan in fleet.computers.values() for name in plan.services_with_routing}
     return frozenset({*fleet.computers, *robots, *services, *(master.name for master in fleet.masters)})
 
 

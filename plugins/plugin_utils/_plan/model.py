@@ -306,6 +306,11 @@ class ComputerPlan:
         """Whether it passes packets of others on."""
         return self.is_gateway or self.is_router or bool(self.tunnel and self.tunnel.hub)
 
+    @property
+    def services_with_routing(self) -> tuple[str, ...]:
+        """The services that are to run, with the one of a gateway that passes the group on."""
+        return (*self.services, *(("multicast-routing",) if self.multicast_routing else ()))
+
 
 @dataclass(frozen=True, kw_only=True)
 class FleetPlan:

@@ -10,6 +10,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     Probe,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
+from fleets import fig12
 
 
 def _read(variables, multicast, probe, earlier, packet_filter=""):
@@ -72,3 +73,11 @@ def test_an_answer_of_strangers_costs_one_computer_its_result():
     odd = {"verify_probe": {"members": 3}}
     seen = _read(odd, "verify_multicast", "verify_probe", [])
     assert seen.probe is None and seen.problem.startswith('its results cannot be read: "members is 3')
+
+
+def test_a_service_of_multicast_routing_has_a_planned_name():
+    """A name in quotes is that of no service of the plan, so the service would count as one that nobody saw."""
+    seen = {"name": "multicast-routing"}
+    names = task_results.list_plan_names(fig12(multimaster_multicast_routing="smcroute"))
+    assert task_results.quote_texts(seen, names=names) == seen
+    assert task_results.quote_texts(seen, names=task_results.list_plan_names(fig12())) != seen
