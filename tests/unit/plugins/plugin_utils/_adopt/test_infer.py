@@ -116,7 +116,7 @@ def valid(proposal):
 ROBOTS = {"ana": ["ana-gate", "ana-arm"], "bob": ["bob-gate", "bob-arm"]}
 
 
-def test_of_several_addresses_in_a_network_that_which_is_sent_from_counts():
+def test_of_several_addresses_the_one_sent_from_counts():
     """A second address of an interface, or a wifi beside the wire: others know the machine by the one it sends from."""
     infos = {
         "ana": machine("ana", "192.168.1.10/24", "192.168.1.9/24", masters=[roscore("ana")]),
