@@ -249,6 +249,11 @@ interfaces:
       returned: always
       type: str
       sample: ""
+    macvlan_of:
+      description: The interface below it, where it is a macvlan, or empty. Both answer ARP for each address of the machine.
+      returned: always
+      type: str
+      sample: ""
     point_to_point:
       description: Whether it is one end of a link with two ends, such as a tunnel.
       returned: always

@@ -45,6 +45,7 @@ class Interface(typing.NamedTuple):
     point_to_point: bool = False  # a link with two ends, such as a tunnel: no computer is asked for by ARP
     addresses: typing.Tuple[Address, ...] = ()
     port_of: str = ""  # the bridge or bond above it, which has what comes in
+    macvlan_of: str = ""  # the interface below it, where it is a macvlan: both have a hardware address on one wire
 
     @property
     def networks(self) -> typing.List[typing.Any]:
@@ -109,6 +110,7 @@ def from_json(output: str) -> typing.List[Interface]:
                 if "local" in entry
             ),
             port_of=link["master"] if link.get("master") in above else "",
+            macvlan_of=link.get("link", "") if link.get("linkinfo", {}).get("info_kind") == "macvlan" else "",
         )
         for link in links
     ]

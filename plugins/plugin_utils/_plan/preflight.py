@@ -8,7 +8,7 @@ Plan and description in, sentences out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from ipaddress import IPv4Address
 from typing import Any
@@ -16,7 +16,7 @@ from typing import Any
 from .._fleet import advice
 from .._fleet.plain_text import LINE, quote
 from . import clock, environment, providers, set_up, tunnel, units
-from .model import ComputerPlan, Interface, Port
+from .model import ComputerPlan, Interface, Port, Setting
 from .parameters import BORDER_PORT
 
 # The units of the collection. They may hold the ports of the plan.
@@ -109,6 +109,7 @@ def _fill(plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4A
     sysctl = tuple(
         replace(setting, name=setting.name.replace("{common}", common.replace(".", "/"))) for setting in plan.sysctl
     )
+    sysctl += tuple(_mute_below(info, interfaces.values()))
     routing = plan.multicast_routing
     if routing:
         routing = replace(routing, interfaces=tuple(interfaces[address] for address in routing.addresses))
@@ -125,6 +126,19 @@ def _fill(plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4A
         clock_due=_is_due(plan.clock, "files-clock", info),
         tunnel_due=_is_due(plan.tunnel, "files-tunnel", info),
     )
+
+
+def _mute_below(info: Mapping[str, Any], names: Collection[str]) -> Iterator[Setting]:
+    """Yield a setting for each interface without an address below a planned macvlan: it answers no ARP.
+
+    It would answer for the address above it, so others send to it. With a reverse-path filter, also a loose one, the kernel
+    takes nothing at an interface that has no address (net/ipv4/fib_frontend.c, __fib_validate_source).
+    """
+    planned = [entry for entry in info["interfaces"] if entry["name"] in names]
+    below = {entry["macvlan_of"] for entry in planned if entry.get("macvlan_of")}
+    for entry in info["interfaces"]:
+        if entry["name"] in below and all(":" in one["address"] for one in entry["addresses"]):
+            yield Setting(f"net.ipv4.conf.{entry['name'].replace('.', '/')}.arp_ignore", "8")
 
 
 def explain_failure(computer: str, failed: Mapping[str, Any], version: str) -> str:

@@ -44,6 +44,7 @@ def test_interfaces_from_json():
             "point_to_point": False,
             "addresses": [{"address": "192.168.1.229", "prefix": 24, "family": "inet"}],
             "port_of": "",
+            "macvlan_of": "",
         }
     ]
     with pytest.raises(ValueError, match="expected a list"):
@@ -125,13 +126,13 @@ def test_addresses_of_names_are_looked_up():
 SHOW_PORTS = """
 import json
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
-print(json.dumps({entry.name: entry.port_of for entry in network.interfaces()}))
+print(json.dumps({entry.name: [entry.port_of, entry.macvlan_of] for entry in network.interfaces()}))
 """
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(bool(namespaces.why_not()), reason=namespaces.why_not())
-def test_an_interface_tells_the_bridge_of_which_it_is_a_port(tmp_path):
+def test_an_interface_tells_what_is_above_and_below_it(tmp_path):
     computers = namespaces.Network(1, tmp_path)
     (one,) = computers.hosts
     try:
@@ -142,7 +143,7 @@ def test_an_interface_tells_the_bridge_of_which_it_is_a_port(tmp_path):
         found = json.loads(one.run(sys.executable, "-c", SHOW_PORTS, env=environment))
     finally:
         computers.end()
-    assert {"eth0": "br0", "br0": "", "upper": "", "lo": ""}.items() <= found.items()
+    assert {"eth0": ["br0", ""], "br0": ["", ""], "upper": ["", "br0"], "lo": ["", ""]}.items() <= found.items()
 
 
 def test_ports_of_bridges_and_bonds_from_json():

@@ -288,7 +288,7 @@ def test_a_refused_port_tells_a_dead_roscore_from_a_hung_one():
     )
 
 
-def test_what_comes_in_elsewhere_follows_from_a_link_that_is_down():
+def test_what_comes_in_elsewhere_follows_from_a_lost_link():
     """The interface was taken out of its bridge: the bridge has no link, and the group is heard at the interface below."""
 
     def change(seen):

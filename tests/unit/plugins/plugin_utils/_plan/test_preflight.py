@@ -337,6 +337,25 @@ def test_multicast_counts_on_the_common_interface_alone():
     assert "the interface eth0 with multimaster_common_address 192.168.1.201 does not do multicast" in problem
 
 
+@pytest.mark.parametrize(
+    ("addresses", "muted"),
+    [
+        ([], True),
+        ([{"address": "fe80::1", "prefix": 64, "family": "inet6"}], True),
+        ([{"address": "10.0.0.1", "prefix": 24, "family": "inet"}], False),  # the kernel takes what comes in there
+    ],
+)
+def test_what_is_below_a_macvlan_without_an_address_is_muted(addresses, muted):
+    def change(info):
+        own = info["interfaces"][1]
+        info["interfaces"].append(dict(own, name="eth0.5", addresses=addresses))
+        own.update(name="upper", macvlan_of="eth0.5")
+
+    found = compare(change, sysctl=[])
+    assert found.problems == ()
+    assert found.plan.sysctl == ((Setting("net.ipv4.conf.eth0/5.arp_ignore", "8"),) if muted else ())
+
+
 def test_the_plan_gets_the_names_of_the_interfaces():
     routing = {"group": "239.255.0.1", "addresses": ["192.168.11.101", "192.168.1.201"]}
     sysctl = [{"name": "net.ipv4.conf.{common}.send_redirects", "value": "0"}]
