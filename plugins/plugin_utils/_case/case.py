@@ -95,6 +95,12 @@ class Participant:
             if planned.get(address, size) != size and not (entry.point_to_point and size == ALONE)
         ]
 
+    def list_ports(self) -> list[tuple[str, ForwardingInterface]]:
+        """List the planned addresses that are on a port of a bridge or a bond, with the port."""
+        planned = {str(entry.address) for entry in self.plan.networks}
+        ports = [(one, entry) for entry in self.interfaces if entry.port_of for one in entry.addresses]
+        return [(address, entry) for address, entry in ports if address in planned]
+
     @property
     def is_set_up(self) -> bool:
         """The collection has records there. Without a look there, it counts as set up."""

@@ -94,6 +94,7 @@ def _list_lost_routes(case: Case, target: str) -> Parts:
         needs.route_parts(name, case.ways.network_of(target))
         | make_parts("route", name, "closed", "rule")
         | make_parts("interface", name, "address", "prefix")
+        | needs.port_parts(case, name)
         | make_parts("link", name, "down", what=case.ways.list_links(name, target)[0][1])
     )
 
@@ -108,6 +109,7 @@ def _list_silent_neighbours(case: Case, reporter: str, target: str) -> Parts:
     found = needs.silent_parts(reporter, following, network)
     for place in (reporter, following):
         found |= make_parts("interface", place, "address", "prefix") | make_parts("neighbour", place, "mute", "filter")
+        found |= needs.port_parts(case, place)
     beyond = case.ways.network_of(target)
     if not case.ways.is_in(reporter, beyond):  # or it has looked for the target in a network of its own
         found |= needs.route_parts(reporter, beyond)

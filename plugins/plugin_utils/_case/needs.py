@@ -46,6 +46,7 @@ def _way(case: Case, one: str, other: str) -> Parts:
     parts = {Part.from_pair("filter", "pair", one, other)}
     for computer in (one, other):
         parts |= make_parts("computer", computer, "off") | make_parts("interface", computer, "address", "prefix")
+        parts |= port_parts(case, computer)
     parts |= duplicates(case, one, other) | neighbours(case, one, other) | neighbours(case, other, one)
     for asks, answers in _hops(case, one, other):
         parts |= {Part("neighbour", asks, "fixed", answers), Part("neighbour", answers, "fixed", asks)}
@@ -165,6 +166,12 @@ def silent_parts(one: str, other: str, network: str) -> Parts:
     return links_down | there | make_parts("network", network, "dead")
 
 
+def port_parts(case: Case, computer: str) -> Parts:
+    """Suspect the port of a bridge only where an address was seen on one."""
+    seen = case.run.get(computer)
+    return make_parts("interface", computer, "port") if seen and seen.list_ports() else frozenset()
+
+
 def loss_parts(case: Case, one: str, other: str) -> Parts:
     """List the parts that lose some packets on the way: wireless interfaces that save power among them."""
     return _link_parts(case, one, other, "loss", "loss") | join_parts(
@@ -228,6 +235,7 @@ def multicast(case: Case, hearer: str, speaker: str) -> Parts:
     for gateway in _group_forwarders(case, hearer, speaker):
         parts |= make_parts("computer", gateway, "off") | make_parts("filter", gateway, "forward")
         parts |= make_parts("service", gateway, "down", what="multimaster-multicast-routing.service")
+    parts |= port_parts(case, hearer) | port_parts(case, speaker)
     sends = make_parts("computer", speaker, "off") | make_parts("interface", speaker, "address")
     return frozenset(parts | sends | {Part.from_pair("filter", "pair", hearer, speaker)})
 

@@ -268,6 +268,12 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "correct the prefix length; see",
         ADDRESSES,
     ),
+    ("interface", "port"): Fault(
+        "the address of {place} is on a port of a bridge or a bond, and nothing comes in for it there",
+        "give the address, with the routes, to the interface above the port; see",
+        ADDRESSES,
+        cost=1.5,
+    ),
     ("interface", "mtu"): Fault(
         "{place} takes or sends only small packets on {what}",
         "give its interface the MTU of the others; see",
@@ -980,7 +986,7 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     **{("names", mode): (("names", "order"),) for mode in ("unknown", "old", "several")},
     ("roscore", "name"): (("environment", "service"),),
     # What comes in elsewhere, as at a port that was taken out of a bridge, is of no use while the planned interface has no link.
-    ("interface", "multicast"): (("interface", "address"), ("link", "down")),
+    ("interface", "multicast"): (("interface", "address"), ("interface", "port"), ("link", "down")),
     ("route", "missing"): (
         ("route", "closed"),
         ("route", "rule"),

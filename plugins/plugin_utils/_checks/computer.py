@@ -198,13 +198,6 @@ def _find_missing_addresses(case: Case) -> list[str]:
     return [str(entry.address) for entry in case.observer.plan.networks if str(entry.address) not in present]
 
 
-def _list_ports(case: Case) -> list[str]:
-    """List the planned addresses that are on a port of a bridge or a bond, where nothing comes in for them."""
-    planned = {str(entry.address) for entry in case.observer.plan.networks}
-    ports = [(entry, address) for entry in case.observer.interfaces for address in entry.addresses if entry.port_of]
-    return [f"{one} is on {entry.interface}, a port of {entry.port_of}" for entry, one in ports if one in planned]
-
-
 def _find_down_links(case: Case) -> list[str]:
     networks = case.observer.interface_on.items()
     return [network for network, interface in networks if interface.state in DOWN]
@@ -253,10 +246,11 @@ def _judge_addresses(case: Case) -> Judgement | None:
     expected = ", ".join(f"{entry.address}/{entry.network.prefixlen}" for entry in case.observer.plan.networks)
     missing, down, sizes = _find_missing_addresses(case), _find_down_links(case), case.observer.find_wrong_prefixes()
     problems = [f"no interface has {address}" for address in missing]
-    ports = _list_ports(case)
+    on_ports = case.observer.list_ports()
+    ports = [f"{address} is on {port.interface}, a port of {port.port_of}" for address, port in on_ports]
     problems += [*ports, *(f"the link to {network} is down" for network in down)]
     problems += [f"{address}/{size}" for _name, address, size, _planned in sizes]
-    modes = [mode for mode, wrong in (("address", missing + ports), ("prefix", sizes)) if wrong]
+    modes = [mode for mode, wrong in (("address", missing), ("port", ports), ("prefix", sizes)) if wrong]
     parts = make_parts("interface", case.observer.name, *modes) | join_parts(_find_dead_link(case, one) for one in down)
     # Where it does harm, other checks fail. A robot alone works without any network.
     return judge_fault(WARNING, expected, ", ".join(problems), "all of them", parts)

@@ -358,7 +358,8 @@ def _arp_question(case: Case) -> tuple[str, str]:
 
 def _arp_needs(case: Case) -> Parts:
     one, other, network = case.observer.name, case.target, _arp_question(case)[1]
-    return needs.silent_parts(one, other, network) | make_parts("neighbour", other, "mute", "filter")
+    ports = needs.port_parts(case, one) | needs.port_parts(case, other)
+    return needs.silent_parts(one, other, network) | make_parts("neighbour", other, "mute", "filter") | ports
 
 
 @Check(

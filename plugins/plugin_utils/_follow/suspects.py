@@ -27,12 +27,12 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
         (AT, "filter", ("out", "changed", "pair")),
         (AT, "route", ()),
         (AT, "link", ("down",)),
-        (AT, "interface", ("address", "multicast")),
+        (AT, "interface", ("address", "port", "multicast")),
         (AT, "computer", ("ports", "limit")),
     ),
     Stage.ASKED: (
         (AT, "link", ("down",)),
-        (AT, "interface", ("prefix",)),
+        (AT, "interface", ("prefix", "port")),
         (NEXT, "link", ("down",)),
         (NEXT, "computer", ("off",)),
         (NEXT, "interface", ("address", "prefix")),
@@ -62,6 +62,7 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
         (AT, "reverse_path", ()),
         (AT, "route", ()),
         (AT, "setting", ("icmp_all",)),
+        (AT, "interface", ("port",)),
     ),
     # The listener sees a packet before the packet filter of its computer.
     Stage.WITHHELD: ((AT, "filter", ("in", "", "changed", "pair")), (AT, "reverse_path", ())),
@@ -71,7 +72,7 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
         (AT, "filter", ("forward", "in", "", "pair")),
         (AT, "route", ()),
         (AT, "link", ("down",)),
-        (AT, "interface", ("address", "prefix", "mtu")),
+        (AT, "interface", ("address", "port", "prefix", "mtu")),
         (AT, "forwarding", ("large",)),
     ),
 }

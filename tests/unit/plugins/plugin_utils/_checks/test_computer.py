@@ -76,6 +76,14 @@ def _interface(**values):
     return lambda seen: update(seen[ONE].probe.forwarding.interfaces[0], **values)
 
 
+def _on_a_port(seen):
+    """The address is on a port of a bridge: what comes in belongs to the bridge, and the computer gets no answer."""
+    _interface(port_of="br0")(seen)
+    silent(seen, [ONE], [TWO])
+    silent(seen, [TWO], [ONE])
+    update(of(seen[ONE].multicast.udp, TWO), other_interfaces=["br0"])
+
+
 def _no_link(seen):
     _interface(state="down")(seen)
     silent(seen, [ONE], [TWO])
@@ -123,7 +131,7 @@ FAULTS = [
     (_ignores_pings, "answers_pings", WARNING, "setting", ONE, "icmp_all"),
     (_sources("mdns4_minimal", "files", "dns"), "name_order", WARNING, "names", ONE, "order"),
     (_no_files, "name_order", WARNING, "names", ONE, "order"),
-    (_interface(port_of="br0"), "addresses", WARNING, "interface", ONE, "address"),
+    (_on_a_port, "addresses", WARNING, "interface", ONE, "port"),
     (_interface(prefixes=(24,)), "addresses", WARNING, "interface", ONE, "prefix"),
     (_no_link, "addresses", WARNING, "link", ONE, "down"),
     # It has answered in the same run.
