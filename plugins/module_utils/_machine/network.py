@@ -7,6 +7,7 @@ This file alone reads the output of `ip address`, `ip link`, `ip route get` and 
 (`_routes/kernel.py` reads whole routing tables, because it must be able to make each route again.)
 """
 
+import contextlib
 import ipaddress
 import json
 import re
@@ -81,11 +82,11 @@ class RouteTo(typing.NamedTuple):
 
 def interfaces() -> typing.List[Interface]:
     """Read the network interfaces with their addresses. Raises OSError where `ip` fails."""
-    answer = run(["ip", "-json", "-details", "address"])
-    try:
-        return from_json(answer.output.decode("utf-8") if answer.status == 0 else "")
-    except ValueError as problem:
-        raise OSError(f"the interfaces' addresses cannot be read: {quote(answer.error) or 'ip failed'}") from problem
+    for words in ("-details",), ():  # old versions of ip write the details of some links as broken JSON
+        answer = run(["ip", "-json", *words, "address"])
+        with contextlib.suppress(ValueError):
+            return from_json(answer.output.decode("utf-8") if answer.status == 0 else "")
+    raise OSError(f"the interfaces' addresses cannot be read: {quote(answer.error) or 'ip failed'}")
 
 
 def from_json(output: str) -> typing.List[Interface]:

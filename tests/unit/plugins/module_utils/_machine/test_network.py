@@ -51,6 +51,14 @@ def test_interfaces_from_json():
         network.from_json("{}")
 
 
+def test_details_that_are_broken_hide_no_interface(monkeypatch):
+    def run(argv):
+        return commands.Answer(0, b'[{"ifname": "lo"' if "-details" in argv else b'[{"ifname": "lo"}]', "")
+
+    monkeypatch.setattr(network, "run", run)
+    assert [link.name for link in network.interfaces()] == ["lo"]
+
+
 def test_interfaces_that_cannot_be_read_are_a_sentence(monkeypatch):
     monkeypatch.setattr(network, "run", lambda _argv: commands.Answer(-1, b"", "ip could not be started"))
     with pytest.raises(OSError, match='the interfaces\' addresses cannot be read: "ip could not be started"'):
