@@ -88,51 +88,50 @@ class Capture(typing.NamedTuple):
 # The filter
 
 
+# The program for all runs: (code, jump if true, jump if false, operand); a jump names a block, or counts what it leaves out
+_TAGS: typing.List[typing.Tuple] = [
+    (LOAD_WORD, 0, 0, SKF_AD_VLAN_TAG_PRESENT),
+    (EQUAL, "kinds", 0, 0),
+    (LOAD_WORD, 0, 0, SKF_AD_PKTTYPE),
+    (EQUAL, "kinds", 0, OUTGOING),
+    (LOAD_WORD, 0, 0, SKF_AD_VLAN_TAG),  # it may be left over where none is present
+    (ANY_BIT, "refuse", 0, 0x0FFF),  # without a number it only has a priority
+]
+_KINDS: typing.List[typing.Tuple] = [
+    (LOAD_WORD, 0, 0, SKF_AD_PROTOCOL),
+    (EQUAL, "accept", 0, ARP),
+    (EQUAL, "ipv4", 0, IPV4),
+    (EQUAL, 0, "refuse", VLAN),  # it goes out, and the interface cannot put the tag in
+    (LOAD_HALF, 0, 0, NETWORK),
+    (EQUAL, "accept", 0, 1),  # so begins ARP
+    (MASK, 0, 0, 0xF000),
+    (EQUAL, 0, "refuse", 0x4000),
+]
+_IPV4: typing.List[typing.Tuple] = [
+    (LOAD_HALF, 0, 0, NETWORK + 6),
+    (ANY_BIT, "refuse", 0, 0x1FFF),  # a later fragment has no ports
+    (LOAD_BYTE, 0, 0, NETWORK),
+    (MASK, 0, 0, 0x0F),
+    (SHIFT, 0, 0, 2),
+    (TO_INDEX, 0, 0, 0),  # the length of the IPv4 header
+    (LOAD_BYTE, 0, 0, NETWORK + 9),
+    (EQUAL, "tcp", 0, TCP),
+    (EQUAL, "udp", 0, UDP),
+    (EQUAL, 0, "refuse", ICMP),
+    (LOAD_BYTE_AT, 0, 0, NETWORK),
+]
+
+
 def make_filter(tag: Tag) -> typing.List[typing.Tuple[int, int, int, int]]:
     """Return the program that lets packets of a run through."""
-    # (code, jump if true, jump if false, operand); a jump counts the instructions that it leaves out
-    tags: typing.List[typing.Tuple] = [
-        (LOAD_WORD, 0, 0, SKF_AD_VLAN_TAG_PRESENT),
-        (EQUAL, "kinds", 0, 0),
-        (LOAD_WORD, 0, 0, SKF_AD_PKTTYPE),
-        (EQUAL, "kinds", 0, OUTGOING),
-        (LOAD_WORD, 0, 0, SKF_AD_VLAN_TAG),  # it may be left over where none is present
-        (ANY_BIT, "refuse", 0, 0x0FFF),  # without a number it only has a priority
-    ]
-    kinds: typing.List[typing.Tuple] = [
-        (LOAD_WORD, 0, 0, SKF_AD_PROTOCOL),
-        (EQUAL, "accept", 0, ARP),
-        (EQUAL, "ipv4", 0, IPV4),
-        (EQUAL, 0, "refuse", VLAN),  # it goes out, and the interface cannot put the tag in
-        (LOAD_HALF, 0, 0, NETWORK),
-        (EQUAL, "accept", 0, 1),  # so begins ARP
-        (MASK, 0, 0, 0xF000),
-        (EQUAL, 0, "refuse", 0x4000),
-    ]
-    ipv4: typing.List[typing.Tuple] = [
-        (LOAD_HALF, 0, 0, NETWORK + 6),
-        (ANY_BIT, "refuse", 0, 0x1FFF),  # a later fragment has no ports
-        (LOAD_BYTE, 0, 0, NETWORK),
-        (MASK, 0, 0, 0x0F),
-        (SHIFT, 0, 0, 2),
-        (TO_INDEX, 0, 0, 0),  # the length of the IPv4 header
-        (LOAD_BYTE, 0, 0, NETWORK + 9),
-        (EQUAL, "tcp", 0, TCP),
-        (EQUAL, "udp", 0, UDP),
-        (EQUAL, 0, "refuse", ICMP),
-        (LOAD_BYTE_AT, 0, 0, NETWORK),
-    ]
-    ipv4 += [(EQUAL, "accept", 0, kind) for kind in ERRORS]
-    ipv4 += [
-        (LOAD_HALF_AT, 0, 0, NETWORK + 4),
-        (EQUAL, "accept", "refuse", tag.identifier),
-    ]
+    icmp: typing.List[typing.Tuple] = [(EQUAL, "accept", 0, kind) for kind in ERRORS]
+    icmp += [(LOAD_HALF_AT, 0, 0, NETWORK + 4), (EQUAL, "accept", "refuse", tag.identifier)]
     udp: typing.List[typing.Tuple] = [(LOAD_WORD_AT, 0, 0, NETWORK + 8), (EQUAL, "accept", "refuse", tag.word)]
     tcp: typing.List[typing.Tuple] = [(LOAD_BYTE_AT, 0, 0, NETWORK + 13), (ANY_BIT, 0, "refuse", SYN | RST)]
     for offset in (2, 0):
         tcp += [(LOAD_HALF_AT, 0, 0, NETWORK + offset)]
         tcp += [(EQUAL, "accept", 0, port) for port in tag.ports]
-    blocks = {"tags": tags, "kinds": kinds, "ipv4": ipv4, "udp": udp, "tcp": tcp}
+    blocks = {"tags": _TAGS, "kinds": _KINDS, "ipv4": _IPV4, "icmp": icmp, "udp": udp, "tcp": tcp}
     blocks.update(refuse=[(RETURN, 0, 0, 0)], accept=[(RETURN, 0, 0, SNAP)])
     lines: typing.List[typing.Tuple] = []
     places = {}
@@ -177,21 +176,27 @@ def read_packets(
     """Yield the packets of a run that wait in the socket, so many at most. `ports`: the interfaces below a bridge or a bond."""
     above = {port.master for port in ports.values()}
     for data, (interface, protocol, kind, hardware, _sender) in take_waiting(lambda: link.recvfrom(SNAP), most):
-        header = ETHERNET if hardware in WITH_HEADER else 0
+        header, protocol = _find_network_header(data, hardware, protocol)
         macs = (write_mac(data[6:12]), write_mac(data[:6])) if header else ("", "")
         if kind == FOR_OTHERS and (interface not in ports or macs[1] != ports[interface].mac):
             continue  # somebody else has set an interface to promiscuous mode
         if kind == FOR_US and interface in ports:  # a bond may tell others the hardware addresses of its ports
             macs = (macs[0], ports[interface].mac)
-        while header and data[header - 2 : header] in TAGS:
-            header += 4
-            protocol = int.from_bytes(data[header - 2 : header], "big")
         found = read_packet(tag, protocol, data[header:], macs)
         if found is None or interface == "lo":
             continue
         if kind == OUTGOING and interface in above and found.protocol != "arp":
             continue  # it has left where a port shows it, and may be dropped before
         yield found._replace(interface=interface, outgoing=kind == OUTGOING)
+
+
+def _find_network_header(data: bytes, hardware: int, protocol: int) -> typing.Tuple[int, int]:
+    """Return where the network header begins, behind the tags of VLANs, and its protocol."""
+    header = ETHERNET if hardware in WITH_HEADER else 0
+    while header and data[header - 2 : header] in TAGS:
+        header += 4
+        protocol = int.from_bytes(data[header - 2 : header], "big")
+    return header, protocol
 
 
 def read_packet(tag: Tag, protocol: int, data: bytes, macs: typing.Tuple[str, str]) -> typing.Optional[Capture]:

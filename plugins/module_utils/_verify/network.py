@@ -342,11 +342,8 @@ def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]
         both = [value("conf", place, setting) for place in ("all", interface)]
         return None if None in both else max(value for value in both if value is not None)
 
-    found = []
-    macs: typing.Dict[str, None] = {}
-    for interface in machine.interfaces():
-        if interface.up and not interface.loopback and not interface.point_to_point:
-            macs[text(f"/sys/class/net/{interface.name}/address").strip()] = None
+    found, interfaces = [], machine.interfaces()
+    for interface in interfaces:
         name, addresses = interface.name, [entry for entry in interface.addresses if entry.family == "inet"]
         if addresses and not interface.loopback:
             settings = {
@@ -359,7 +356,14 @@ def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]
             link["point_to_point"] = interface.point_to_point
             found.append(dict(link, interface=name, **settings, **places))
     switches = {name: value(name) for name in ("ip_forward", "icmp_echo_ignore_all")}
-    return {**switches, "interfaces": found, "macs": list(filter(None, macs))[:MOST_LINES]}
+    return {**switches, "interfaces": found, "macs": _list_hardware_addresses(interfaces)}
+
+
+def _list_hardware_addresses(interfaces: typing.Iterable[machine.Interface]) -> typing.List[str]:
+    """List those that may answer ARP, once each."""
+    asked = (one for one in interfaces if one.up and not one.loopback and not one.point_to_point)
+    macs = dict.fromkeys(text(f"/sys/class/net/{one.name}/address").strip() for one in asked)
+    return list(filter(None, macs))[:MOST_LINES]
 
 
 def link_of(interface: str) -> typing.Dict[str, typing.Any]:

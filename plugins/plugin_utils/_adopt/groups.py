@@ -9,7 +9,7 @@ The common network is the one without which the machines with a roscore are conn
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
@@ -28,22 +28,13 @@ class Machines:
 
     @cached_property
     def networks(self) -> Mapping[IPv4Network, Mapping[str, IPv4Address]]:
-        """Network -> machine -> its address there. One that lies in a wider one is the wider one.
-
-        Of several addresses it is the one that the kernel sends from, by which others know the machine; else the lowest.
-        """
+        """Network -> machine -> its address there. One that lies in a wider one is the wider one."""
         seen = sorted({entry.network for machine in self.by_name.values() for entry in machine.addresses})
         wide = [one for one in seen if not any(one != other and one.subnet_of(other) for other in seen)]
         found: dict[IPv4Network, dict[str, IPv4Address]] = {network: {} for network in wide}
         for name, machine in self.by_name.items():
-            for address in sorted((entry.ip for entry in machine.addresses), reverse=True):
-                for network in wide:
-                    if address in network:
-                        found[network][name] = address
-            held = {entry.ip for entry in machine.addresses}
-            for network, source in machine.sources.items():
-                if network in found and source in held:
-                    found[network][name] = source
+            for network, address in _choose_addresses(machine, wide):
+                found[network][name] = address
         return found
 
     @cached_property
@@ -131,6 +122,19 @@ class FleetGroups:
     shared: frozenset[IPv4Network]  # networks that several robots have, the common one among them
     groups: tuple[Group, ...]
     rest: Mapping[str, str]  # machine of no robot -> why
+
+
+def _choose_addresses(machine: Machine, networks: Iterable[IPv4Network]) -> Iterator[tuple[IPv4Network, IPv4Address]]:
+    """Yield the networks of a machine, with its address there.
+
+    Of several it is the one that the kernel sends from, by which others know the machine; else the lowest.
+    """
+    addresses = sorted(entry.ip for entry in machine.addresses)
+    for network in networks:
+        inside = [address for address in addresses if address in network]
+        if inside:
+            source = machine.sources.get(network)
+            yield network, source if source in inside else inside[0]
 
 
 def find_groups(machines: Machines) -> FleetGroups | None:

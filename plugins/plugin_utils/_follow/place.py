@@ -159,22 +159,28 @@ class _Walk:
         there = self._walk(REQUEST, route)
         first = self._list(self.probe.sender, REQUEST, outgoing=True)
         there = replace(there, first_ttl=first[0].ttl if first else 0)
-        reports = [one for one in self.own.get(self.probe.sender, ()) if one.kind == ERROR]
+        reports = self._list_reports()
         report = next((one for one in reports if not self._is_denied(one)), None)
-        if report and self.probe.protocol == "udp" and (report.icmp_type, report.icmp_code) == CLOSED_PORT:
+        if report and self._tells_closed_port(report):
             return there
-        place = (
-            there if there.stage != Stage.ARRIVED or self.probe.protocol == "udp" else self._find_answer(there, route)
-        )
+        place = self._find_answer(there, route)
         # What was answered did arrive, also where nobody saw it: a NAT may change the identifiers of pings.
         if self._is_answered() and there.stage != Stage.STRANGER:
             return replace(place, stage=Stage.ARRIVED)
-        if report is None and reports and (place.stage, self.probe.protocol) == (Stage.HOP, "icmp"):
+        if report and not (place.answer and place.stage in (Stage.ARRIVED, Stage.WITHHELD)):
+            at = self.chart.name_at(report.reporter) or report.reporter
+            return replace(there, stage=Stage.REPORTED, at=at, next="", last=report)
+        if reports and not report and (place.stage, self.probe.protocol) == (Stage.HOP, "icmp"):
             return replace(place, stage=Stage.UNSEEN)  # a NAT there may have given them another identifier
-        if report is None or (place.answer and place.stage in (Stage.ARRIVED, Stage.WITHHELD)):
-            return self._find_change(place)
-        at = self.chart.name_at(report.reporter) or report.reporter
-        return replace(there, stage=Stage.REPORTED, at=at, next="", last=report)
+        return self._find_change(place)
+
+    def _list_reports(self) -> list[Capture]:
+        """List the reports of ICMP about the packets, as the sender saw them."""
+        return [one for one in self.own.get(self.probe.sender, ()) if one.kind == ERROR]
+
+    def _tells_closed_port(self, report: Capture) -> bool:
+        """Say if a report is that of datagrams which have arrived, where no program takes them."""
+        return self.probe.protocol == "udp" and (report.icmp_type, report.icmp_code) == CLOSED_PORT
 
     def _is_denied(self, report: Capture) -> bool:
         """Say if the computer that is to have reported listened, has sent no such report, and has passed on what came, or got nothing."""
@@ -195,23 +201,36 @@ class _Walk:
         """Return the place where an address was changed, if packets end by that: at a computer that others have made their target, or
         with an answer of another address than was asked; nowhere if nobody saw it change. What else ends is left as it is.
         """
-        asked, last = self.probe.address, place.last
-        if last is None or last.outgoing:
-            return place
-        if place.stage == Stage.HOP and not place.answer:
-            is_changed = last.destination != asked and self.chart.name_at(last.destination) == place.at
-            changes = [(at, left) for at, left in self.steps if left.destination != asked]
-        else:
-            is_changed = place.stage == Stage.WITHHELD and last.source != asked
-            own = {asked, *(one.destination for one in self._list(self.probe.target, REQUEST, outgoing=False))}
-            changes = [(at, left) for at, left in self.steps if left.kind == ANSWER and left.source not in own]
-        if not is_changed:
+        last = place.last
+        changes: list[tuple[str, Capture]] | None = None
+        if last and not last.outgoing and place.stage == Stage.HOP and not place.answer:
+            changes = self._list_target_changes(last, place.at)
+        elif last and not last.outgoing and place.stage == Stage.WITHHELD:
+            changes = self._list_source_changes(last)
+        if changes is None:
             return place
         at, left = changes[0] if changes else ("", None)
         return replace(place, stage=Stage.CHANGED if left else Stage.UNSEEN, at=at, next="", last=left)
 
+    def _list_target_changes(self, last: Capture, at: str) -> list[tuple[str, Capture]] | None:
+        """List what left for another address than was asked; None where the last packet did not come in for one of its computer."""
+        asked = self.probe.address
+        if last.destination == asked or self.chart.name_at(last.destination) != at:
+            return None
+        return [step for step in self.steps if step[1].destination != asked]
+
+    def _list_source_changes(self, last: Capture) -> list[tuple[str, Capture]] | None:
+        """List the answers that left from another address than got the question; None where the last one is of the one that was asked."""
+        asked = self.probe.address
+        if last.source == asked:
+            return None
+        own = {asked, *(one.destination for one in self._list(self.probe.target, REQUEST, outgoing=False))}
+        return [step for step in self.steps if step[1].kind == ANSWER and step[1].source not in own]
+
     def _find_answer(self, there: Place, route: Sequence[str]) -> Place:
-        """Find the place of the answer to what has arrived."""
+        """Find the place of the answer to what has arrived. To a datagram there is none."""
+        if there.stage != Stage.ARRIVED or self.probe.protocol == "udp":
+            return there
         if not self._list(self.probe.target, ANSWER, outgoing=True):
             return replace(there, stage=self._unless_blind(self.probe.target, Stage.TARGET), at=self.probe.target)
         back = replace(self._walk(ANSWER, route[::-1]), answer=True, first_ttl=there.first_ttl)
@@ -250,18 +269,12 @@ class _Walk:
             place = Place(self.probe, Stage.HOP, at, following.get(at, ""), last=last, times=len(came), sent=self.sent)
             left = self._list_left(at, kind)
             if not left:
-                asked = self._find_question(at, route)
-                if asked:
-                    stage, to = self._unless_blind(at, Stage.ASKED), self.chart.name_at(asked) or place.next
-                    return replace(place, stage=stage, asked=asked, next=to)
-                # The first one of an answer is there, or it was not walked.
-                return replace(place, stage=self._unless_blind(at, Stage.HOP) if came else self._start())
+                return self._end_inside(place, route)
             place = replace(place, last=left[-1])
             if came and came[-1].source_port != left[-1].source_port:
                 self.changers.add(at)
             to = self._find_receiver(left[-1], place.next, [name for name in route if name not in passed], kind)
-            came = self._list(to, kind, outgoing=False)  # an interface above another one shows them last
-            came = [one for one in came if one.interface == came[-1].interface]
+            came = self._list_came(to, kind)
             self.steps.append((at, left[-1]))
             self.hops.append(self._make_hop(at, to, left[-1], came))
             if not to:
@@ -278,6 +291,20 @@ class _Walk:
             passed.add(to)
             at = to
         return replace(place, stage=Stage.UNSEEN)
+
+    def _end_inside(self, place: Place, route: Sequence[str]) -> Place:
+        """Return the place of packets that do not leave the computer where they are."""
+        asked = self._find_question(place.at, route)
+        if asked:
+            stage, to = self._unless_blind(place.at, Stage.ASKED), self.chart.name_at(asked) or place.next
+            return replace(place, stage=stage, asked=asked, next=to)
+        # The first one of an answer is there, or it was not walked.
+        return replace(place, stage=self._unless_blind(place.at, Stage.HOP) if place.last else self._start())
+
+    def _list_came(self, host: str, kind: str) -> list[Capture]:
+        """List the packets that came in at a computer, once each: an interface above another one shows each of them last."""
+        came = self._list(host, kind, outgoing=False)
+        return [one for one in came if one.interface == came[-1].interface]
 
     def _list_left(self, host: str, kind: str) -> list[Capture]:
         """List the packets that left a computer, once each: an interface above another one shows each of them first."""
