@@ -75,10 +75,13 @@ def test_a_path_that_fits_into_no_unit_is_an_error_of_the_filter():
         )
 
 
-def test_a_wrong_option_is_told_as_one_of_the_filter():
-    with pytest.raises(TypeError, match=r"^service_units\(\) got an unexpected keyword argument 'robt'"):
-        service_units([], robt="tibi")
-    with pytest.raises(
-        TypeError, match=r"^service_units\(\) missing 7 required .* 'robot', 'address', .* and 'nodes_digest'$"
-    ):
-        service_units([])
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"robt": "tibi"}, r"got an unexpected keyword argument 'robt'"),
+        ({}, r"missing 7 required .* 'robot', 'address', .* and 'nodes_digest'$"),
+    ],
+)
+def test_a_wrong_option_is_told_as_one_of_the_filter(options, told):
+    with pytest.raises(TypeError, match=rf"^service_units\(\) {told}"):
+        service_units([], **options)
