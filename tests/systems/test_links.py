@@ -197,8 +197,8 @@ def test_no_false_removal_while_a_third_of_the_frames_is_lost(lab, watches):
     assert {host: watch.removals(since) for host, watch in watches.items()} == dict.fromkeys(COMPUTERS, [])
 
 
-@pytest.mark.parametrize(("host", "unit"), [("ana-pc", "multimaster-roscore"), ("cid-pc", "foreign-roscore")])
-def test_both_nodes_register_again_after_a_roscore_restart(lab, slack, host, unit):
+def test_both_nodes_register_again_at_a_roscore_that_forgets(lab, slack):
+    host, unit = "cid-pc", "foreign-roscore"
     watch, seconds, began = Watch(lab, host, looks=50), [], time.monotonic()
     for restart in ("systemctl kill --signal=KILL", "systemctl restart", "systemctl restart"):
         since = time.monotonic()
@@ -210,6 +210,18 @@ def test_both_nodes_register_again_after_a_roscore_restart(lab, slack, host, uni
         f"\n{host}: both nodes registered", ", ".join(f"{value:.2f}" for value in seconds), "s after the first answer"
     )
     assert max(seconds) <= 2.0 + slack(began)
+
+
+def test_a_roscore_that_remembers_loses_no_registration(lab):
+    """However it ends. rosout alone registers again, since it ends with its roscore."""
+    watch = Watch(lab, "ana-pc", looks=50)
+    for restart in ("systemctl kill --signal=KILL", "systemctl restart", "systemctl restart"):
+        wait_until(lambda: SERVICES <= {item.split()[1] for item in watch.registrations()}, 60, "both nodes are there")
+        since = time.monotonic()
+        lab.run("ana-pc", f"{restart} multimaster-roscore")
+        time.sleep(5)
+        assert {item.split()[-1] for _at, item in watch.removals(since)} <= {"/rosout"}
+        assert {"/master_discovery", "/master_sync"} <= set(lab.run("ana-pc", "rosnode list").split())
 
 
 def answers(watch, since):
@@ -236,8 +248,7 @@ def test_a_dead_roscore_is_no_empty_one(lab, watches, slack):
     assert max(gone.values()) <= OFFLINE_AFTER + 1 + slack(since)
     back = time.monotonic()
     lab.run("ana-pc", "systemctl start multimaster-roscore")
-    chat(lab, "ana", "bob")  # ROS's nodes do not register again
-    for here, _there in PAIRS:
+    for here, _there in PAIRS:  # it has remembered the nodes of ROS, which do not register again
         flows(lab, here)
     for host in ("bob-pc", "cid-pc"):
         assert watches[host].removals(back) == []
