@@ -215,11 +215,16 @@ def test_both_nodes_register_again_at_a_roscore_that_forgets(lab, slack):
 def test_a_roscore_that_remembers_loses_no_registration(lab):
     """However it ends. rosout alone registers again, since it ends with its roscore."""
     watch = Watch(lab, "ana-pc", looks=50)
-    for restart in ("systemctl kill --signal=KILL", "systemctl restart", "systemctl restart"):
+    main_pid = "systemctl show --property=MainPID --value multimaster-roscore"
+    for number, restart in enumerate(("systemctl kill --signal=KILL", "systemctl restart", "systemctl restart")):
         wait_until(lambda: SERVICES <= {item.split()[1] for item in watch.registrations()}, 60, "both nodes are there")
-        since = time.monotonic()
+        since, gone = time.monotonic(), {lab.run("ana-pc", main_pid).strip(), "0"}
         lab.run("ana-pc", f"{restart} multimaster-roscore")
-        time.sleep(5)
+        wait_until(lambda gone=gone: lab.run("ana-pc", main_pid).strip() not in gone, 60, "a new roscore runs")
+        # When the watch has seen what the new roscore tells of a node that begins now, it has seen all that went before.
+        mark = f"mark{number}"
+        lab.start("ana-pc", mark, f"rostopic pub -r 1 /{mark} std_msgs/String x __name:={mark}")
+        wait_until(lambda mark=mark: f"publisher /{mark} /{mark}" in watch.registrations(), 60, "the mark is seen")
         assert {item.split()[-1] for _at, item in watch.removals(since)} <= {"/rosout"}
         assert {"/master_discovery", "/master_sync"} <= set(lab.run("ana-pc", "rosnode list").split())
 

@@ -14,7 +14,6 @@ import contextlib
 import fcntl
 import os
 import re
-import time
 import typing
 
 TRACEFS = "/sys/kernel/tracing"
@@ -28,7 +27,6 @@ WANTED = "protocol == 0x0800 || protocol == 0x0806"  # IPv4 and ARP
 BUFFER = "64"  # kB for each processor, about a thousand drops; the first ones are kept
 MOST = 4_000_000  # bytes of its text that are read
 ATTEMPTS = 3  # to make the folder, which another run may take for one that was left until it is locked
-MOMENT = 1.0  # seconds in which another run looks at a folder, and removes it
 # The last words of a line. A reason that says nothing is left out.
 REASON = re.compile(r" reason: (?!NOT_SPECIFIED)([A-Z][A-Z0-9_]{1,60})$", re.M)
 
@@ -75,7 +73,9 @@ class DropReasons:
         os.mkdir(self._folder, 0o700)
         descriptor = _open(self._folder)
         try:
-            _lock(descriptor)
+            fcntl.flock(
+                descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB
+            )  # another run may have taken it for one that was left
             if not _is_at(descriptor, self._folder):
                 raise FileNotFoundError(self._folder)
         except OSError:  # it is another's by now, so it stays
@@ -118,18 +118,6 @@ def _remove_orphan(folder: str) -> None:
 
 def _open(folder: str) -> int:
     return os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
-
-
-def _lock(descriptor: int) -> None:
-    """Lock a folder. Raises BlockingIOError where another run has it for more than a moment, as a listener does."""
-    deadline = time.monotonic() + MOMENT
-    while True:
-        try:
-            return fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            if time.monotonic() > deadline:
-                raise
-            time.sleep(0.01)
 
 
 def _is_at(descriptor: int, folder: str) -> bool:

@@ -80,11 +80,6 @@ class Participant:
         # by plan
         self.answers_broadcasts = ANSWERS_BROADCASTS in {(entry.name, entry.value) for entry in plan.sysctl}
 
-    @property
-    def services(self) -> tuple[str, ...]:
-        """The services that are to run, with the one of a gateway that passes the group on."""
-        return self.plan.services_with_routing
-
     def find_wrong_prefixes(self) -> list[tuple[str, str, int, int]]:
         """List the planned addresses in a network of another size: interface, address, its prefix length, the planned one."""
         planned = {str(entry.address): entry.network.prefixlen for entry in self.plan.networks}

@@ -78,7 +78,7 @@ def _judge_reachable(case: Case) -> Judgement:
 
 
 def _has_services(case: Case) -> bool:
-    return case.observer.is_probed and bool(case.observer.services)
+    return case.observer.is_probed and bool(case.observer.plan.services_with_routing)
 
 
 def _is_full(entry: Service) -> bool:
@@ -117,7 +117,7 @@ def _service_down_parts(computer: str, service: str) -> Parts:
 @Check(
     title="services are active",
     needs=lambda case: join_parts(
-        _service_down_parts(case.observer.name, service) for service in case.observer.services
+        _service_down_parts(case.observer.name, service) for service in case.observer.plan.services_with_routing
     ),
 )
 @guard(_has_services)
@@ -127,7 +127,7 @@ def _judge_services(case: Case) -> Judgement | None:
     states = {entry.name: entry for entry in case.probe.services}
     parts: Parts = frozenset()
     broken, restarted = [], []
-    for name in case.observer.services:
+    for name in case.observer.plan.services_with_routing:
         entry, unit = states.get(name), f"multimaster-{name}.service"
         if entry is None or entry.active_state != "active":
             broken.append(f"{unit} is {'unknown' if entry is None else _describe_state(entry)}")
@@ -141,7 +141,7 @@ def _judge_services(case: Case) -> Judgement | None:
         elif _was_started_again(case, entry):
             restarted.append(f"{entry.unit} was started again {entry.age_s:.0f} s ago, {entry.restarts} in all")
             parts |= make_parts("service", case.observer.name, "restarting", what=unit)
-    expected = f"{', '.join(case.observer.services)} active"
+    expected = f"{', '.join(case.observer.plan.services_with_routing)} active"
     if broken:
         return Judgement(FAILED, expected, ", ".join(broken), parts)
     return judge_fault(WARNING, f"{expected}, not started again", ", ".join(restarted), "all active", parts)

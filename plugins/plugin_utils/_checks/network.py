@@ -29,14 +29,8 @@ def _find_duplicates(case: Case) -> dict[str, list[str]]:
     found = {}
     own = {str(entry.address) for entry in case.observer.plan.networks}
     for claim in case.probe.claims:
-        holder = case.run.get(case.ways.name_at(claim.address))
-        known = (
-            case.observer.hardware_addresses
-            if claim.address in own
-            else holder.hardware_addresses
-            if holder
-            else frozenset()
-        )
+        holder = case.observer if claim.address in own else case.run.get(case.ways.name_at(claim.address))
+        known = holder.hardware_addresses if holder else frozenset()
         strange = [mac for mac in claim.macs if mac.lower() not in known]
         if case.ways.name_at(claim.address) and len(strange) > (0 if known else 1):
             found[claim.address] = strange

@@ -228,7 +228,7 @@ class _Walk:
         return [step for step in self.steps if step[1].kind == ANSWER and step[1].source not in own]
 
     def _find_answer(self, there: Place, route: Sequence[str]) -> Place:
-        """Find the place of the answer to what has arrived. To a datagram there is none."""
+        """Find the place of the answer to what has arrived. A datagram gets no answer."""
         if there.stage != Stage.ARRIVED or self.probe.protocol == "udp":
             return there
         if not self._list(self.probe.target, ANSWER, outgoing=True):

@@ -193,7 +193,6 @@ def test_one_that_another_has_locked_stops_nobody(tracefs, monkeypatch):
         return open_folder(folder)
 
     monkeypatch.setattr(drops, "_open", lose)
-    monkeypatch.setattr(drops, "MOMENT", 0.1)
     try:
         with drops.DropReasons(str(tracefs)) as reasons:
             assert reasons.read() == {}

@@ -403,7 +403,7 @@ def test_a_lost_question_is_told_from_a_program_that_hangs(unconfirmed, expected
 
 @pytest.mark.parametrize("seed", range(8))
 def test_a_lie_costs_nobody_else_anything(seed):
-    """Who is not on the way changes nothing, where others have seen the packets; who is on it blames nobody but with itself."""
+    """A liar beside the way changes nothing where others saw the packets. One on the way is in each place that it makes up."""
     for number in range(250):
         chance = random.Random(f"{seed} {number}")
         world = lies.draw_world(chance)
