@@ -222,11 +222,14 @@ def test_a_roscore_that_remembers_loses_no_registration(lab):
         lab.run("ana-pc", f"{restart} multimaster-roscore")
         wait_until(lambda gone=gone: lab.run("ana-pc", main_pid).strip() not in gone, 60, "a new roscore runs")
         # When the watch has seen what the new roscore tells of a node that begins now, it has seen all that went before.
-        mark = f"mark{number}"
+        mark = f"ana_mark{number}"
         lab.start("ana-pc", mark, f"rostopic pub -r 1 /{mark} std_msgs/String x __name:={mark}")
-        wait_until(lambda mark=mark: f"publisher /{mark} /{mark}" in watch.registrations(), 60, "the mark is seen")
+        registered = f"publisher /{mark} /{mark}"
+        wait_until(lambda text=registered: text in watch.registrations(), 60, "the mark is seen")
         assert {item.split()[-1] for _at, item in watch.removals(since)} <= {"/rosout"}
         assert {"/master_discovery", "/master_sync"} <= set(lab.run("ana-pc", "rosnode list").split())
+        lab.run("ana-pc", f"systemctl stop {mark}")
+        wait_until(lambda text=registered: text not in watch.registrations(), 60, "the mark is gone")
 
 
 def answers(watch, since):
