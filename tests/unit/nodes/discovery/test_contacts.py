@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Sentences about names that lead elsewhere, and the times of other masters."""
 
+import socket
 import threading
 import time
 
@@ -15,11 +16,12 @@ from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.messages import Master
 
+ROBOT2 = Contact(1.0, "http://robot2:11311/", "robot2", "/master_discovery")
 
-def test_what_is_said_of_a_master_that_is_not_known_is_not_kept():
-    errors, loop = {}, Loop()
-    known = []
-    contacts = Contacts(
+
+def make_contacts(errors, known):
+    loop = Loop()
+    return Contacts(
         loop,
         Workers(loop, 1),
         program.LimitedLog(),
@@ -28,12 +30,30 @@ def test_what_is_said_of_a_master_that_is_not_known_is_not_kept():
         lambda address: True,
         lambda *result: True,
     )
-    contact = Contact(1.0, "http://robot2:11311/", "robot2", "/master_discovery")
-    contacts._compare(contact, "192.168.1.2", "", None)
+
+
+def test_what_is_said_of_a_master_that_is_not_known_is_not_kept():
+    errors, known = {}, []
+    contacts = make_contacts(errors, known)
+    contacts._compare(ROBOT2, "192.168.1.2", "", None)
     assert errors == {}
-    known.append(contact.uri)
-    contacts._compare(contact, "192.168.1.2", "", None)
-    assert list(errors) == [contact.uri]
+    known.append(ROBOT2.uri)
+    contacts._compare(ROBOT2, "192.168.1.2", "", None)
+    assert list(errors) == [ROBOT2.uri]
+
+
+@pytest.mark.parametrize(
+    ("problem", "is_said"),
+    [
+        (socket.gaierror(-2, "unknown"), True),
+        (UnicodeError("no name"), True),
+        (OSError("too much to do at once"), False),
+    ],
+)
+def test_only_a_name_that_was_looked_up_has_no_address(problem, is_said):
+    errors = {}
+    make_contacts(errors, [ROBOT2.uri])._on_host(ROBOT2, "192.168.1.2", None, problem)
+    assert list(errors) == [ROBOT2.uri] * is_said
 
 
 class Now:

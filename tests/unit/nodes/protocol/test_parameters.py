@@ -34,6 +34,7 @@ def copied(master, *names, **more):
     [
         (DISCOVERY, {"mcast_port": 0}, "~mcast_port is 0, but a port number"),
         (DISCOVERY, {"mcast_port": True}, "a port number"),
+        (DISCOVERY, {"measurement_intervals": True}, "a whole number of at least 1"),
         (DISCOVERY, {"heartbeat_hz": 0}, "a number above 0"),
         (DISCOVERY, {"robot_hosts": "kobuki2"}, "a list of texts"),
         (DISCOVERY, {"send_mcast": "yes"}, "true or false"),

@@ -198,10 +198,11 @@ def test_frames_that_nobody_defines_stay_away():
 @pytest.mark.parametrize(
     ("definition", "why"),
     [
-        ("Other other", "field other of some/Main, which|field other of some/Other, which is not defined"),
+        ("Other other", 'the field "other" of some/Other, which is not defined'),
         ("Main again", "some/Main is in itself"),
         (f"A a\n{LINE}\nMSG: some/A\nB b\n{LINE}\nMSG: some/B\nA a", "some/A is in itself"),
         ("string frame_id\nstring", "some/Main has a line that is no field"),
+        (f'None a\n{LINE}\nMSG: some/None\nall = well; "PASSED"', r"fields: \"all = well; 'PASSED'\"$"),
         ("uint8[12345678901] data", "a line that is no field"),
         ("\n".join(f"uint8 f{number}" for number in range(10001)), "more than 10000"),
         (f"\n{LINE}\n".join(["T1 a"] + [f"MSG: some/T{n}\nT{n + 1} a" for n in range(1, 40)]), "more than 30 types"),

@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Questions to other discovery nodes: their contacts, and whether the name of their host leads to them."""
 
+import socket
 import xmlrpc.client
 from contextlib import closing
+from functools import partial
 from typing import Callable, Dict, Optional, Set, Tuple
 
 from ..edge.addresses import address_of
@@ -18,6 +20,7 @@ from .core.peer import Contact, Key, find_name_problem
 from .core.strangers import MAX_ASKED
 
 # (key, contact or None, problem, the master has gone, a fault says so) -> True for a master of the list
+NO_ADDRESS = (socket.gaierror, UnicodeError)  # a name that no resolver knows, and one that is no host name
 OnAnswer = Callable[[Key, Optional[Contact], str, bool, bool], bool]
 
 
@@ -60,12 +63,18 @@ class Contacts:
             heard, _port, rpc_port = key
             self._resolvers.submit(
                 lambda: _find_host(contact.host, heard, rpc_port, self._may_ask),
-                lambda host, _problem: self._compare(contact, heard, *(host or ("", None))),
+                partial(self._on_host, contact, heard),
             )
+
+    def _on_host(
+        self, contact: Contact, heard: str, host: Optional[Tuple[str, Optional[Contact]]], problem: Optional[Exception]
+    ) -> None:
+        self._comparing.discard(contact.host)
+        if host is not None or isinstance(problem, NO_ADDRESS):  # else it was not asked: there were too many questions
+            self._compare(contact, heard, *(host or ("", None)))
 
     def _compare(self, contact: Contact, heard: str, address: str, there: Optional[Contact]) -> None:
         """Note a host name that leads elsewhere: the nodes of that master cannot be reached by it either."""
-        self._comparing.discard(contact.host)
         problem = find_name_problem(contact, heard, address, there)
         if problem and self._is_known(contact.uri):  # no event would remove the error of a stranger
             self._errors[contact.uri] = problem

@@ -51,6 +51,10 @@ def _port(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 < value < 65536
 
 
+def _count(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 1
+
+
 def _texts(value: Any) -> bool:
     return isinstance(value, list) and all(isinstance(item, str) for item in value)
 
@@ -69,7 +73,7 @@ KINDS: Mapping[str, Tuple[str, Callable[[Any], bool]]] = {
     "port": ("a port number from 1 to 65535", _port),
     "rate": ("a number above 0", lambda value: _number(value) and value > 0),
     "seconds": ("a number of seconds", _number),
-    "count": ("a whole number of at least 1", lambda value: isinstance(value, int) and value >= 1),
+    "count": ("a whole number of at least 1", _count),
     "texts": ("a list of texts", _texts),
     "names": ("a pattern, or a list of patterns", lambda value: isinstance(value, str) or _texts(value)),
     "patterns": ("a list of patterns, or a mapping from a master's name to one", _patterns),

@@ -8,6 +8,8 @@ Other types follow the main one, each below a line of "=" and a line "MSG: packa
 import re
 from typing import Dict, List, NamedTuple, Optional, Set, Tuple, Union
 
+from ...protocol.plain_text import quote
+
 MOST_FIELDS, DEEPEST = 10000, 30  # fields of a definition; types in each other
 SIZES = {
     **dict.fromkeys(("bool", "int8", "uint8", "byte", "char"), 1),
@@ -79,7 +81,7 @@ class _Reader:
     def read(self, name: str) -> Plan:
         if name not in self._plans:
             if name in self._open or len(self._open) == DEEPEST:
-                raise DefinitionError(f"{name} is in itself, or more than {DEEPEST} types are in each other")
+                raise DefinitionError(f"{quote(name)} is in itself, or more than {DEEPEST} types are in each other")
             self._open.add(name)
             steps = [self._read_field(name, line) for line in self._texts[name].split("\n")]
             self._open.discard(name)
@@ -91,7 +93,9 @@ class _Reader:
         found = _LINE.match(line)
         self._fields += 1
         if line and found is None or self._fields > MOST_FIELDS:
-            raise DefinitionError(f"{name} has a line that is no field, or more than {MOST_FIELDS} fields: {line[:80]}")
+            raise DefinitionError(
+                f"{quote(name)} has a line that is no field, or more than {MOST_FIELDS} fields: {quote(line[:80])}"
+            )
         if found is None or found[4]:  # a comment, or a constant, which is in no message
             return None
         kind, array, field = found[1], found[2], found[3]
@@ -109,7 +113,7 @@ class _Reader:
         package = name.partition("/")[0]
         full = "std_msgs/Header" if kind == "Header" else kind if "/" in kind else f"{package}/{kind}"
         if full not in self._texts:
-            raise DefinitionError(f"{name} has the field {field} of {full}, which is not defined")
+            raise DefinitionError(f"{quote(name)} has the field {quote(field)} of {quote(full)}, which is not defined")
         return _repeat(self.read(full), 1)
 
 

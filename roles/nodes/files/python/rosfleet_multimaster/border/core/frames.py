@@ -9,6 +9,7 @@ the root of the robot's tree lies, at the same place.
 import struct
 from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
+from ...protocol.plain_text import quote
 from .definition import DefinitionError, Plan, Skip, Text, make_plan
 
 MOST_STEPS = 30_000  # types, texts and numbers of elements in a message, so that none holds the others up for long
@@ -83,7 +84,7 @@ def make_rewrite(header: Dict[str, str], change: Change) -> Optional[Rewrite]:
     """Return what changes the frames of a publisher's messages; None where they have none. Raises DefinitionError."""
     definition = header.get("message_definition", "")
     if not definition.strip() and header.get("md5sum") != EMPTY:
-        raise DefinitionError(f"the publisher of {header.get('type')} sends none")
+        raise DefinitionError(f"the publisher of {quote(header.get('type'))} sends none")
     plan = make_plan(header.get("type", ""), definition)
     return (lambda message: _Walk(message, change).rewrite(plan)) if plan.has_frames else None
 
@@ -104,7 +105,8 @@ class _Walk:
         """Return the message with its frames changed; empty where no transform of it is left. Raises FramesError."""
         self._walk(plan)
         if self._foreign is not None:
-            raise FramesError(f"its frame {self._foreign.decode('utf-8', 'replace')} does not belong to this robot")
+            frame = quote(self._foreign.decode("utf-8", "replace"))
+            raise FramesError(f"its frame {frame} does not belong to this robot")
         if self._at != len(self._message):
             raise FramesError("it is longer than its definition says")
         if self._left_out and not self._kept:
