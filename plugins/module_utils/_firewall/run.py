@@ -12,7 +12,7 @@ import os
 import re
 import typing
 
-from .._changes import files
+from .._changes import files, writable
 from .._changes.deadman import UndoStep
 from .._changes.module import Concern, Fields, ModuleRun
 from .._changes.record import RECORDS
@@ -93,9 +93,10 @@ class Run(ModuleRun):
 
     @property
     def refusals(self) -> typing.List[str]:
-        """The sentences that prevent the plan."""
+        """The sentences that prevent the plan: access that would be lost, changes of others, and files that cannot be written."""
         sentences = [self.access.refusal(self.packet_filter)] if self.packet_filter else []
         sentences += [back_end.refusal() for back_end in self.back_ends if back_end.changes]
+        sentences += writable.obstacles([*self.files.places, self.files.record.path]) if self.changed else []
         return [sentence for sentence in sentences if sentence]
 
     @property

@@ -11,7 +11,7 @@ import shutil
 import stat
 import typing
 
-from .._changes import atomic
+from .._changes import atomic, writable
 from .._changes.module import Concern, Fields, ModuleRun
 from .._changes.record import RECORDS
 from .._module.plain_text import LINE, quote
@@ -36,6 +36,11 @@ class TunnelKey(ModuleRun):
         self.changed = options["rotate"] or not there
         known = [] if self.changed or (check_mode and shutil.which("wg") is None) else there
         self.public, self.waiting = ([publish(path) for path in known] + ["", ""])[:2]
+
+    @property
+    def refusals(self) -> typing.List[str]:
+        """The sentence on a place where no key can be written."""
+        return writable.obstacles([self.path + NEXT]) if self.changed else []
 
     def apply(self) -> None:
         """Make the key. Raises Problem."""

@@ -57,12 +57,14 @@ nftables.UNIT_FILE = root + "/etc/systemd/system/multimaster-firewall.service"
 for options, left, half in json.load(sys.stdin):
     if os.fork() == 0:
         made = run.Run(dict(options, records=root + "/var/records"))
-        undo = made.undo_steps()
-        if half:
+        undo, refusals = made.undo_steps(), made.refusals
+        if refusals:
+            pass
+        elif half:
             made.apply_runtime()
         else:
             made.apply()
-        print(json.dumps([made.changed, made.result(), undo, made.summary(False)]), flush=True)
+        print(json.dumps([made.changed, made.result(), undo, made.summary(False), refusals]), flush=True)
         os._exit(0)
     if os.WIFSIGNALED(os.wait()[1]):
         print(json.dumps("killed"), flush=True)
@@ -198,6 +200,15 @@ def test_the_switch_takes_the_run_time_back(computer, first, then):
     for command in undo:
         computer.inside(*command)
     assert computer.state() == (files, rules)
+
+
+def test_a_place_that_takes_no_file_is_told_before_a_change(computer):
+    (computer.root / "etc/rosfleet-multimaster").symlink_to("/proc/sys/net")
+    untouched = computer.state()
+    for half in (True, False):
+        refusals = computer.runs((FLEET, 0, half))[0][4]
+        assert len(refusals) == 1 and "is no place for files" in refusals[0]
+    assert computer.state() == untouched
 
 
 def test_traffic(computer, tmp_path):

@@ -69,6 +69,12 @@ def test_a_plan_alone_makes_no_key(wg):
     assert planned.result() == {"public_key": "", "waiting_key": ""}
 
 
+def test_a_place_that_takes_no_key_is_told_before_one_is_made(wg):
+    assert key.TunnelKey({"rotate": False, "path": str(wg.path)}).refusals == []
+    planned = key.TunnelKey({"rotate": False, "path": "/proc/sys/net/x.key"})
+    assert len(planned.refusals) == 1 and "is no place for files" in planned.refusals[0]
+
+
 def test_a_rotation_leaves_the_key_that_is_in_use(wg):
     wg.bring()
     wg.take_into_use()
