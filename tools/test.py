@@ -439,13 +439,15 @@ class Runner:
         return ", ".join(f"{suite.label} ({now - began:.0f} s)" for suite, began in self._running.values())
 
     def _begin(self, pool: ThreadPoolExecutor) -> None:
-        """Start what fits beside what is running."""
+        """Start what fits beside what is running, and has no lab of it: two of one name would remove each other's."""
         free = CORES - sum(suite.cores for suite, _began in self._running.values())
+        labs = {lab for suite, _began in self._running.values() for lab in suite.labs}
         for suite in list(self.waiting):
             if suite.cores > free and suite.cores == CORES:
                 return  # it would never begin if others went before it
-            if suite.cores <= free:
+            if suite.cores <= free and labs.isdisjoint(suite.labs):
                 free -= suite.cores
+                labs.update(suite.labs)
                 self.waiting.remove(suite)
                 self.say(f"{suite.label} ...")
                 self._running[pool.submit(self._suite, suite)] = (suite, time.monotonic())

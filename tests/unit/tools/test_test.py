@@ -106,6 +106,17 @@ def test_suites_run_side_by_side_as_far_as_the_processors_allow(reports, monkeyp
     assert [outcome.passed for outcome in found.outcomes.values()] == [1, 1, 1]
 
 
+def test_suites_of_one_lab_run_one_after_the_other(reports, monkeypatch):
+    monkeypatch.setattr(runner, "CORES", 2.0)
+    monkeypatch.setattr(runner, "take_down", lambda labs: [])
+    code = "import pathlib, time; own = pathlib.Path('lab'); own.mkdir(); time.sleep(.2); own.rmdir()"
+    words = (sys.executable, "-c", code)
+    pair = [runner.Suite("group", name, words, runner.judge_status, labs=("one",)) for name in ("a", "b")]
+    found = runner.Runner(pair)
+    found.run()
+    assert [outcome.passed for outcome in found.outcomes.values()] == [1, 1]
+
+
 @pytest.mark.slow
 def test_a_suite_that_hangs_is_ended_with_all_that_it_started(reports):
     hangs = suite("bash", "-c", "sleep 1000 & echo $!; wait", limit=4.0)  # a busy machine takes a while to start bash
