@@ -57,6 +57,19 @@ def test_no_call_of_many_threads_is_left_in_a_loop_that_sleeps():
     assert len(seen) == 4000 and time.monotonic() - began < 20, "a call that nobody woke it for"
 
 
+def test_what_is_posted_for_later_comes_in_its_order():
+    loop, seen, began = Loop(), [], time.monotonic()
+    loop.post_later(0.2, loop.stop)
+    loop.post_later(0.1, lambda: seen.append("second"))
+    loop.post_later(0.0, lambda: seen.append("first"))
+    loop.run(lambda now: now + 30.0)
+    assert seen == ["first", "second"] and 0.2 <= time.monotonic() - began < 20
+    threading.Timer(0.1, loop.post_later, (0.1, loop.stop)).start()
+    loop._running = True
+    loop.run(lambda now: now + 30.0)
+    assert time.monotonic() - began < 20, "nobody woke it"
+
+
 def test_a_recurring_job_has_one_run_at_a_time():
     done = []
 

@@ -235,3 +235,28 @@ def test_a_node_that_has_something_again_is_asked_no_more(node, survey):
 
     done = survey(lambda survivors: survivors.look_after("/alive", node()), over)
     assert done.buried == []
+
+
+def test_nodes_that_are_asked_again_take_no_threads(survey, monkeypatch):
+    """The network is down: each of them fails at once. The unit of the roscore may have 2,048 tasks."""
+    asked = []
+
+    def fail(name, _uri, _records):
+        asked.append(name)
+        raise OSError("network is unreachable")
+
+    monkeypatch.setattr(module, "ask", fail)
+    before, names = threading.active_count(), [f"n{number}" for number in range(500)]
+
+    def begin(survivors):
+        survivors.begin(registry(**dict.fromkeys(names, "http://far:1/")))
+        for name in names:
+            survivors.look_after(f"/left_{name}", "http://far:1/")
+        assert threading.active_count() - before <= 4  # the workers
+
+    def over(_survivors, _roscore):
+        assert threading.active_count() - before <= 4
+        return len(asked) > 3 * len(names)
+
+    survey(begin, over)
+    assert len(set(asked)) == 2 * len(names)

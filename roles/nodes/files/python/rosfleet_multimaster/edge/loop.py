@@ -7,10 +7,12 @@ Each pass of the loop feeds systemd's watchdog, and nothing else does: a loop th
 """
 
 import contextlib
+import itertools
 import queue
 import selectors
 import socket
 import threading
+from functools import partial
 from typing import Any, Callable, Optional, Tuple, Union
 
 from .clock import monotonic, sleep
@@ -28,6 +30,8 @@ class Loop:
     def __init__(self) -> None:
         self._selector = selectors.DefaultSelector()
         self._posted: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._later: queue.PriorityQueue[Tuple[float, int, Callable[[], None]]] = queue.PriorityQueue()
+        self._numbers = itertools.count()  # of what is posted for later: two are never compared by their functions
         self._waker, self._wakee = socket.socketpair()
         self._waker.setblocking(False)
         self._wakee.setblocking(False)
@@ -45,6 +49,21 @@ class Loop:
             sleep(0.01)
         self._posted.put(lambda: function(*arguments))
         self.wake()
+
+    def post_later(self, seconds: float, function: Callable[[], None]) -> None:
+        """Have a function called in the loop after a while; from any thread. Nobody waits, however many there are."""
+        self._later.put((monotonic() + seconds, next(self._numbers), function))
+        self.wake()
+
+    def _call_due(self, now: float) -> float:
+        """Call what was posted for now; the time of what comes next."""
+        while not self._later.empty():  # nobody else takes from it
+            due, number, function = self._later.get()
+            if due > now:
+                self._later.put((due, number, function))
+                return due
+            function()
+        return float("inf")
 
     @property
     def queue_length(self) -> int:
@@ -87,7 +106,7 @@ class Loop:
             if limit and now >= feed:
                 notify("WATCHDOG=1")
                 feed = now + every
-            due = min(tick(now), now + every)
+            due = min(tick(now), now + every, self._call_due(now))
             for key, _events in self._selector.select(max(0.0, due - monotonic())):
                 key.data()
             with contextlib.suppress(OSError):
@@ -113,6 +132,10 @@ class Workers:
             self._jobs.put_nowait((job, done))
         except queue.Full:
             self._loop.post(done, None, OSError("too much to do at once"))
+
+    def submit_later(self, seconds: float, job: Job, done: Done) -> None:
+        """The same after a while."""
+        self._loop.post_later(seconds, partial(self.submit, job, done))
 
     def _work(self) -> None:
         while True:

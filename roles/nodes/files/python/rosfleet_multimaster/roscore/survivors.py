@@ -16,7 +16,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Callable, Dict, List, Optional, Sequence, Set
 
 from ..edge.clock import monotonic
-from ..edge.loop import Loop, Workers, run_later
+from ..edge.loop import Loop, Workers
 from ..edge.rpc_client import Rpc
 from ..protocol.messages import NodeKey
 from ..protocol.xml_rpc import NODE
@@ -125,16 +125,20 @@ class Survivors:
         node = (name, uri)
         if node not in self._leaving:
             self._leaving.add(node)
-            run_later(AGAIN, partial(self._ask, node, [], partial(self._bury, node)))
+            self._ask(node, [], partial(self._bury, node), AGAIN)
 
-    def _ask(self, node: NodeKey, records: Sequence[Record], judge: Judge, pause: float = AGAIN) -> None:
+    def _ask(
+        self, node: NodeKey, records: Sequence[Record], judge: Judge, after: float = 0.0, pause: float = AGAIN
+    ) -> None:
+        """Ask a node after so many seconds, and again while `judge` wants that."""
+
         def on_answer(ended: Optional[List[Record]], problem: Optional[Exception]) -> None:
             if problem is not None:
                 _log.debug("%s at %s: %s", *node, problem)
             if judge(ended, problem):
-                run_later(pause, partial(self._ask, node, records, judge, min(2 * pause, LATEST)))
+                self._ask(node, records, judge, pause, min(2 * pause, LATEST))
 
-        self._workers.submit(partial(ask, *node, records), on_answer)
+        self._workers.submit_later(after, partial(ask, *node, records), on_answer)
 
     def _judge(self, node: NodeKey, ended: Optional[List[Record]], problem: Optional[Exception]) -> bool:
         """Act on the answer of a registered node. True where the node is to be asked again."""
