@@ -243,7 +243,7 @@ OUTSIDE = {
     "socketserver": "edge/rpc_server",
     "select": "",
     "selectors": "edge/loop",
-    "http": "edge/rpc_client edge/rpc_server roscore/door",
+    "http": "edge/rpc_client edge/rpc_server",
     "threading": "border/board discovery/rpc_methods discovery/state_feed edge/rpc_server edge/loop edge/patience edge/process/children "
     "edge/journal edge/rpc_client roscore/changes roscore/door roscore/master roscore/notifier roscore/refusals roscore/store",
     "queue": "edge/loop",

@@ -271,6 +271,19 @@ def test_a_hostile_argument_is_a_fault_in_few_words(server, caplog, arguments, a
     assert server.running.longest_pause() < 1.0
 
 
+@pytest.mark.parametrize("line", [b"POST /" + b"x" * 60_000, b"POST / HTTP/1.0\r\nA: " + b"x" * 60_000])
+def test_a_request_with_an_endless_head_is_ended(server, line):
+    """64 connections with a hundred lines of 64 KiB in each would hold 400 MB."""
+    with server.connect(wait=10.0) as endless:
+        started = monotonic()
+        with contextlib.suppress(OSError):
+            endless.sendall(line + b"\r\n")
+            assert read_all(endless) == b""
+        assert monotonic() - started < 4.0, "before its time limit"
+    assert server.answers()
+    assert b"200 OK" in server.raw(post(CALL, "A: " + "x" * 10_000 + "\r\n"))
+
+
 def test_a_request_of_one_byte_a_second_is_ended(server, monkeypatch):
     monkeypatch.setattr(rpc_server, "_MAX_SECONDS", 2.0)
     with server.connect(wait=10.0) as slow:

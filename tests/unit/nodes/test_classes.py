@@ -13,9 +13,10 @@ MOST_PARAMETERS = 9
 
 #: class -> attributes of its base class, which is a library's
 OF_LIBRARIES = {
+    "edge/rpc_server.py:BoundedHandler": {"rfile"},
     "edge/rpc_server.py:_Handler": {"close_connection", "protocol_version"},
     "edge/rpc_client.py:_Connection": {"response_class", "sock"},
-    "roscore/door.py:Handler": {"close_connection", "rfile"},
+    "roscore/door.py:Handler": {"close_connection"},
     "roscore/master.py:_Server": {"server_address", "socket"},
 }
 

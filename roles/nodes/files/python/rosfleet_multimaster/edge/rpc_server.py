@@ -16,7 +16,7 @@ from ..protocol.plain_text import LINE, plain
 from ..protocol.xml_rpc import MAX_REQUEST, loads
 from .clock import monotonic
 from .loop import Count
-from .rpc_client import cut
+from .rpc_client import BoundedLines, cut
 
 _log = logging.getLogger("rosfleet.rpc_server")
 
@@ -159,11 +159,28 @@ def _help(method: Any) -> str:
     return (getattr(getattr(function, "func", function), "__doc__", "") or "").strip()
 
 
-class _Handler(BaseHTTPRequestHandler):
-    server: RpcServer
-    timeout = 5.0
+class BoundedHandler(BaseHTTPRequestHandler):
+    """A connection whose heads are bounded: a longer one ends it."""
+
+    head = 1 << 14  # bytes of all lines of one; else there might be a hundred of 64 KiB
     wbufsize = -1
     disable_nagle_algorithm = True
+    rfile: Any
+
+    def setup(self) -> None:
+        """Begin."""
+        super().setup()
+        self.rfile = BoundedLines(self.rfile, 0, ConnectionAbortedError)
+
+    def handle_one_request(self) -> None:
+        """A request."""
+        self.rfile.left = self.head
+        super().handle_one_request()
+
+
+class _Handler(BoundedHandler):
+    server: RpcServer
+    timeout = 5.0
 
     def __init__(self, request: Any, client_address: Any, server: RpcServer) -> None:
         self._kept = False  # another request may follow on this connection

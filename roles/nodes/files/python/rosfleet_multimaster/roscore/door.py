@@ -11,11 +11,11 @@ import logging
 import socket
 import threading
 import xmlrpc.client
-from http.server import BaseHTTPRequestHandler
 from typing import Any, Callable, ContextManager, Dict, Iterator, List, NamedTuple, Tuple
 
 from ..edge.clock import monotonic
-from ..edge.rpc_client import BoundedLines, cut
+from ..edge.rpc_client import cut
+from ..edge.rpc_server import BoundedHandler
 from ..protocol.plain_text import LINE, plain
 from ..protocol.xml_rpc import Document, DocumentTooLarge, unpack
 from .core.bounds import BOUNDS, Refusal, refuse, weigh
@@ -132,13 +132,11 @@ class Door:
         self.connections = Connections(BOUNDS["connections"].most)
 
 
-class Handler(BaseHTTPRequestHandler):
+class Handler(BoundedHandler):
     """A connection."""
 
     door: Door
-    wbufsize = -1
-    disable_nagle_algorithm = True
-    rfile: Any
+    head = BOUNDS["head"].most
 
     def __init__(self, request: socket.socket, client_address: Any, server: Any) -> None:
         there, here = client_address[:2], request.getsockname()[:2]
@@ -146,14 +144,8 @@ class Handler(BaseHTTPRequestHandler):
         self._until = 0.0  # the body of a request is to be here by then
         super().__init__(request, client_address, server)  # serves the connection until its end
 
-    def setup(self) -> None:
-        """Begin."""
-        super().setup()
-        self.rfile = BoundedLines(self.rfile, 0, ConnectionAbortedError)
-
     def handle_one_request(self) -> None:
         """A request."""
-        self.rfile.left = BOUNDS["head"].most
         try:
             super().handle_one_request()
         finally:
