@@ -14,7 +14,7 @@ from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ..plugin_utils._changes.refusal import FleetAction, refuse
 from ..plugin_utils._data.plain import to_plain
 from ..plugin_utils._fleet import read, variables
-from ..plugin_utils._fleet.inventory import Inventory
+from ..plugin_utils._fleet.model import Inventory
 from ..plugin_utils._options import roles
 from ..plugin_utils._plan.plan import fleet_plan
 

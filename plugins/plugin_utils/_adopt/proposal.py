@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from .._fleet.inventory import Inventory
+from .._fleet.model import Inventory
 from .._fleet.variables import PREFIX
 
 Value = str | int | list[str]

@@ -28,16 +28,15 @@ from .exports import (
 )
 from .filters import BUILT_IN, SYNC, WHITE_LISTS, Filters, matches, usable
 from .flows import Channel, list_givers, make_flows
-from .inventory import InventoryValues, RobotValues
-from .model import Fleet, Robot
+from .model import Fleet, Inventory, Robot, Values
 from .sentences import nearest, shorten_list
 from .variables import FleetVariables
 
 
-def find_contradictions(reading: InventoryValues) -> Iterator[str]:
+def find_contradictions(fleet: Fleet, inventory: Inventory) -> Iterator[str]:
     """Yield one sentence for each contradiction. A robot without hosts declares nothing, and may be meant by others."""
-    parties = {robot.name: robot for robot in reading.robots if robot.hosts}
-    declarers, robots = list(parties.values()), reading.inventory.robots
+    parties = {robot.name: robot for robot in fleet.robots if robot.hosts}
+    declarers, robots = list(parties.values()), inventory.robots
     for party in declarers:
         yield from (*_find_wrong_receivers(party, robots), *_find_built_in_names(party))
     yield from _find_parameter_names(declarers)
@@ -46,9 +45,9 @@ def find_contradictions(reading: InventoryValues) -> Iterator[str]:
     yield from _find_meeting_names(declarers, list(robots))
     yield from _find_second_white_lists(declarers)
     yield from _find_filtered_exports(parties)
-    yield from find_excluded_strangers(reading.shared)
-    yield from _find_local_diagnostics(declarers, reading.shared)
-    yield from _find_wrong_seals(declarers, {*reading.hosts, *reading.inventory.routers}, reading.shared)
+    yield from find_excluded_strangers(fleet.variables)
+    yield from _find_local_diagnostics(declarers, fleet.variables)
+    yield from _find_wrong_seals(declarers, inventory, fleet.variables)
 
 
 def find_excluded_strangers(shared: FleetVariables) -> list[str]:
@@ -221,7 +220,7 @@ def _find_ambiguous_prefixes(fleet: Fleet) -> list[str]:
     return list(problems.values())
 
 
-def _find_local_diagnostics(parties: Sequence[RobotValues], shared: FleetVariables) -> Iterator[str]:
+def _find_local_diagnostics(parties: Sequence[Robot], shared: FleetVariables) -> Iterator[str]:
     """Yield a sentence for each robot that names /diagnostics, if that topic stays on each robot."""
     for party in parties if shared.diagnostics == "local" else ():
         topics = {
@@ -237,7 +236,7 @@ def _find_local_diagnostics(parties: Sequence[RobotValues], shared: FleetVariabl
         )
 
 
-def _find_wrong_receivers(party: RobotValues, robots: Mapping[str, Sequence[str]]) -> Iterator[str]:
+def _find_wrong_receivers(party: Robot, robots: Mapping[str, Sequence[str]]) -> Iterator[str]:
     computers = {host: robot for robot, hosts in robots.items() for host in hosts}
     for name in dict.fromkeys(robot for entry in party.entries for robot in entry.to):
         if name == party.name:
@@ -254,7 +253,7 @@ def _find_wrong_receivers(party: RobotValues, robots: Mapping[str, Sequence[str]
         )
 
 
-def _find_built_in_names(party: RobotValues) -> list[str]:
+def _find_built_in_names(party: Robot) -> list[str]:
     return [
         f"{party.host}: multimaster_exports has the {KINDS[key]} {name}, which is never exchanged, since it belongs to the "
         f"roscore or to the exchange itself; expected names of the robot's own nodes: remove it in {party.file}."
@@ -263,14 +262,14 @@ def _find_built_in_names(party: RobotValues) -> list[str]:
     ]
 
 
-def _find_parameter_names(parties: Sequence[RobotValues]) -> list[str]:
+def _find_parameter_names(parties: Sequence[Robot]) -> list[str]:
     """Return a sentence for a master that is called like a parameter of master_sync, which has white lists below the names of masters."""
     return [
         f"{party.host}: multimaster_exports is declared, but the name of its master, {party.master_name}, is that of a parameter of "
         f"master_sync; expected another name, since the others have a white list below it: rename the computer, or remove "
         f"multimaster_exports in {party.file}."
         for party in parties
-        if party.own.exports is not None and party.master_name in SYNC
+        if party.variables.exports is not None and party.master_name in SYNC
     ]
 
 
@@ -283,7 +282,7 @@ _ONE_GIVER = {
 }
 
 
-def _find_collisions(parties: Mapping[str, RobotValues], robots: Sequence[str]) -> list[str]:
+def _find_collisions(parties: Mapping[str, Robot], robots: Sequence[str]) -> list[str]:
     """Return a sentence for two robots that give the same service or action to a third, by its name or by a pattern."""
     return sorted(
         f"{parties[first].host}: multimaster_exports gives the {KINDS[key]} {name} to {shorten_list(receivers)}, and so does "
@@ -294,10 +293,10 @@ def _find_collisions(parties: Mapping[str, RobotValues], robots: Sequence[str]) 
     )
 
 
-Giver = tuple[RobotValues, Export]
+Giver = tuple[Robot, Export]
 
 
-def _find_meeting_names(parties: Sequence[RobotValues], robots: Sequence[str]) -> list[str]:
+def _find_meeting_names(parties: Sequence[Robot], robots: Sequence[str]) -> list[str]:
     """Return a sentence for what comes to a robot by one name from two robots, or twice from one, where a border renames or slows it.
 
     Two patterns of which none is within the other, such as /*/x and /y/*, are not compared.
@@ -318,7 +317,7 @@ def _find_meeting_names(parties: Sequence[RobotValues], robots: Sequence[str]) -
     ]
 
 
-def _pair_renamed(parties: Sequence[RobotValues], receiver: str) -> Iterator[tuple[Giver, Giver]]:
+def _pair_renamed(parties: Sequence[Robot], receiver: str) -> Iterator[tuple[Giver, Giver]]:
     """Yield each two entries for a robot of which one crosses a border, the later one first."""
     given = [
         (party, entry)
@@ -341,7 +340,7 @@ def _list_meeting(one: Export, other: Export) -> list[str]:
     return [name for name in names if any(matches([name], second) or matches([second], name) for second in others)]
 
 
-def _find_crossing_parameters(parties: Mapping[str, RobotValues], robots: Sequence[str]) -> list[str]:
+def _find_crossing_parameters(parties: Mapping[str, Robot], robots: Sequence[str]) -> list[str]:
     """Return a sentence for two robots that give the same parameter to a third, or one in the namespace of the other."""
     entries = [
         (party.name, entry, [entry.rename(name) for name in entry.parameters])  # as the receivers have them
@@ -366,7 +365,7 @@ def _find_crossing_parameters(parties: Mapping[str, RobotValues], robots: Sequen
     return problems
 
 
-def _match_givers(parties: Collection[RobotValues], key: str) -> Iterator[tuple[str, dict[str, list[Export]]]]:
+def _match_givers(parties: Collection[Robot], key: str) -> Iterator[tuple[str, dict[str, list[Export]]]]:
     """Yield each exported name of a kind, with robot -> its entries for this name or for a pattern of it."""
     givers: dict[str, dict[str, list[Export]]] = defaultdict(lambda: defaultdict(list))  # by name or pattern, by robot
     for party in parties:
@@ -383,7 +382,7 @@ def _match_givers(parties: Collection[RobotValues], key: str) -> Iterator[tuple[
 
 
 def _pair_givers(
-    givers: Mapping[str, Sequence[Export]], parties: Mapping[str, RobotValues], robots: Sequence[str]
+    givers: Mapping[str, Sequence[Export]], parties: Mapping[str, Robot], robots: Sequence[str]
 ) -> list[tuple[tuple[str, str], list[str]]]:
     """Return pairs of robots that give the same to a third, with the receivers. Each receiver stands in one pair."""
     if len(givers) < 2:
@@ -405,9 +404,9 @@ def _pair_givers(
 _WHITE_LISTS = sorted(name for name, parameter in FILTERS.items() if parameter in WHITE_LISTS)
 
 
-def _find_second_white_lists(parties: Sequence[RobotValues]) -> Iterator[str]:
+def _find_second_white_lists(parties: Sequence[Robot]) -> Iterator[str]:
     """Yield a sentence for each robot with a white list of its own beside a flow to it, since that would widen the flow."""
-    flows = make_flows({party.name: party.own.exports for party in parties})
+    flows = make_flows({party.name: party.variables.exports for party in parties})
     for party in parties:
         lists = ", ".join(name for name in _WHITE_LISTS if party.filters.get(name))
         givers = list_givers(flows, party.name) if lists else []
@@ -419,7 +418,7 @@ def _find_second_white_lists(parties: Sequence[RobotValues]) -> Iterator[str]:
             )
 
 
-def _find_filtered_exports(parties: Mapping[str, RobotValues]) -> Iterator[str]:
+def _find_filtered_exports(parties: Mapping[str, Robot]) -> Iterator[str]:
     """Yield a sentence for names that an entry gives to a certain robot, and that filters leave out."""
     for party, entry in [(declarer, entry) for declarer in parties.values() for entry in declarer.inner_entries]:
         for receiver in (parties[name] for name in dict.fromkeys(entry.to) if name in parties.keys() - {party.name}):
@@ -464,12 +463,12 @@ def _is_master_ignored(filters: Mapping[str, Sequence[str]], master: str) -> boo
 # Sealed computers
 
 
-def _find_wrong_seals(robots: Sequence[RobotValues], hosts: Collection[str], shared: FleetVariables) -> Iterator[str]:
-    """Yield a sentence for each thing that cannot be done with a sealed computer. `hosts` are those of the inventory."""
+def _find_wrong_seals(robots: Sequence[Robot], inventory: Inventory, shared: FleetVariables) -> Iterator[str]:
+    """Yield a sentence for each thing that cannot be done with a sealed computer."""
     owner: dict[str, str] = {}
     for robot in robots:
         for name in robot.seals:
-            if name in hosts:
+            if name in inventory.hosts:
                 yield (
                     f"{name}: is a host of the inventory, and in multimaster_sealed of the robot {robot.name}; expected one of the two, "
                     f"since Ansible logs in to each host: take it out of its group, or out of multimaster_sealed in {robot.file}."
@@ -480,7 +479,7 @@ def _find_wrong_seals(robots: Sequence[RobotValues], hosts: Collection[str], sha
                     "the other."
                 )
         yield from _find_wrong_companion(robot)
-        yield from _find_tasks_of_sealed(robot)
+        yield from _find_tasks_of_sealed(robot, inventory.variables.get(robot.hosts[0], {}))
         if robot.seals and shared.advertise == "name":
             yield (
                 f"{shorten_list(robot.seals)}: is in multimaster_sealed, but multimaster_advertise is 'name'; expected 'address', since "
@@ -488,13 +487,13 @@ def _find_wrong_seals(robots: Sequence[RobotValues], hosts: Collection[str], sha
             )
 
 
-def _find_wrong_companion(robot: RobotValues) -> Iterator[str]:
+def _find_wrong_companion(robot: Robot) -> Iterator[str]:
     """Yield a sentence where nobody, or the wrong computer, is to run the nodes for a sealed roscore."""
-    host, companion, choices = robot.hosts[0], robot.own.companion, ", ".join(robot.hosts)
+    host, companion, choices = robot.hosts[0], robot.variables.companion, ", ".join(robot.hosts)
     if companion is None:
         if robot.has_sealed_master and len(robot.hosts) > 1:
             yield (
-                f"{host}: multimaster_companion is not set, but the master of the robot {robot.name}, {robot.own.master}, is sealed; expected "
+                f"{host}: multimaster_companion is not set, but the master of the robot {robot.name}, {robot.variables.master}, is sealed; expected "
                 f"the computer that runs discovery and sync for it, one of {choices}: set it in {robot.file}."
             )
     elif companion in robot.seals:
@@ -515,9 +514,9 @@ def _find_wrong_companion(robot: RobotValues) -> Iterator[str]:
         )
 
 
-def _find_tasks_of_sealed(robot: RobotValues) -> Iterator[str]:
+def _find_tasks_of_sealed(robot: Robot, raw: Values) -> Iterator[str]:
     """Yield a sentence for each task that would need a login on a sealed computer."""
-    gateways = [name for name, entry in robot.seals.items() if robot.own.gateway in (name, entry.address)]
+    gateways = [name for name, entry in robot.seals.items() if robot.variables.gateway in (name, entry.address)]
     if gateways:
         yield (
             f"{gateways[0]}: is sealed, and multimaster_gateway of the robot {robot.name}; expected a gateway that can be set up: a computer "
@@ -525,13 +524,13 @@ def _find_tasks_of_sealed(robot: RobotValues) -> Iterator[str]:
         )
     if not robot.has_sealed_master:
         return
-    if robot.raw.get("multimaster_roscore") == "managed":
+    if raw.get("multimaster_roscore") == "managed":
         yield (
-            f"{robot.own.master}: is sealed, but multimaster_roscore of the robot {robot.name} is 'managed'; expected 'existing', since its own "
+            f"{robot.variables.master}: is sealed, but multimaster_roscore of the robot {robot.name} is 'managed'; expected 'existing', since its own "
             f"system starts the roscore there: correct it in {robot.file}."
         )
-    if robot.own.provider not in (None, "bundled"):
+    if robot.variables.provider not in (None, "bundled"):
         yield (
-            f"{robot.own.master}: is sealed, but multimaster_provider of the robot {robot.name} is '{robot.own.provider}', whose nodes run beside "
+            f"{robot.variables.master}: is sealed, but multimaster_provider of the robot {robot.name} is '{robot.variables.provider}', whose nodes run beside "
             f"their roscore alone; expected 'bundled', whose nodes can run on another computer: correct it in {robot.file}."
         )

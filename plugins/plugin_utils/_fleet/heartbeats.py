@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from ipaddress import IPv4Network
 
 from .model import Fleet
@@ -25,6 +26,12 @@ def default_offline_after(rate: float) -> float:
     A robot without promised heartbeats is asked, and withdrawn after 65 s (the nodes' discovery/core/discovery.py).
     """
     return max(5.0, math.ceil(200 / _tenths(rate)) / 10) if _tenths(rate) else 65.0
+
+
+def fill_offline_after(fleet: Fleet) -> Fleet:
+    """Return the fleet with the seconds of silence that it has by default, where none are set."""
+    after = fleet.variables.offline_after or default_offline_after(fleet.variables.heartbeat_hz)
+    return replace(fleet, variables=replace(fleet.variables, offline_after=after))
 
 
 def find_slow_heartbeats(rate: float | None, after: float | None) -> list[str]:

@@ -3,18 +3,16 @@
 
 """Checks whether the addresses and networks of an inventory can be routed (section 4.1 of the report).
 
-Addresses and networks in, sentences out. A missing value is one sentence. And the addresses in a tunnel.
+Addresses and networks in, sentences out. A missing value is one sentence.
 """
 
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping
-from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
-from .inventory import InventoryValues, RobotValues
-from .model import Router
+from .model import Fleet, Inventory, Robot, Router
 from .variables import FleetVariables
 
 # The variables of a robot's own network, and the value that each is expected to have.
@@ -25,16 +23,16 @@ _EXAMPLES = {
 }
 
 
-def find_network_problems(reading: InventoryValues, router: Router | None) -> list[str]:
+def find_network_problems(fleet: Fleet, inventory: Inventory) -> list[str]:
     """Return the reasons why packets cannot go everywhere and back, one sentence each."""
-    common, addresses = reading.shared.common_network, reading.addresses
+    common, addresses, router = fleet.variables.common_network, fleet.addresses, fleet.router
     problems: list[str] = []
-    for robot in reading.robots:
-        problems += _check_completeness(robot)
+    for robot in fleet.robots:
+        problems += _check_completeness(robot, inventory)
         problems += _check_members(robot, common, addresses)
         problems += _check_gateway(robot, common, addresses)
-    problems += _check_overlaps(reading)
-    problems += _check_uniqueness(reading, router)
+    problems += _check_overlaps(fleet)
+    problems += _check_uniqueness(fleet)
     if router and common:
         problems += _check_address(router.name or "The router", _variable_of(router), router.address, common)
     return problems
@@ -44,26 +42,24 @@ def _variable_of(router: Router) -> str:
     return "multimaster_address" if router.name else "multimaster_router"
 
 
-def _check_completeness(robot: RobotValues) -> Iterator[str]:
+def _check_completeness(robot: Robot, inventory: Inventory) -> Iterator[str]:
     """Check that all three variables of a robot's own network are set, or that all are missing."""
-    present = [name for name in _EXAMPLES if getattr(robot.own, name)]
+    present = [name for name in _EXAMPLES if getattr(robot.variables, name)]
     for name, example in _EXAMPLES.items() if robot.hosts and present else ():
-        if not getattr(robot.own, name) and robot.raw.get(f"multimaster_{name}") is None:
+        if not getattr(robot.variables, name) and not inventory.is_set(robot.hosts[0], name):
             yield (
                 f"{robot.hosts[0]}: multimaster_{name} of the robot {robot.name} is not set, but multimaster_{present[0]} is; expected "
                 f"{example.format(hosts=', '.join(robot.hosts))}: set it in {robot.file}."
             )
 
 
-def _check_members(
-    robot: RobotValues, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]
-) -> Iterator[str]:
+def _check_members(robot: Robot, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]) -> Iterator[str]:
     """Check that every computer is in the network of its robot."""
-    own = robot.own
+    own = robot.variables
     if not own.network and (own.gateway or own.common_address):
         return  # _check_completeness has a sentence for it
     network, variable = (own.network, "multimaster_network") if own.network else (common, "multimaster_common_network")
-    for host in robot.computers:
+    for host in (*robot.hosts, *robot.seals):
         if network and host in addresses:
             yield from _check_address(host, _address_variable(host, robot.seals), addresses[host], network, variable)
 
@@ -73,11 +69,9 @@ def _address_variable(host: str, seals: Container[str]) -> str:
     return "multimaster_sealed" if host in seals else "multimaster_address"
 
 
-def _check_gateway(
-    robot: RobotValues, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]
-) -> Iterator[str]:
+def _check_gateway(robot: Robot, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]) -> Iterator[str]:
     """Check that the gateway is in both networks."""
-    own, gateway = robot.own, robot.own.gateway
+    own, gateway = robot.variables, robot.variables.gateway
     named: Mapping[Any, str] = {address: host for host, address in addresses.items()}
     if gateway in robot.seals or named.get(gateway) in robot.seals:
         return  # contradictions has a sentence for it
@@ -115,10 +109,10 @@ def _check_address(
         )
 
 
-def _check_overlaps(reading: InventoryValues) -> Iterator[str]:
+def _check_overlaps(fleet: Fleet) -> Iterator[str]:
     """Check that no address is in two networks. Sorted by their begin, each is compared with the widest one before it."""
-    shared = reading.shared
-    named = [(robot.own.network, f"multimaster_network of the robot {robot.name}") for robot in reading.robots]
+    shared = fleet.variables
+    named = [(robot.variables.network, f"multimaster_network of the robot {robot.name}") for robot in fleet.robots]
     named += [
         (shared.common_network, "multimaster_common_network"),
         (shared.tunnel_network, "multimaster_tunnel_network"),
@@ -138,14 +132,15 @@ def _check_overlaps(reading: InventoryValues) -> Iterator[str]:
             widest, whose = network, name
 
 
-def _check_uniqueness(reading: InventoryValues, router: Router | None) -> Iterator[str]:
+def _check_uniqueness(fleet: Fleet) -> Iterator[str]:
     """Check that every address belongs to one computer."""
-    addresses = reading.addresses
-    claims = [(host, _address_variable(host, reading.seals), address) for host, address in addresses.items()]
-    for robot in reading.robots:
-        if robot.own.common_address:
+    addresses, router = fleet.addresses, fleet.router
+    seals = {computer.name for computer in fleet.computers if computer.sealed}
+    claims = [(host, _address_variable(host, seals), address) for host, address in addresses.items()]
+    for robot in fleet.robots:
+        if robot.variables.common_address:
             host = robot.gateway_host or f"the gateway of {robot.name}"
-            claims.append((host, "multimaster_common_address", robot.own.common_address))
+            claims.append((host, "multimaster_common_address", robot.variables.common_address))
     if router:
         claims.append((router.name or "the router", _variable_of(router), router.address))
     owner: dict[IPv4Address, str] = {}
@@ -160,10 +155,6 @@ def _check_uniqueness(reading: InventoryValues, router: Router | None) -> Iterat
                 f"{host}: multimaster_common_address is {address}, which is its multimaster_address too; expected its address in the "
                 "common network here, and the one in the robot's network there: correct one of the two."
             )
-
-
-# The addresses of a tunnel, computed from those of the network that carries it. A computer has the same place in both: 192.168.1.229
-# is 10.77.0.229 in the tunnel. So its address stays when others come and go.
 
 
 def find_wrong_tunnel_network(shared: FleetVariables) -> Iterator[str]:
@@ -181,32 +172,3 @@ def find_wrong_tunnel_network(shared: FleetVariables) -> Iterator[str]:
             f"multimaster_tunnel_network is '{network}', and multimaster_common_network is '{common}'; expected a prefix length of "
             f"{common.prefixlen} for both, since each computer has the same place in both: correct it in group_vars/robots.yml."
         )
-
-
-def move_into_tunnel(reading: InventoryValues) -> InventoryValues:
-    """Return the values with the tunnel as the common network.
-
-    An address in the network that carries the tunnel becomes the endpoint, unless another one is given, or none.
-    """
-    network, common = reading.shared.tunnel_network, reading.shared.common_network
-    if network is None:
-        return reading
-    places = {robot.own.gateway: robot.own.common_address for robot in reading.robots}
-
-    def move(address: IPv4Address) -> IPv4Address:
-        """Return the same place in the other network, if an address is in the first."""
-        return network[int(address) - int(common.network_address)] if address in common else address
-
-    hosts = {}
-    for host, values in reading.hosts.items():
-        place = places.get(host) or values.address
-        is_given = reading.inventory.variables[host].get("multimaster_endpoint") is not None
-        endpoint = values.endpoint if is_given or place not in common else place
-        hosts[host] = replace(values, address=move(values.address), endpoint=endpoint)
-    robots = [
-        replace(
-            robot, own=replace(robot.own, common_address=robot.own.common_address and move(robot.own.common_address))
-        )
-        for robot in reading.robots
-    ]
-    return replace(reading, hosts=hosts, shared=replace(reading.shared, common_network=network), robots=robots)

@@ -3,8 +3,8 @@
 
 """Reading of an inventory: variables in, the model of the fleet or sentences about its problems out.
 
-One pass finds every problem. First all values are read, then they are compared. The model is made only of an inventory
-without problems, so it has no missing values.
+One pass finds every problem. First all values are read into the model, then they are compared. Only a model without problems
+is returned, so it has no missing values.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
 from . import contradictions, heartbeats, kinds, networks, variables
-from .inventory import Inventory, InventoryValues, RobotValues, Values
-from .model import Computer, Fleet, Gateway, Robot, Router
+from .model import Computer, Fleet, Inventory, Robot, Router, Values
 from .sentences import UnexpectedValue, nearest, shorten_list
 
 
@@ -40,19 +39,18 @@ def read_fleet(inventory: Inventory) -> Fleet:
         )
     problems: list[str] = []
     inventory = _open_collections(inventory, problems)
-    reading = _read_values(inventory, problems)
-    router = _read_router(reading, problems)
-    for robot in reading.robots:
-        problems += _find_robot_problems(robot, inventory.variables)
+    fleet = _read_values(inventory, problems)
+    for robot in fleet.robots:
+        problems += _find_robot_problems(robot, inventory)
     problems += [
-        *_find_ambiguous_names(reading),
-        *networks.find_network_problems(reading, router),
-        *contradictions.find_contradictions(reading),
-        *networks.find_wrong_tunnel_network(reading.shared),
-        *heartbeats.find_slow_heartbeats(reading.shared.heartbeat_hz, reading.shared.offline_after),
+        *_find_ambiguous_names(fleet),
+        *networks.find_network_problems(fleet, inventory),
+        *contradictions.find_contradictions(fleet, inventory),
+        *networks.find_wrong_tunnel_network(fleet.variables),
+        *heartbeats.find_slow_heartbeats(fleet.variables.heartbeat_hz, fleet.variables.offline_after),
     ]
     if not problems:
-        fleet = _make_fleet(networks.move_into_tunnel(reading), router)
+        fleet = _move_into_tunnel(heartbeats.fill_offline_after(fleet), inventory)
         problems = [
             *heartbeats.find_unreachable_masters(fleet),
             *contradictions.find_wrong_clock(fleet),
@@ -60,7 +58,7 @@ def read_fleet(inventory: Inventory) -> Fleet:
             *contradictions.find_wrong_frames(fleet),
         ]
     if problems:
-        raise InventoryProblems(_collapse(problems, [*reading.hosts, *inventory.routers]))
+        raise InventoryProblems(_collapse(problems, inventory.hosts))
     return fleet
 
 
@@ -95,7 +93,7 @@ def _open_collections(inventory: Inventory, problems: list[str]) -> Inventory:
 # Reading of values
 
 
-def _read_values(inventory: Inventory, problems: list[str]) -> InventoryValues:
+def _read_values(inventory: Inventory, problems: list[str]) -> Fleet:
     """Read all values, and take those that the computers of the fleet and of each robot agree about."""
     hosts = {
         host: _read_host(host, inventory.variables.get(host, {}), problems)
@@ -103,18 +101,37 @@ def _read_values(inventory: Inventory, problems: list[str]) -> InventoryValues:
         for host in members
     }
     problems += _find_shared_hosts(inventory.robots) + _find_strays(inventory.strays)
-    shared = _take_common_values("", list(hosts), hosts, problems)
-    robots = [
-        RobotValues(
-            name,
-            members,
-            variables.make(variables.RobotVariables, _take_common_values(name, members, hosts, problems)),
-            inventory.variables.get(members[0], {}) if members else {},
-        )
-        for name, members in inventory.robots.items()
-    ]
+    shared = variables.make(variables.FleetVariables, _take_common_values("", list(hosts), hosts, problems))
     computers = {host: variables.make(variables.ComputerVariables, values) for host, values in hosts.items()}
-    return InventoryValues(inventory, computers, variables.make(variables.FleetVariables, shared), robots)
+    robots = []
+    for name, members in inventory.robots.items():
+        own = variables.make(variables.RobotVariables, _take_common_values(name, members, hosts, problems))
+        own = replace(own, rpc_port=own.rpc_port or (own.roscore_port or 0) + 300)
+        robots.append(_make_robot(name, {host: computers[host] for host in members}, own, shared.common_network))
+    return Fleet(tuple(robots), _read_router(inventory, shared.router, problems), shared)
+
+
+def _make_robot(
+    name: str,
+    hosts: Mapping[str, variables.ComputerVariables],
+    own: variables.RobotVariables,
+    common_network: IPv4Network,
+) -> Robot:
+    """Make a robot of its values."""
+    of_all = [(host, values, False) for host, values in hosts.items()]
+    of_all += [(sealed, _fill_up(entry), True) for sealed, entry in (own.sealed or {}).items()]
+    # Behind a gateway, only this one is in the common network.
+    is_behind = own.gateway is not None and own.common_address is not None
+    reached = {own.gateway: own.common_address} if is_behind else {host: each.address for host, each, _sealed in of_all}
+    computers = [Computer(each, name, reached.get(each), values, sealed) for each, values, sealed in of_all]
+    return Robot(name, own.network or common_network, tuple(computers), own)
+
+
+def _fill_up(entry: kinds.SealedComputer) -> variables.ComputerVariables:
+    """Return the variables of a sealed computer. Those that it cannot have are as by default."""
+    defaults = {row.name: row.read(row.default) for row in variables.OF_COMPUTER if row.default is not None}
+    filled = variables.make(variables.ComputerVariables, defaults)
+    return replace(filled, address=entry.address, aliases=list(entry.aliases))
 
 
 def _read_host(host: str, raw: Mapping[str, Any], problems: list[str]) -> Values:
@@ -211,10 +228,8 @@ def _take_common_values(robot: str, hosts: Sequence[str], values: Mapping[str, V
     return {name: value for name, (_host, value) in common.items() if name not in disputed & DECLARED}
 
 
-def _read_router(reading: InventoryValues, problems: list[str]) -> Router | None:
+def _read_router(inventory: Inventory, device: IPv4Address | None, problems: list[str]) -> Router | None:
     """Return the router. It is the host of the group `routers`, or the device of the variable."""
-    inventory = reading.inventory
-    device = reading.shared.router
     if not inventory.routers:
         return Router("", device) if device else None
     name = inventory.routers[0]
@@ -249,14 +264,14 @@ def _read_router(reading: InventoryValues, problems: list[str]) -> Router | None
 # Comparing of values
 
 
-def _find_robot_problems(robot: RobotValues, raw: Mapping[str, Values]) -> Iterator[str]:
+def _find_robot_problems(robot: Robot, inventory: Inventory) -> Iterator[str]:
     """Yield the problem of a robot: it has no computers, no master, or one port for two programs."""
-    name, hosts, own, computers = robot.name, robot.hosts, robot.own, robot.computers
+    name, hosts, own, computers = robot.name, robot.hosts, robot.variables, [*robot.hosts, *robot.seals]
     # The only computer of a robot is its master.
     master = own.master or (hosts[0] if len(hosts) == 1 else None)
     if not hosts:
         yield f"The robot {name} has no computers: its group is empty; expected at least one host: add it or remove the group."
-    elif master is None and any(raw.get(host, {}).get("multimaster_master") is not None for host in hosts):
+    elif master is None and any(inventory.is_set(host, "master") for host in hosts):
         pass  # it is set, to what cannot be read: that has its sentence
     elif master is None:
         yield (
@@ -268,20 +283,20 @@ def _find_robot_problems(robot: RobotValues, raw: Mapping[str, Values]) -> Itera
             f"{hosts[0]}: multimaster_master is '{master}', which is no computer of the robot {name}; expected one of "
             f"{', '.join(computers)}{nearest(master, computers)}: correct it in {robot.file}."
         )
-    elif own.rpc_port and own.rpc_port == own.roscore_port:
+    elif own.rpc_port == own.roscore_port:
         yield (
             f"{master}: multimaster_rpc_port is {own.rpc_port}, which is also the port of its roscore; expected another port: "
             "leave it out for the port of the roscore + 300."
         )
 
 
-def _find_ambiguous_names(reading: InventoryValues) -> Iterator[str]:
+def _find_ambiguous_names(fleet: Fleet) -> Iterator[str]:
     """Yield a sentence for each name of two computers, and for localhost."""
     owner: dict[str, str] = {}
-    aliases: dict[str, Sequence[str]] = {
-        host: values.aliases or () for host, values in reading.hosts.items() if values.address
-    }
-    aliases |= {name: entry.aliases for name, entry in reading.seals.items() if name not in aliases}
+    aliases: dict[str, Sequence[str]] = {}
+    for each in sorted(fleet.computers, key=lambda computer: computer.sealed):
+        if each.address:
+            aliases.setdefault(each.name, each.variables.aliases or ())
     for computer, others in aliases.items():
         for name in (computer, *others):
             first = owner.setdefault(name.lower(), computer)
@@ -308,56 +323,31 @@ def _collapse(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
     ]
 
 
-# The model
+# The addresses of a tunnel, computed from those of the network that carries it. A computer has the same place in both: 192.168.1.229
+# is 10.77.0.229 in the tunnel. So its address stays when others come and go.
 
 
-def _make_fleet(reading: InventoryValues, router: Router | None) -> Fleet:
-    """Make the model of values without problems."""
-    shared = reading.shared
-    offline_after = shared.offline_after or heartbeats.default_offline_after(shared.heartbeat_hz)
-    return Fleet(
-        robots=tuple(_make_robot(reading, robot) for robot in reading.robots),
-        router=router,
-        variables=replace(shared, offline_after=offline_after),
-    )
+def _move_into_tunnel(fleet: Fleet, inventory: Inventory) -> Fleet:
+    """Return the fleet with the tunnel as its common network.
 
+    An address in the network that carries the tunnel becomes the endpoint, unless another one is given, or none.
+    """
+    network, common = fleet.variables.tunnel_network, fleet.variables.common_network
+    if network is None:
+        return fleet
 
-def _make_robot(reading: InventoryValues, robot: RobotValues) -> Robot:
-    own = replace(robot.own, rpc_port=robot.own.rpc_port or robot.own.roscore_port + 300)
-    gateway = _make_gateway(reading, own)
-    values = {host: reading.hosts[host] for host in robot.hosts} | {
-        sealed: _fill_up(entry) for sealed, entry in robot.seals.items()
-    }
-    # Behind a gateway, only this one is in the common network.
-    reached = (
-        {gateway.name: gateway.common_address} if gateway else {name: each.address for name, each in values.items()}
-    )
-    computers = {
-        name: Computer(name, robot.name, reached.get(name), each, sealed=name in robot.seals)
-        for name, each in values.items()
-    }
-    master = computers[own.master or robot.hosts[0]]
-    return Robot(
-        name=robot.name,
-        network=own.network or reading.shared.common_network,
-        gateway=gateway,
-        computers=tuple(computers.values()),
-        master=master,
-        companion=computers[own.companion or robot.hosts[0]] if master.sealed else master,
-        variables=own,
-    )
+    def move(address: IPv4Address) -> IPv4Address:
+        """Return the same place in the other network, if an address is in the first."""
+        return network[int(address) - int(common.network_address)] if address in common else address
 
-
-def _make_gateway(reading: InventoryValues, own: variables.RobotVariables) -> Gateway | None:
-    if own.gateway is None or own.common_address is None:
-        return None
-    if isinstance(own.gateway, IPv4Address):
-        return Gateway("", own.gateway, own.common_address)
-    return Gateway(own.gateway, reading.hosts[own.gateway].address, own.common_address)
-
-
-def _fill_up(entry: kinds.SealedComputer) -> variables.ComputerVariables:
-    """Return the variables of a sealed computer. Those that it cannot have are as by default."""
-    defaults = {row.name: row.read(row.default) for row in variables.OF_COMPUTER if row.default is not None}
-    filled = variables.make(variables.ComputerVariables, defaults)
-    return replace(filled, address=entry.address, aliases=list(entry.aliases))
+    robots = []
+    for robot in fleet.robots:
+        hosts = {}
+        for computer in robot.computers[: len(robot.hosts)]:
+            values, is_given = computer.variables, inventory.is_set(computer.name, "endpoint")
+            endpoint = values.endpoint if is_given else computer.common_address
+            hosts[computer.name] = replace(values, address=move(values.address), endpoint=endpoint)
+        own = robot.variables
+        own = replace(own, common_address=own.common_address and move(own.common_address))
+        robots.append(_make_robot(robot.name, hosts, own, network))
+    return replace(fleet, robots=tuple(robots), variables=replace(fleet.variables, common_network=network))

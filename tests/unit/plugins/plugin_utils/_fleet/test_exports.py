@@ -15,13 +15,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import exports as exports_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import flows as flows_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.inventory import (
-    Inventory,
-    InventoryValues,
-    RobotValues,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.model import Computer, Fleet, Inventory, Robot
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import UnexpectedValue
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.variables import (
+    ComputerVariables,
     FleetVariables,
     RobotVariables,
     make,
@@ -449,9 +446,10 @@ def test_what_may_be_meant_is_no_problem(declared):
 def test_a_hundred_robots_with_one_service_are_a_few_sentences():
     entries = exports_module.read_exports([RESET])
     own = make(RobotVariables, {"multimaster_exports": entries})
-    parties = [RobotValues(f"r{number}", [f"c{number}"], own) for number in range(100)]
+    computers = [Computer(f"c{number}", f"r{number}", None, make(ComputerVariables, {})) for number in range(100)]
+    parties = tuple(Robot(computer.robot, None, (computer,), own) for computer in computers)
     inventory = Inventory({party.name: party.hosts for party in parties}, {})
-    found = list(contradictions.find_contradictions(InventoryValues(inventory, {}, make(FleetVariables, {}), parties)))
+    found = list(contradictions.find_contradictions(Fleet(parties, None, make(FleetVariables, {})), inventory))
     assert len(found) == 3
     assert any(
         "c0: multimaster_exports gives the service /reset to r2, r3, r4 and 95 more, and so does that of r1;"
