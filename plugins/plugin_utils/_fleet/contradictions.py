@@ -27,7 +27,7 @@ from .exports import (
     topics_of,
 )
 from .filters import BUILT_IN, SYNC, WHITE_LISTS, Filters, matches, usable
-from .flows import Channel, list_givers, make_flows
+from .flows import BORDER_PORT, Channel, list_givers, make_flows
 from .model import Fleet, Inventory, Robot, Values
 from .sentences import nearest, shorten_list
 from .variables import FleetVariables
@@ -165,6 +165,24 @@ def _find_unreachable(ends: Mapping[str, IPv4Address | None], hub: str | None) -
         f"multimaster_tunnel_hub is '{hub}'; expected a computer in the common network with a multimaster_endpoint, at which all others reach it"
         f"{nearest(hub or '', [name for name, end in ends.items() if end])}",
     )
+
+
+def find_wrong_border_ports(fleet: Fleet) -> Iterator[str]:
+    """Yield a sentence for each robot whose border would have the port of its discovery node, or none."""
+    ends = {name for channel in fleet.channels for name in (channel.robot, channel.other)}
+    for robot in (robot for robot in fleet.robots if robot.name in ends):
+        own, port = robot.variables, robot.variables.roscore_port + BORDER_PORT
+        why = "which it needs, since multimaster_exports renames or slows what crosses"
+        if port > 65535:
+            yield (
+                f"{robot.host}: multimaster_roscore_port is {own.roscore_port}, and the port of the border is {BORDER_PORT} above it, {why}; expected at "
+                f"most {65535 - BORDER_PORT}: set another one in {robot.file}."
+            )
+        elif port == own.rpc_port:
+            yield (
+                f"{robot.host}: multimaster_rpc_port is {port}, which is also the port of its border, {why}; expected another port: leave it out "
+                "for the port of the roscore + 300."
+            )
 
 
 _TREE = ("/tf", "/tf_static")

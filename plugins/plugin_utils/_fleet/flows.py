@@ -16,6 +16,7 @@ from .exports import FROM_CLIENT, FROM_SERVER, Export, topics_of
 
 # The topics of the verification while it runs. They cross wherever any topic does.
 VERIFICATION_TOPICS = "/multimaster_verify/*"
+BORDER_PORT = 600  # of a border, above that of the roscore
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,7 @@ def read_fleet(inventory: Inventory) -> Fleet:
             *contradictions.find_wrong_clock(fleet),
             *contradictions.find_wrong_tunnel(fleet),
             *contradictions.find_wrong_frames(fleet),
+            *contradictions.find_wrong_border_ports(fleet),
         ]
     if problems:
         raise InventoryProblems(_collapse(problems, inventory.hosts))

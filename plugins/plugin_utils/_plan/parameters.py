@@ -14,7 +14,7 @@ from typing import Any
 
 from .._fleet.exports import DIAGNOSTICS, make_node_filters
 from .._fleet.filters import HOSTS, NAMES, NO_NAME, SUCCESSOR, WHITE_LISTS
-from .._fleet.flows import VERIFICATION_TOPICS, Flow
+from .._fleet.flows import BORDER_PORT, VERIFICATION_TOPICS, Flow
 from .._fleet.model import Fleet, Robot
 from .._fleet.sentences import shorten_list
 from .model import Parameters
@@ -42,9 +42,6 @@ def sync(fleet: Fleet, robot: Robot) -> Parameters:
     if robot.variables.provider in UPSTREAM:
         return _upstream_sync(bundled)
     return {**bundled, **_share_parameters(fleet, robot, "sync")}
-
-
-BORDER_PORT = 600  # above that of the roscore
 
 
 def border(fleet: Fleet, robot: Robot) -> Parameters | None:

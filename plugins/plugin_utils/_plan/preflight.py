@@ -14,10 +14,10 @@ from ipaddress import IPv4Address
 from typing import Any
 
 from .._fleet import advice
+from .._fleet.flows import BORDER_PORT
 from .._fleet.plain_text import LINE, quote
 from . import clock, environment, providers, set_up, tunnel, units
 from .model import ComputerPlan, Interface, Port, Setting
-from .parameters import BORDER_PORT
 
 # The units of the collection. They may hold the ports of the plan.
 OWN_UNITS = tuple(f"multimaster-{name}.service" for name in (*units.OTHERS, *units.NODES))

@@ -95,3 +95,39 @@ def test_good_seals_are_no_contradiction():
     assert not problems()
     assert not problems(TWO, multimaster_companion="hsr-eye")
     assert not problems(multimaster_master="hsr-pc"), "a sealed computer need not have the roscore"
+
+
+# The ports of borders
+
+
+def find_port_problems(giver=None, receiver=None, exports=({"topics": ["/scan"], "as": "/a"},)):
+    """The sentences about two robots, of which one gives the other a topic by another name, with their ports."""
+    shared = {"multimaster_common_network": "192.168.1.0/24"}
+    variables = {
+        "a": {**shared, "multimaster_address": "192.168.1.1", "multimaster_exports": list(exports), **(giver or {})},
+        "b": {**shared, "multimaster_address": "192.168.1.2", **(receiver or {})},
+    }
+    try:
+        read.read_fleet(Inventory(robots={"ra": ["a"], "rb": ["b"]}, variables=variables))
+    except InventoryProblems as found:
+        return found.problems
+    return []
+
+
+@pytest.mark.parametrize(
+    "host, ports", [("a", ({"multimaster_rpc_port": 11911}, {})), ("b", ({}, {"multimaster_rpc_port": 11911}))]
+)
+def test_the_port_of_a_border_is_its_own(host, ports):
+    (problem,) = find_port_problems(*ports)
+    assert problem.startswith(
+        f"{host}: multimaster_rpc_port is 11911, which is also the port of its border, which it needs"
+    )
+    assert not find_port_problems(*ports, exports=[{"topics": ["/scan"]}]), "without a border nobody has this port"
+
+
+def test_a_border_has_a_port():
+    (problem,) = find_port_problems({"multimaster_roscore_port": 65000})
+    assert problem.startswith("a: multimaster_roscore_port is 65000, and the port of the border is 600 above it")
+    assert "expected at most 64935: set another one in group_vars/ra.yml." in problem
+    assert not find_port_problems({"multimaster_roscore_port": 64935})
+    assert not find_port_problems({"multimaster_roscore_port": 65000}, exports=[{"topics": ["/scan"]}])
