@@ -1,48 +1,101 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of a peer's life, as a whole. What the acts do is tested in test_discovery.py."""
+"""The life of a peer as a whole: what becomes of it in each state by each event. How it is told is tested in test_discovery.py."""
 
 import pytest
 from rosfleet_multimaster.discovery.core.discovery import Discovery
-from rosfleet_multimaster.discovery.core.life import LIFE, Life
-from rosfleet_multimaster.discovery.core.peer import Peer, Sign, State
-from rosfleet_multimaster.discovery.core.peers import News
-from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind
+from rosfleet_multimaster.discovery.core.life import LEAVE_CHECKS
+from rosfleet_multimaster.discovery.core.peer import Contact, Peer
+from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, encode
+from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.parameters import Settings
 
-ONLINE = (State.ONLINE, State.LEAVING)
-LISTED = (*ONLINE, State.OFFLINE, State.LEAVING_OFFLINE)
-LEAVING = (State.LEAVING, State.LEAVING_OFFLINE)
+KEY = ("10.0.0.2", 0, 11611)
+ROBOT2 = {
+    "robot": "robot2",
+    "name": "robot2",
+    "uris": ["http://robot2:11311/"],
+    "rpc_port": 11611,
+    "addresses": ["10.0.0.2"],
+    "hosts": ["robot2"],
+}
+CONTACT = Contact(2000.0, "http://robot2:11311/", "robot2", "/master_discovery")
+FOREIGN = Contact(2000.0, "http://other:11311/", "other", "/master_discovery")
+NOW = 100.0
+
+ONLINE, OFFLINE = (True, False), (False, False)  # online, leaving
+LEAVING, LEAVING_OFFLINE = (True, True), (False, True)
+REMOVED = None
+LISTED = (ONLINE, OFFLINE, LEAVING, LEAVING_OFFLINE)
 
 
-def test_every_state_can_be_reached_and_left():
-    assert set(LIFE) == set(State)
-    reached = {after for signs in LIFE.values() for after, _act in signs.values()}
-    assert reached == set(State)
-    assert [state for state, signs in LIFE.items() if not signs] == [State.REMOVED]
+def beat(kind=Kind.STATE, stamp=2000):
+    return encode(Heartbeat(kind, 11611, 1.0, Stamp(stamp), Stamp(stamp)))
+
+
+def hear(data):
+    return lambda core: core.datagram(data, (KEY[0], 11511), True, NOW)
+
+
+def answer(contact, **more):
+    return lambda core: core.take_contact(KEY, contact, "" if contact else "no answer", NOW, **more)
+
+
+def wait(seconds):
+    return lambda core: core.peers.step(NOW + seconds)
+
+
+#: event -> what becomes of a peer that is online, offline, leaving, both
+EVENTS = {
+    "heartbeat": (hear(beat()), ONLINE, ONLINE, ONLINE, ONLINE),
+    "heartbeat without a state": (hear(beat(stamp=0)), ONLINE, OFFLINE, ONLINE, OFFLINE),
+    "leave": (hear(beat(Kind.LEAVE)), LEAVING, LEAVING_OFFLINE, LEAVING, LEAVING_OFFLINE),
+    "answer": (answer(CONTACT), ONLINE, ONLINE, LEAVING, LEAVING_OFFLINE),
+    "answer without a state": (answer(CONTACT._replace(stamp=0.0)), ONLINE, OFFLINE, LEAVING, LEAVING_OFFLINE),
+    "no answer": (answer(None), ONLINE, OFFLINE, LEAVING, LEAVING_OFFLINE),
+    "refusal": (answer(None, gone=True), ONLINE, OFFLINE, REMOVED, REMOVED),
+    "answer of another master": (answer(FOREIGN), REMOVED, REMOVED, REMOVED, REMOVED),
+    "silence": (wait(5.0), OFFLINE, OFFLINE, LEAVING_OFFLINE, LEAVING_OFFLINE),
+    "long silence": (wait(300.0), REMOVED, REMOVED, REMOVED, REMOVED),
+}
+
+
+def a_core(state, checks=1):
+    """A discovery with one peer in this state."""
+    core = Discovery(Settings(), [], 11611, Members.from_parameters({"members": [ROBOT2], "strangers": "ignore"}))
+    online, leaving = state
+    heartbeat = Heartbeat(Kind.STATE, 11611, 1.0, Stamp(2000 if online else 0))
+    checks = checks if leaving else 0
+    core.peers.table[KEY] = Peer(KEY, NOW, NOW, heartbeat, CONTACT, online, rate=1.0, checks=checks)
+    return core
+
+
+def find_state(core):
+    entry = core.peers.table.get(KEY)
+    return REMOVED if entry is None else (entry.online, entry.is_leaving)
 
 
 @pytest.mark.parametrize("state", LISTED)
-def test_a_listed_peer_takes_every_sign_that_can_come(state):
-    can_come = set(Sign) - {Sign.NO_ROOM}
-    can_come -= set() if state in LEAVING else {Sign.LAST_ANSWER, Sign.LAST_NO_ANSWER}
-    can_come -= set() if state in ONLINE else {Sign.SILENCE}
-    assert set(LIFE[state]) == can_come
-    assert LIFE[state][Sign.HEARD][0] is State.ONLINE, "who is heard is there"
-    assert LIFE[state][Sign.LONG_SILENCE] == (State.REMOVED, Life.drop)
+@pytest.mark.parametrize("event", EVENTS)
+def test_each_event_in_each_state(event, state):
+    happen, *after = EVENTS[event]
+    core = a_core(state)
+    happen(core)
+    assert find_state(core) == after[LISTED.index(state)]
 
 
-@pytest.mark.parametrize("state", LEAVING)
-def test_only_a_leaving_peer_is_removed_by_its_answer(state):
-    removing = {sign for sign, (after, _act) in LIFE[state].items() if after is State.REMOVED}
-    assert removing == {Sign.LAST_NO_ANSWER, Sign.REFUSAL, Sign.FOREIGN, Sign.LONG_SILENCE}
+@pytest.mark.parametrize(("state", "after"), [(LEAVING, ONLINE), (LEAVING_OFFLINE, OFFLINE)])
+def test_the_last_check_after_a_leave_decides(state, after):
+    for contact, left in ((CONTACT, after), (None, REMOVED), (CONTACT._replace(stamp=0.0), REMOVED)):
+        core = a_core(state, checks=len(LEAVE_CHECKS))
+        answer(contact)(core)
+        assert find_state(core) == left
 
 
 def test_checks_begin_again_with_the_next_leave():
-    peer = Peer(("10.0.0.2", 11511, 11611), 0.0, 0.0, Heartbeat(Kind.STATE, 11611), state=State.LEAVING, checks=2)
-    life = Discovery(Settings(), [], 11611).life
-    assert peer.online and peer.is_leaving and LIFE[peer.state][Sign.HEARD][1] is None
-    life.move(peer, Sign.HEARD, News(0.0))
-    assert peer.checks == 0 and not peer.is_leaving
-    with pytest.raises(KeyError):
-        life.move(peer, Sign.LAST_ANSWER, News(0.0))
+    core = a_core(LEAVING, checks=2)
+    entry = core.peers.table[KEY]
+    hear(beat())(core)
+    assert entry.checks == 0 and not entry.is_leaving
+    hear(beat(Kind.LEAVE))(core)
+    assert entry.checks == 1 and entry.is_leaving

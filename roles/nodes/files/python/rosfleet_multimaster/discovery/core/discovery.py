@@ -15,8 +15,7 @@ its robots at their planned addresses and allowed strangers become peers; the re
 
 A peer that is silent for longer than it promised is asked by datagrams, then over TCP, and then it is offline. It stays
 listed, so that it is online again with its first heartbeat, and is removed after ~remove_after. A LEAVE says that a
-peer goes. A LEAVE can be forged too: the peer is asked several times over TCP, and stays if it answers. The table
-`LIFE` in life.py has all states, signs and transitions, and what is done then.
+peer goes. A LEAVE can be forged too: the peer is asked several times over TCP, and stays if it answers (life.py).
 
 The own master is announced several times after each change, since one lost datagram must not delay it. While the own
 roscore does not answer, nothing is announced, and after a while the others are told that it leaves.
@@ -39,7 +38,7 @@ from .announcements import Announcements
 from .life import Life
 from .local_master import LocalMaster
 from .outsiders import Outsiders
-from .peer import FAR, LONG_AGO, Contact, Key, Peer, Sign
+from .peer import FAR, LONG_AGO, Contact, Key, Peer
 from .peers import News, Peers
 from .strangers import Strangers
 from .view import View
@@ -143,10 +142,10 @@ class Discovery:
     def _hear(self, entry: Peer, beat: Heartbeat, now: float) -> None:
         if beat.kind is Kind.LEAVE:
             self.peers.mark_stale()
-            self.life.move(entry, Sign.LEAVE, News(now))
+            self.life.leave(entry, now)
             return
         before = entry.outlook()
-        self.life.move(entry, self.peers.hear(entry, beat, now), News(now))
+        self.peers.hear(entry, beat, now)
         if entry.outlook() != before:
             self.peers.mark_stale()  # told with the next tick: where many masters meet, many datagrams are read at once
 
@@ -181,8 +180,7 @@ class Discovery:
             contact, problem = None, "it has no state yet"
         if contact is not None:
             entry.heard = now
-        news = News(now, contact, problem, starting, LONG_AGO if asked is None else asked)
-        self.life.move(entry, self.life.sign_of(entry, contact, gone), news)
+        self.life.take_answer(entry, News(now, contact, problem, starting, gone, LONG_AGO if asked is None else asked))
         self.view.publish(self._ticked)
         self.strangers.meet(now)
         return contact is not None and key in self.peers.table
@@ -193,7 +191,7 @@ class Discovery:
         if late > ASLEEP:
             self.peers.wake(late - SCAN, now)
         self.announcements.tick(now)
-        self.peers.step(now, self.life.move)
+        self.peers.step(now)
         if now >= self._next_scan - EARLY:  # rather now than to wake for it
             self._next_scan = now + SCAN
             self.announcements.tidy(now)

@@ -1,13 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A peer: its states, what it is known by, and who it says it is. What can happen to one is in life.py.
+"""A peer: what it is known by, what was heard of it, and who it says it is. What can happen to one is in peers.py and life.py.
 
 A peer is a sender of heartbeats: an address, a UDP port and an XML-RPC port.
 """
 
 from collections import deque
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import Any, Deque, Dict, NamedTuple, Optional, Tuple
 from urllib.parse import urlsplit
 
@@ -18,34 +17,6 @@ from ...protocol.plain_text import is_plain, quote
 Key = Tuple[str, int, int]  # address and UDP port of the sender, port of its XML-RPC server
 LONG_AGO, FAR = float("-inf"), float("inf")
 MAX_NAME = 1024  # characters of a name or URI in an answer
-
-
-class State(Enum):
-    """The state of a peer."""
-
-    STRANGER = "it sends heartbeats, and has not said yet who it is"
-    ONLINE = "it has said who it is, and is heard"
-    OFFLINE = "it is silent"
-    LEAVING = "it was online; a datagram says that it leaves, which anybody can write: it is asked"
-    LEAVING_OFFLINE = "the same, and it is silent too"
-    REMOVED = "it is forgotten"
-
-
-class Sign(Enum):
-    """An event in the life of a peer."""
-
-    HEARD = "a heartbeat of a peer whose state has a stamp"
-    HEARD_EMPTY = "a heartbeat of a peer that has no state yet"
-    LEAVE = "a datagram says that it leaves"
-    ANSWER = "it answered over TCP who it is"
-    LAST_ANSWER = "the same, to the last check after a LEAVE"
-    NO_ROOM = "it answered, but too many peers are known"
-    FOREIGN = "it answered as a master that does not belong to the fleet, or not at this address"
-    NO_ANSWER = "it did not answer over TCP, or has no state yet"
-    LAST_NO_ANSWER = "the same, at the last check after a LEAVE"
-    REFUSAL = "its computer answered over TCP that no master is there"
-    SILENCE = "it was not heard for too long"
-    LONG_SILENCE = "it was not heard for ~remove_after"
 
 
 class Contact(NamedTuple):
@@ -105,7 +76,7 @@ class Peer:
     heard: float  # its last sign of life
     beat: Heartbeat
     contact: Optional[Contact] = None  # none yet: a stranger
-    state: State = State.STRANGER
+    online: bool = False  # others are told that it is
     credit: int = 0  # datagrams since it was last asked in vain who it is,
     failures: int = 0  # and how often it was
     requested: float = LONG_AGO  # when its state was asked for by a datagram
@@ -113,21 +84,16 @@ class Peer:
     contact_due: float = FAR  # when it is to be asked over TCP
     asked: Optional[float] = None  # since when an answer over TCP is awaited
     contacted: float = LONG_AGO
-    checks: int = 0  # checks after a LEAVE that were begun
+    checks: int = 0  # checks after a LEAVE that were begun; 0 while nothing says that it leaves
     failed: float = LONG_AGO  # when it did not answer over TCP
     rate: float = 0.0  # heartbeats that it promises a second, as far as a contact has confirmed them
     promises: Dict[float, float] = field(default_factory=dict)  # rate in its heartbeats -> when one was heard last
     beats: Deque[float] = field(default_factory=lambda: deque(maxlen=512))
 
     @property
-    def online(self) -> bool:
-        """True while others are told that it is online."""
-        return self.state in (State.ONLINE, State.LEAVING)
-
-    @property
     def is_leaving(self) -> bool:
         """True while it is checked whether it has left."""
-        return self.state in (State.LEAVING, State.LEAVING_OFFLINE)
+        return self.checks > 0
 
     @property
     def monitor_uri(self) -> str:
@@ -151,7 +117,8 @@ class Peer:
     def outlook(self) -> Tuple[Any, ...]:
         """All that the view of others and the next steps depend on, but for the time of the last sign of life."""
         silent = (self.overdue, self.unreachable, self.probed < self.heard)
-        return (self.beat.stamp, self.beat.local_stamp, self.state, self.rate, self.contact_due, self.contact, silent)
+        state = (self.beat.stamp, self.beat.local_stamp, self.online, self.is_leaving)
+        return (*state, self.rate, self.contact_due, self.contact, silent)
 
     def master(self) -> Master:
         """The master as others are told of it; not for a stranger."""

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The peers: senders that have said who they are. Their heartbeats, and what happens where these stay away."""
 
-from typing import Callable, Dict, Iterator, List, NamedTuple, Optional, Set, Tuple, Union
+from typing import Callable, Dict, Iterator, List, NamedTuple, Optional, Set, Tuple
 
 from ...protocol.heartbeat import Heartbeat, Kind, Stamp
 from ...protocol.members import Members
 from ...protocol.parameters import Settings
 from .actions import Outbox
 from .local_master import LocalMaster
-from .peer import FAR, LONG_AGO, Contact, Key, Peer, Sign
+from .peer import FAR, Contact, Key, Peer
 
 MARGIN = 0.5  # of ~offline_after: the time that master_sync has to withdraw what a lost master had
 ASK_PAUSE = 0.2  # seconds between two requests to a master that missed its beat
@@ -18,7 +18,7 @@ RETURNED = 5.0  # seconds after the return of a robot of the fleet: its place sa
 CONTACT_PAUSE = 5.0  # seconds between two contacts that nothing but requests of the other side ask for
 MAX_MASTERS, MAX_PER_ADDRESS = 1024, 16  # more would be a flood
 
-Step = Tuple[float, Union[Sign, Callable[[Peer, float], None]]]  # when, and a sign that is given then, or what is done
+Step = Tuple[float, Callable[[Peer, float], None]]  # when, and what is done then
 
 
 class Patience(NamedTuple):
@@ -40,13 +40,14 @@ class Patience(NamedTuple):
 
 
 class News(NamedTuple):
-    """The answer of a peer that was asked over TCP, or of none, for the acts that need it."""
+    """The answer of a peer that was asked over TCP, or of none."""
 
     now: float
-    contact: Optional[Contact] = None
-    problem: str = ""  # why there is no contact
-    starting: bool = False  # it answered, but it has no state yet
-    asked: float = LONG_AGO
+    contact: Optional[Contact]
+    problem: str  # why there is no contact
+    starting: bool  # it answered, but it has no state yet
+    gone: bool  # it was answered that there is no master
+    asked: float
 
 
 class Peers:
@@ -83,6 +84,10 @@ class Peers:
             del self.table[min(same, key=lambda other: other.beats[-1] if other.beats else other.since).key]
         self.table[entry.key] = entry
 
+    def drop(self, entry: Peer, _now: float) -> None:
+        """Forget a peer."""
+        self.table.pop(entry.key, None)
+
     def _find_by_address(self, entry: Peer) -> List[Peer]:
         return [other for other in self.table.values() if other.key[0] == entry.key[0]]
 
@@ -99,9 +104,9 @@ class Peers:
 
     # Heartbeats
 
-    def hear(self, entry: Peer, beat: Heartbeat, now: float) -> Sign:
-        """Take a heartbeat of a peer. What it is a sign of."""
-        entry.heard = now
+    def hear(self, entry: Peer, beat: Heartbeat, now: float) -> None:
+        """Take a heartbeat of a peer: it has not left. It is there again once its state has a stamp."""
+        entry.heard, entry.checks = now, 0
         if beat.kind is Kind.REQUEST:
             if now - entry.contacted > CONTACT_PAUSE:  # the sender has perhaps just started, as a different master
                 entry.contact_due = min(now, entry.contact_due)
@@ -112,7 +117,7 @@ class Peers:
             if not entry.online:
                 due = now + (RETURNED if self._members.is_discovery(entry.key[0], entry.key[2]) else 0.0)
                 entry.contact_due = min(due, entry.contact_due)
-        return Sign.HEARD if entry.beat.stamp != Stamp() else Sign.HEARD_EMPTY
+        entry.online = entry.online or entry.beat.stamp != Stamp()
 
     def _promise(self, entry: Peer, rate: float, now: float) -> None:
         """Take the rate in a heartbeat. A heartbeat can be forged. A lower rate delays that a loss is seen: it must be confirmed."""
@@ -136,8 +141,8 @@ class Peers:
         for entry in self.table.values():
             entry.heard = min(now, entry.heard + late)
 
-    def step(self, now: float, move: Callable[[Peer, Sign, News], None]) -> None:
-        """Do what is due about the masters. `move` takes the signs that silence is."""
+    def step(self, now: float) -> None:
+        """Do what is due about the masters."""
         if now < self.next_step():
             return
         self._first_step = None
@@ -145,10 +150,7 @@ class Peers:
             for due, step in list(self._steps(entry)):
                 if due <= now:
                     self.mark_stale()
-                    if isinstance(step, Sign):
-                        move(entry, step, News(now))
-                    else:
-                        step(entry, now)
+                    step(entry, now)
 
     def next_step(self) -> float:
         """A time before which nothing is due about any master. A plain beat only puts off what is."""
@@ -171,11 +173,14 @@ class Peers:
         if entry.online and entry.probed < heard:
             yield heard + patience.contact, self._probe
         if entry.online:
-            yield heard + patience.offline, Sign.SILENCE
+            yield heard + patience.offline, self._lose
         if entry.asked is None:
             yield entry.contact_due, self._outbox.ask
         if self._settings.remove_after > 0:
-            yield heard + self._settings.remove_after, Sign.LONG_SILENCE
+            yield heard + self._settings.remove_after, self.drop
+
+    def _lose(self, entry: Peer, _now: float) -> None:
+        entry.online = False
 
     def _request_state(self, entry: Peer, now: float) -> None:
         entry.requested = now
