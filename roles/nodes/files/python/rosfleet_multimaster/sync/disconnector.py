@@ -27,7 +27,6 @@ SWEEP, SWEEP_AGAIN = (
     0.1,
 )  # seconds between two sweeps of connections to lost masters, and after one that ended some
 LINES = 50  # log lines of one sweep
-NOTE = 0.5  # seconds at most from a registration to its note: one note looks at all of them
 
 
 class Disconnector:
@@ -50,8 +49,6 @@ class Disconnector:
         self._enders = Workers(loop, 1)  # of its own: never behind a call that may hang
         self._resolvers = Workers(loop, 2)  # name servers know no time limit
         self._endpoints: Set[Tuple[str, int]] = set()  # connections to these are ended
-        self._latest: Optional[Tuple[Mapping[Registration, str], View, Claims]] = None  # registrations without a note
-        self._note_due = 0.0  # the time of their note
         self._sweeps = RecurringJob(
             self._enders, lambda: SWEEP, self._sweep, self._on_sweep, lambda: bool(self._endpoints)
         )
@@ -60,7 +57,6 @@ class Disconnector:
         """See which masters were lost or are back. Called after each of their news: two may come in one pass."""
         if not self._active:
             return
-        self._note(now)
         looks, endings = self._losses.update(self._online(), now)
         for look in looks:
             self._sweeps.due = now
@@ -72,25 +68,12 @@ class Disconnector:
 
     def tick(self, now: float) -> Optional[float]:
         """End the connections to lost masters when that is due; the time of the next call."""
-        if not self._active:
-            return None
-        if self._latest is not None and now >= self._note_due:
-            self._note(now)
-        due = [self._sweeps.tick(now), None if self._latest is None else self._note_due]
-        return min((time for time in due if time is not None), default=None)
+        return self._sweeps.tick(now)
 
     def note_registrations(self, held: Mapping[Registration, str], view: View, claims: Claims, now: float) -> None:
-        """Note the registrations and the addresses of their hosts, soon, or before a loss: later these may be unknown."""
+        """Note the registrations, and look up the addresses of their hosts: after a loss these may be unknown."""
         if self._active:
-            self._note_due = now + NOTE if self._latest is None else self._note_due
-            self._latest = (held, view, claims)
-            if self._endpoints:  # a lost robot may be back as another master, at the same port
-                self._note(now)
-
-    def _note(self, now: float) -> None:
-        if self._latest is not None:
-            self._losses.take_registrations(*self._latest)
-            self._latest = None
+            self._losses.take_registrations(held, view, claims)
             for host in self._losses.to_resolve(now):
                 self._resolve(host)
             self._endpoints = self._losses.endpoints()

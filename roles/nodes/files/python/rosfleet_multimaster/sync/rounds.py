@@ -231,7 +231,7 @@ class Rounds:
         self._questions.ask(verdict)
         todo = plan(verdict.wanted, view, claims)
         todo.refused += verdict.refused + self._state_refusals()
-        self._disconnector.note_registrations(todo.held, view, claims, now)
+        self._disconnector.note_registrations(todo.held, view, todo.claims, now)
         return todo
 
     # Write

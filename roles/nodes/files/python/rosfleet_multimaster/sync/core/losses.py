@@ -14,7 +14,7 @@ Free of sockets, threads and clocks.
 
 import re
 from dataclasses import dataclass, field
-from typing import Any, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Set, Tuple
+from typing import AbstractSet, Any, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Set, Tuple
 
 from ...protocol.members import LOWEST, Members, host_of, port_of
 from ...protocol.messages import NodeKey, Registration
@@ -58,39 +58,33 @@ class Disconnection(NamedTuple):
 
 
 @dataclass
-class _Master:
-    nodes: FrozenSet[NodeKey] = frozenset()  # its nodes that are registered here
-    sharing: FrozenSet[NodeKey] = frozenset()  # own nodes with a topic of these
-    lost: Optional[float] = None
+class _Loss:
+    """The loss of a master."""
+
+    nodes: FrozenSet[NodeKey]  # its nodes that were registered here
+    since: float
     noted: Set[Connection] = field(default_factory=set)
 
 
 class Losses:
-    """The notes about each master, for the time when it is lost."""
+    """The lost masters, with what was known of each one when it was lost."""
 
     def __init__(self, members: Members) -> None:
         self._members, self._ports = members, ports(members)
-        self._masters: Dict[str, _Master] = {}
+        self._held: Mapping[Registration, str] = {}
+        self._view = View({}, {}, {}, {})
+        self._claims: Mapping[NodeKey, str] = {}
+        self._losses: Dict[str, _Loss] = {}
         self._addresses: Dict[str, Tuple[float, FrozenSet[str]]] = {}  # host -> when, and its addresses
 
     def take_registrations(self, held: Mapping[Registration, str], view: View, claims: Mapping[NodeKey, str]) -> None:
-        """Take the registrations, each with its master. Those of a lost master are kept."""
-        nodes: Dict[str, Set[NodeKey]] = {}
-        sharing: Dict[str, Set[NodeKey]] = {}
-        users = view.local_nodes(claims)
-        for item, uri in held.items():
-            nodes.setdefault(uri, set()).add(item.node_key)
-            own = users.get(item.name, ()) if item.kind != "service" else ()
-            sharing.setdefault(uri, set()).update(node for node in own if node[1])
-        for uri in nodes.keys() | self._masters.keys():
-            master = self._masters.setdefault(uri, _Master())
-            if master.lost is None:
-                master.nodes, master.sharing = frozenset(nodes.get(uri, ())), frozenset(sharing.get(uri, ()))
+        """Take the registrations, each with its master, and the nodes that have them."""
+        self._held, self._view, self._claims = held, view, claims
 
     def to_resolve(self, now: float) -> List[str]:
         """The hosts of registered nodes to look up. With the loss of a master, name servers may be lost, too."""
-        hosts = {host for uri, master in self._masters.items() if master.lost is None for host in _hosts(uri, master)}
-        kept = {host for uri, master in self._masters.items() for host in _hosts(uri, master)}
+        hosts = {host for uri, nodes in self._list_present().items() for host in _hosts(uri, nodes)}
+        kept = hosts.union(host for uri, loss in self._losses.items() for host in _hosts(uri, loss.nodes))
         self._addresses = {host: entry for host, entry in self._addresses.items() if host in kept}
         due = [host for host in sorted(hosts) if now - self._addresses.get(host, (-RESOLVE, ()))[0] >= RESOLVE]
         for host in due:
@@ -103,43 +97,56 @@ class Losses:
 
     def update(self, online: Mapping[str, bool], now: float) -> Tuple[List[Look], List[Disconnection]]:
         """Take the masters that discovery knows. Return the looks and the disconnections to carry out."""
-        looks, endings = [], []
-        for uri, master in list(self._masters.items()):
-            if master.lost is None and online.get(uri) is False:
-                master.lost = now
-                looks.append(Look(uri, master.sharing, frozenset(part for node in master.nodes for part in node)))
-            elif master.lost is not None and online.get(uri):
-                if master.noted:
-                    addresses = frozenset(address for address, _port in self._endpoints(uri, master))
-                    endings.append(Disconnection(addresses, frozenset(master.noted), now - master.lost))
-                master.lost, master.noted = None, set()
-            elif master.lost is not None and now - master.lost >= FORGET:
-                del self._masters[uri]
-            elif master.lost is None and uri not in online and not master.nodes:  # it has left
-                del self._masters[uri]
+        looks, endings, present = [], [], self._list_present()
+        for uri, loss in list(self._losses.items()):
+            if online.get(uri):
+                if loss.noted:
+                    addresses = frozenset(address for address, _port in self._endpoints(uri, loss.nodes))
+                    endings.append(Disconnection(addresses, frozenset(loss.noted), now - loss.since))
+                del self._losses[uri]
+            elif now - loss.since >= FORGET:
+                del self._losses[uri]
+        for uri, nodes in present.items():
+            if online.get(uri) is False:
+                self._losses[uri] = _Loss(frozenset(nodes), now)
+                looks.append(Look(uri, self._find_sharing(uri), frozenset(part for node in nodes for part in node)))
         return looks, endings
 
     def take_connections(self, uri: str, connections: Set[Connection]) -> None:
         """Take the connections of a look."""
-        master = self._masters.get(uri)
-        if master is not None and master.lost is not None:
-            master.noted |= connections
+        if uri in self._losses:
+            self._losses[uri].noted |= connections
 
     def endpoints(self) -> Set[Tuple[str, int]]:
         """The XML-RPC addresses of nodes of lost masters alone: connections to these are ended."""
-        lost: Set[Tuple[str, int]] = set()
-        alive: Set[Tuple[str, int]] = set()  # a robot may come back as another master, with a node at the same port
-        for uri, master in self._masters.items():
-            (alive if master.lost is None else lost).update(self._endpoints(uri, master))
-        return lost - alive
+        ended = {end for uri, loss in self._losses.items() for end in self._endpoints(uri, loss.nodes)}
+        for uri, nodes in self._list_present().items() if ended else ():
+            ended -= self._endpoints(
+                uri, nodes
+            )  # a robot may come back as another master, with a node at the same port
+        return ended
 
-    def _endpoints(self, uri: str, master: _Master) -> Set[Tuple[str, int]]:
+    def _list_present(self) -> Dict[str, Set[NodeKey]]:
+        """Master that is not lost -> its nodes that are registered here."""
+        nodes: Dict[str, Set[NodeKey]] = {}
+        for node, uri in self._claims.items():
+            if uri not in self._losses:
+                nodes.setdefault(uri, set()).add(node)
+        return nodes
+
+    def _find_sharing(self, uri: str) -> FrozenSet[NodeKey]:
+        """The own nodes with a topic of a master's nodes."""
+        users = self._view.local_nodes(self._claims)
+        topics = {item.name for item, master in self._held.items() if master == uri and item.kind != "service"}
+        return frozenset(node for topic in topics for node in users.get(topic, ()) if node[1])
+
+    def _endpoints(self, uri: str, nodes: AbstractSet[NodeKey]) -> Set[Tuple[str, int]]:
         believed = self._robot_addresses(uri)
         endpoints: Set[Tuple[str, int]] = set()
-        for node in master.nodes:
-            port = port_of(node[1])
+        for _name, where in nodes:
+            port = port_of(where)
             if LOWEST <= port < 1 << 16 and port not in self._ports:
-                endpoints.update((address, port) for address in self._host_addresses(host_of(node[1])) & believed)
+                endpoints.update((address, port) for address in self._host_addresses(host_of(where)) & believed)
         return endpoints
 
     def _robot_addresses(self, uri: str) -> FrozenSet[str]:
@@ -165,10 +172,6 @@ def connections_of(bus_info: Any, others: FrozenSet[str]) -> Set[Connection]:
     return connections
 
 
-def _hosts(uri: str, master: _Master) -> Set[str]:
-    """The hosts of a master and of its nodes; empty if it has no node here."""
-    return (
-        {host for host in map(host_of, [uri, *(where for _name, where in master.nodes)]) if host}
-        if master.nodes
-        else set()
-    )
+def _hosts(uri: str, nodes: AbstractSet[NodeKey]) -> Set[str]:
+    """The hosts of a master and of its nodes."""
+    return {host for host in map(host_of, [uri, *(where for _name, where in nodes)]) if host}
