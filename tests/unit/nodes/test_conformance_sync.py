@@ -21,7 +21,7 @@ from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import Node, State
 from rosfleet_multimaster.protocol.imports import IMPORTS
 from rosfleet_multimaster.protocol.messages import Master
-from rosfleet_multimaster.sync.core.sync import MISSING, Sync
+from rosfleet_multimaster.sync.core.sync import MISSING, NEVER, Sync
 from running_sync import DISCOVERY, SYNC, Lab, serve, until
 
 FOLDER = pathlib.Path(rosfleet_multimaster.__file__).parent
@@ -311,3 +311,18 @@ def test_a_type_conflict_is_refused_and_both_kinds_are_published(lab):
     until(lambda: lab.has("Publisher", "/chatter", "/talker"))
     until(lambda: not lab.warnings())  # it is said when all calls have been answered
     node.stop()
+
+
+def test_a_node_that_is_refused_for_its_place_is_told_at_once(lab):
+    """Nothing else changes by it, so no round may come for long."""
+    lab.start()
+    until(lambda: lab.has("Publisher", "/chatter", "/talker"))
+    lab.program.loop.post(lambda: setattr(lab.program.rounds, "tick", lambda now: NEVER))
+    lab.other.nodes["/talker"] = f"{lab.other.node_uri}path"
+    lab.other_changes()
+    until(lab.warnings)
+    (places,) = lab.warnings()
+    assert places.name == "multimaster: places" and places.values[0][0] == "node or service /talker"
+    lab.other.nodes.clear()
+    lab.other_changes()
+    until(lambda: not lab.warnings())

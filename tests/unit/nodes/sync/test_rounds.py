@@ -12,9 +12,9 @@ from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.messages import Registration
 from rosfleet_multimaster.sync import rounds as module
 from rosfleet_multimaster.sync.core.message_types import TypeGuard
-from rosfleet_multimaster.sync.core.sync import NEVER, Candidate, Refusal, Sync, View
+from rosfleet_multimaster.sync.core.sync import NEVER, Candidate, Sync, View
 
-CALLBACKS = module.Callbacks(lambda: True, lambda refused: None, lambda problem: None)
+CALLBACKS = module.Callbacks(lambda: True, lambda problem: None)
 OTHER, TALKER = "http://robot2:11311/", ("/talker", "http://robot2:40000/")
 
 
@@ -121,20 +121,3 @@ def rounds_of(begun, last):
         types.SimpleNamespace(guard=TypeGuard(), ask=lambda verdict: None),
     )
     return module.Rounds(graph, node, core, questions, disconnector, workers, workers, program.LimitedLog(), CALLBACKS)
-
-
-def test_a_refused_peer_is_told_by_the_next_round(monkeypatch):
-    made = rounds_of(lambda: None, lambda _seconds: None)
-    refusal = Refusal("place", "/liar", "robot2", "http://127.0.0.1:9001/", "it is on this computer itself")
-    misplaced = [refusal]
-    monkeypatch.setattr(made._core, "place_refusals", lambda: misplaced)
-    for expected in ([refusal], []):
-        misplaced[:] = expected
-        made._due = NEVER
-        made.touch(set())
-        assert made._due != NEVER
-        made.tick(made._due + 60)  # after the rest
-        assert made._last_refused == expected
-        made._due = NEVER
-        made.touch(set())  # it is told already
-        assert made._due == NEVER

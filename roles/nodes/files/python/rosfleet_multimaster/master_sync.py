@@ -21,6 +21,7 @@ from .protocol.messages import Diagnosis, Master, Registration
 from .protocol.plain_text import quote
 from .sync.copies import Copies
 from .sync.core import report
+from .sync.core.limits import limit_refusals
 from .sync.core.sync import NEVER, Refusal, Sync
 from .sync.disconnector import Disconnector
 from .sync.fetcher import Fetcher
@@ -42,7 +43,6 @@ class MasterSync:
         self.loop, self.ended = loop, start.ended
         self.uri, self.node_name = start.uri, start.name
         self.refusals: List[Refusal] = []  # in force
-        self.of_rounds: List[Refusal] = []  # those of registrations among them
         self.refused_total: Counter[str] = Counter()  # kind -> how many since the start
         self.ready = False
         self.status, self.status_stale = "", False
@@ -56,7 +56,7 @@ class MasterSync:
         self.disconnector = Disconnector(loop, updaters, limited, ending, members, online)
         questions = TypeQuestions(loop, self._monitor_of, ros.md5sum, self._request_round)
         node = (start.name, start.node_uri)
-        callbacks = Callbacks(lambda: self.finder.listed_once, self._on_refusals, self._round_over)
+        callbacks = Callbacks(lambda: self.finder.listed_once, self._round_over)
         self.rounds = Rounds(
             graph, node, self.core, questions, self.disconnector, roscore_calls, updaters, limited, callbacks
         )
@@ -148,10 +148,12 @@ class MasterSync:
     def _on_fetch(self, uri: str, items: Set[Registration]) -> None:
         self.status_stale = True
         self.rounds.touch_all(uri, items)
+        self._report()
 
     def _on_touch(self, uri: str, items: Set[Registration]) -> None:
         self.rounds.met.add(uri)
         self.rounds.touch(items)
+        self._report()
 
     def _online(self) -> Dict[str, bool]:
         """URI of a master -> whether it is online."""
@@ -163,16 +165,15 @@ class MasterSync:
 
     # What people see
 
-    def _on_refusals(self, refused: List[Refusal]) -> None:
-        self.of_rounds = refused
-        self._report([*refused, *self.copies.refused])
-
     def _on_parameters(self) -> None:
         """Parameters have come or gone, or others are refused."""
         self.status_stale = True
-        self._report([*self.of_rounds, *self.copies.refused])
+        self._report()
 
-    def _report(self, refused: List[Refusal]) -> None:
+    def _report(self) -> None:
+        """Tell of refusals that are new or over."""
+        places, many = self.core.place_refusals(), limit_refusals(self.core.remotes)
+        refused = [*self.rounds.refused, *places, *many, *self.copies.refused]
         before, self.refusals = set(self.refusals), refused
         new = [item for item in refused if item not in before]
         for item in new[:LINES]:
@@ -207,6 +208,7 @@ class MasterSync:
         }
 
     def _round_over(self, problem: Optional[Exception]) -> None:
+        self._report()
         if problem is None and self.finder.listed_once and not self.ready:
             self.ready = True
             memory.freeze()
@@ -252,6 +254,7 @@ class MasterSync:
         self.copies.withdraw(lambda: self.rounds.withdraw(self._on_withdrawal))
 
     def _on_withdrawal(self, farewell: str) -> None:
+        self._report()
         self.display.end()
         program.LOG.info("%s", farewell)
         self.loop.stop()

@@ -9,7 +9,7 @@ round needs no repair: the next one sees its effects.
 from collections import Counter
 from dataclasses import replace
 from functools import partial
-from typing import AbstractSet, Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import AbstractSet, Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 from xmlrpc.client import Fault
 
 from ..edge.clock import monotonic
@@ -21,7 +21,6 @@ from ..protocol.imports import Claims
 from ..protocol.members import host_of
 from ..protocol.messages import Registration
 from ..protocol.plain_text import quote
-from .core import limits
 from .core.step import Condition, Knowledge, apply_plan, condition_of, step
 from .core.sync import NEVER, Candidate, Plan, Refusal, Sync, View, calls, nodes_of, plan
 from .disconnector import Disconnector
@@ -37,7 +36,6 @@ SETTLED_AFTER_ALL = 20.0  # the same from the first whole state, at most: the ro
 LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master
 UPDATE_TIMEOUT = 3.0  # seconds to tell a subscriber of another robot its publishers
 LINES = 10  # log lines of one round
-OF_STATES = ("place", "limit")  # kinds of refusals that depend on the state of a master alone
 
 
 class NameTaken(Exception):
@@ -45,10 +43,9 @@ class NameTaken(Exception):
 
 
 class Callbacks(NamedTuple):
-    """The questions of a round, and its reports."""
+    """The question of a round, and its report."""
 
     has_list: Callable[[], bool]  # the list of masters has come
-    on_refusals: Callable[[List[Refusal]], None]
     on_end: Callable[[Optional[Exception]], None]
 
 
@@ -70,6 +67,7 @@ class Rounds:
         """`node`: name and URI of this node. `roscore_calls`: one thread, for all calls of the roscore."""
         self.claims: Claims = {}
         self.held: Dict[Registration, str] = {}
+        self.refused: List[Refusal] = []  # by the last round
         self.met: Set[str] = set()  # URIs of the masters whose state has come in this life
         self.working = False
         self.made: Counter[str] = Counter()  # "registered" or "unregistered" -> the number of registrations
@@ -84,7 +82,6 @@ class Rounds:
         self._failed = 0
         self._withdrawn: Optional[Callable[[str], None]] = None
         self._view: Optional[View] = None  # the registrations of the roscore; None where they are not known
-        self._last_refused: List[Refusal] = []
         self._touched: Set[Registration] = set()
         self._began = self.took = 0.0  # when the last round began, and its seconds
         self._rest = 0.0  # until then there is no round: when many masters come together, few rounds are enough
@@ -108,10 +105,8 @@ class Rounds:
         self._due = min(at, self._due)
 
     def touch(self, items: Set[Registration]) -> None:
-        """Look at these registrations: they may have changed. New refusals of places or limits need a round at once."""
+        """Look at these registrations: they may have changed."""
         self._touched |= items
-        if {item for item in self._last_refused if item.kind in OF_STATES} != set(self._state_refusals()):
-            self.soon(monotonic())
 
     def touch_all(self, master: str, items: Set[Registration]) -> None:
         """Look at all registrations of a master whose whole state has come: at these, and at those of an earlier life."""
@@ -121,10 +116,6 @@ class Rounds:
         # A regular round waits, too: where all robots start together, it would delay registrations on each of them.
         self._unsettled = min(now, self._unsettled)
         self._regular = min(now + SETTLED, self._unsettled + SETTLED_AFTER_ALL)
-
-    def _state_refusals(self) -> List[Refusal]:
-        """The refusals that depend on the states of masters alone."""
-        return self._core.place_refusals() + limits.limit_refusals(self._core.remotes)
 
     def tick(self, now: float) -> float:
         """Begin a round where one is due; the time of the next one. The end of one wakes the loop."""
@@ -167,58 +158,29 @@ class Rounds:
             self._end(problem)
             return
         todo = self._plan(asked, met, view, monotonic())
-        # Reported before it is visible in the roscore, so that discovery never takes it for the robot's own.
-        self.held = {**{item: self.claims[item.node_key] for item in view.registrations(self.claims)}, **todo.held}
-        self._last_refused = todo.refused
-
-        def on_results(results: Optional[List[Any]], why: Optional[Exception]) -> None:
-            now = monotonic()
-            self.took = now - self._began
-            self._rest = now + min(self.took * REST, LONGEST_REST)
-            if results is not None:
-                self._view = apply_plan(todo, view)
-            self._on_results(todo, results, why)
-
-        self._calls.submit(lambda: self._write(todo), on_results)
+        here = {item: self.claims[item.node_key] for item in view.registrations(self.claims)}
+        self._carry_out(todo, view, here)
 
     # A step: a few registrations, without reading the roscore
 
     def _step(self, now: float) -> None:
         touched, self._touched = self._touched, set()
-        todo = self._small_plan(touched, now)
-        if todo is None:
+        view = self._view
+        todo = self._small_plan(view, touched, now) if view is not None else None
+        if todo is None or view is None:
             self.soon(now)
-            return
-        if not todo.register and not todo.unregister:
-            return
-        self.working = True
-        before = self.held
-        self.held = {**before, **todo.held}  # as above: reported before it is visible
-        condition = condition_of(todo, self.claims, self._graph.guards_names)
-        self._calls.submit(lambda: self._write(todo, condition), partial(self._on_step_results, todo, before))
+        elif todo.register or todo.unregister:
+            self.working = True
+            self._carry_out(todo, view, self.held, condition_of(todo, self.claims, self._graph.guards_names))
 
-    def _small_plan(self, touched: Set[Registration], now: float) -> Optional[Plan]:
-        if self._view is None or self._withdrawn or self._core.on_demand or not self._callbacks.has_list():
+    def _small_plan(self, view: View, touched: Set[Registration], now: float) -> Optional[Plan]:
+        if self._withdrawn or self._core.on_demand or not self._callbacks.has_list():
             return None
         if now - self._started < LEFTOVERS and not self.met.issuperset(self.claims.values()):
             return None
-        refused = {item.name for item in self._last_refused}
-        knowledge = Knowledge(self._view, self.claims, self.held, refused)
+        knowledge = Knowledge(view, self.claims, self.held, {item.name for item in self.refused})
         todo = step(touched, self._core.find_candidates(touched, now), knowledge, self._core.is_contested)
-        return None if todo is None else replace(todo, refused=self._last_refused)
-
-    def _on_step_results(
-        self, todo: Plan, before: Dict[Registration, str], results: Optional[List[Any]], problem: Optional[Exception]
-    ) -> None:
-        if isinstance(problem, NameTaken):
-            self.working, self.held = False, before
-            self.soon(monotonic())
-            return
-        view = self._view
-        self._view = apply_plan(todo, view) if view is not None and results is not None else None
-        if todo.claims != self.claims and self._view is not None:
-            self._disconnector.note_registrations(todo.held, self._view, todo.claims, monotonic())
-        self._on_results(todo, results, problem)
+        return None if todo is None else replace(todo, refused=self.refused)
 
     def _plan(self, asked: Set[Registration], met: AbstractSet[str], view: View, now: float) -> Plan:
         claims = self.claims
@@ -230,11 +192,32 @@ class Rounds:
         verdict = self._questions.guard.judge(wanted, view, claims, self._core.stamps(), now)
         self._questions.ask(verdict)
         todo = plan(verdict.wanted, view, claims)
-        todo.refused += verdict.refused + self._state_refusals()
-        self._disconnector.note_registrations(todo.held, view, todo.claims, now)
+        todo.refused += verdict.refused
         return todo
 
     # Write
+
+    def _carry_out(
+        self, todo: Plan, view: View, here: Mapping[Registration, str], condition: Optional[Condition] = None
+    ) -> None:
+        """Write a plan. `here`: the registrations that are there; `condition`: of a step."""
+        self._disconnector.note_registrations(todo.held, view, todo.claims, monotonic())
+        # Reported before it is visible in the roscore, so that discovery never takes it for the robot's own.
+        before, self.held = self.held, {**here, **todo.held}
+
+        def on_results(results: Optional[List[Any]], problem: Optional[Exception]) -> None:
+            now = monotonic()
+            if isinstance(problem, NameTaken):
+                self.working, self.held = False, before
+                self.soon(now)
+                return
+            if condition is None:
+                self.took = now - self._began
+                self._rest = now + min(self.took * REST, LONGEST_REST)
+            self._view = apply_plan(todo, view) if results is not None else None
+            self._on_results(todo, results, problem)
+
+        self._calls.submit(lambda: self._write(todo, condition), on_results)
 
     def _write(self, todo: Plan, condition: Optional[Condition] = None) -> List[Any]:
         """Make all calls in one request, the record of imports first; in the thread of the roscore. Raises NameTaken."""
@@ -255,7 +238,7 @@ class Rounds:
         if results is None:
             self._end(problem)
             return
-        self.held = dict(todo.held)
+        self.held, self.refused = dict(todo.held), todo.refused
         done = []
         made = [("unregistered", item, claims[item.node_key]) for item in todo.unregister]
         made += [("registered", item, todo.held[item]) for item in todo.register]
@@ -273,7 +256,6 @@ class Rounds:
             program.LOG.info("%s: %s the %s", self._name(master), verb, item)
         if len(done) > LINES:
             program.LOG.info("... and %d more registrations", len(done) - LINES)
-        self._callbacks.on_refusals(todo.refused)
         self._end(None)
 
     def _name(self, master: str) -> str:
