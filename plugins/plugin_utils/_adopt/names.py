@@ -36,6 +36,9 @@ def name_computers(machines: Mapping[str, Machine]) -> dict[str, tuple[str, str]
             found[name] = host, ""
         else:
             made = "host-" + (re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:50] or "unnamed")
+            while taken[made] or called[made]:
+                made += "-2"
+            taken[made] += 1
             found[name] = made, f"its host name is {quote(host) or 'not known'}, which is no name of one machine alone"
     return found
 
@@ -52,7 +55,7 @@ def name_robots(of: Sequence[Sequence[str]], hosts: Sequence[str]) -> list[str]:
     for name, computers in zip(short, of, strict=True):
         if short.count(name) > 1 or name in taken:
             name = _group_name(min(computers))
-        if name in taken:
+        while name in taken:
             name = f"robot_{name}"
         taken.add(name)
         names.append(name)

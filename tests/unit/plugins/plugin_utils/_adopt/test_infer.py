@@ -302,6 +302,23 @@ def test_addresses_in_the_list_become_host_names():
     assert choice(proposal, "robot_fourth", "rpc_port").value == 12000
 
 
+def test_no_two_machines_or_robots_have_one_name():
+    ends = {"robot_1": 10, "Robot_1": 20, "host-robot-1-2": 30, "ana": 40, "robot-ana": 50}
+    infos = {
+        name: machine("ubuntu", f"192.168.1.{end}/24", masters=[roscore("ubuntu", f"192.168.1.{end}")])
+        for name, end in ends.items()
+    }
+    robots = valid(adopted(infos))
+    assert sum(robots.values(), []) == [
+        "host-robot-1",
+        "host-robot-1-2",
+        "host-robot-1-2-2",
+        "robot-ana",
+        "ana",
+    ]
+    assert len(robots) == 5
+
+
 def test_names_of_programs_as_addresses_are_seen():
     infos = {
         name: machine(name, f"192.168.1.{number}/24", masters=[roscore(f"192.168.1.{number}", f"192.168.1.{number}")])
