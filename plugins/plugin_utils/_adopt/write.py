@@ -13,7 +13,10 @@ import json
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from math import inf
 from typing import Any
+
+import yaml
 
 from .._fleet.plain_text import LINE, plain
 from .._fleet.variables import PREFIX
@@ -113,7 +116,7 @@ def _scalar(value: Any) -> str:
         return f"[{', '.join(map(_scalar, value))}]"
     if isinstance(value, str) and _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
         return value
-    return json.dumps(value)
+    return yaml.safe_dump(value, default_style='"', width=inf).strip() if isinstance(value, str) else json.dumps(value)
 
 
 def _comment(lines: Sequence[str]) -> list[str]:

@@ -105,6 +105,16 @@ def test_an_option_of_ssh_is_no_secret(options):
     assert json.dumps(options) in "".join(write.files(adopted(infos), given).values())
 
 
+@pytest.mark.parametrize(
+    "text", ["~/keys/\U0001f916", "~/Schl\u00fcssel \x7f\x85\u2028", "a: b # c", "yes", "1e3", "", "x " * 90]
+)
+def test_a_text_comes_back_as_it_was(text):
+    infos, _connections = CASES["untidy"]
+    given = {name: {"ansible_ssh_private_key_file": text} for name in infos}
+    read = yaml.safe_load(write.files(adopted(infos), given)["group_vars/robots.yml"])
+    assert read["ansible_ssh_private_key_file"] == text
+
+
 @pytest.mark.parametrize("word", ["pass", "sshpass -p x", "my_password", "ProxyUseFdpass=yes token=1", "DB_PASSWD=1"])
 def test_a_word_of_a_secret_is_found(word):
     infos, _connections = CASES["untidy"]
