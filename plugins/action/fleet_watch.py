@@ -40,7 +40,10 @@ class ActionModule(FleetAction):
             if name in task_vars["hostvars"][host]
         }
         before = known if isinstance(known, Mapping) else {}
-        Display().display(plain_lines(progress.describe_progress(reports, seconds, before)))
+        # Of a computer that does not answer, the event is new, and those from before are told no second time.
+        silent = [host for host, report in reports.items() if not report.watched]
+        told = {**before, **dict.fromkeys(silent, 0)}
+        Display().display(plain_lines(progress.describe_progress(reports, seconds, told)))
         events = progress.list_events(reports)
         lost = sum(len(report.lost) for report in reports.values())
         first = plain(progress.describe_first_loss(events), LINE)
@@ -48,7 +51,10 @@ class ActionModule(FleetAction):
             "lost": lost,
             "first_loss": first,
             "events": plain_data([{"observer": host, **vars(event)} for host, event in events]),
-            "known": {host: len(report.events) for host, report in reports.items()},
+            "known": {
+                **{host: len(report.events) for host, report in reports.items()},
+                **{host: before.get(host, 0) for host in silent},
+            },
             "msg": first or f"Nothing was lost in {progress.format_duration(seconds)}.",
         }
 

@@ -50,6 +50,14 @@ def test_the_first_loss_has_our_words_and_names_without_quotes(watch):
     assert (result["lost"], result["known"]) == (1, {"tibi": 1, "dabo": 0}) and "tibi is down" in shown
 
 
+def test_who_does_not_answer_any_more_is_told(watch):
+    gone = {"unreachable": True, "msg": "no route"}
+    result, shown = watch({"tibi": gone, "dabo": WELL}, known={"tibi": 1, "dabo": 0})
+    assert 'tibi does not answer: "no route"' in shown and result["known"] == {"tibi": 1, "dabo": 0}
+    _result, shown = watch({"tibi": LOST, "dabo": WELL}, known=result["known"])
+    assert "the link eth0" not in shown  # it was told before
+
+
 def test_a_planned_name_is_one_also_where_others_tell_it(watch):
     event = {**EVENT, "kind": "master", "name": "dabo", "found": "", "expected": ""}
     result, _shown = watch({"tibi": {**WELL, "events": [event]}, "dabo": WELL})
