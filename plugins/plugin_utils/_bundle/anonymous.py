@@ -75,7 +75,7 @@ class Anonymous:
         if isinstance(value, IPv4Network):
             return self._addresses.network(value)
         if isinstance(value, Mapping):
-            return {key if key.isupper() else self.text(key): self.data(part) for key, part in value.items()}
+            return {self._key(key): self.data(part) for key, part in value.items()}
         if isinstance(value, (list, tuple)):
             return type(value)(self.data(part) for part in value)
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -83,6 +83,11 @@ class Anonymous:
                 value, **{field.name: self.data(getattr(value, field.name)) for field in dataclasses.fields(value)}
             )
         return value
+
+    def _key(self, key: str) -> str:
+        """Return the key of a mapping; the name of a variable of an environment stays, whatever it has in it."""
+        is_variable = key.isupper() and key.isidentifier() and key.lower() not in self._names
+        return key if is_variable else self.text(key)
 
     def _ipv4(self, match: re.Match[str]) -> str:
         *parts, length = match.group(1, 3, 4, 5, 6)

@@ -88,6 +88,15 @@ def test_nothing_of_the_old_names_and_addresses_is_left(fleet):
     assert "kobuki" not in text and "tibi" not in text
 
 
+def test_a_name_in_capitals_is_replaced_also_as_a_key():
+    other = Anonymous(fleets.fig12(), {"tibi-nav": ["PC1", "ROS"]})
+    seen = {"PC1": {"ROS_MASTER_URI": "http://PC1:11311/"}, "TIBI": "", "TIBI-NAV": "", "ROS": "", "/TIBI/CMD": ""}
+    assert other.data(seen) == {
+        "robot1-computer1-name1": {"ROS_MASTER_URI": "http://robot1-computer1-name1:11311/"},
+        **dict.fromkeys(["robot1", "robot1-computer1", "robot1-computer1-name2", "/robot1/CMD"], ""),
+    }
+
+
 def test_a_robot_named_like_a_word_of_ours_leaves_our_names(other):
     fleet = fleets.plan(2)
     assert "master_discovery" in Anonymous(fleet, {"kobuki1computer": ["master"]}).text("master_discovery of master")
