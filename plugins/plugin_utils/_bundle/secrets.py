@@ -280,6 +280,7 @@ class Secrets:
         self._kept = names
         self._known = _compile_values(known, names)
         self._foreign = _compile_values(foreign, names)
+        self._digests: dict[str, str] = {}
 
     def text(self, text: str) -> str:
         """Return a text, of any number of lines, without secrets."""
@@ -316,6 +317,8 @@ class Secrets:
         if isinstance(parts.get("environment"), Mapping):
             variables = parts["environment"].items()
             parts["environment"] = {name: text if _LISTED.fullmatch(name) else REMOVED for name, text in variables}
+        if parts.get("digest"):  # a short value is found by its digest: a number shows as well which ones are the same
+            parts["digest"] = self._digests.setdefault(parts["digest"], f"value {len(self._digests) + 1}")
         title = parts.get("name")
         if isinstance(title, str) and is_secret(title):
             parts.update({name: REMOVED for name in ("expected", "found", "value") if parts.get(name)})

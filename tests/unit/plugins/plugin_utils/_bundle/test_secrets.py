@@ -7,6 +7,7 @@ import time
 
 import fleets
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.parameters import digest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import (
     REMOVED,
     Secrets,
@@ -14,7 +15,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secre
     collect_values,
     is_secret,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import ParameterDifference
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    CrossingParameter,
+    ParameterDifference,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from planted import ORDINARY, PLANTED, TIME, any_secret
 
@@ -150,6 +154,12 @@ def test_values_beside_such_a_name_in_data():
     assert Secrets().data(ParameterDifference("sync", "api_key", "one", "two")) == ParameterDifference(
         "sync", "api_key", REMOVED, REMOVED
     )
+
+
+def test_a_digest_says_only_what_is_the_same():
+    values = ("1234", "5678", "1234", "")
+    seen = [CrossingParameter("/door/code", value and digest(value)) for value in values]
+    assert [entry.digest for entry in Secrets().data(seen)] == ["value 1", "value 2", "value 1", ""]
 
 
 def test_of_an_environment_it_has_what_is_listed():
