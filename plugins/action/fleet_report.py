@@ -77,12 +77,14 @@ class ActionModule(FleetAction):
         run = add_last_time(run, before) if live else run
         judgement = judge_run(run, bool(files or cases), bool(files and not files.own))
         document = make_document(run, judgement)
-        written = ""
+        written, problem = "", None
         try:
             written = write_files(files, cases, run.fleet, document, judgement.matrices, before)
-        except OSError as problem:
-            report_unwritable(problem, path, is_asked=bool(cases) or not (files and files.own))
+        except OSError as error:
+            problem = error
         show(judgement, document, written)
+        if problem:
+            report_unwritable(problem, path, is_asked=bool(cases) or not (files and files.own))
         findings = plain_data([{**entry, "follows": len(entry["follows"])} for entry in document["findings"]])
         shown = terminal.SENTENCES if is_each_wanted(self._task.args.get("each")) else 0
         return {

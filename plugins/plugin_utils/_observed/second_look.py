@@ -30,10 +30,9 @@ class FollowedProbe:
 
 @dataclass(frozen=True)
 class FollowPlan:
-    """The probes of a run, and the computers that listen."""
+    """The probes of a run."""
 
     probes: tuple[FollowedProbe, ...] = ()
-    listeners: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

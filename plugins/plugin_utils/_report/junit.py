@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from typing import Any
 from xml.etree import ElementTree
 
 from .._checks.engine import FAILED, OK, UNKNOWN, WARNING
 from .._fleet.plain_text import plain
+from .history import TIME
 
 LISTED = 100  # results that are listed in a test case
 
@@ -26,7 +28,7 @@ def write_junit(document: Mapping[str, Any]) -> str:
     suite = ElementTree.Element(
         "testsuite",
         name="rosfleet.multimaster.verify",
-        timestamp=str(document.get("time", "")),
+        timestamp=_format_time(document.get("time")),
         tests=str(len(checks)),
         failures=str(sum(check[FAILED] > 0 for check in checks)),
         errors="0",
@@ -39,6 +41,14 @@ def write_junit(document: Mapping[str, Any]) -> str:
     root.append(suite)
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _format_time(moment: object) -> str:
+    """Return the time of a run as the schema of JUnit has it: ISO 8601, without a zone. Empty if it is none."""
+    try:
+        return datetime.strptime(str(moment), TIME).replace(tzinfo=None).isoformat()
+    except ValueError:
+        return ""
 
 
 def _case(suite: ElementTree.Element, check: Mapping[str, Any], rows: Mapping[tuple[str, str], Sequence[Any]]) -> None:

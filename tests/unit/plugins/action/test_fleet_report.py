@@ -160,9 +160,11 @@ def test_a_file_of_its_own_name_has_all_results(tmp_path):
     ]
 
 
-def test_a_file_that_cannot_be_written_is_an_error(tmp_path):
-    result = judge(path=str(tmp_path / "none" / "x.json"))
+@pytest.mark.parametrize("option", ["path", "junit"])
+def test_a_file_that_cannot_be_written_is_an_error(tmp_path, shown, option):
+    result = judge(fleets.wall, **{option: str(tmp_path / "none" / "x.json")})
     assert result["failed"] and "name another file" in result["msg"]
+    assert any("a packet filter on tibi-visio drops" in text for text, _color in shown)  # a long run is not for nothing
 
 
 def test_a_folder_of_somebody(tmp_path, clock):

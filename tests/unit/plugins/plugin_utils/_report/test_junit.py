@@ -6,6 +6,7 @@
 from xml.etree import ElementTree
 
 import fleets
+import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.junit import write_junit
 from reports import make_report
 
@@ -15,6 +16,14 @@ def test_all_is_well():
     suite = ElementTree.fromstring(write_junit(document).encode())[0]
     assert (suite.get("tests"), suite.get("failures")) == (str(len(document["checks"])), "0")
     assert len(suite.findall("testcase")) == len(document["checks"]) and not suite.findall("testcase/failure")
+
+
+@pytest.mark.parametrize(
+    ("moment", "shown"), [("2026-11-22 08:00:00 +0100", "2026-11-22T08:00:00"), ("late", ""), (None, "")]
+)
+def test_the_time_has_the_form_of_the_schema(moment, shown):
+    document = {**make_report(fleets.plan()).document, "time": moment}
+    assert ElementTree.fromstring(write_junit(document).encode())[0].get("timestamp") == shown
 
 
 def test_a_failure_lists_its_pairs():
