@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Questions to other discovery nodes: their contacts, and whether the name of their host leads to them."""
 
-import socket
 import xmlrpc.client
 from contextlib import closing
 from functools import partial
 from typing import Callable, Dict, Optional, Set, Tuple
 
-from ..edge.addresses import address_of
+from ..edge.addresses import NO_ADDRESS, address_of
 from ..edge.clock import monotonic, wall_clock
 from ..edge.loop import Loop, Workers
 from ..edge.process import program
@@ -20,7 +19,6 @@ from .core.peer import Contact, Key, find_name_problem
 from .core.strangers import MAX_ASKED
 
 # (key, contact or None, problem, the master has gone, a fault says so) -> True for a master of the list
-NO_ADDRESS = (socket.gaierror, UnicodeError)  # a name that no resolver knows, and one that is no host name
 OnAnswer = Callable[[Key, Optional[Contact], str, bool, bool], bool]
 
 

@@ -20,6 +20,7 @@ _ERROR, _DONE = 2, 3  # kinds of messages that end an answer
 # linux/rtnetlink.h, linux/if_link.h, linux/if_addr.h and net/if.h
 _RTM_GETLINK, _RTM_GETADDR, _RTM_GETROUTE = 18, 22, 26
 _IFA_ADDRESS, _IFA_LOCAL, _RTA_DST, _RTN_LOCAL, _IFF_RUNNING = 1, 2, 1, 2, 0x40
+NO_ADDRESS = (socket.gaierror, UnicodeError)  # of a name that no resolver knows, and of one that is no host name
 _GROUPS = 0x1 | 0x10 | 0x40  # RTMGRP_LINK | RTMGRP_IPV4_IFADDR | RTMGRP_IPV4_ROUTE
 
 
