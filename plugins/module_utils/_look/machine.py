@@ -12,7 +12,7 @@ from .._module.plain_text import LINE, quote
 from .._process import deadlines
 from .._routes.kernel import MAIN, read_routes
 from .._routes.tables import read_tables
-from .._verify.network import forwarding
+from .._verify.network import NO_FORWARDING, forwarding
 
 MOST_TABLES = 32  # other tables of routes that are read
 
@@ -55,7 +55,7 @@ NO_SYSTEM = {
     "hostname": "",
     "python": "",
     "kernel": "",
-    "os": {},
+    "os": {"id": "", "version": "", "name": ""},
     "systemd": {"running": False, "version": 0, "net_admin": True},
 }
 NO_CLOCK: typing.Dict[str, typing.Any] = {
@@ -85,8 +85,8 @@ PARTS = (
         "ways", lambda wanted: [network.route_to(place).plain() for place in wanted], 15, [], options=("destinations",)
     ),
     Part("routing", routing, 15, {"routes": [], "rules": [], "tables": []}),
-    Part("forwarding", forwarding, 10, {"ip_forward": None, "interfaces": []}),
-    Part("filters", filters.filters, 15, {"readable": False, "chains": []}),
+    Part("forwarding", forwarding, 10, NO_FORWARDING),
+    Part("filters", filters.filters, 15, filters.NOTHING),
     Part("multicast_routing", system.multicast_routing, 10, {"smcrouted": "", "others": []}),
     Part("ros", ros.find, 180, NO_ROS, options=("ros_setup", "nodes")),
     Part("packages", fkie.packages, 30, [], options=("packages",)),

@@ -26,6 +26,9 @@ _OPERATION = {"payload": {"protocol": "arp", "field": "operation"}}
 ANSWERS = {"established", "related"}
 
 
+NOTHING: Words = {"readable": False, "chains": [], "arp": []}
+
+
 class UnknownRule(Exception):
     """A rule with words that this reader does not know."""
 
@@ -39,7 +42,7 @@ def filters() -> Words:
             return {"readable": True, "chains": chains(ruleset), "arp": find_arp_filters(ruleset)}
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
         pass  # another form than this one
-    return {"readable": False, "chains": [], "arp": []}
+    return NOTHING
 
 
 def chains(ruleset: Words) -> typing.List[Words]:

@@ -10,6 +10,7 @@ from itertools import chain
 from .._client import ros as ros_commands
 from .._client.ros import Ros
 from .._machine import time_sources
+from .._machine.outcomes import Outcome
 from .._module.module import validate_options
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem
@@ -164,9 +165,14 @@ PARTS = (
     Part("policy", network.policy, {"rules": [], "closed": []}, on_router=True),
     Part("name_sources", network.name_sources, []),
     Part("default_routes", network.default_routes, [], on_router=True),
-    Part("forwarding", network.forwarding, {"ip_forward": None, "interfaces": [], "macs": []}, on_router=True),
+    Part("forwarding", network.forwarding, network.NO_FORWARDING, on_router=True),
     Part("masters", look_masters, [], ("params", "deadline")),
-    Part("roscore", ros_commands.roscore, {"uri": "", "answer": "", "error": "not looked at"}, ("ros", "deadline")),
+    Part(
+        "roscore",
+        ros_commands.roscore,
+        {"uri": "", "answer": "", "error": "not looked at", "outcome": Outcome.NOT_TRIED.value},
+        ("ros", "deadline"),
+    ),
     Part(
         "list_masters",
         look_list_masters,

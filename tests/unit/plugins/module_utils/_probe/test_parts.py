@@ -3,8 +3,14 @@
 
 """The parts: their keys, and the environment of services."""
 
+import pytest
+import yaml
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe import parts
+from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_info, multimaster_verify
+
+EMPTY = {**{part.name: part.nothing for part in machine.PARTS if part.name != "system"}, **machine.NO_SYSTEM}
 
 
 def test_a_variable_that_the_file_has_lost_is_still_wanted(tmp_path):
@@ -20,3 +26,13 @@ def test_no_result_has_the_name_of_one_that_every_module_has():
     common = {"changed", "failed", "msg", "skipped", "diff", "warnings", "deprecations", "invocation", "exception"}
     names = {part.name for part in parts.PARTS}
     assert names and not names & common
+
+
+@pytest.mark.parametrize(
+    ("module", "values"),
+    [(multimaster_info, EMPTY), (multimaster_verify, {part.name: part.default for part in parts.PARTS})],
+)
+def test_a_part_that_cannot_be_read_has_all_its_keys(module, values):
+    for name, entry in yaml.safe_load(module.RETURN).items():
+        if isinstance(values.get(name), dict):
+            assert set(values[name]) == set(entry["contains"]), name
