@@ -21,7 +21,7 @@ from .._multicast.packets import IP_MTU_DISCOVER, IP_PMTUDISC_PROBE, REFUSALS, E
 from .._process.commands import find_nobody, run, text
 from .._process.deadlines import call_all
 from .._process.foreign import last_line
-from .changes import carrier
+from .changes import LOG, carrier
 
 TRIES = 3  # echo requests per address; the report's wireless links lose some
 ANSWER = 1.0  # seconds that an echo reply may take
@@ -362,8 +362,17 @@ def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]
             link = dict(link_of(name), mtu=interface.mtu or None, port_of=interface.port_of)
             link["point_to_point"] = interface.point_to_point
             found.append(dict(link, interface=name, **settings, **places))
+    _add_last_words(found)
     switches = {name: value(name) for name in ("ip_forward", "icmp_echo_ignore_all")}
     return {**switches, "interfaces": found, "macs": _list_hardware_addresses(interfaces)}
+
+
+def _add_last_words(links: typing.List[typing.Dict[str, typing.Any]]) -> None:
+    """Add what the journal says last of links that are down, as those of unused bridges; of all at once, since a journal may be slow."""
+    down = [link["interface"] for link in links if link["state"] in DOWN]
+    said = dict(zip(down, call_all(carrier, down, LOG + 1.0, lambda name: "")))
+    for link in links:
+        link["last"] = said.get(link["interface"], "")
 
 
 def _list_hardware_addresses(interfaces: typing.Iterable[machine.Interface]) -> typing.List[str]:
@@ -374,17 +383,16 @@ def _list_hardware_addresses(interfaces: typing.Iterable[machine.Interface]) -> 
 
 
 def link_of(interface: str) -> typing.Dict[str, typing.Any]:
-    """Read what the kernel tells of the link of an interface; of one that is down also what the journal says last."""
+    """Read what the kernel tells of the link of an interface."""
 
     def read(name: str) -> str:
         return text(f"/sys/class/net/{interface}/{name}").strip()
 
-    state, count = read("operstate"), read("carrier_changes")
+    count = read("carrier_changes")
     return {
         "mac": read("address"),
-        "state": state,
+        "state": read("operstate"),
         "carrier_changes": int(count) if count.isdigit() else None,
-        "last": carrier(interface) if state in DOWN else "",
         "power_save": saves_power(interface),
     }
 

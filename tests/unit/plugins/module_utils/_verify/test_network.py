@@ -11,6 +11,7 @@ import shutil
 import socket
 import subprocess
 import sys
+import threading
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
@@ -272,6 +273,25 @@ def test_forwarding_is_what_is_effective(tmp_path):
             (folder / setting).write_text(value + "\n")
     for entry in network.forwarding(str(tmp_path))["interfaces"]:
         assert (entry["forwarding"], entry["rp_filter"], entry["send_redirects"]) == (1, 2, 0)
+
+
+def test_the_journal_is_asked_of_all_links_that_are_down_at_once(monkeypatch):
+    """Docker leaves a bridge for each of its networks, and a journal of gigabytes takes seconds for each question."""
+    names = [f"br{number}" for number in range(8)]
+    address = network.machine.Address("10.99.0.1", 24, "inet")
+    links = [network.machine.Interface(name, up=True, addresses=(address,)) for name in ["eth0", *names]]
+    monkeypatch.setattr(network.machine, "interfaces", lambda: links)
+    told = {"mac": "", "carrier_changes": 0, "power_save": None}
+    monkeypatch.setattr(network, "link_of", lambda name: dict(told, state="up" if name == "eth0" else "down"))
+    asked = threading.Barrier(len(names), timeout=20)
+
+    def carrier(name):
+        asked.wait()
+        return f"{name}: link down"
+
+    monkeypatch.setattr(network, "carrier", carrier)
+    found = {entry["interface"]: entry["last"] for entry in network.forwarding()["interfaces"]}
+    assert found == {"eth0": "", **{name: f"{name}: link down" for name in names}}
 
 
 def test_calls_arrive_empty():
