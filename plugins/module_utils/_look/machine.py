@@ -95,7 +95,7 @@ PARTS = (
     Part("folders", system.folders, 5, [], options=("folders",)),
     Part("ports", ports.holders, 15, [], options=("ports",)),
     Part("masters", masters, 60, [], options=("ports",)),
-    Part("exports", shells.exports, 5, []),
+    Part("exports", shells.exports, 30, []),
     Part("sshd", shells.sshd, 10, NO_SSHD),
     Part("environment", shells.probe, 20, dict(shells.NOTHING_SEEN)),
 )

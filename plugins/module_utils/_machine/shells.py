@@ -16,6 +16,7 @@ import typing
 
 from .._module.plain_text import plain
 from .._process.commands import BASE_PATH, Answer, find_nobody, run, text
+from .._process.deadlines import call_all
 from .._process.foreign import last_line
 from . import home_files, systemd
 
@@ -47,6 +48,7 @@ _PERSONAL = (
     ".ssh/environment",
     ".config/environment.d/*.conf",
 )
+_READING = 20.0  # seconds for the files of all persons
 _NO_LOGIN = ("nologin", "false", "sync", "")
 _ANY_OF_THEM = "|".join(VARIABLES)
 _SETENV = re.compile(rf"\s*(?:.*[;&\s])?setenv\s+({_ANY_OF_THEM})\s+(\S+)")
@@ -60,7 +62,8 @@ _OF_THE_SHELL = ("PWD", "OLDPWD", "SHLVL", "_", "HOME", "TERM")
 def exports(root: str = "/") -> Rows:
     """Find older assignments of VARIABLES in the files that shells read.
 
-    A person's files are read as that person, with a limit of time: so a link to a file of root's gives nothing away.
+    A person's files are read as that person, with a limit of time: so a link to a file of root's gives nothing away. Many
+    persons are read at once, and a home folder on a dead network disk costs the files of nobody else.
     """
     under = os.path.join(root, "")
     rows = [
@@ -69,9 +72,9 @@ def exports(root: str = "/") -> Rows:
         if path not in _OURS
         for entry in assignments(text(under + path[1:]))
     ]
-    for home, user in people(text(under + "etc/passwd")).items():
-        for path, content in _read_as(user, home, under):
-            rows += [dict(entry, file=path) for entry in assignments(content)]
+    persons = list(people(text(under + "etc/passwd")).items())
+    for files in call_all(lambda person: _read_as(person[1], person[0], under), persons, _READING, lambda person: []):
+        rows += [dict(entry, file=path) for path, content in files for entry in assignments(content)]
     return rows
 
 
@@ -101,7 +104,7 @@ def _read_as(user: typing.Tuple[int, int], home: str, under: str) -> typing.List
         return [
             ("/" + plain(path[len(under) :]), "\n".join(map(str, lines))) for path, lines in last_line(answer.output)
         ]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, LookupError, RecursionError):
         return []
 
 

@@ -3,11 +3,13 @@
 
 """What multimaster_info reads of a machine: real commands, sockets and files where there are some."""
 
+import json
 import os
 import pwd
 import socket
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -188,6 +190,35 @@ def test_a_link_in_a_home_folder_gives_nothing_away(tmp_path):
     (home / ".zshrc").write_text("ROS_IP=\x1b[1mred\n" + "x" * 3_000_000 + "\nROS_IP=beyond\n")
     (entry,) = shells.exports(str(tmp_path))
     assert (entry["file"], entry["text"]) == ("/home/robot/.zshrc", "ROS_IP=\\x1b[1mred")
+
+
+def test_a_home_folder_on_a_dead_disk_costs_nobody_else(tmp_path, monkeypatch):
+    (tmp_path / "etc").mkdir()
+    persons = [f"p{uid}:x:{uid}:{uid}::/home/p{uid}:/bin/bash\n" for uid in range(1000, 1004)]
+    (tmp_path / "etc/passwd").write_text("".join(persons))
+    ended = threading.Event()
+
+    def run(_program, given, user):
+        if user[0] == 1000:
+            ended.wait(60)  # also a killed process waits for such a disk
+        return commands.Answer(0, json.dumps([[f"{tmp_path}/home/p{user[0]}/.bashrc", ["ROS_IP=1"]]]).encode(), "")
+
+    monkeypatch.setattr(shells, "run", run)
+    monkeypatch.setattr(shells, "_READING", 1.0)
+    found = [entry["file"] for entry in shells.exports(str(tmp_path))]
+    ended.set()
+    assert found == [f"/home/p{uid}/.bashrc" for uid in (1001, 1002, 1003)]
+
+
+@pytest.mark.parametrize(
+    "said", ["7", "[[{}, []]]", '[["/x"]]', '[["/x", 7]]', "[[7, []]]", '[["/x", [' + "[" * 900 + "]" * 900 + "]]]"]
+)
+def test_an_answer_that_a_person_made_up_costs_nobody_else(tmp_path, monkeypatch, said):
+    (tmp_path / "etc").mkdir()
+    (tmp_path / "etc/passwd").write_text("robot:x:1000:1000::/home/robot:/bin/bash\n")
+    (tmp_path / "etc/environment").write_text("ROS_IP=2\n")
+    monkeypatch.setattr(shells, "run", lambda _program, given, user: commands.Answer(0, said.encode(), ""))
+    assert [entry["file"] for entry in shells.exports(str(tmp_path))] == ["/etc/environment"]
 
 
 def test_exports_of_a_machine(tmp_path):
