@@ -26,6 +26,7 @@ from .._process.foreign import last_line
 
 TYPES = 20.0  # seconds for the classes of all types
 NODES = 20.0  # seconds for the connections of all nodes
+NAMES = 5.0  # seconds for the addresses of all hosts
 
 Names = typing.Dict[str, typing.List[str]]  # topic or service -> nodes
 NOTHING: typing.Dict[str, typing.Any] = {
@@ -77,7 +78,7 @@ def node_uris(ros: Ros, *tables: Names) -> typing.Dict[str, str]:
     calls = [{"methodName": "lookupNode", "params": [CALLER, node]} for node in nodes]
     try:
         answers = server(ros.uri, STATE).system.multicall(calls)
-        return {node: answer[0][2] for node, answer in zip(nodes, answers) if answer[0][0] == 1}
+        return {node: str(answer[0][2]) for node, answer in zip(nodes, answers) if answer[0][0] == 1}
     except (OSError, xmlrpc.client.Error, LookupError, TypeError) as problem:
         raise OSError(f"{ros.uri}: {tell_reason(problem)}") from problem
 
@@ -144,10 +145,12 @@ def _connections(
     robot = places.robot(own.lower())
     found, silent = [], {}
     answers = call_all(_bus_info, sorted(nodes.items()), NODES, lambda node: ([], "", Outcome.NOT_TRIED))
-    for node, (answer, error, outcome) in zip(sorted(nodes), answers):
+    told = [links(answer) for answer, _error, _outcome in answers]
+    places.look_up([*map(read_host, nodes.values()), *(link["host"] for each in told for link in each)])
+    for node, (_answer, error, outcome), each in zip(sorted(nodes), answers, told):
         if error:
             silent[node] = error, outcome
-        for link in links(answer):
+        for link in each:
             peer = named.get(link["peer"], link["peer"])
             other = places.robot(link["host"])
             if other in ("", robot) or (peer in nodes and places.robot(read_host(nodes[peer])) == other):
@@ -191,10 +194,14 @@ class Places:
 
     def robot(self, host: str) -> str:
         """Return the robot of a host, or empty. The name of no known computer is looked up, once."""
-        if host and host not in self._robots:
-            addresses = call_all(network.resolve, [host], 5.0, lambda name: ([], ""))[0][0]
-            self._robots[host] = next((self._robots[found] for found in addresses if found in self._robots), "")
+        self.look_up([host])
         return self._robots.get(host, "")
+
+    def look_up(self, hosts: typing.Iterable[str]) -> None:
+        """Look up the names of no known computers, all at once: without a name server each takes seconds, and any node may name many."""
+        unknown = sorted({host for host in hosts if host and host not in self._robots})
+        for host, (addresses, _error) in zip(unknown, call_all(network.resolve, unknown, NAMES, lambda name: ([], ""))):
+            self._robots[host] = next((self._robots[found] for found in addresses if found in self._robots), "")
 
 
 def links(entries: typing.Any) -> typing.List[typing.Dict[str, typing.Any]]:

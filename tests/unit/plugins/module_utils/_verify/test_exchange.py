@@ -171,6 +171,22 @@ def test_connections_with_other_robots(ros, served):
     ]
 
 
+def test_the_names_of_strange_hosts_are_looked_up_at_once(ros, served, monkeypatch):
+    made, master = ros
+    hosts = [f"camera{number}" for number in range(12)]
+    ends = [f"TCPROS connection on port 40433 to [{host}:41233 on socket 9]" for host in hosts]
+    links = [[number, f"/{number}", "o", "TCPROS", "/odom", True, end] for number, end in enumerate(ends)]
+    master.uris["/base"] = served(Node(*links))
+    asked = threading.Barrier(len(hosts), timeout=4)
+
+    def resolve(name):
+        asked.wait()  # a name server that is not there
+        return (["127.0.0.2"], "") if name == "camera7" else ([], "no such name")
+
+    monkeypatch.setattr(exchange.network, "resolve", resolve)
+    assert [link["peer"] for link in looked_at(made)["connections"]] == ["/7"]
+
+
 def synced_by(uri):
     return provider(head(md5sum=GET_SYNC_INFO), answer(rows(synced(uri, "/planner", "http://127.0.0.2:1/"))))
 
