@@ -27,6 +27,8 @@ from .._process.foreign import last_line
 TYPES = 20.0  # seconds for the classes of all types
 NODES = 20.0  # seconds for the connections of all nodes
 NAMES = 5.0  # seconds for the addresses of all hosts
+# The host and the port at the other end of a connection; without bounds a long text of a stranger would be read for an hour.
+OTHER_END = re.compile(r" to \[(.{1,255}):\d{1,5} on socket")
 
 Names = typing.Dict[str, typing.List[str]]  # topic or service -> nodes
 NOTHING: typing.Dict[str, typing.Any] = {
@@ -215,7 +217,7 @@ def links(entries: typing.Any) -> typing.List[typing.Dict[str, typing.Any]]:
             continue
         peer, inward = entry[1], entry[2] == "i"
         text = entry[6] if len(entry) > 6 else ""
-        end = re.search(r" to \[(.+):\d+ on socket", text if isinstance(text, str) else "")
+        end = OTHER_END.search(text if isinstance(text, str) else "")
         place = end.group(1).lower() if end else read_host(peer if inward else "")
         direction = "in" if inward else "out"
         found.append({"number": entry[0], "direction": direction, "topic": entry[4], "peer": peer, "host": place})

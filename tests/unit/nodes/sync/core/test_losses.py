@@ -128,6 +128,13 @@ def test_connections_as_rospy_and_roscpp_describe_them(destination, text, found)
     assert connections_of(None, frozenset(TALKER)) == set()
 
 
+@pytest.mark.parametrize("port", ["41374", "40623"])
+def test_a_port_of_a_million_digits_is_none(port):
+    """Python before 3.11 takes many seconds for such a number, and everything waits; later ones raise ValueError."""
+    text = ROSPY.replace(port, "1" * 1_000_000)
+    assert connections_of([[1, "/talker", "i", "TCPROS", "/chatter", True, text]], frozenset(TALKER)) == set()
+
+
 def test_addresses_of_hosts_that_are_gone_are_forgotten():
     losses = Losses(Members())
     for number in range(10):

@@ -296,6 +296,13 @@ def test_links_of_a_node():
     ]
 
 
+@pytest.mark.parametrize("piece", [" to [", " to [:", " to [:1 on", ":1 on socket to ["])
+def test_a_long_text_of_a_stranger_is_read_at_once(piece):
+    began = time.process_time()
+    (link,) = exchange.links([[1, "/x", "o", "TCPROS", "/odom", True, piece * (2_000_000 // len(piece))]])
+    assert time.process_time() - began < 20 and len(link["host"]) < 256
+
+
 nonsense = st.recursive(
     st.none() | st.integers() | st.text(max_size=9), lambda inner: st.lists(inner, max_size=8), max_leaves=20
 )

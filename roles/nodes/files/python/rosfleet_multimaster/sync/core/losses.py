@@ -25,7 +25,7 @@ FORGET = 930.0  # seconds after a loss: by then TCP itself has given up (net.ipv
 RESOLVE = 300.0  # seconds between two looks at the address of a host
 
 # As rospy and roscpp describe a connection in getBusInfo; rospy does not know from which port it was called.
-_INFO = re.compile(r"TCPROS connection on port (\d+) to \[(?:.*):(\d+|None) on socket")
+_INFO = re.compile(r"TCPROS connection on port (\d{1,5}) to \[(?:.*):(\d{1,5}|None) on socket")
 
 
 class Connection(NamedTuple):
