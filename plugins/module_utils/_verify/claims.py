@@ -98,7 +98,9 @@ def answer(message: bytes) -> typing.Optional[typing.Tuple[str, str]]:
 
 
 def _gather(link: socket.socket, answers: Answers, deadline: float) -> None:
-    while select.select([link], [], [], max(0.0, deadline - time.monotonic()))[0]:
+    while time.monotonic() < deadline:  # in a storm of ARP, there is always more
+        if not select.select([link], [], [], max(0.0, deadline - time.monotonic()))[0]:
+            return
         try:
             message, sender = link.recvfrom(256)
         except OSError:

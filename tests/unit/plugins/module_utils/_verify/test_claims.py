@@ -6,6 +6,8 @@
 import json
 import subprocess
 import sys
+import threading
+import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Interface
@@ -107,6 +109,19 @@ def test_own_addresses_are_asked_for_first():
 def test_gateways_are_read_out_of_the_kernels_table():
     assert claims.gateways(ROUTES) == ["192.168.1.1"]
     assert claims.gateways("") == []
+
+
+def test_a_storm_of_arp_is_heard_no_longer_than_an_answer_takes(monkeypatch):
+    class Storm:
+        def recvfrom(self, _size):
+            return claims.question(bytes(6), "192.168.1.9"), ("eth0",)
+
+    monkeypatch.setattr(claims.select, "select", lambda *sets: sets[:3])
+    wanted = {("eth0", "192.168.1.9"): []}
+    thread = threading.Thread(target=claims._gather, args=(Storm(), wanted, time.monotonic() + 0.2), daemon=True)
+    thread.start()
+    thread.join(20)
+    assert not thread.is_alive() and wanted == {("eth0", "192.168.1.9"): []}
 
 
 def test_an_answer_is_read_and_anything_else_is_none():
