@@ -21,6 +21,7 @@ from .xml_rpc import ask
 
 CALL = 5.0  # seconds that a call may take, from the connection to the last byte
 CONNECT = 2.0  # seconds that a connection may take before a stream
+LEAST = 1e-6  # seconds of a stream, as a talker writes them: with fewer, the rate would be no number
 MOST = 2 << 20  # bytes of an answer: 5,000 topics are 1 MB
 _HEADER = 1 << 14  # bytes of a header
 _ENTRIES = 50000  # of all lists of an answer
@@ -180,7 +181,7 @@ def send_stream(place: typing.Tuple[str, int], topic: str, caller: str, seconds:
             raise OSError("it takes no stream")
         _send(connection, deadline)
         came, took = Reader(_read_block(connection, _HEADER, deadline)).text().split()
-        if not 0 < int(came) <= 2 * node.STREAM_BYTES or not 0 < float(took) <= node.REQUEST:
+        if not 0 < int(came) <= 2 * node.STREAM_BYTES or not LEAST <= float(took) <= node.REQUEST:
             raise ValueError(f"{quote(came)} bytes in {quote(took)} s")
         return int(came), float(took)
 

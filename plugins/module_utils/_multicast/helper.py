@@ -9,6 +9,7 @@ have you heard?
 """
 
 import collections
+import math
 import typing
 
 from .messages import ANSWER, ASK, HELLO, Message, decode, encode
@@ -169,7 +170,8 @@ class Helper:
             peer.accounts[when] = Account(sent, message.heard, message.heard_unicast)
             peer.source = message.source
             offset = ((message.arrived - message.asked) + (message.arrived - wall)) / 2  # RFC 5905, section 8
-            peer.samples.append((now - asked, offset))
+            if math.isfinite(offset):  # else the whole answer of this computer would be refused
+                peer.samples.append((now - asked, offset))
         return []
 
     def _peer_at(self, address: str) -> typing.Optional[Peer]:

@@ -3,6 +3,7 @@
 
 """The discovery nodes of masters: the TCP port, and the clock."""
 
+import math
 import time
 import typing
 import xmlrpc.client
@@ -73,7 +74,7 @@ def _connect(address: str, port: int) -> typing.Dict[str, typing.Any]:
 
 
 def clock_offset(monitor_uri: str) -> typing.Tuple[float, float]:
-    """Return the seconds that the clock of a discovery node is ahead, by its getCurrentTime, and the uncertainty.
+    """Return the seconds that the clock of a discovery node is ahead, by its getCurrentTime, and the uncertainty. Raises what a strange answer makes of it.
 
     The clock was read at some time between question and answer, so the quickest of a few says most (RFC 5905, section 10).
     """
@@ -81,6 +82,8 @@ def clock_offset(monitor_uri: str) -> typing.Tuple[float, float]:
     for number in range(SAMPLES):
         asked, began = time.time(), time.monotonic()
         theirs = float(server(monitor_uri).getCurrentTime()[1])
+        if not math.isfinite(theirs):  # no answer of a module may have such a number
+            raise ValueError(f"{theirs} is no time")
         half = (time.monotonic() - began) / 2
         samples.append((half, theirs - (asked + half)))
     half, offset = min(samples)

@@ -236,7 +236,7 @@ def test_one_who_is_no_talker_of_this_run_takes_no_stream():
         thread.join()
 
 
-@pytest.mark.parametrize("said", ["-5 1", "5 0", "5", "x y", "5 nan", "99999999999 1"])
+@pytest.mark.parametrize("said", ["-5 1", "5 0", "5", "x y", "5 nan", "9 1e-320", "99999999999 1"])
 def test_a_number_that_cannot_be_is_a_sentence(said):
     def answer(door):
         connection = door.accept()[0]

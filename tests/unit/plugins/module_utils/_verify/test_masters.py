@@ -41,6 +41,19 @@ def test_discovery_node_and_its_clock(discovery):
     assert abs(found["clock_offset_s"] - 3600) <= found["clock_uncertainty_s"] + 1e-3
 
 
+@pytest.mark.parametrize("said", ["nan", "inf", "-inf", "1e999"])
+def test_a_time_that_is_no_number_costs_the_clock_alone(said):
+    """An answer with such a number would be refused as a whole."""
+    with xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False) as server:
+        server.register_function(lambda: ["", float(said)], "getCurrentTime")
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        found = masters.discovery(master(server.server_address[1]), 0)
+        server.shutdown()
+        thread.join()
+    assert found["open"] and found["clock_offset_s"] is None and "is no time" in found["clock_error"]
+
+
 def test_the_port_of_a_roscore_is_open_refused_or_not_asked(discovery):
     uri = "http://kobuki2computer:{}/"
     assert masters.discovery(dict(master(discovery), uri=uri.format(discovery)), 0)["roscore"] == "open"
