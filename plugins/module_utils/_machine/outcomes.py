@@ -86,4 +86,6 @@ def connect(address: str, port: int, patience: float) -> Connection:
     except OSError as problem:
         error = "" if isinstance(problem, socket.timeout) else problem.strerror or str(problem)
         return Connection(*classify_error(problem), None, error)
+    except UnicodeError as problem:  # a name with an empty or a long part
+        return Connection(Outcome.UNKNOWN_NAME, None, None, str(problem))
     return Connection(Outcome.OPEN, None, round((time.monotonic() - start) * 1000, 3), "")

@@ -29,6 +29,12 @@ def test_a_connection_is_open_refused_or_has_no_name():
     assert outcomes.connect("no.such.name.invalid", 1, 1.0)[:2] == (Outcome.UNKNOWN_NAME, None)
 
 
+@pytest.mark.parametrize("name", ["kobuki2computer..local", "x" * 64, "\ud800"])
+def test_a_name_that_is_none_is_unknown(name):
+    found = outcomes.connect(name, 1, 1.0)
+    assert found[:3] == (Outcome.UNKNOWN_NAME, None, None) and found.words == found.error != ""
+
+
 def test_a_connection_that_the_other_side_ends_is_reset():
     with socket.create_server(("127.0.0.1", 0)) as there, socket.create_connection(there.getsockname()) as here:
         other, _address = there.accept()

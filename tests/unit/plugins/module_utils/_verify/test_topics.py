@@ -124,7 +124,9 @@ def test_a_publisher_that_was_not_heard_is_reached_or_not():
         assert topics._reach(_published(uri)) == (Outcome.OPEN, "open")
 
 
-@pytest.mark.parametrize("uri", ["", "http://127.0.0.1:99999999/", "http://[::1/", "http://x.invalid:1/"])
+@pytest.mark.parametrize(
+    "uri", ["", "http://127.0.0.1:99999999/", "http://[::1/", "http://x.invalid:1/", "http://x..y:1/"]
+)
 def test_a_uri_that_is_none_is_not_reached(uri):
     assert topics._reach(_published(uri))[0] != Outcome.OPEN
 
