@@ -107,7 +107,10 @@ def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]
 
 def _md5sums(ros: Ros, types: typing.List[str]) -> typing.Tuple[typing.Dict[str, str], str]:
     """Ask the Python of ROS for the md5 sums of message types; return {type: md5 sum}, and an error or ''."""
-    output, error = ros.run_python(inspect.getsource(message_types), TYPES, json.dumps(types))
+    try:
+        output, error = ros.run_python(inspect.getsource(message_types), TYPES, json.dumps(types))
+    except OSError as problem:
+        return {}, plain(tell_reason(problem))
     sums = last_line(output.encode())
     return sums if _are_texts(sums) else {}, error
 

@@ -237,6 +237,9 @@ def test_without_the_python_of_ros_only_the_sums_are_missing(ros):
     found = looked_at(made)
     assert found["error"] == "" and "ImportError" in found["types_error"]
     assert [topic["md5sum"] for topic in found["topics"]] == ["", ""]
+    (pathlib.Path(made.file).parent / "rostopic").unlink()
+    found = looked_at(made)
+    assert found["error"] == "" and "there is no command rostopic" in found["types_error"] and found["topics"]
 
 
 def test_a_roscore_that_is_not_there(tmp_path):
