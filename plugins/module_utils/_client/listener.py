@@ -53,7 +53,7 @@ class Listener:
         self.steps: typing.Dict[str, str] = {}  # topic -> how far the call to a publisher of it has come
         self._began = time.monotonic()
         self._publishers: typing.Dict[str, typing.Set[str]] = {topic: set() for topic in wanted}
-        self._due: queue.Queue[typing.Tuple[str, str]] = queue.Queue()
+        self._due: queue.PriorityQueue[typing.Tuple[float, str, str]] = queue.PriorityQueue()  # when, topic, publisher
         self._lock = threading.Lock()
         self._open = set(wanted)  # topics that have not said it yet
         self._done = threading.Event()
@@ -98,13 +98,17 @@ class Listener:
             new, self._publishers[topic] = now - self._publishers[topic], now
         for uri in sorted(new):
             self.steps.setdefault(topic, TOLD)
-            self._due.put((topic, uri))
+            self._due.put((self._began, topic, uri))
 
     def _work(self) -> None:
         while not self._done.is_set():
             try:
-                topic, uri = self._due.get(timeout=0.1)
+                due, topic, uri = self._due.get(timeout=0.1)
             except queue.Empty:
+                continue
+            if due > time.monotonic():
+                self._due.put((due, topic, uri))
+                self._done.wait(0.05)
                 continue
             if topic not in self._open or uri not in self._publishers[topic]:
                 continue
@@ -115,9 +119,7 @@ class Listener:
                 self._hear(topic, *tcpros.hear(place, topic, self.name, partial(steps.append, CONNECTED)))
             except Exception as problem:  # whatever a stranger answers
                 self.errors[topic], self.steps[topic] = f"{quote(uri)}: {quote(tell_reason(problem))}", steps[-1]
-                again = threading.Timer(AGAIN, self._due.put, ((topic, uri),))
-                again.daemon = True
-                again.start()
+                self._due.put((time.monotonic() + AGAIN, topic, uri))
 
     def _hear(self, topic: str, text: str, publisher: str) -> None:
         """Note what was said; an older talker may come first."""

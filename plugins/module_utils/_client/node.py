@@ -26,7 +26,7 @@ FAREWELL = 3.0  # seconds for taking a registration back: a roscore that has the
 RETRY = 0.5  # seconds until a roscore that does not answer is asked again
 STREAM, STREAM_BYTES = 2.0, 20_000_000  # seconds and bytes of a stream that measures the throughput
 _BYTES = 1 << 16  # of a question
-_CONNECTIONS = 900  # a process may have 1,024 files
+_CONNECTIONS, _OF_ONE = 900, 100  # at once, and from one address; a process may have 1,024 files
 
 Fields = typing.Dict[str, str]
 
@@ -92,8 +92,8 @@ class _Stream:
 class _Link:
     """A connection: of a caller until its question is answered, of a subscriber, or of the sender of a stream."""
 
-    def __init__(self, connection: socket.socket, answer: typing.Callable[["_Link"], None]) -> None:
-        self.connection, self.answer = connection, answer
+    def __init__(self, connection: socket.socket, address: str, answer: typing.Callable[["_Link"], None]) -> None:
+        self.connection, self.address, self.answer = connection, address, answer
         self.read, self.written = b"", b""
         self.topic, self.name = "", ""  # of a subscriber
         self.stream: typing.Optional[_Stream] = None
@@ -152,14 +152,15 @@ class Node:
 
     def _accept(self, door: socket.socket, answer: typing.Callable[[_Link], None]) -> None:
         try:
-            connection = door.accept()[0]
+            connection, (address, _port) = door.accept()
         except OSError:  # it has ended since
             return
-        if len(self._links) >= _CONNECTIONS:
+        of_one = sum(link.address == address for link in self._links)
+        if len(self._links) >= _CONNECTIONS or of_one >= _OF_ONE:
             connection.close()
             return
         connection.setblocking(False)
-        link = _Link(connection, answer)
+        link = _Link(connection, address, answer)
         self._links.add(link)
         self._selector.register(connection, selectors.EVENT_READ, link)
 

@@ -83,6 +83,20 @@ def test_who_does_not_answer_is_asked_again_and_named(made, master):
     assert (listener.heard, listener.errors[ONE]) == ({}, 'http://127.0.0.1:9/: "Connection refused"')
 
 
+def test_a_crowd_that_does_not_answer_takes_no_thread_each(made, master):
+    roscore, uri = master
+    roscore.publishers[ONE] = {f"/gone{port}": f"http://127.0.0.1:{port}/" for port in range(1, 800)}
+    listener = Listener(made, "listener", {ONE: "run one"})
+    before = threading.active_count()
+    with listening(listener):
+        until(lambda: ONE in listener.errors)
+        most = 0
+        for _look in range(20):
+            most = max(most, threading.active_count() - before)
+            time.sleep(0.05)
+    assert most < 20
+
+
 @pytest.mark.parametrize("publishers", ["text", 7, [7, None], {"a": 1}])
 def test_a_strange_list_of_publishers_is_nobody(made, master, publishers):
     listener = Listener(made, "listener", {ONE: "run one"})

@@ -148,6 +148,19 @@ def test_a_caller_that_says_nothing_is_let_go(own, monkeypatch):
         assert connection.recv(1) == b""
 
 
+def test_one_address_takes_not_all_places(own, monkeypatch):
+    monkeypatch.setattr(node, "_OF_ONE", 3)
+    there = place(own)
+    with contextlib.ExitStack() as held:
+        for _number in range(4):
+            last = held.enter_context(socket.create_connection(there))
+        other = held.enter_context(socket.create_connection(there, source_address=("127.0.0.2", 0)))
+        other.settimeout(10)
+        other.sendall(node.header({"topic": TOPIC, "md5sum": "*", "callerid": "/x"}))
+        last.settimeout(10)
+        assert last.recv(1) == b"" and other.recv(4)
+
+
 def test_an_unknown_method_is_a_fault(own):
     with pytest.raises(xmlrpc.client.Fault, match="no such method"):
         xmlrpc.client.ServerProxy(own.uri).system.listMethods()
