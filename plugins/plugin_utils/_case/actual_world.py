@@ -64,7 +64,7 @@ def _make_world(state: FleetState, faults: Sequence[Part]) -> World:
             world = _cut_network(world, part.place)
         elif change and machine:
             world = world.replace_machine(change(state.fleet, machine, part))
-    return world
+    return facts.merge_links(state.fleet, world)
 
 
 def _read_machine(fleet: FleetPlan, machine: Machine, computer: Participant) -> Machine:

@@ -9,7 +9,7 @@ poor explanation. It stays possible, since some filters do not show themselves (
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from ipaddress import IPv4Address
@@ -18,7 +18,7 @@ from .._data.plain import to_plain
 from .._observed.observations import Observation
 from .._plan.model import FleetPlan, Member
 from .._world import facts, packets, plan_world, policy
-from .._world.model import FORWARD, IN, NO_WAY, OUT, Lookup, Machine, Packet, Rule, World
+from .._world.model import FORWARD, IN, NO_WAY, OUT, Interface, Lookup, Machine, Packet, Rule, World
 from .._world.prediction import NODES
 from .parts import Part
 
@@ -125,10 +125,8 @@ class ReadFilters:
         """The planned world, with the rules that were read."""
         world = plan_world.make_world(self._fleet)
         seen = {name: one for name, one in self._observations.items() if name in world.machines}
-        return World(
-            {**world.machines, **{name: _apply_rules(world.machines[name], one) for name, one in seen.items()}},
-            world.links,
-        )
+        read = {name: _apply_rules(world.machines[name], one) for name, one in seen.items()}
+        return facts.merge_links(self._fleet, World({**world.machines, **read}, world.links))
 
 
 def _apply_rules(machine: Machine, seen: Observation) -> Machine:
@@ -146,11 +144,20 @@ def _apply_rules(machine: Machine, seen: Observation) -> Machine:
     names = _read_names(machine, seen)
     return replace(
         machine,
-        interfaces=tuple(replace(one, name=names[one.name]) for one in machine.interfaces),
+        interfaces=_join_interfaces(replace(one, name=names[one.name]) for one in machine.interfaces),
         routes=tuple(replace(route, device=names.get(route.device, route.device)) for route in machine.routes),
         rules=(*rules, *machine.rules),
         unclear=unclear,
     )
+
+
+def _join_interfaces(interfaces: Iterable[Interface]) -> tuple[Interface, ...]:
+    """Make one interface of those of one name: it has several planned addresses."""
+    joined: dict[str, Interface] = {}
+    for one in interfaces:
+        before = joined.get(one.name)
+        joined[one.name] = replace(before, addresses=(*before.addresses, *one.addresses)) if before else one
+    return tuple(joined.values())
 
 
 def _read_names(machine: Machine, seen: Observation) -> dict[str, str]:

@@ -45,7 +45,7 @@ def join_world(fleet: FleetPlan, machines: Mapping[str, Machine]) -> World:
     world = plan_world.make_world(fleet)
     links = {one.link for machine in machines.values() for one in machine.interfaces}
     world = World({**world.machines, **machines}, {**{name: Link(name) for name in links if name}, **world.links})
-    return _merge_links(fleet, world)
+    return merge_links(fleet, world)
 
 
 def apply_plan(fleet: FleetPlan, now: World, names: Iterable[str]) -> World:
@@ -129,7 +129,7 @@ def _rule(hook: str, table: str, entry: Info, origin: str) -> Rule:
     return from_plain(Rule, {**entry, **place, "ports": (first, last)})
 
 
-def _merge_links(fleet: FleetPlan, world: World) -> World:
+def merge_links(fleet: FleetPlan, world: World) -> World:
     """Make one link of the links that an interface has addresses of: they are one wire."""
     names = {link: link for link in world.links}  # the name of the wire of each link
     for machine in world.machines.values():

@@ -79,6 +79,21 @@ def test_a_computer_does_not_reach_itself_by_a_link_that_is_down():
     assert world.find_fault(INNER, INNER, "roscore") == Part("link", INNER, "down", TIBI)
 
 
+@pytest.mark.parametrize("way", [(OUTER, GATE), (GATE, OUTER), (INNER, OTHER), (OTHER, INNER), (NEAR, INNER)])
+def test_one_interface_may_have_the_addresses_of_two_networks(way):
+    """Packets of both networks pass it, so they do not end at whatever else is known of its computer."""
+    fleet = fig12()
+    seen = observed(fleet)
+    inner, outer = seen[GATE].probe.forwarding.interfaces
+    both = replace(inner, addresses=inner.addresses + outer.addresses, prefixes=inner.prefixes + outer.prefixes)
+    update(seen[GATE].probe.forwarding, interfaces=(both,))
+    state = FleetState(fleet, seen, 0.0)
+    known = Part("reverse_path", GATE, "strict")
+    assert ActualWorld(state, [known]).find_fault(*way, "icmp") is None
+    off = Part("computer", GATE, "off")
+    assert ActualWorld(state, [off]).find_fault(*way, "icmp") == (off if way != (NEAR, INNER) else None)
+
+
 TEXT = st.text(st.characters(codec="utf-8"), max_size=12) | st.sampled_from(
     ["0.0.0.0", "192.168.11.101", "::1", "default"]
 )

@@ -3,6 +3,8 @@
 
 """The packet filters on the ways of the plan, by the rules that were read."""
 
+from dataclasses import replace
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.packet_filters import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import FOLLOWS, Part
@@ -137,6 +139,17 @@ def test_a_rule_of_two_computers_is_told_as_one():
     found = ReadFilters(fleet, read(fleet, tibi_visio=chain("forward", rule)))
     assert found.find_drop(OTHER, INNER, "icmp") == Part.from_pair("filter", "pair", OTHER, INNER)
     assert found.find_drop("car-visio", INNER, "icmp") is None
+
+
+def test_rules_are_found_behind_an_interface_of_two_networks():
+    """What passes a gateway with one interface for both is followed on either side."""
+    fleet = fig12()
+    seen = read(fleet, tibi_nav=chain("input", drop(protocol="icmp")))
+    inner, outer = seen[GATE].probe.forwarding.interfaces
+    addresses, prefixes = inner.addresses + outer.addresses, inner.prefixes + outer.prefixes
+    both = replace(inner, interface="wlan0", addresses=addresses, prefixes=prefixes)
+    update(seen[GATE].probe.forwarding, interfaces=(both,))
+    assert ReadFilters(fleet, seen).find_drop(OTHER, INNER, "icmp") == Part("filter", INNER, "icmp in")
 
 
 @pytest.mark.parametrize(
