@@ -215,17 +215,21 @@ class _Diagnosis:
     def _use_effects(self) -> None:
         """Give what known faults explain to their findings: what was sent ends in the world as it was read, too."""
         effects, rest = Effects(self.verification, self.broken), []
+        merged: dict[Part, Part] = {}  # a part that follows from another one, and that
         for part in [part for part in self.broken if part.kind in NODES or part in self.shown]:
             proof = self.broken[part].proof
             causes = {effects.find_cause(row, self.verification.list_suspects(row)) for row in proof}
             if not causes & {None, part} and causes <= self.broken.keys():
-                self.broken[min(filter(None, causes))].rows += self.broken.pop(part).proof
+                merged[part], entry = min(filter(None, causes)), self.broken.pop(part)
+                self.broken[merged[part]].rows += entry.proof + entry.rows
         for row, suspects in self.open:
             cause = effects.find_cause(row, suspects)
             if cause is None:
                 rest.append((row, suspects))
-            else:
-                self.broken[cause].rows.append(row)
+                continue
+            while cause in merged:
+                cause = merged[cause]
+            self.broken[cause].rows.append(row)
         self.open = rest
 
     def _use_ends(self) -> None:

@@ -150,3 +150,28 @@ def test_of_packets_that_end_at_one_place_the_first_are_told():
     first, second = (Part("way", "tibi-gate", "ends", f"pings from {name} end there") for name in ("arm", "nav"))
     told = diagnosis.Finding(first, also=(second,)).sentence()
     assert told == "packets end at tibi-gate: pings from arm end there"
+
+
+def test_what_follows_from_a_consequence_is_given_to_its_cause(monkeypatch):
+    """A fault follows from another one, and that one from a third: no row is lost, and nothing stops."""
+    fleet, names = plan(3), ("kobuki1computer", "kobuki2computer", "kobuki3computer")
+    seen = observed(fleet)
+    for name in names[:2]:
+        update(of(seen[name].probe.services, "discovery"), active_state="failed", sub_state="failed")
+    update(of(seen[names[2]].probe.members, names[0]), addresses=("192.168.1.77",))
+    update(of(seen[names[2]].probe.members, names[1]), ping_address=no_answer(), ping_name=no_answer(), loss=1.0)
+    dead = [Part("discovery", name, "dead") for name in names[:2]]
+    cause = Part("names", names[2], "old", names[0])
+    causes = {names[0]: dead[1], names[1]: cause}
+
+    def find_cause(_effects, row, _suspects):
+        return causes.get(row.observer) if row.check == "services" else None if row.target == names[0] else dead[0]
+
+    monkeypatch.setattr(diagnosis.Effects, "find_cause", find_cause)
+    verification = Verification(CHECKS, fleet, seen)
+    rows = [row for row in verification.rows() if row.verdict != "ok"]
+    found = diagnosis.explain_rows(verification, rows)
+    assert parts(found)[0] == cause[:3]
+    told = [row for entry in found.findings for row in (*entry.proof, *entry.rows)]
+    assert {*told, *found.unexplained} == {*rows}
+    assert {("services", name) for name in names[:2]} <= {(row.check, row.observer) for row in found.findings[0].rows}
