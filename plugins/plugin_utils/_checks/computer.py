@@ -14,7 +14,6 @@ from .._observed.observations import DefaultRoute, ForwardingInterface, Service
 from .._observed.uris import is_one_of, is_same_uri
 from .._plan.model import COMMON
 from .engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement, judge_fault
-from .manual_setup import guard
 
 # The kernel of gateways and of the router
 
@@ -27,11 +26,10 @@ def _interfaces(case: Case) -> list[ForwardingInterface]:
 
 @Check(
     title="gateways and the router pass packets on",
+    when=lambda case: case.observer.is_probed and case.observer.plan.forwards,
     needs=lambda case: make_parts("forwarding", case.observer.name, "off"),
 )
-def _judge_forwarding(case: Case) -> Judgement | None:
-    if not case.observer.is_probed or not case.observer.plan.forwards:
-        return None
+def _judge_forwarding(case: Case) -> Judgement:
     ip_forward, name = case.probe.forwarding.ip_forward, case.observer.name
     expected = "net.ipv4.ip_forward is 1"
     if ip_forward is None:
@@ -116,14 +114,13 @@ def _service_down_parts(computer: str, service: str) -> Parts:
 
 @Check(
     title="services are active",
+    when=_has_services,
+    of_site=True,
     needs=lambda case: join_parts(
         _service_down_parts(case.observer.name, service) for service in case.observer.plan.services_with_routing
     ),
 )
-@guard(_has_services)
-def _judge_services(case: Case) -> Judgement | None:
-    if not _has_services(case):
-        return None
+def _judge_services(case: Case) -> Judgement:
     states = {entry.name: entry for entry in case.probe.services}
     parts: Parts = frozenset()
     broken, restarted = [], []
@@ -149,9 +146,10 @@ def _judge_services(case: Case) -> Judgement | None:
 
 @Check(
     title="services run with the planned environment",
+    when=_has_services,
+    of_site=True,
     needs=lambda case: make_parts("environment", case.observer.name, "service"),
 )
-@guard(_has_services)
 def _judge_environment(case: Case) -> Judgement | None:
     running = [entry for entry in case.probe.services if entry.active_state == "active"]
     if not running:
@@ -172,12 +170,11 @@ def _judge_environment(case: Case) -> Judgement | None:
 
 @Check(
     title="computer could be looked at",
+    when=lambda case: not case.observer.seen.unreachable,
     needs=lambda case: make_parts("computer", case.observer.name, "unmeasured"),
 )
-def _judge_measured(case: Case) -> Judgement | None:
+def _judge_measured(case: Case) -> Judgement:
     seen = case.observer.seen
-    if seen.unreachable:
-        return None
     problems = list(seen.probe.problems) if seen.probe is not None else []
     first = (seen.problem or next(iter(problems), "")).rstrip(".")
     measures_udp = case.own is not None and case.own.discovery
@@ -237,12 +234,11 @@ def _addresses_needs(case: Case) -> Parts:
 
 @Check(
     title="interfaces have the planned addresses",
+    when=lambda case: bool(case.observer.interfaces),
     needs=_addresses_needs,
     suspects=_addresses_suspects,
 )
-def _judge_addresses(case: Case) -> Judgement | None:
-    if not case.observer.interfaces:
-        return None
+def _judge_addresses(case: Case) -> Judgement:
     expected = ", ".join(f"{entry.address}/{entry.network.prefixlen}" for entry in case.observer.plan.networks)
     missing, down, sizes = _find_missing_addresses(case), _find_down_links(case), case.observer.find_wrong_prefixes()
     problems = [f"no interface has {address}" for address in missing]
@@ -258,13 +254,12 @@ def _judge_addresses(case: Case) -> Judgement | None:
 
 @Check(
     title="interfaces have the MTU of the others",
+    when=lambda case: bool(case.observer.mtus),
     needs=lambda case: join_parts(
         make_parts("interface", case.observer.name, "mtu", what=network) for network in case.observer.mtus
     ),
 )
-def _judge_mtu(case: Case) -> Judgement | None:
-    if not case.observer.mtus:
-        return None
+def _judge_mtu(case: Case) -> Judgement:
     usual = case.state.usual
     odd = {network: mtu for network, mtu in case.observer.mtus.items() if mtu != usual[network]}
     found = "; ".join(f"{mtu} on {network}, where most have {usual[network]}" for network, mtu in odd.items())
@@ -277,11 +272,10 @@ def _judge_mtu(case: Case) -> Judgement | None:
 
 @Check(
     title="no strict reverse-path filter",
+    when=lambda case: case.observer.is_probed and case.observer.plan.forwards,
     needs=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
 )
-def _judge_reverse_path(case: Case) -> Judgement | None:
-    if not case.observer.is_probed or not case.observer.plan.forwards:
-        return None
+def _judge_reverse_path(case: Case) -> Judgement:
     strict = [entry.interface for entry in _interfaces(case) if entry.rp_filter == 1]
     found = f"a strict one on {', '.join(strict)}" if strict else ""
     parts = make_parts("reverse_path", case.observer.name, "strict")
@@ -290,10 +284,9 @@ def _judge_reverse_path(case: Case) -> Judgement | None:
 
 @Check(
     title="router sends no redirects",
+    when=lambda case: case.observer.is_probed and case.observer.plan.is_router,
 )
-def _judge_redirects(case: Case) -> Judgement | None:
-    if not case.observer.is_probed or not case.observer.plan.is_router:
-        return None
+def _judge_redirects(case: Case) -> Judgement:
     sending = [entry.interface for entry in _interfaces(case) if entry.send_redirects]
     found = f"they are sent on {', '.join(sending)}" if sending else ""
     return judge_fault(WARNING, "no ICMP redirects", found, "none", make_parts("redirects", case.observer.name, "sent"))
@@ -343,13 +336,12 @@ def _roscore_suspects(case: Case) -> Parts:
 
 @Check(
     title="ROS_MASTER_URI means the robot's roscore",
+    when=lambda case: case.observer.is_probed and not case.observer.lacks_ros,
     carries=ROSCORE,
     needs=lambda case: needs.roscore(case, case.observer.name, case.masters[0]),
     suspects=_roscore_suspects,
 )
-def _judge_master_uri(case: Case) -> Judgement | None:
-    if not case.observer.is_probed or case.observer.lacks_ros:
-        return None
+def _judge_master_uri(case: Case) -> Judgement:
     expected = case.fleet.master_of[case.observer.plan.robot].uri
     named = case.fleet.master_uris[case.observer.plan.robot]  # a sealed roscore may have any of its names
     roscore = case.probe.roscore
@@ -397,11 +389,10 @@ def _describe_route(route: DefaultRoute) -> str:
 
 @Check(
     title="one default route at most",
+    when=lambda case: case.observer.is_probed,
     needs=lambda case: make_parts("route", case.observer.name, "defaults"),
 )
-def _judge_default_routes(case: Case) -> Judgement | None:
-    if not case.observer.is_probed:
-        return None
+def _judge_default_routes(case: Case) -> Judgement:
     routes = case.probe.default_routes
     found = ", ".join(map(_describe_route, routes)) or "none"
     parts = make_parts("route", case.observer.name, "defaults")
@@ -413,9 +404,10 @@ def _judge_default_routes(case: Case) -> Judgement | None:
 
 @Check(
     title="the packet filter is as planned",
+    when=lambda case: case.observer.seen.packet_filter is not None,
+    of_site=True,
     needs=lambda case: make_parts("filter", case.observer.name, "changed"),
 )
-@guard(lambda case: case.observer.seen.packet_filter is not None)
 def _judge_packet_filter(case: Case) -> Judgement | None:
     found = case.observer.seen.packet_filter
     if found is None:

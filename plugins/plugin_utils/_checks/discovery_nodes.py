@@ -464,12 +464,11 @@ def _list_suspects(case: Case) -> Parts:
 @Check(
     title="rosservice call /master_discovery/list_masters",
     scope=MASTER_TOO,
+    when=lambda case: case.observer.is_probed and not case.observer.lacks_ros,
     needs=_list_needs,
     suspects=_list_suspects,
 )
-def _judge_list_masters(case: Case) -> Judgement | None:
-    if not case.observer.is_probed or case.observer.lacks_ros:
-        return None
+def _judge_list_masters(case: Case) -> Judgement:
     master = case.master
     entry = case.observer.listed.get(master.name)
     expected = f"{master.name} online, {master.uri}, monitored at {master.monitor_uri}"

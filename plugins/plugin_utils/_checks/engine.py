@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from .._case.case import Case, FleetState
-from .._case.needs import Parts
+from .._case.needs import Parts, make_parts
 from .._case.pairs import ALL, choose_pairs, number
 from .._observed.observations import Observation
 from .._observed.outcomes import Outcome
@@ -77,19 +77,31 @@ class Check:
 
     docs/operate/verification.md says what each check expects, and where the report has it.
 
-    The judge returns None where there is nothing to judge, for example since a different check says it already. A success
+    The judge is asked where `when` is true. It returns None where it finds nothing to judge, for example since a different check
+    says it already. A check of what site.yml makes (`of_site`) is unknown on a computer that somebody set up by hand. A success
     needs the parts of `needs`, so it clears them. A failure has its reason among `suspects`; without such a function it is
     among `needs`. Where the judge names the parts that are broken, no other is suspected.
     """
 
     title: str
     scope: str = COMPUTER
+    when: Callable[[Case], bool] | None = None
+    of_site: bool = False
     needs: Callable[[Case], Parts] = lambda case: frozenset()
     suspects: Callable[[Case], Parts] | None = None
     carries: str = ""  # its packets, a word of packet_filters.TRAFFIC: a rule that drops them is evidence, too
     shown: bool = False  # good results have rows, too
     id: str = ""  # the name of the judge without `_judge_`
     judge: Judge = lambda case: None
+
+    def look(self, case: Case) -> Judgement | None:
+        """Judge a case; None where there is nothing to judge."""
+        if self.when and not self.when(case):
+            return None
+        if self.of_site and case.is_set_up_by_hand:
+            by_hand = make_parts("set_up", case.observer.name, "by_hand")
+            return Judgement(UNKNOWN, "what site.yml sets up", "the collection has not set this computer up", by_hand)
+        return self.judge(case)
 
     def __call__(self, judge: Judge) -> Check:
         """Return the check with its judge."""
@@ -129,7 +141,7 @@ class Verification:
         for checks, case in self._cases():
             counts, good = passed is not None and case.target != case.observer.name, []
             for check in checks:
-                judgement = check.judge(case)
+                judgement = check.look(case)
                 if judgement is None:
                     continue
                 if counts and judgement.verdict == OK and not check.shown:

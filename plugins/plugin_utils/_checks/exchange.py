@@ -84,10 +84,9 @@ def _has_both_contents(case: Case) -> bool:
 @Check(
     title="no node or service name twice",
     scope=ROSCORES,
+    when=_has_both_contents,
 )
-def _judge_names(case: Case) -> Judgement | None:
-    if not _has_both_contents(case):
-        return None
+def _judge_names(case: Case) -> Judgement:
     own, its = case.robots
     clashes = case.state.exchanges.clashes(its, own)
     names = (f"the {clash.kind} {clash.name} is of {' and of '.join(clash.robots)}" for clash in clashes)
@@ -148,10 +147,9 @@ def _list_sharers(shared: Iterable[Clash]) -> Parts:
 @Check(
     title="no topic of two robots",
     scope=ROSCORES,
+    when=_has_both_contents,
 )
-def _judge_shared_topics(case: Case) -> Judgement | None:
-    if not _has_both_contents(case):
-        return None
+def _judge_shared_topics(case: Case) -> Judgement:
     own, its = case.robots
     shared = case.state.exchanges.find_shared_topics(its, own)
     found = shorten_list((f"{clash.name} of {' and of '.join(clash.robots)}" for clash in shared), NAMED)
@@ -165,10 +163,9 @@ def _judge_shared_topics(case: Case) -> Judgement | None:
 @Check(
     title="no circle by two bridges to ROS 2",
     scope=ROSCORES,
+    when=_has_both_contents,
 )
-def _judge_bridges(case: Case) -> Judgement | None:
-    if not _has_both_contents(case):
-        return None
+def _judge_bridges(case: Case) -> Judgement:
     own, its = case.robots
     found = shorten_list(case.state.exchanges.find_bridged_topics(its, own), NAMED)
     circle = frozenset({Part.from_pair("topic", "circle", own, its, what=found)})
@@ -291,11 +288,10 @@ def _find_copy_faults(case: Case, wrong: Collection[str]) -> Parts:
 @Check(
     title="copied parameters are as on their robot",
     scope=ROSCORES,
+    when=lambda case: bool(_list_copied(case)),
     suspects=_flow_suspects,
 )
-def _judge_copies(case: Case) -> Judgement | None:
-    if not _list_copied(case):
-        return None
+def _judge_copies(case: Case) -> Judgement:
     wrong = _compare_copies(case)
     if wrong is None:
         found = "the parameters of one of the two are not known"

@@ -47,11 +47,10 @@ def _duplicate_needs(case: Case) -> Parts:
 
 @Check(
     title="nobody else answers for an address",
+    when=lambda case: bool(case.probe.claims),
     needs=_duplicate_needs,
 )
-def _judge_address_once(case: Case) -> Judgement | None:
-    if not case.probe.claims:
-        return None
+def _judge_address_once(case: Case) -> Judgement:
     twice = _find_duplicates(case)
     found = "; ".join(f"for {address} also {' and '.join(macs)}" for address, macs in twice.items())
     parts = join_parts(make_parts("interface", case.ways.name_at(address), "duplicate") for address in twice)
@@ -89,11 +88,10 @@ def _is_loopback(address: str) -> bool:
 @Check(
     title="name means the planned address",
     scope=ITSELF_TOO,
+    when=lambda case: bool(case.member.name) and not case.observer.plan.is_router,
     needs=lambda case: needs.names(case.observer.name, case.target),
 )
-def _judge_name(case: Case) -> Judgement | None:
-    if not case.member.name or case.observer.plan.is_router:
-        return None
+def _judge_name(case: Case) -> Judgement:
     addresses, expected = case.member.addresses, case.address
     found = ", ".join(addresses) or case.member.resolve_error
     if addresses == (expected,):
@@ -258,6 +256,7 @@ def _judge_tcp_answer(case: Case) -> Judgement | None:
 @Check(
     title="ping by name",
     scope=MEMBER,
+    when=lambda case: not case.observer.plan.is_router,
     needs=lambda case: _ping_needs(case) | needs.names(case.observer.name, case.target),
     suspects=lambda case: (
         needs.loss_parts(case, case.observer.name, case.target)
@@ -266,8 +265,6 @@ def _judge_tcp_answer(case: Case) -> Judgement | None:
     ),
 )
 def _judge_ping_name(case: Case) -> Judgement | None:
-    if case.observer.plan.is_router:
-        return None
     return _judge_ping(case.member.ping_name, case.target)
 
 

@@ -10,15 +10,15 @@ from collections.abc import Callable
 from .._case.case import Case
 from .._case.needs import join_parts, make_parts
 from .engine import FAILED, WARNING, Check, Judgement, judge_fault
-from .manual_setup import guard
 
 
 def _check(kind: str, title: str, planned: Callable[[Case], bool], fine: str) -> Check:
-    # Where the collection has not set it up, one sentence for all kinds is enough.
-    @guard(lambda case: kind == "unit" and case.observer.is_probed and planned(case))
-    def judge(case: Case) -> Judgement | None:
-        if not case.observer.is_probed or not planned(case) or not case.observer.is_set_up:
-            return None
+    def has_plan(case: Case) -> bool:
+        # Where the collection has not set it up, one sentence for all kinds is enough.
+        told = case.observer.is_set_up or (kind == "unit" and case.is_set_up_by_hand)
+        return case.observer.is_probed and planned(case) and told
+
+    def judge(case: Case) -> Judgement:
         entries = [entry for entry in case.probe.next_boot if entry.kind == kind]
         states = "; ".join(f"{entry.name}: {entry.found}" for entry in entries)
         parts = join_parts(make_parts("boot", case.observer.name, kind, what=entry.name) for entry in entries)
@@ -26,6 +26,8 @@ def _check(kind: str, title: str, planned: Callable[[Case], bool], fine: str) ->
 
     return Check(
         title=title,
+        when=has_plan,
+        of_site=True,
         needs=lambda case: make_parts("boot", case.observer.name, kind),
         id=f"next_boot_{kind}",
         judge=judge,

@@ -10,7 +10,6 @@ from .._case.needs import Parts, join_parts, make_parts
 from .._fleet.sentences import shorten_list
 from .._observed.observations import ContainerNames, Disk, FileLimit, ParameterDifference
 from .engine import FAILED, WARNING, Check, Judgement, judge_fault
-from .manual_setup import guard
 
 # The parameters of the nodes
 
@@ -45,12 +44,11 @@ def _parameters_needs(case: Case) -> Parts:
 
 @Check(
     title="nodes have the planned parameters",
+    when=_has_parameters,
+    of_site=True,
     needs=_parameters_needs,
 )
-@guard(_has_parameters)
-def _judge_parameters(case: Case) -> Judgement | None:
-    if not _has_parameters(case):
-        return None
+def _judge_parameters(case: Case) -> Judgement:
     differing = case.probe.parameters.differing
     expected = "; ".join(f"{entry.name} {entry.expected}" for entry in differing) or "the parameters of the plan"
     found = "; ".join(f"{entry.name} of {entry.node} is {entry.found}" for entry in differing)
@@ -69,11 +67,10 @@ def _is_full(disk: Disk) -> bool:
 
 @Check(
     title="services have room to write",
+    when=lambda case: bool(case.probe.disks),
     needs=lambda case: make_parts("computer", case.observer.name, "disk"),
 )
-def _judge_room(case: Case) -> Judgement | None:
-    if not case.probe.disks:
-        return None
+def _judge_room(case: Case) -> Judgement:
     full = [disk for disk in case.probe.disks if _is_full(disk)]
     found = "; ".join(f"{disk.path}: {disk.free_bytes} bytes and {disk.free_files} files" for disk in full)
     parts = join_parts(make_parts("computer", case.observer.name, "disk", what=disk.path) for disk in full)
@@ -92,11 +89,10 @@ def _limit_part(case: Case, entry: FileLimit) -> Parts:
 
 @Check(
     title="nodes have an ordinary limit of open files",
+    when=lambda case: case.observer.is_probed and not case.observer.lacks_ros,
     needs=lambda case: make_parts("limit", case.observer.name, "unit", "shell"),
 )
-def _judge_file_limits(case: Case) -> Judgement | None:
-    if not case.observer.is_probed or case.observer.lacks_ros:
-        return None
+def _judge_file_limits(case: Case) -> Judgement:
     found = shorten_list(f"{entry.limit} for {entry.node}" for entry in case.probe.file_limits)
     parts = join_parts(_limit_part(case, entry) for entry in case.probe.file_limits)
     return judge_fault(WARNING, "1048576 open files at most", found, "no process of ROS with more", parts)
@@ -111,11 +107,11 @@ def _describe_container(entry: ContainerNames) -> str:
 
 @Check(
     title="containers have the names of the fleet",
+    # without names, addresses are told
+    when=lambda case: case.observer.is_probed and "ROS_HOSTNAME" in case.observer.plan.environment,
     needs=lambda case: make_parts("container", case.observer.name, "names"),
 )
 def _judge_container_names(case: Case) -> Judgement | None:
-    if not case.observer.is_probed or "ROS_HOSTNAME" not in case.observer.plan.environment:
-        return None  # without names, addresses are told
     lacking = list(map(_describe_container, case.probe.container_names))
     parts = join_parts(make_parts("container", case.observer.name, "names", what=one) for one in lacking)
     return judge_fault(WARNING, "the names of the fleet in each container", "; ".join(lacking), "none lacks one", parts)

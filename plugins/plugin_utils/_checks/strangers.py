@@ -72,10 +72,9 @@ def _misread_member_parts(case: Case, entry: Outsider) -> Parts:
 
 @Check(
     title="nobody else is on the group",
+    when=lambda case: case.observer.is_probed and bool(case.observer.seen.multicast or case.observer.listed),
 )
-def _judge_strangers(case: Case) -> Judgement | None:
-    if not case.observer.is_probed or not (case.observer.seen.multicast or case.observer.listed):
-        return None
+def _judge_strangers(case: Case) -> Judgement:
     guests = _find_guests(case)
     welcome = sorted(name for name, address in guests.items() if _is_allowed(case, address))
     ignored = [f"{_title(entry)} is ignored: {entry.why}" for entry in case.probe.outsiders]

@@ -12,7 +12,6 @@ from .._fleet.sentences import shorten_list
 from .._observed.observations import TimeSource
 from .._plan.model import Clock
 from .engine import FAILED, OK, WARNING, Check, Judgement
-from .manual_setup import guard
 
 # Seconds that a clock may differ from its source: tf extrapolates and messages are dropped from some tenths on.
 OFF_WARNING, OFF_FAILED = 0.1, 0.5
@@ -68,13 +67,14 @@ def _needs(case: Case) -> Parts:
 
 @Check(
     title="its clock follows the source of the fleet's time",
+    when=_is_asked,
+    of_site=True,
     needs=_needs,
     suspects=_silence,
 )
-@guard(_is_asked)
 def _judge_time_source(case: Case) -> Judgement | None:
     clock, name = case.observer.plan.clock, case.observer.name
-    if clock is None or not _is_asked(case):
+    if clock is None:
         return None
     expected = f"it follows {clock.source} ({clock.server})" if clock.server else "a time service that answers"
     if not case.probe.clock.answers:

@@ -141,7 +141,7 @@ class _Diagnosis:
         """Note what a row shows to be broken, or whom it lets suspect."""
         check = self.verification.checks[row.check]
         case = self.verification.case(check, row.observer, row.target)
-        judged = check.judge(case) or Judgement(row.verdict)
+        judged = check.look(case) or Judgement(row.verdict)
         told = case.ways.seal(find_parts(case, judged.outcome, check.carries))
         shown = told if len(told) == 1 else frozenset()
         if evidence := self._find_drop(row) or self._read_end(row) or case.ways.seal(judged.broken) or shown:
@@ -399,7 +399,7 @@ class _Diagnosis:
         for check in self.verification.select_checks(observer, target):
             if (check.id, observer, target) not in self.bad:
                 case = self.verification.case(check, observer, target)
-                judged = check.judge(case)
+                judged = check.look(case)
                 if judged is not None and judged.verdict == OK:
                     found[check.id] = case.ways.seal(check.needs(case))
         return found
