@@ -46,6 +46,7 @@ class Stage(enum.Enum):
     ASKED = "do not leave {at}: it asks who has {asked}, and no computer answers"
     WIRE = "left {at}{interface} for {next}{mac}, and did not come in there"
     STRANGER = "left {at}{interface} for{mac}, which no computer of the fleet has{expected}"
+    SELF = "left {at}{interface} for its own hardware address{mac}, as where ARP is switched off there"
     HOP = "came in at {at}{interface}, and did not leave it"
     TARGET = "came in at {at}{interface}, which sent no answer"
     WITHHELD = "came in at {at}{interface}, and no program there got them"
@@ -260,7 +261,7 @@ class _Walk:
 
     def _walk(self, kind: str, route: Sequence[str]) -> Place:
         """Walk from the first computer of the route to the last one."""
-        at, end = route[0], route[-1]
+        at = route[0]
         came: list[Capture] = []
         passed = {at}
         following = dict(pairwise(route))
@@ -277,20 +278,31 @@ class _Walk:
             came = self._list_came(to, kind)
             self.steps.append((at, left[-1]))
             self.hops.append(self._make_hop(at, to, left[-1], came))
-            if not to:
-                return replace(place, stage=Stage.STRANGER)
-            if not came:
-                lost = Stage.WIRE if to in self.chart.listening else Stage.UNSEEN
-                return replace(place, stage=lost, next=to)
-            if to == end:
-                return replace(place, stage=Stage.ARRIVED, at=to, next="", last=came[-1], times=len(came))
-            if to in passed - {at} and not self._came_back(to, route[0], kind):
-                return replace(place, stage=Stage.UNSEEN)
-            if to in passed:
-                return replace(place, stage=Stage.CIRCLE, at=to, next="", last=came[-1], times=len(came))
+            end_of_step = self._end_step(place, to, came, route, passed)
+            if end_of_step:
+                return end_of_step
             passed.add(to)
             at = to
         return replace(place, stage=Stage.UNSEEN)
+
+    def _end_step(
+        self, place: Place, to: str, came: Sequence[Capture], route: Sequence[str], passed: Container[str]
+    ) -> Place | None:
+        """Return the place of packets that ended by a step to a computer, or came to their end. None: they go on."""
+        if not to:
+            return replace(place, stage=Stage.STRANGER)
+        if to == place.at and not (came and to == route[0]):  # nothing comes in where they begin, unless it came back
+            return replace(place, stage=Stage.SELF, next="")
+        if not came:
+            lost = Stage.WIRE if to in self.chart.listening else Stage.UNSEEN
+            return replace(place, stage=lost, next=to)
+        if to == route[-1]:
+            return replace(place, stage=Stage.ARRIVED, at=to, next="", last=came[-1], times=len(came))
+        if to not in passed:
+            return None
+        if to != place.at and not self._came_back(to, route[0], came[0].kind):
+            return replace(place, stage=Stage.UNSEEN)
+        return replace(place, stage=Stage.CIRCLE, at=to, next="", last=came[-1], times=len(came))
 
     def _end_inside(self, place: Place, route: Sequence[str]) -> Place:
         """Return the place of packets that do not leave the computer where they are."""

@@ -50,6 +50,7 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
         (BETWEEN, "network", ()),
     ),
     Stage.STRANGER: ((AT, "neighbour", ("fixed",)), (NEXT, "interface", ("duplicate",))),
+    Stage.SELF: ((AT, "link", ()), (AT, "neighbour", ("fixed",))),
     Stage.HOP: (
         (AT, "forwarding", ()),
         (AT, "filter", ("forward", "changed", "pair")),

@@ -169,6 +169,14 @@ def test_a_sender_that_did_not_listen_or_send_is_no_place(outcome):
     assert find(nothing, sent=refused, listening=others).stage == Stage.SOURCE
 
 
+def test_a_packet_to_the_own_hardware_address_ends_at_its_sender():
+    seen = cross("request", ["one", "gate"])
+    seen["gate"].append(capture(True, "request", MACS["gate"]))
+    found = find(seen)
+    assert where(found) == (Stage.SELF, "gate", "", False) and found.places == ("gate",)
+    assert "left gate on eth0 for its own hardware address 02:00:00:00:00:02" in place.describe_place(found, CHART)
+
+
 def test_a_target_that_missed_packets_is_no_place():
     assert find(cross("request", ROUTE)).stage == Stage.TARGET
     assert find(cross("request", ROUTE), listening=["one", "gate"]).stage == Stage.UNSEEN
