@@ -69,6 +69,24 @@ def test_registrations_of_an_earlier_life_are_compared(monkeypatch):
     assert made.tick(now[0]) == now[0] + module.SETTLED, "a round looks at everything soon"
 
 
+def test_a_node_that_a_step_withdraws_is_noted_as_no_own_one(monkeypatch):
+    """Else it would be asked for its connections when a third robot is lost: it has ended, or may be out of reach."""
+    now, notes = [100.0], []
+    monkeypatch.setattr(module, "monotonic", lambda: now[0])
+    made = rounds_of(lambda: None, lambda _seconds: None)
+    monkeypatch.setattr(made._disconnector, "note_registrations", lambda *news: notes.append(news))
+    made.tick(now[0])  # the loop begins
+    now[0] += module.LEFTOVERS
+    gone = Registration("publisher", "/gone", *TALKER)
+    made.claims, made.held, made.met = {TALKER: OTHER}, {gone: OTHER}, {OTHER}
+    made._view = View({"/gone": ("/talker",)}, {}, {}, {}, dict([TALKER]), {})
+    made.touch({gone})
+    made.tick(now[0])
+    ((held, noted, claims, _now),) = notes
+    assert (held, claims, noted.local_nodes(claims)) == ({}, {}, {})
+    assert (made.claims, made.held) == ({}, {})
+
+
 def test_the_round_waits_for_whole_states_within_a_bound(monkeypatch):
     now, began = [100.0], []
     monkeypatch.setattr(module, "monotonic", lambda: now[0])

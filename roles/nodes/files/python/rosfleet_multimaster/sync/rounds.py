@@ -201,7 +201,8 @@ class Rounds:
         self, todo: Plan, view: View, here: Mapping[Registration, str], condition: Optional[Condition] = None
     ) -> None:
         """Write a plan. `here`: the registrations that are there; `condition`: of a step."""
-        self._disconnector.note_registrations(todo.held, view, todo.claims, monotonic())
+        after = apply_plan(todo, view)  # without what is withdrawn: that is no longer claimed, as an own node
+        self._disconnector.note_registrations(todo.held, after, todo.claims, monotonic())
         # Reported before it is visible in the roscore, so that discovery never takes it for the robot's own.
         before, self.held = self.held, {**here, **todo.held}
 
@@ -214,7 +215,7 @@ class Rounds:
             if condition is None:
                 self.took = now - self._began
                 self._rest = now + min(self.took * REST, LONGEST_REST)
-            self._view = apply_plan(todo, view) if results is not None else None
+            self._view = after if results is not None else None
             self._on_results(todo, results, problem)
 
         self._calls.submit(lambda: self._write(todo, condition), on_results)
