@@ -98,7 +98,7 @@ class Listener:
             new, self._publishers[topic] = now - self._publishers[topic], now
         for uri in sorted(new):
             self.steps.setdefault(topic, TOLD)
-            self._due.put((self._began, topic, uri))
+            self._due.put((time.monotonic(), topic, uri))  # behind those that wait: who names ever more delays no other
 
     def _work(self) -> None:
         while not self._done.is_set():

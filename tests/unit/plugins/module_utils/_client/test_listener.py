@@ -97,6 +97,16 @@ def test_a_crowd_that_does_not_answer_takes_no_thread_each(made, master):
     assert most < 20
 
 
+def test_new_publishers_wait_behind_those_that_are_due(made, master):
+    """Anybody may name new ones all the time: the one that is asked again would have no turn."""
+    listener = Listener(made, "listener", {ONE: "run one", TWO: "run two"})
+    listener._due.put((time.monotonic(), TWO, "http://127.0.0.1:9/"))
+    listener._on_publishers(ONE, [f"http://127.0.0.1:{port}/" for port in range(1, 9)])
+    assert listener._due.get_nowait()[1] == TWO
+    listener.node.ended = True
+    listener.node.serve()
+
+
 @pytest.mark.parametrize("publishers", ["text", 7, [7, None], {"a": 1}])
 def test_a_strange_list_of_publishers_is_nobody(made, master, publishers):
     listener = Listener(made, "listener", {ONE: "run one"})
