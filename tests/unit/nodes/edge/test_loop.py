@@ -70,6 +70,20 @@ def test_what_is_posted_for_later_comes_in_its_order():
     assert time.monotonic() - began < 20, "nobody woke it"
 
 
+def test_what_is_posted_for_later_may_change_what_is_due():
+    loop, due, began = Loop(), [float("inf")], time.monotonic()
+    loop.post_later(0.1, lambda: due.__setitem__(0, 0.0))
+    threading.Timer(5.0, loop.stop).start()
+
+    def tick(now):
+        if now >= due[0]:
+            loop.stop()
+        return due[0]
+
+    loop.run(lambda now: min(tick(now), now + 30.0))
+    assert time.monotonic() - began < 4, "it has slept over it"
+
+
 def test_a_recurring_job_has_one_run_at_a_time():
     done = []
 

@@ -106,7 +106,7 @@ class Loop:
             if limit and now >= feed:
                 notify("WATCHDOG=1")
                 feed = now + every
-            due = min(tick(now), now + every, self._call_due(now))
+            due = min(self._call_due(now), tick(now), now + every)  # in this order: a call may change what `tick` does
             for key, _events in self._selector.select(max(0.0, due - monotonic())):
                 key.data()
             with contextlib.suppress(OSError):
