@@ -130,8 +130,8 @@ def _rule(hook: str, table: str, entry: Info, origin: str) -> Rule:
 
 
 def merge_links(fleet: FleetPlan, world: World) -> World:
-    """Make one link of the links that an interface has addresses of: they are one wire."""
-    names = {link: link for link in world.links}  # the name of the wire of each link
+    """Make one link of the links that an interface has addresses of: they are one wire. One that is down stays apart, as the place where packets end."""
+    names = {name: name for name, link in world.links.items() if link.up}  # the name of the wire of each link
     for machine in world.machines.values():
         for one in machine.interfaces:
             links = (find_link(fleet, machine.name, one.name, [entry.ip]) for entry in one.addresses)

@@ -92,6 +92,11 @@ def test_one_interface_may_have_the_addresses_of_two_networks(way):
     assert ActualWorld(state, [known]).find_fault(*way, "icmp") is None
     off = Part("computer", GATE, "off")
     assert ActualWorld(state, [off]).find_fault(*way, "icmp") == (off if way != (NEAR, INNER) else None)
+    dead = Part("network", TIBI, "dead")
+    ends_there = way in ((NEAR, INNER), (INNER, OTHER))
+    assert not ends_there or ActualWorld(state, [dead]).find_fault(*way, "icmp") == dead
+    common = Part("network", COMMON, "dead")
+    assert ActualWorld(state, [common]).find_fault(NEAR, INNER, "icmp") is None
 
 
 TEXT = st.text(st.characters(codec="utf-8"), max_size=12) | st.sampled_from(
