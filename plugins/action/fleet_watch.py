@@ -40,7 +40,7 @@ class ActionModule(FleetAction):
             if name in task_vars["hostvars"][host]
         }
         before = known if isinstance(known, Mapping) else {}
-        # Of a computer that does not answer, the event is new, and those from before are told no second time.
+        # That a computer does not answer is told in each round. Its events from before are told no second time.
         silent = [host for host, report in reports.items() if not report.watched]
         told = {**before, **dict.fromkeys(silent, 0)}
         Display().display(plain_lines(progress.describe_progress(reports, seconds, told)))

@@ -21,7 +21,7 @@ from .xml_rpc import ask
 
 CALL = 5.0  # seconds that a call may take, from the connection to the last byte
 CONNECT = 2.0  # seconds that a connection may take before a stream
-LEAST = 1e-6  # seconds of a stream, as a talker writes them: with fewer, the rate would be no number
+LEAST = 1e-6  # seconds of a stream: of much fewer, the rate would be infinite
 MOST = 2 << 20  # bytes of an answer: 5,000 topics are 1 MB
 _HEADER = 1 << 14  # bytes of a header
 _ENTRIES = 50000  # of all lists of an answer

@@ -74,7 +74,7 @@ def _connect(address: str, port: int) -> typing.Dict[str, typing.Any]:
 
 
 def clock_offset(monitor_uri: str) -> typing.Tuple[float, float]:
-    """Return the seconds that the clock of a discovery node is ahead, by its getCurrentTime, and the uncertainty. Raises what a strange answer makes of it.
+    """Return the seconds that the clock of a discovery node is ahead, by its getCurrentTime, and the uncertainty. A strange answer may raise any exception.
 
     The clock was read at some time between question and answer, so the quickest of a few says most (RFC 5905, section 10).
     """

@@ -85,7 +85,7 @@ class Anonymous:
         return value
 
     def _key(self, key: str) -> str:
-        """Return the key of a mapping; the name of a variable of an environment stays, whatever it has in it."""
+        """Return the new key of a mapping. A variable of an environment keeps its name, also where the name of a robot is part of it."""
         is_variable = key.isupper() and key.isidentifier() and key.lower() not in self._names
         return key if is_variable else self.text(key)
 

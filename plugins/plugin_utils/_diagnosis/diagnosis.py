@@ -215,7 +215,7 @@ class _Diagnosis:
     def _use_effects(self) -> None:
         """Give what known faults explain to their findings: what was sent ends in the world as it was read, too."""
         effects, rest = Effects(self.verification, self.broken), []
-        merged: dict[Part, Part] = {}  # a part that follows from another one, and that
+        merged: dict[Part, Part] = {}  # part -> the part that it follows from
         for part in [part for part in self.broken if part.kind in NODES or part in self.shown]:
             proof = self.broken[part].proof
             causes = {effects.find_cause(row, self.verification.list_suspects(row)) for row in proof}

@@ -168,7 +168,7 @@ def _find_unreachable(ends: Mapping[str, IPv4Address | None], hub: str | None) -
 
 
 def find_wrong_border_ports(fleet: Fleet) -> Iterator[str]:
-    """Yield a sentence for each robot whose border would have the port of its discovery node, or none."""
+    """Yield a sentence for each robot whose border would have the port of its discovery node, or a port above 65535."""
     ends = {name for channel in fleet.channels for name in (channel.robot, channel.other)}
     for robot in (robot for robot in fleet.robots if robot.name in ends):
         own, port = robot.variables, robot.variables.roscore_port + BORDER_PORT

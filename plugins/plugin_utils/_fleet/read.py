@@ -331,7 +331,7 @@ def _collapse(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
 def _move_into_tunnel(fleet: Fleet, inventory: Inventory) -> Fleet:
     """Return the fleet with the tunnel as its common network.
 
-    An address in the network that carries the tunnel becomes the endpoint, unless another one is given, or none.
+    An address in the network that carries the tunnel becomes the endpoint, unless `multimaster_endpoint` is set, also to `none`.
     """
     network, common = fleet.variables.tunnel_network, fleet.variables.common_network
     if network is None:

@@ -44,7 +44,7 @@ def write_junit(document: Mapping[str, Any]) -> str:
 
 
 def _format_time(moment: object) -> str:
-    """Return the time of a run as the schema of JUnit has it: ISO 8601, without a zone. Empty if it is none."""
+    """Return the time of a run as the schema of JUnit has it: ISO 8601, without a zone. Empty for a text that is no time."""
     try:
         return datetime.strptime(str(moment), TIME).replace(tzinfo=None).isoformat()
     except ValueError:

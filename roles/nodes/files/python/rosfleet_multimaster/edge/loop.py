@@ -51,7 +51,7 @@ class Loop:
         self.wake()
 
     def post_later(self, seconds: float, function: Callable[[], None]) -> None:
-        """Have a function called in the loop after a while; from any thread. Nobody waits, however many there are."""
+        """Have a function called in the loop after a while; from any thread. No thread waits for it."""
         self._later.put((monotonic() + seconds, next(self._numbers), function))
         self.wake()
 

@@ -162,7 +162,7 @@ def _help(method: Any) -> str:
 class BoundedHandler(BaseHTTPRequestHandler):
     """A connection whose heads are bounded: a longer one ends it."""
 
-    head = 1 << 14  # bytes of all lines of one; else there might be a hundred of 64 KiB
+    head = 1 << 14  # bytes of all lines of a head; the standard library takes a hundred lines of 64 KiB
     wbufsize = -1
     disable_nagle_algorithm = True
     rfile: Any

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The life of a peer: what its answers over TCP mean for it, and what a datagram does that says that it leaves.
+"""The life of a peer: what its answers over TCP mean for it, and what is done when a datagram says that it leaves.
 
 A peer is a stranger until it says who it is (`Peer.contact`). Then it is online or not: its heartbeats and its silence decide
 (peers.py). Beside that, it may be asked whether it has left (`Peer.checks`): anybody can write a LEAVE.
@@ -40,7 +40,7 @@ class Life:
             entry.contact_due = max(now + LEAVE_CHECKS[0], entry.contacted + LEAVE_PAUSE)
 
     def take_answer(self, entry: Peer, news: News) -> None:
-        """Take an answer over TCP, or that there was none."""
+        """Take an answer over TCP, or that there was no answer."""
         objection = self.objection(entry.key, news.contact)
         if news.contact is not None and objection:
             self._refuse(entry, news.contact, objection, news.now)
@@ -76,7 +76,7 @@ class Life:
             entry.contact_due = entry.contacted + FORGET_STRANGER
 
     def _identify(self, entry: Peer, contact: Contact, news: News) -> None:
-        """Remember who a peer is. It is there."""
+        """Remember who a peer is. It answers, so it is online."""
         known, entry.online = entry.contact, True
         self._peers.identify(entry, contact, news)
         if known is None or known.uri != contact.uri:

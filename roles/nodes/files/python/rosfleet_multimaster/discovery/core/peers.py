@@ -40,7 +40,7 @@ class Patience(NamedTuple):
 
 
 class News(NamedTuple):
-    """The answer of a peer that was asked over TCP, or of none."""
+    """The answer of a peer that was asked over TCP, or that there was no answer."""
 
     now: float
     contact: Optional[Contact]

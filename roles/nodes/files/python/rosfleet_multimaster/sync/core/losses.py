@@ -120,10 +120,9 @@ class Losses:
     def endpoints(self) -> Set[Tuple[str, int]]:
         """The XML-RPC addresses of nodes of lost masters alone: connections to these are ended."""
         ended = {end for uri, loss in self._losses.items() for end in self._endpoints(uri, loss.nodes)}
+        # A robot may come back as a different master, with a node at the same port.
         for uri, nodes in self._list_present().items() if ended else ():
-            ended -= self._endpoints(
-                uri, nodes
-            )  # a robot may come back as another master, with a node at the same port
+            ended -= self._endpoints(uri, nodes)
         return ended
 
     def _list_present(self) -> Dict[str, Set[NodeKey]]:
