@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from ipaddress import AddressValueError, IPv4Address, IPv4Network, IPv6Address
 from typing import Any
 
+from .._plan.environment import LISTS, MASTER, NAMES
 from .._plan.model import FleetPlan
 from .._plan.units import NODES, OTHERS
 from .addresses import Addresses
@@ -26,6 +27,8 @@ _OURS = (
     rf"|multimaster[_-](?:{'|'.join((*OTHERS, *NODES))}|multicast-routing|verify)"
 )
 _PUBLIC = {"localhost", "wiki.ros.org", "www.ros.org", "docs.ros.org", "answers.ros.org", "github.com", "www.w3.org"}
+# Variables of an environment that a robot's name is not looked for in, as in PATH or ROS_IP of a robot that is called `path` or `ros`.
+_VARIABLES = {*LISTS, *NAMES, MASTER, "ROS_DISTRO", "ROS_VERSION", "CONDA_PREFIX"}
 _URI = re.compile(r"(?:https?|rosrpc)://(?:[^/@\s]{1,200}@)?([A-Za-z0-9][A-Za-z0-9.-]{0,200})(?=[:/\s\"'\])]|$)")
 _HOME = re.compile(r"/home/([A-Za-z0-9._-]{1,64})")
 _IPV4 = re.compile(r"(?<![\d.])(\d{1,3})([._-])(\d{1,3})\2(\d{1,3})\2(\d{1,3})(?!\d|\.\d)(?:/(\d{1,2})(?!\d))?")
@@ -85,9 +88,8 @@ class Anonymous:
         return value
 
     def _key(self, key: str) -> str:
-        """Return the new key of a mapping. A variable of an environment keeps its name, also where the name of a robot is part of it."""
-        is_variable = key.isupper() and key.isidentifier() and key.lower() not in self._names
-        return key if is_variable else self.text(key)
+        """Return the new key of a mapping, such as a computer or a variable of an environment."""
+        return key if key in _VARIABLES and key.lower() not in self._names else self.text(key)
 
     def _ipv4(self, match: re.Match[str]) -> str:
         *parts, length = match.group(1, 3, 4, 5, 6)

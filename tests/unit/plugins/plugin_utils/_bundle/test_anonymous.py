@@ -97,6 +97,15 @@ def test_a_name_in_capitals_is_replaced_also_as_a_key():
     }
 
 
+def test_a_name_in_the_name_of_a_variable_is_replaced():
+    """The set-up file of a robot may set such a variable; those of ROS stay."""
+    other = Anonymous(fleets.plan(2), {"kobuki1computer": ["ros", "hostname"]})
+    seen = {"KOBUKI1COMPUTER_IP": "", "ROS_IP_KOBUKI2": "", "ROS_HOSTNAME": "", "ROS_MASTER_URI": ""}
+    found = other.data(seen)
+    assert not any("kobuki" in name.lower() for name in found) and len(found) == 4
+    assert list(found)[2:] == ["ROS_HOSTNAME", "ROS_MASTER_URI"]
+
+
 def test_a_robot_named_like_a_word_of_ours_leaves_our_names(other):
     fleet = fleets.plan(2)
     assert "master_discovery" in Anonymous(fleet, {"kobuki1computer": ["master"]}).text("master_discovery of master")
