@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import cloud_init
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = subprocess.run(
@@ -148,3 +149,11 @@ def test_the_settings_for_users_are_those_of_the_checkout():
 
 def test_the_readme_is_short():
     assert len(text("README.md").splitlines()) <= 135
+
+
+def test_what_is_put_on_a_robot_names_the_file_for_cloud_init():
+    row = next(
+        line for line in text("docs/start/machines.md").splitlines() if "cloud-init" in line and line[:2] == "| "
+    )
+    assert f"`{cloud_init.CONFIGURATION}`" in row and "/etc/cloud" not in row
+    assert not any(path.startswith(cloud_init.INSTALLED) for path in cloud_init.FILES)

@@ -24,8 +24,10 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))
 
 from rosfleet_multimaster import end_connections  # noqa: E402
+from rosfleet_multimaster.discovery.core import report as report_of_discovery  # noqa: E402
 from rosfleet_multimaster.edge import rpc_client, rpc_server  # noqa: E402
 from rosfleet_multimaster.sync.core import limits  # noqa: E402
+from rosfleet_multimaster.sync.core import report as report_of_sync  # noqa: E402
 
 PAGE = (ROOT / "docs/operate/security.md").read_text(encoding="utf-8")
 PAGES = sorted(
@@ -102,6 +104,8 @@ Reach the robots by address or by a name of your own.
 KIB, MIB = 1 << 10, 1 << 20
 #: words of the page -> the same in code
 FIGURES = {
+    "(`multimaster: strangers`)": report_of_discovery.outsiders([]).name == "multimaster: strangers",
+    "(`multimaster: places`)": "multimaster: places" in {entry.name for entry in report_of_sync.diagnoses([])},
     "at most 64 KiB of variables": ros._LARGEST / KIB == 64,
     "one line of JSON of at most 256 KiB": foreign._LONGEST / KIB == 256,
     "64 KiB a question, 900 connections, 10 s": (node._BYTES / KIB, node._CONNECTIONS, node.REQUEST) == (64, 900, 10),

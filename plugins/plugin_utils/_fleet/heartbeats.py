@@ -23,7 +23,7 @@ def _tenths(rate: float) -> int:
 def default_offline_after(rate: float) -> float:
     """Return the seconds from the loss of a robot until it is withdrawn: the time of two heartbeats, at least 5.
 
-    A robot without promised heartbeats is asked, and withdrawn after 65 s (the nodes' discovery/core/discovery.py).
+    A robot without promised heartbeats is asked, and withdrawn after 65 s (the nodes' discovery/core/peers.py).
     """
     return max(5.0, math.ceil(200 / _tenths(rate)) / 10) if _tenths(rate) else 65.0
 
