@@ -3,6 +3,8 @@
 
 """The report for the terminal."""
 
+import pathlib
+
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
     FAILED,
@@ -14,6 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engin
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.summary import summarise
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report.terminal import render
+from fleets import diagnosed, fig12, wall
 
 ONE, TWO = "kobuki1computer", "kobuki2computer"
 
@@ -176,3 +179,10 @@ def test_ten_topics_at_most_fit_into_the_terminal():
 def test_no_table_where_every_topic_is_cheap():
     traffic = {"seconds": 3.0, "topics": [sent("/cheap", 0.99)]}
     assert render(GOOD, Diagnosis(), everything=False, traffic=traffic) == render(GOOD, Diagnosis(), everything=False)
+
+
+def test_the_finding_on_the_page_is_printed_so():
+    page = pathlib.Path(__file__).resolve().parents[5] / "docs/operate/verification.md"
+    shown = page.read_text(encoding="utf-8").partition("```\nFindings:\n")[2].partition("```")[0]
+    printed = render(summarise([], [], 0), diagnosed(wall, fig12()), everything=False)
+    assert shown.startswith("  1. a packet filter on tibi-visio") and shown in printed
