@@ -45,11 +45,11 @@ options:
     type: dict
     required: true
   environment_digest:
-    description: The digest of the environment; a change of it restarts all services.
+    description: The digest of the environment; a change of it restarts all services but C(address) and C(tunnel).
     type: str
     required: true
   nodes_digest:
-    description: The digest of the nodes and their parameters; a change of it restarts C(discovery) and C(sync).
+    description: The digest of the nodes and their parameters; a change of it restarts all but C(address), C(tunnel) and C(roscore).
     type: str
     required: true
   code_digest:

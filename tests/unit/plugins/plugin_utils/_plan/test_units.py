@@ -9,6 +9,7 @@ import re
 import subprocess
 
 import pytest
+import yaml
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quotes, units
 
 GOLDEN = pathlib.Path(__file__).resolve().parents[3] / "golden/multicast_routing"
@@ -35,6 +36,25 @@ def made(names, **options):
 def test_the_units_have_the_order_of_the_services():
     names = ["discovery", "roscore"]
     assert list(made(names)) == [f"multimaster-{name}.service" for name in names]
+
+
+@pytest.mark.parametrize(
+    ("digest", "untouched"),
+    [("environment_digest", ["address", "tunnel"]), ("nodes_digest", ["address", "roscore", "tunnel"])],
+)
+def test_an_option_says_which_services_its_digest_leaves(digest, untouched):
+    names = [*units.OTHERS, *units.NODES]
+    old, new = (made(names, metrics_folder="/var/lib/m", **{digest: text}) for text in ("old", "new"))
+    assert (
+        sorted(name for name in names if new[f"multimaster-{name}.service"] == old[f"multimaster-{name}.service"])
+        == untouched
+    )
+    root = pathlib.Path(__file__).resolve().parents[5]
+    options = yaml.safe_load((root / "roles/services/meta/argument_specs.yml").read_text())["argument_specs"]["main"][
+        "options"
+    ]
+    said = options[f"services_{digest}"]["description"][0].partition(" but ")[2]
+    assert sorted(re.findall(r"C\((\w+)\)", said)) == untouched
 
 
 def test_the_roscore_of_ros_depends_on_the_environment_alone():
