@@ -10,9 +10,9 @@ description:
   - Writes a ZIP archive with the plan of the fleet, what every computer has seen of the others, the report as a page and as data, versions,
     and the last lines of the services' logs. All files in it are JSON, HTML or text.
   - Passwords, keys and tokens are taken out. They are known by the names of variables and parameters (C(ansible_password), C(api_key)), by
-    their form (private keys, tokens of services, URLs with a password), and by their value, where the inventory has it under such a
-    name, encrypted by C(ansible-vault), or where it was given to C(--ask-pass) or C(--ask-become-pass). Read the file before you
-    give it to others.
+    their form (private keys, tokens of services, URLs with a password), and by their value, where a variable of the inventory has it that is
+    not the collection's, or is encrypted by C(ansible-vault), or where it was given to C(--ask-pass) or C(--ask-become-pass). Read the
+    file before you give it to others.
   - M(rosfleet.multimaster.fleet_report) judges such a file again without any robot.
   - The file is written as a whole or not at all, and is for the user alone.
   - Runs on the controller and connects to no host, so it is run once.

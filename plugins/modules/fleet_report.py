@@ -161,13 +161,13 @@ pairs:
   description: How many pairs of computers were to be tried.
   returned: success
   type: dict
-  sample: {tried: 40600, of: 159600}
+  sample: {tried: 40400, of: 159600}
   contains:
     tried:
       description: The number of pairs of O(pairs).
       returned: always
       type: int
-      sample: 40600
+      sample: 40400
     of:
       description: The number of all pairs of an observer of the play and another computer.
       returned: always

@@ -3,6 +3,8 @@
 
 """Predictions: against the faults of the simulator, and as a person reads them."""
 
+import pathlib
+import re
 import time
 from dataclasses import replace
 from random import Random
@@ -192,3 +194,11 @@ def test_a_port_that_only_some_need_is_tried_between_them(port):
 def test_undeclared_borders_and_sources_are_not_asked_for():
     assert {pair.traffic for pair in predicted(WORLD).pairs} == {traffic.name for traffic in prediction.TRAFFIC}
     assert not any(name in prediction.render(predicted(WORLD)) for name in PORTS.values())
+
+
+def test_the_module_names_each_kind_of_packets():
+    module = pathlib.Path(__file__).resolve().parents[5] / "plugins/modules/fleet_predict.py"
+    said = re.search(r"traffic:\n +description: (.+)\n", module.read_text(encoding="utf-8"))
+    assert said and re.findall(r"V\(([^)]+)\)", said[1]) == [
+        row.name for row in (*prediction.TRAFFIC, *prediction.DECLARED)
+    ]
