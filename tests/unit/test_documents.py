@@ -132,6 +132,14 @@ def test_the_table_of_the_playbooks_has_each_one():
     names = {name for row in listed for name in re.findall(r"rosfleet\.multimaster\.(\w+)", row)}
     assert names == {Path(name).stem for name in THERE if re.fullmatch(r"playbooks/\w+\.yml", name)}
 
+    (row,) = (row for row in text("docs/start/playbooks.md").splitlines() if "begin with it" in row)
+    first = {
+        Path(name).stem
+        for name in THERE
+        if name.startswith("playbooks/") and "import_playbook: has_robots" in text(name)
+    }
+    assert set(re.findall(r"`(\w+)`", row.partition("without robots. ")[2])) == first
+
 
 def test_a_page_calls_playbooks_by_their_installed_names():
     pages = {page: text(page) for page in PAGES if not page.startswith("docs/develop/")}
