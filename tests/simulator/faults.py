@@ -432,7 +432,9 @@ FAULTS = (
     Fault("duplicate address", on(computers, duplicate), (("interface", "duplicate"),)),
     Fault("name on loopback", on(computers, name("127.0.1.1")), (("names", "loopback"),)),
     Fault("name with an old address", on(computers, name("192.168.1.77")), (("names", "old"),)),
-    Fault("name with two addresses", on(computers, name(None, "192.168.1.77")), (("names", "several"),)),
+    Fault(
+        "name with two addresses", on(computers, name(None, "192.168.1.77")), (("names", "several"), ("names", "own"))
+    ),
     Fault("name unknown", on(computers, name()), (("names", "unknown"),)),
     Fault("no route", on(routed, no_route), (("route", "missing"),)),
     Fault("another route", on(routed, other_route), (("route", "other"),)),

@@ -59,3 +59,10 @@ def test_a_fleet_where_site_never_ran_is_one_finding(number):
         state = faults.never_set_up(state, random, state.world.machines[name])
     (finding,) = harness.diagnose(fleet, observe(state, None, number)).findings
     assert finding.sentence().startswith("site.yml has not run on any computer of this run")
+
+
+def test_a_second_address_of_the_own_name_is_named():
+    rows = [faults.BY_NAME["name with two addresses"]]
+    ((_trial, [(_row, place, verdict)], findings),) = harness.single_faults([11], rows)
+    assert [(part.kind, part.place, part.mode) for part, *_rivals in findings] == [("names", place, "own")]
+    assert verdict == harness.FIRST
