@@ -13,7 +13,7 @@ description:
     wherever it stands. To own such a line yourself, remove the mark. All other lines are kept byte for byte.
   - If a line of yours has a binding already, no line is added for it.
   - A managed name on a loopback line, such as the C(127.0.1.1) line that installers write and the report keeps
-    (erratum E5), would resolve to the computer itself. So the name is removed from that line; the other names stay, and
+    (its Fig. 6), would resolve to the computer itself. So the name is removed from that line; the other names stay, and
     C(localhost) always does. The old line is kept behind the mark and restored on a rollback.
   - Names that are no longer listed are removed. So O(entries=[]) is the rollback; it restores the old content.
   - The file is written by rename, so there is the old or the new one at any moment. Where it is a mount point, as in

@@ -9,7 +9,7 @@ run was killed. A line may be moved. A reader of the file sees which lines the m
     192.168.1.239   kobuki2computer # rosfleet.multimaster
         Owned, whatever it says: repaired, and removed as a whole. A person who removes the mark owns the line again.
     127.0.1.1 other # rosfleet.multimaster replaced: 127.0.1.1 kobuki2computer other
-        The user's line without the managed names (erratum E5). Behind the mark it stands byte for byte.
+        The user's line without the managed names. Behind the mark it stands byte for byte.
     # rosfleet.multimaster created this file
         There was no file before, so it is removed when nothing else is left in it.
 
