@@ -566,3 +566,32 @@ def test_a_node_of_this_robot_is_ended_as_before(roscore, monkeypatch, first, se
     assert may_end(roscore, A, "shutdown", "/a") == ended
     monkeypatch.setattr(module.addresses, "local_uris", lambda uris, _seconds: set(uris))
     assert may_end(roscore, A, "shutdown", "/a") == (ended or first == "127.0.0.1")
+
+
+def test_the_answer_together_is_bounded_while_it_is_made(roscore, monkeypatch):
+    """A robot's subscribers of a topic with thousands of publishers had 800 MB of answers, and the unit has 1 GB."""
+    monkeypatch.setitem(bounds.BOUNDS, "answer", bounds.Limit(60_000, "bytes"))
+    roscore.call("registerPublisher", "/p", "/tf", "x/Y", A)
+    calls = [["registerSubscriber", f"/s{at}", "/tf", "*", f"http://far:{at + 1024}/"] for at in range(1000)]
+    texts = [json.dumps(calls[at : at + 50]) for at in range(0, 1000, 50)]
+    code, why, value = roscore.master.answer("rosfleetTogether", ("/me", texts))
+    assert (code, value) == (-1, 0) and "answer" in why
+    there = len(roscore.master.subscribers.map["/tf"])
+    assert 50 < there < 1000, "those whose answers had room: they are there, and told of"
+    assert roscore.now().facts == roscore.registry.facts
+    assert roscore.master.answer("rosfleetTogether", ("/me", texts[-1:]))[0] == 1
+
+
+def test_many_dead_nodes_are_ended_in_a_moment(roscore):
+    """Each was looked for among the registrations of all: 5,000 took 6 s, in the loop that feeds the watchdog."""
+    registry, nodes = Registry(), {f"/n{at}": f"http://far:{at + 1024}/" for at in range(20_000)}
+    for name, uri in nodes.items():
+        registry.apply(["node", name, uri])
+        registry.apply(["publisher", f"{name}/topic", name, uri, True])
+        registry.apply(["service", f"{name}/service", name, "rosrpc://far:1", uri, True])
+    roscore.master.restore(registry)
+    began = time.monotonic()
+    for name, uri in nodes.items():
+        roscore.master.end_node(name, uri)
+    assert not roscore.master.reg_manager.nodes and not roscore.master._restored
+    assert time.monotonic() - began < 8.0

@@ -259,10 +259,14 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             raise
         except (ValueError, TypeError, RecursionError) as problem:
             return -1, f"expected: texts of JSON, each a list of calls: {plain(problem)}", 0
-        return 1, "", [json.dumps(self._run_calls(calls), default=str) for calls in parts]
+        answers: List[str] = []
+        for calls in parts:
+            results = self._run_calls(calls, BOUNDS["answer"].most - sum(map(len, answers)))
+            answers.append(json.dumps(results, default=str))
+        return 1, "", answers
 
-    def _run_calls(self, calls: List[Any]) -> List[Any]:
-        """The results; of a call that fails, a text that says why."""
+    def _run_calls(self, calls: List[Any], left: int) -> List[Any]:
+        """The results; of a call that fails, a text that says why. Raises Refusal, after a change, where they weigh more."""
         results: List[Any] = []
         with self._collect_changes():
             for name, *arguments in calls:
@@ -275,6 +279,9 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                     results.append((-1, str(refusal), 0))
                 except Exception as problem:  # as in a multicall: one that fails does not end the others
                     results.append(f"{type(problem).__name__}: {problem}")
+                left -= weigh(results[-1])
+                if left < 0:
+                    raise refuse("answer", "the answer")
         return results
 
     def caller(self) -> Caller:
@@ -581,8 +588,11 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         with self._collect_changes():
             if not self.has(name, uri):
                 return
-            for key in [key for key in self._restored if key[2] == name]:
-                self.end_registration(list(key))
+            node, services = self.reg_manager.nodes[name], self.services.service_api_map or {}
+            for kind, keys in _LISTS.items():  # its own alone: all nodes may have a hundred thousand
+                for key in list(getattr(node, keys)):
+                    place = services.get(key, ("", ""))[1] if kind == "service" else uri
+                    self.end_registration([kind, key, name, place])
             if self.has(name, uri) and self.reg_manager.nodes[name].is_empty():
                 del self.reg_manager.nodes[name]
 
