@@ -31,13 +31,13 @@ class Asked:
         self.told = StateFeed(lambda: None, ready)
         self.told.update(state("/one", "/two"), None)
 
-    def ask(self, caller="10.0.0.2", rules=EVERYTHING, epoch=""):
+    def ask(self, caller="10.0.0.2", rules=EVERYTHING, epoch="", revision=0):
         def seen(whole):
             self.made += 1
             time.sleep(0.02)  # others ask meanwhile
             return document(whole, [rules])
 
-        return self.told.answer(caller, rules, lambda: CallerView(rules, seen), epoch, 0, 0.0)
+        return self.told.answer(caller, rules, lambda: CallerView(rules, seen), epoch, revision, 0.0)
 
 
 def topics(answer):
@@ -86,3 +86,14 @@ def test_it_travels_as_every_answer_does_packed_or_not(own):
         server.stop()
     assert answers[0] == answers[1] and asked.made == 1
     assert answers[0][1:] == Asked().ask()[1:], "all but the epoch, which is another one at each start"
+
+
+def test_digests_of_many_filters_are_not_kept(monkeypatch):
+    """A caller may have ever new ones, and the state of a quiet robot stays for days."""
+    monkeypatch.setattr(module, "MOST_FILTERS", 10)
+    asked = Asked()
+    for number in range(25):
+        rules = Rules(ignore_topics=Pattern.from_items([f"/{number}"], "ignore_topics"))
+        epoch, revision = asked.ask(rules=rules)[:2]
+        assert asked.ask(rules=rules, epoch=epoch, revision=revision)[5], "a digest, since nothing is new"
+    assert 0 < len(asked.told._digests) <= 10

@@ -13,7 +13,7 @@ from ..edge.clock import sleep, wall_clock
 from ..edge.loop import Count
 from ..edge.process import program
 from ..edge.process.systemd import notify
-from ..edge.rpc_server import Callers, LongPoll, Method, PerCaller, RefusedCall, RpcServer
+from ..edge.rpc_server import Callers, LongPoll, Method, PackedAnswer, PerCaller, RefusedCall, RpcServer
 from ..protocol import json_text
 from ..protocol.differences import DIFFERENCES, PACKED
 from ..protocol.filters import InvalidPattern, Pattern, Rules
@@ -81,6 +81,7 @@ class RpcMethods:
         self._outsiders, self._feed = outsiders, feed
         self.changes = Count()  # answers with changes
         self._filtering = threading.Lock()  # patterns of others take time: one caller at a time
+        self._making = threading.Lock()  # with what it has of others, a state may take 100 MB until it is packed
 
     def methods(self) -> Dict[str, Method]:
         """The methods by their names."""
@@ -111,16 +112,17 @@ class RpcMethods:
         own, state = self._own, self._own.current()
         return [stamp_text(state.stamp), own.uri, own.name, own.node, f"http://{own.host()}:{own.rpc_port}/"]
 
-    def _master_info(self, caller: str) -> List[Any]:
+    def _master_info(self, caller: str) -> PackedAnswer:
         """The part of this master's state that the caller may see."""
-        return document(*self._view(caller))
+        with self._making:
+            return PackedAnswer(document(*self._view(caller)))
 
-    def _master_info_filtered(self, caller: str, filters: Any) -> List[Any]:
+    def _master_info_filtered(self, caller: str, filters: Any) -> PackedAnswer:
         """The same, by a filter of the caller."""
         state, rules = self._view(caller)
         wanted = self._read_filter(filters)
-        with self._filtering:
-            return document(state, [*rules, wanted])
+        with self._making, self._filtering:
+            return PackedAnswer(document(state, [*rules, wanted]))
 
     def _differences(
         self,

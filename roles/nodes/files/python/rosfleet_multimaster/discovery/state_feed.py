@@ -130,6 +130,10 @@ class StateFeed:
 
     def _digest(self, epoch: str, revision: int, state: State, view: CallerView) -> str:
         key = (epoch, revision)
-        if key not in self._digests:
-            self._digests[key] = digest(parse(view.document(state)))
-        return self._digests[key]
+        found = self._digests.get(key)
+        if found is None:
+            found = digest(parse(view.document(state)))
+            if len(self._digests) >= MOST_FILTERS:  # there is one for each filter, and a state may stay for days
+                self._digests.clear()
+            self._digests[key] = found
+        return found

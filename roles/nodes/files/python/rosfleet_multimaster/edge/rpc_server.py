@@ -10,10 +10,10 @@ import socketserver
 import threading
 import xmlrpc.client
 from http.server import BaseHTTPRequestHandler
-from typing import Any, Callable, Dict, Mapping, NamedTuple, Tuple, Union
+from typing import Any, Callable, Dict, Iterable, Mapping, NamedTuple, Tuple, Union
 
 from ..protocol.plain_text import LINE, plain
-from ..protocol.xml_rpc import MAX_REQUEST, loads
+from ..protocol.xml_rpc import MAX_REQUEST, loads, unpack
 from .clock import monotonic
 from .loop import Count
 from .rpc_client import BoundedLines, cut
@@ -47,10 +47,11 @@ Method = Union[Callable[..., Any], PerCaller]
 
 
 class PackedAnswer:
-    """An answer in packed form. It is made once for many callers."""
+    """A large answer in packed form, which is all that a connection holds of it. It is made once for many callers."""
 
     def __init__(self, value: Any) -> None:
-        self.packed = gzip.compress(_encode(value), 1)
+        body = _encode(value)
+        self.size, self.packed = len(body), gzip.compress(body, 1)
 
 
 class Callers(NamedTuple):
@@ -241,17 +242,21 @@ class _Handler(BoundedHandler):
         self.send_response(200)
         self.send_header("Content-Type", "text/xml")
         packs = "gzip" in self.headers.get("Accept-Encoding", "")
+        pieces: Iterable[bytes]
         if isinstance(body, PackedAnswer):
-            body, packed = (body.packed, True) if packs else (gzip.decompress(body.packed), False)
+            pieces = [body.packed] if packs else unpack([body.packed], body.size)
+            packed, size = packs, len(body.packed) if packs else body.size
         else:
             packed = packs and len(body) > _COMPRESS
-            body = gzip.compress(body, 1) if packed else body
+            pieces = [gzip.compress(body, 1) if packed else body]
+            size = len(pieces[0])
         if packed:
             self.send_header("Content-Encoding", "gzip")
-        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Content-Length", str(size))
         self.end_headers()
-        self.wfile.write(body)
-        self.server.sent.add(len(body))
+        for piece in pieces:
+            self.wfile.write(piece)
+        self.server.sent.add(size)
 
     def log_message(self, format: str, *arguments: Any) -> None:  # the name is the standard library's
         _log.debug("%s " + format, self.client_address[0], *arguments)
