@@ -3,6 +3,7 @@
 import pytest
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.messages import Registration
+from rosfleet_multimaster.sync.core import losses as module
 from rosfleet_multimaster.sync.core.losses import (
     FORGET,
     RESOLVE,
@@ -202,3 +203,18 @@ def test_a_lost_member_is_believed_for_its_own_computers_alone():
         {(ADDRESS, 40000), ("192.168.12.7", 40001)},
         {ADDRESS, "192.168.12.7"},
     )
+
+
+def test_what_is_known_of_nodes_is_not_read_again(monkeypatch):
+    """Each step and each loss looks at all of them, and twenty robots may have 50,000."""
+    losses = known()
+    losses.update({R2: False}, 10.0)
+    losses.take_registrations({}, VIEW, {})
+    for read in ("port_of", "host_of"):
+        monkeypatch.setattr(module, read, lambda uri: uri == R2 and "robot2")
+    monkeypatch.setattr(View, "local_nodes", None)  # of all topics, for each master that is lost
+    losses.take_registrations(HELD, VIEW, CLAIMS)
+    assert losses.endpoints() == {(ADDRESS, 40000)} and losses.to_resolve(11.0) == []
+    losses.update({R2: True}, 12.0)
+    (look,), _endings = losses.update({R2: False}, 13.0)
+    assert look.nodes == {OWN} and losses.endpoints() == {(ADDRESS, 40000)}

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Steps: where one is planned, it is what a round would plan; and one is planned for what is simple."""
 
+import time
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -142,3 +144,19 @@ def test_a_held_topic_that_has_another_type_now_takes_a_round():
 def test_what_is_held_already_is_nothing_to_do():
     found = stepped(ONE, claims=[(ONE.node_key, MASTER)], held=[(ONE, MASTER)])
     assert not found.register and not found.unregister
+
+
+@pytest.mark.parametrize("topic", ["/one", "/new{}"])
+def test_a_robot_of_5000_nodes_is_planned_in_a_moment(topic):
+    """The loop waits for it, and the watchdog with it. It took 10 s: for each node there was a look at all others."""
+    uris = {f"/n{at}": f"http://robot2:{at + 1024}/" for at in range(5000)}
+    items = {registration("publisher", topic.format(node[1:]), node, uri) for node, uri in uris.items()}
+    there = View({f"/there{at}": ("/far",) for at in range(100_000)}, {}, {}, {}, {"/far": "http://far:1/"})
+    claims = {("/far", "http://far:1/"): THIRD}
+    began = time.monotonic()
+    todo = step(items, {item: want(item) for item in items}, Knowledge(there, claims, {}, set()), lambda *_name: False)
+    after = apply_plan(todo, there)
+    assert set(todo.register) == items and len(after.publishers) == 100_000 + len({item.name for item in items})
+    gone = step(items, {}, Knowledge(after, todo.claims, todo.held, set()), lambda *_name: False)
+    assert set(gone.unregister) == items and apply_plan(gone, after).publishers == there.publishers
+    assert time.monotonic() - began < 4.0

@@ -229,15 +229,17 @@ class ListMasters:
 
 def _sync_info(held: Mapping[Registration, str]) -> Any:
     hosts: Dict[str, Any] = {}
+    nodes: Dict[str, Dict[str, None]] = {}  # of each host, once
     for entry, master in sorted(held.items()):
         host = hosts.setdefault(master, msg.SyncMasterInfo(masteruri=master))
-        if entry.node not in host.nodes:
-            host.nodes.append(entry.node)
+        nodes.setdefault(master, {})[entry.node] = None
         if entry.kind == "service":
             host.services.append(msg.SyncServiceInfo(entry.name, entry.service_uri, entry.node, entry.node_uri))
         else:
             part = host.publisher if entry.kind == "publisher" else host.subscriber
             part.append(msg.SyncTopicInfo(entry.name, entry.node, entry.node_uri))
+    for master, host in hosts.items():
+        host.nodes = list(nodes[master])
     return srv.GetSyncInfoResponse(list(hosts.values()))
 
 

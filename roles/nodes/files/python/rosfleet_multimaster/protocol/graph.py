@@ -59,6 +59,19 @@ def users_of(*tables: Endpoints) -> Set[str]:
     return set(chain.from_iterable(chain.from_iterable(table.values() for table in tables)))
 
 
+def change_users(table: Endpoints, changes: Iterable[Tuple[str, str, bool]]) -> Endpoints:
+    """A table after changes: (name, node, whether it uses the name). Each name is sorted once: it may have thousands."""
+    users: Dict[str, Set[str]] = {}
+    for name, node, there in changes:
+        nodes = users[name] if name in users else users.setdefault(name, set(table.get(name, ())))
+        (nodes.add if there else nodes.discard)(node)
+    found = dict(table)
+    for name, nodes in users.items():
+        found.pop(name, None)
+        found.update({name: tuple(sorted(nodes))} if nodes else {})
+    return found
+
+
 def graph_of(empty: State, system_state: Sequence[Any], topic_types: Sequence[Any]) -> State:
     """The state of a master with its registrations alone, from the values of getSystemState and getTopicTypes."""
     publishers, subscribers, services = (

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any, Dict, List, Optional, Tuple
 
 from .differences import PARTS
-from .graph import InvalidDocument, Origins, State, build
+from .graph import InvalidDocument, Origins, State, build, change_users
 from .json_text import unpack_rows
 from .messages import KINDS
 
@@ -54,19 +54,17 @@ class Mirror:
         """Take records; `whole`: they replace what is held. Raises InvalidDocument. Unknown kinds are left out."""
         known = _records(records)
         tables: Dict[str, Any] = {kind: {} if whole else dict(getattr(self.state, f"{kind}s")) for kind in KINDS}
+        changes: Dict[str, List[Any]] = {"publisher": [], "subscriber": []}
         if whole:
             for table in (self._types, self.node_uris, self.service_uris, self.parameters):
                 table.clear()
         for kind, name, *rest in known:
-            if kind in tables:
-                self._endpoint(tables[kind], kind, name, *rest)
-            elif kind == "node":
-                _set_or_remove(self.node_uris, name, rest[0] or None)
-            elif kind == "type":
-                _set_or_remove(self._types, name, rest[0] or None)
+            if kind in changes:
+                changes[kind].append((name, *rest))
             else:
-                _set_or_remove(self.parameters, name, rest[0])
+                self._take_fact(tables["service"], kind, name, *rest)
         if whole or any(record[0] != "parameter" for record in known):
+            tables.update((kind, change_users(tables[kind], changed)) for kind, changed in changes.items())
             endpoints = {f"{kind}s": table for kind, table in tables.items()}
             self._rebuild(replace(self.state, **endpoints, types=self._types))
 
@@ -77,13 +75,14 @@ class Mirror:
         self._origins.update(origins)
         self._rebuild(replace(self.state, types=self._types))
 
-    def _endpoint(self, table: Dict[str, Tuple[str, ...]], kind: str, name: str, node: str, there: Any) -> None:
-        users = set(table.get(name, ()))
-        if kind == "service":
-            users.clear()  # it has one provider
-            _set_or_remove(self.service_uris, name, there or None)
-        (users.add if there else users.discard)(node)
-        _set_or_remove(table, name, tuple(sorted(users)) or None)
+    def _take_fact(self, services: Dict[str, Any], kind: str, name: str, value: Any, uri: str = "") -> None:
+        if kind == "service":  # it has one provider
+            _set_or_remove(services, name, (value,) if uri else None)
+            _set_or_remove(self.service_uris, name, uri or None)
+        elif kind == "parameter":
+            _set_or_remove(self.parameters, name, value)
+        else:
+            _set_or_remove(self.node_uris if kind == "node" else self._types, name, value or None)
 
     def _rebuild(self, graph: State) -> None:
         """Make the state anew. A part that is as before stays the same object."""

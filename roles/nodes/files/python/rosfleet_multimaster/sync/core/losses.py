@@ -76,15 +76,19 @@ class Losses:
         self._claims: Mapping[NodeKey, str] = {}
         self._losses: Dict[str, _Loss] = {}
         self._addresses: Dict[str, Tuple[float, FrozenSet[str]]] = {}  # host -> when, and its addresses
+        # URI of each node -> its host and port, read once: there are thousands
+        self._places: Dict[str, Tuple[str, int]] = {}
 
     def take_registrations(self, held: Mapping[Registration, str], view: View, claims: Mapping[NodeKey, str]) -> None:
         """Take the registrations, each with its master, and the nodes that have them."""
         self._held, self._view, self._claims = held, view, claims
+        uris = {where for nodes in (claims, *(loss.nodes for loss in self._losses.values())) for _name, where in nodes}
+        self._places = {where: self._places.get(where) or (host_of(where), port_of(where)) for where in uris}
 
     def to_resolve(self, now: float) -> List[str]:
         """The hosts of registered nodes to look up. With the loss of a master, name servers may be lost, too."""
-        hosts = {host for uri, nodes in self._list_present().items() for host in _hosts(uri, nodes)}
-        kept = hosts.union(host for uri, loss in self._losses.items() for host in _hosts(uri, loss.nodes))
+        hosts = {host for uri, nodes in self._list_present().items() for host in self._hosts(uri, nodes)}
+        kept = hosts.union(host for uri, loss in self._losses.items() for host in self._hosts(uri, loss.nodes))
         self._addresses = {host: entry for host, entry in self._addresses.items() if host in kept}
         due = [host for host in sorted(hosts) if now - self._addresses.get(host, (-RESOLVE, ()))[0] >= RESOLVE]
         for host in due:
@@ -135,18 +139,23 @@ class Losses:
 
     def _find_sharing(self, uri: str) -> FrozenSet[NodeKey]:
         """The own nodes with a topic of a master's nodes."""
-        users = self._view.local_nodes(self._claims)
         topics = {item.name for item, master in self._held.items() if master == uri and item.kind != "service"}
-        return frozenset(node for topic in topics for node in users.get(topic, ()) if node[1])
+        tables, uris = (self._view.publishers, self._view.subscribers), self._view.node_uris
+        users = {node for table in tables for topic in topics for node in table.get(topic, ()) if uris.get(node)}
+        return frozenset({(node, uris[node]) for node in users} - self._claims.keys())
 
     def _endpoints(self, uri: str, nodes: AbstractSet[NodeKey]) -> Set[Tuple[str, int]]:
         believed = self._robot_addresses(uri)
         endpoints: Set[Tuple[str, int]] = set()
         for _name, where in nodes:
-            port = port_of(where)
+            host, port = self._places[where]
             if LOWEST <= port < 1 << 16 and port not in self._ports:
-                endpoints.update((address, port) for address in self._host_addresses(host_of(where)) & believed)
+                endpoints.update((address, port) for address in self._host_addresses(host) & believed)
         return endpoints
+
+    def _hosts(self, uri: str, nodes: AbstractSet[NodeKey]) -> Set[str]:
+        """The hosts of a master and of its nodes."""
+        return {host_of(uri), *(self._places[where][0] for _name, where in nodes)} - {""}
 
     def _robot_addresses(self, uri: str) -> FrozenSet[str]:
         """The addresses of a master's robot: the planned ones, or for a stranger those of its master's host.
@@ -169,8 +178,3 @@ def connections_of(bus_info: Any, others: FrozenSet[str]) -> Set[Connection]:
             if text:
                 connections.add(Connection(int(text[1]), None if text[2] == "None" else int(text[2])))
     return connections
-
-
-def _hosts(uri: str, nodes: AbstractSet[NodeKey]) -> Set[str]:
-    """The hosts of a master and of its nodes."""
-    return {host for host in map(host_of, [uri, *(where for _name, where in nodes)]) if host}

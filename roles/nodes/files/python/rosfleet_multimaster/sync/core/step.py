@@ -9,11 +9,12 @@ anything is written, the roscore is asked whether the names are still free (`con
 """
 
 from dataclasses import replace
-from typing import Callable, Container, Dict, List, Mapping, NamedTuple, Optional, Set, Tuple
+from typing import Callable, Container, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from ...protocol.filters import UNKNOWN_TYPES
+from ...protocol.graph import change_users
 from ...protocol.imports import Claims
-from ...protocol.messages import NodeKey, Registration
+from ...protocol.messages import KINDS, NodeKey, Registration
 from .sync import Candidate, Plan, View, nodes_of
 
 
@@ -45,7 +46,7 @@ def step(
     old = sorted(item for item in touched if item not in wanted and item in known.held)
     masters = {item: wanted[item].master_uri for item in new}
     claimed = dict(known.claims.keys())
-    if not all(_is_simple(item, known.view, claimed) for item in new + old):
+    if not _are_simple(new + old, known.view, claimed):
         return None
     if not all(_is_free(item, masters[item], known) for item in new):
         return None
@@ -75,16 +76,23 @@ def _is_as_before(touched: Set[Registration], wanted: Mapping[Registration, Cand
     return all(kind in UNKNOWN_TYPES or known.view.types.get(item.name, kind) == kind for item, kind in held)
 
 
+def _are_simple(items: Sequence[Registration], view: View, claimed: Mapping[str, str]) -> bool:
+    """True where no own node uses their names. `claimed`: node of another master -> its URI."""
+    topics = {item.name for item in items if item.kind != "service"}  # each once: thousands of nodes may be on one
+    tables = (view.publishers, view.subscribers)
+    return all(_is_simple(item, view, claimed) for item in items) and all(
+        claimed.keys() >= {*table.get(topic, ())} for table in tables for topic in topics
+    )
+
+
 def _is_simple(item: Registration, view: View, claimed: Mapping[str, str]) -> bool:
-    """True where no own node uses its names. `claimed`: node of another master -> its URI."""
+    """True where no own node has the name of its node, or of its service."""
     if claimed.get(item.node, item.node_uri) != item.node_uri:
         return False
     if view.node_uris.get(item.node, item.node_uri) != item.node_uri:  # an own node has its name
         return False
-    if item.kind == "service":
-        return all(user == item.node and user in claimed for user in view.services.get(item.name, ()))
-    users = (*view.publishers.get(item.name, ()), *view.subscribers.get(item.name, ()))
-    return all(user in claimed for user in users)
+    users = view.services.get(item.name, ()) if item.kind == "service" else ()
+    return all(user == item.node and user in claimed for user in users)
 
 
 def _is_free(item: Registration, master: str, known: Knowledge) -> bool:
@@ -116,18 +124,16 @@ def condition_of(todo: Plan, claims: Mapping[NodeKey, str], guarded: bool) -> Co
 
 def apply_plan(todo: Plan, view: View) -> View:
     """The registrations of the roscore after a plan."""
-    tables: Dict[str, Dict[str, Tuple[str, ...]]] = {}
-    node_uris, service_uris = dict(view.node_uris), dict(view.service_uris)
-    for item in (*todo.unregister, *todo.register):
-        there = item in todo.held
-        table = tables.setdefault(f"{item.kind}s", dict(getattr(view, f"{item.kind}s")))
-        users = {node for node in table.get(item.name, ()) if node != item.node} | ({item.node} if there else set())
-        table[item.name] = tuple(sorted(users))
-        if not users:
-            del table[item.name]
-        if there:
-            node_uris[item.node] = item.node_uri
-        if item.kind == "service":
-            service_uris.update({item.name: item.service_uri} if there else {})
+    items = (*todo.unregister, *todo.register)
+    tables = {
+        f"{kind}s": change_users(
+            getattr(view, f"{kind}s"),
+            ((item.name, item.node, item in todo.held) for item in items if item.kind == kind),
+        )
+        for kind in KINDS
+    }
+    node_uris = {**view.node_uris, **{item.node: item.node_uri for item in items if item in todo.held}}
+    service_uris = dict(view.service_uris)
+    service_uris.update((item.name, item.service_uri) for item in items if item.kind == "service" and item in todo.held)
     types = {**view.types, **{item.name: kind for item, kind in todo.types.items() if item.kind == "publisher"}}
     return replace(view, **tables, node_uris=node_uris, service_uris=service_uris, types=types)
