@@ -98,9 +98,9 @@ FORMS = {
     "a user in a URL": r"(?<=://)(?:[^\s/@:'\"]{0,200}:[^\s@'\"]{1,200}|[^\s/@'\"]{1,200})(?=@)",
     "a hook of a chat": r"(?i)(https?://[^\s/'\"<>]{1,200}/(?:[^\s'\"<>]{0,200}/)?(?:web)?hooks?/)[^\s'\"<>]+",
     "a hook of a chat at its own host": (
-        r"(?i)((?<![\w.-])(?:https?://)?(?:[\w-]{1,63}\.){0,6}(?:hooks?\.\w+|webhook\w*\.\w+"
+        r"(?i)((?<![\w.-])(?:https?://)?(?:[\w-]{1,63}\.){0,6}(?:hooks?\.\w{1,63}|webhook\w{0,56}\.\w{1,63}"
         r"|outlook\.office|maker\.ifttt|chat\.googleapis|discord(?:app)?|api\.telegram"
-        r"|ntfy|logic\.azure|hc-ping|api\.pushover|pipedream)[\w.-]*(?::\d+)?/)[^\s'\"<>]+"
+        r"|ntfy|logic\.azure|hc-ping|api\.pushover|pipedream)[\w.-]{0,200}(?::\d+)?/)[^\s'\"<>]+"
     ),
     "a query": (
         r"([?&](?:[\w.\[\]-]{1,60})=)(?=[^\s&#'\"<>]{16}|[^\s&#'\"<>]{0,15}[A-Z]"
@@ -138,9 +138,9 @@ FORMS = {
     ),
     "a community of SNMP": rf"\b(snmp\w+\s[^\n|;]{{0,200}}?-[cAX]\s?){_VALUE}",
     "a user of Samba": r"\b((?:smbclient|mount\.cifs|rpcclient|net)\s[^\n|;]{0,200}?-U\s?[^\s%]+%)\S+",
-    "a password for chpasswd": r"(\becho\s+(?:-\w+\s+)*[\"']?[\w.-]+:)[^\n|]+(?=\|\s*(?:sudo\s+)?chpasswd)",
+    "a password for chpasswd": r"(\becho\s+(?:-\w+\s+){0,5}[\"']?[\w.-]+:)[^\n|]+(?=\|\s*(?:sudo\s+)?chpasswd)",
     "a password on standard input": (
-        r"(\b(?:echo|printf)\s+(?:-\w+\s+)*)[^\n|]+"
+        r"(\b(?:echo|printf)\s+(?:-\w+\s+){0,5})[^\n|]+"
         r"(?=\|\s*(?:sudo\s+-S|passwd|docker login|cryptsetup|gpg|kinit|su\b))"
     ),
     "a password as a word": (

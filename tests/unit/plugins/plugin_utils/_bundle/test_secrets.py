@@ -15,6 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secre
     collect_values,
     is_secret,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     CrossingParameter,
     ParameterDifference,
@@ -202,6 +203,15 @@ def test_a_long_text_of_anybody_takes_no_long_time(piece):
     began = time.process_time()
     Secrets().text(piece * (60_000 // len(piece)))
     assert time.process_time() - began < 5
+
+
+@pytest.mark.parametrize("begin, piece", [("", "echo -"), ("", "echo -n "), ("https://webhooka.aa", "uc")])
+def test_the_longest_lines_of_a_log_take_no_long_time(begin, piece):
+    """A computer has a thousand such lines for each service, and whoever calls its nodes may have written them."""
+    line = (begin + piece * LINE)[:LINE]
+    began = time.process_time()
+    Secrets().text("\n".join([line] * 20))
+    assert time.process_time() - began < 4
 
 
 def test_a_computer_with_the_name_of_a_secret_keeps_its_data():
