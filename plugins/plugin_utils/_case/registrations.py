@@ -13,6 +13,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from itertools import islice
 from typing import NamedTuple, cast
 
 from .._fleet import filters
@@ -21,6 +22,7 @@ from .._observed.observations import Connection, Exchange, Import
 from .._observed.uris import normalise_uri
 from .._plan.model import FleetPlan
 
+MOST = 20_000  # registrations of a robot that are compared: of another one, the nodes take 5,000
 BORDER = "/master_border"  # what it takes across, the check of the border judges
 TEST_NODES = "/multimaster_verify_"  # the beginning of the names of the verification's own nodes
 #: Types of topics on which each message says of whom it is: many nodes of a single robot publish them, too.
@@ -164,9 +166,9 @@ class RoscoreIndex(NamedTuple):
     def from_content(cls, exchange: Exchange) -> RoscoreIndex:
         """Index an observation."""
         return cls(
-            own=dict(_items(exchange)),
-            sums={topic.name: (topic.type, topic.md5sum) for topic in exchange.topics},
-            imports={normalise_uri(part.master): dict(_items(part)) for part in exchange.imports},
+            own=dict(islice(_items(exchange), MOST)),
+            sums={topic.name: (topic.type, topic.md5sum) for topic in exchange.topics[:MOST]},
+            imports={normalise_uri(part.master): dict(islice(_items(part), MOST)) for part in exchange.imports},
         )
 
     def list_bridged_topics(self) -> frozenset[str]:
@@ -301,7 +303,7 @@ class Exchanges:
         """List the topics that pass from `source` and that own nodes of `target` have with another type or md5 sum."""
         mine, theirs = self.robots[target].sums, self.robots[source].sums
         topics = [
-            name for name in self._unlike if name in mine and name in theirs and _differ(mine[name], theirs[name])
+            name for name in sorted(mine.keys() & theirs.keys() & self._unlike) if _differ(mine[name], theirs[name])
         ]
         if not topics:
             return []
@@ -357,13 +359,13 @@ def _find_shared_names(
     return holders, shared
 
 
-def _find_unlike(sums: Mapping[str, Mapping[str, tuple[str, str]]]) -> list[str]:
-    """List the topics that differ between the robots that have them."""
+def _find_unlike(sums: Mapping[str, Mapping[str, tuple[str, str]]]) -> frozenset[str]:
+    """Return the topics that differ between the robots that have them."""
     kinds: dict[str, set[tuple[str, str]]] = defaultdict(set)
     for topics in sums.values():
         for name, kind in topics.items():
             kinds[name].add(kind)
-    return sorted(name for name, variants in kinds.items() if len(variants) > 1)
+    return frozenset(name for name, variants in kinds.items() if len(variants) > 1)
 
 
 def _differ(one: tuple[str, str], other: tuple[str, str]) -> bool:

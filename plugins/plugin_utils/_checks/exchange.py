@@ -21,6 +21,7 @@ from .._observed.outcomes import Outcome
 from .engine import FAILED, OK, ROSCORES, UNKNOWN, WARNING, Check, Judgement, judge_fault
 
 NAMED = 4  # registrations, names or connections that a finding names
+MOST_PARTS = 100  # names or topics of two robots that are parts: hostile ones may have a hundred thousand in common
 
 
 # Registered nodes
@@ -91,7 +92,8 @@ def _judge_names(case: Case) -> Judgement:
     clashes = case.state.exchanges.clashes(its, own)
     names = (f"the {clash.kind} {clash.name} is of {' and of '.join(clash.robots)}" for clash in clashes)
     twins = frozenset(
-        Part.from_pair("registration", "twin", *clash.robots, what=f"{clash.kind} {clash.name}") for clash in clashes
+        Part.from_pair("registration", "twin", *clash.robots, what=f"{clash.kind} {clash.name}")
+        for clash in clashes[:MOST_PARTS]
     )
     return judge_fault(FAILED, "each name once", shorten_list(names, NAMED), "no name twice", twins)
 
@@ -123,7 +125,7 @@ def _judge_types(case: Case) -> Judgement | None:
     own, its = case.robots
     conflicts, expected = case.state.exchanges.conflicts(its, own), "each topic has one type"
     if conflicts:
-        broken = frozenset(_make_conflict_part(case, conflict) for conflict in conflicts)
+        broken = frozenset(_make_conflict_part(case, conflict) for conflict in conflicts[:MOST_PARTS])
         return Judgement(FAILED, expected, shorten_list(map(_describe_conflict, conflicts), NAMED), broken)
     error = case.exchange.types_error
     found = f"the md5 sums are not known: {error}" if error else ""

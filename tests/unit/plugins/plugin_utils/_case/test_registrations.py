@@ -7,10 +7,12 @@ import dataclasses
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import (
+    MOST,
     Exchanges,
     FlowRules,
     Flows,
     Item,
+    RoscoreIndex,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import filters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
@@ -305,3 +307,11 @@ def test_subscribers_of_a_hidden_nodes_topic_are_exchanged():
     ]  # it stays on each robot
     assert Exchanges(unrestricted, seen).find_crossing_links([hears, heard], "a", "b") == []
     assert Exchanges(restricted, seen).find_crossing_links([hears, heard], "a", "b") == [hears, heard]
+
+
+def test_of_a_hostile_robots_answer_so_many_are_compared():
+    services = tuple(RegisteredService(f"/s{number}", "/n") for number in range(MOST + 5))
+    topics = tuple(RegisteredTopic(f"/t{number}", *STRING[:1], publishers=("/n",)) for number in range(MOST + 5))
+    imports = (Import("http://b:11311", (), services),)
+    found = RoscoreIndex.from_content(Exchange(topics=topics, services=services, imports=imports))
+    assert [len(found.own), len(found.sums), *map(len, found.imports.values())] == [MOST] * 3

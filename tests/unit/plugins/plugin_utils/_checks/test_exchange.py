@@ -3,12 +3,17 @@
 
 """Checks of the exchange between robots: names, types, flows and connections."""
 
+import time
+from collections import Counter
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, UNKNOWN, WARNING
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.exchange import MOST_PARTS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
     Connection,
     CrossingParameter,
     Import,
+    RegisteredService,
     Source,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
@@ -339,3 +344,21 @@ def test_copied_parameters_are_compared(here, there, found):
 def test_parameters_that_were_not_read_are_not_judged():
     rows = [row for row in notable(evaluate(fleet=plan(exports=GIVES))).values() if row.check == "copies"]
     assert [(row.verdict, row.target) for row in rows] == [(UNKNOWN, ONE)]
+
+
+def test_thousands_of_common_names_are_told_in_seconds():
+    """Two hostile robots may answer a hundred thousand. Each was a part that was compared with all others."""
+
+    def change(seen):
+        for computer in (ONE, TWO):
+            part = seen[computer].probe.exchange
+            common = [RegisteredService(f"/common/{number}", f"/node/{number}") for number in range(3000)]
+            kinds = [topic(f"/kind/{number}", f"x/{computer}", ["/node/0"]) for number in range(3000)]
+            update(part, services=[*part.services, *common], topics=[*part.topics, *kinds])
+
+    began = time.process_time()
+    found = diagnosed(change)
+    assert time.process_time() - began < 5.0
+    named = [part for entry in found.findings for part in (entry.part, *entry.also)]
+    kinds = Counter((part.kind, part.mode) for part in named)
+    assert kinds["registration", "twin"] == kinds["messages", "differ"] == MOST_PARTS
