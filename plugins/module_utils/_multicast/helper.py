@@ -9,7 +9,6 @@ have you heard?
 """
 
 import collections
-import math
 import typing
 
 from .messages import ANSWER, ASK, HELLO, Message, decode, encode
@@ -21,6 +20,7 @@ ATTEMPTS = 8  # so often: then a count comes back through 30 % loss in both dire
 SILENT = 10.0  # seconds after which a helper that is no longer heard is not waited for
 TELLS = 3  # times that a helper introduces itself, or says that it is done, because any datagram can be lost
 ANSWERS = 40  # answers per second and computer; more would be a flood of another program
+LATEST = 1 << 32  # seconds: no clock is further from another one
 SOURCES = 4096  # kept of each peer, and of all strangers together; more would be a flood of another program
 ANY_PORT = 0  # a stranger counts by its address: its ports are no sources of their own
 PORTS = 8  # ports of one address to which a helper introduces itself at a time
@@ -170,7 +170,7 @@ class Helper:
             peer.accounts[when] = Account(sent, message.heard, message.heard_unicast)
             peer.source = message.source
             offset = ((message.arrived - message.asked) + (message.arrived - wall)) / 2  # RFC 5905, section 8
-            if math.isfinite(offset):  # else the whole answer of this computer would be refused
+            if abs(offset) < LATEST:  # else the whole answer of this computer would be refused
                 peer.samples.append((now - asked, offset))
         return []
 

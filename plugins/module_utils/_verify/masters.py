@@ -3,7 +3,6 @@
 
 """The discovery nodes of masters: the TCP port, and the clock."""
 
-import math
 import time
 import typing
 import xmlrpc.client
@@ -23,6 +22,7 @@ CONNECT = 2.0  # seconds that a TCP connection may take: one lost SYN is sent ag
 OUTSIDER = ("address", "name", "uri", "why")
 
 SAMPLES = 3  # readings of a clock
+LATEST = 1 << 32  # seconds since 1970: what no clock has
 
 
 def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.Dict[str, typing.Any]:
@@ -82,7 +82,7 @@ def clock_offset(monitor_uri: str) -> typing.Tuple[float, float]:
     for number in range(SAMPLES):
         asked, began = time.time(), time.monotonic()
         theirs = float(server(monitor_uri).getCurrentTime()[1])
-        if not math.isfinite(theirs):  # no answer of a module may have such a number
+        if not 0 <= theirs < LATEST:  # no answer of a module may have any number
             raise ValueError(f"{theirs} is no time")
         half = (time.monotonic() - began) / 2
         samples.append((half, theirs - (asked + half)))

@@ -20,7 +20,7 @@ from .documentation import DIFFERENCE, DIFFERENCES, Answer, Kind
 MOST_TEXT = 16 << 20  # characters of an answer
 MOST_VALUES = 1_000_000
 DEEPEST = 24  # lists and mappings in each other
-DIGITS = 20  # of a whole number: 64 bits
+DIGITS = 20  # of a number: 64 bits
 NAME = 80  # characters of a name that is quoted
 
 #: Keys that give Ansible orders. No module of ours answers them.
@@ -125,6 +125,8 @@ def _parse_number(digits: str) -> float:
     number = float(digits) if len(digits) <= LINE else math.inf
     if not math.isfinite(number):
         raise StrangeAnswer(f"{quote(digits, NAME)}, which is no finite number")
+    if abs(number) >= 10**DIGITS:  # what others compute of it could be infinite, and would cost all their report
+        raise StrangeAnswer(f"a number of more than {DIGITS} digits")
     return number
 
 

@@ -167,7 +167,7 @@ def test_offset_of_clocks_an_hour_apart():
     assert [entry["clock_offset_s"] for entry in result["udp"]] == pytest.approx([3600, -3600], abs=0.01)
 
 
-@pytest.mark.parametrize("time", [float("nan"), float("inf"), 1.7e308])
+@pytest.mark.parametrize("time", [float("nan"), float("inf"), 1.7e308, 1e20, -1e20])
 def test_a_clock_that_shows_no_number_costs_its_offset_alone(time):
     """An answer with such a number would be refused as a whole."""
     air = Air(3, clocks=[0, time])
@@ -175,7 +175,7 @@ def test_a_clock_that_shows_no_number_costs_its_offset_alone(time):
     (result,) = air.measure([0])
     liar, other = result["udp"]
     assert result["missing"] == [] and liar["heard_by"] and other["clock_offset_s"] == pytest.approx(0, abs=0.01)
-    assert liar["clock_offset_s"] is None or abs(liar["clock_offset_s"]) < float("inf")
+    assert liar["clock_offset_s"] is None or abs(liar["clock_offset_s"]) <= 1 << 32
 
 
 def test_a_lost_direction_is_found_on_both_sides():

@@ -121,6 +121,7 @@ def test_an_order_to_ansible_is_refused_or_left_out(kinds, order):
         ('{"installed": [], "removed": [], "x": 1e999}', "1e999, which is no finite number"),
         ('{"installed": [], "removed": [], "x": NaN}', '"NaN", which is no finite number'),
         ('{"installed": [], "removed": [], "x": 123456789012345678901}', "a number of 21 digits"),
+        ('{"installed": [], "removed": [], "x": -1e20}', "a number of more than 20 digits"),
     ],
 )
 def test_what_is_found_is_said(kinds, said, found):
