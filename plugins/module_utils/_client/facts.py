@@ -14,7 +14,7 @@ from .._module.plain_text import plain
 from .._module.problem import tell_reason
 from .._process.deadlines import call_all
 from . import node_services, tcpros
-from .xml_rpc import Strange, ask, server
+from .xml_rpc import Strange, ask, read_state, server
 
 CALLER = "/multimaster_info"
 IMPORTS = "/rosfleet_multimaster/imports"  # a parameter that the bundled master_sync alone writes
@@ -23,7 +23,6 @@ BUNDLED, UPSTREAM, SUCCESSOR = "bundled", "upstream", "fkie_mas"
 SUCCESSOR_TYPES = "fkie_mas_msgs/"  # how the types of its services begin; their content is upstream's
 
 Row = typing.Dict[str, typing.Any]
-Tables = typing.List[typing.Dict[str, typing.List[str]]]
 
 
 def masters(wanted: typing.List[Row], proc: str = "/proc") -> typing.List[Row]:
@@ -45,7 +44,7 @@ def _master(place: Row) -> typing.Optional[Row]:
         entry["pid"] = _number(ask(roscore, CALLER, "getPid"))
         for name in ("run_id", "rosdistro", "rosversion"):
             entry[name] = plain(_parameter(roscore, "/" + name, "")).strip()
-        publishers, subscribers, services = tables = _state(roscore)
+        publishers, subscribers, services = tables = read_state(roscore, CALLER)
     except Strange:
         return None
     except OSError as problem:
@@ -92,15 +91,6 @@ def _parameter(uri: str, name: str, default: typing.Any) -> typing.Any:
         return ask(uri, CALLER, "getParam", name)
     except OSError:
         return default
-
-
-def _state(uri: str) -> Tables:
-    """Return publishers, subscribers and services of a roscore: {name: nodes}. Raises OSError, and Strange where the answer has another form."""
-    state = ask(uri, CALLER, "getSystemState")
-    try:
-        return [{str(name): [str(node) for node in nodes] for name, nodes in state[part]} for part in range(3)]
-    except (LookupError, TypeError, ValueError) as problem:
-        raise Strange(f"{uri}: no state of a roscore") from problem
 
 
 def _call(roscore: str, service: str, node: str, known: tcpros.Types) -> typing.Tuple[Row, typing.List[Row], str]:

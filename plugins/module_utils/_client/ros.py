@@ -20,7 +20,7 @@ from .._process.commands import BASE_PATH, text
 from .._process.deadlines import poll
 from .._process.foreign import foreign
 from . import node_services, tcpros
-from .xml_rpc import ask
+from .xml_rpc import Tables, ask, read_state
 
 CALLER = "/multimaster_verify"
 LIST_MASTERS = "/master_discovery/list_masters"  # of the nodes that the collection starts; others may have other names
@@ -71,13 +71,17 @@ class Ros:
         """Call a method of the master API. Raises OSError with a sentence where the roscore gives no value."""
         return ask(self.uri, caller, method, *arguments)
 
+    def read_state(self) -> Tables:
+        """Read publishers, subscribers and services: {name: nodes}. Raises OSError."""
+        return read_state(self.uri, CALLER)
+
 
 def roscore(ros: Ros, deadline: float) -> typing.Dict[str, str]:
     """Ask the roscore of ROS_MASTER_URI for the URI by which its nodes know it."""
 
     def look() -> typing.Dict[str, str]:
         try:
-            return {"uri": ros.uri, "answer": ros.ask("getUri"), "error": "", "outcome": Outcome.ANSWERED.value}
+            return {"uri": ros.uri, "answer": str(ros.ask("getUri")), "error": "", "outcome": Outcome.ANSWERED.value}
         except OSError as problem:
             outcome = classify_error(problem.__cause__)[0]
             return {"uri": ros.uri, "answer": "", "error": str(problem), "outcome": outcome.value}
@@ -100,11 +104,10 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
 
     def look() -> typing.Dict[str, typing.Any]:
         try:
-            services = [str(name) for name, _nodes in ros.ask("getSystemState")[2]]
-            own = node_services.find_own(ros.uri, CALLER, services, node_services.LIST_MASTERS)
+            own = node_services.find_own(ros.uri, CALLER, ros.read_state()[2], node_services.LIST_MASTERS)
             service = own[0] if own else LIST_MASTERS
             rows, _type = tcpros.call_by_name(ros.uri, service, tcpros.LIST_MASTERS, CALLER)
-        except (OSError, LookupError, TypeError, ValueError) as problem:  # or a state that is none
+        except OSError as problem:
             return {"masters": [], "error": plain(tell_reason(problem))}
         return {
             "masters": [{key: row[key] for key in ("name", "uri", "online", "monitoruri")} for row in rows],

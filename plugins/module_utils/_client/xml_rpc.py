@@ -14,6 +14,8 @@ from .documents import ANSWER, STATE, Document
 
 CALL = 5.0  # seconds that an XML-RPC call may take, from the request to the last byte of the answer
 
+Tables = typing.List[typing.Dict[str, typing.List[str]]]
+
 
 class _Transport(xmlrpc.client.Transport):
     """HTTP with limits: a node that never answers, one that never ends, and one that sends a byte a second hold no probe."""
@@ -86,6 +88,15 @@ def ask(uri: str, caller: str, method: str, *arguments: typing.Any) -> typing.An
     if code != 1:
         raise OSError(f"{uri}: {method}: {quote(message)}")
     return value
+
+
+def read_state(uri: str, caller: str) -> Tables:
+    """Read publishers, subscribers and services of a roscore: {name: nodes}. Raises OSError, and Strange where the answer has another form."""
+    state = ask(uri, caller, "getSystemState")
+    try:
+        return [{str(name): [str(node) for node in nodes] for name, nodes in state[part]} for part in range(3)]
+    except (LookupError, TypeError, ValueError) as problem:
+        raise Strange(f"{uri}: no state of a roscore") from problem
 
 
 def _cut(connection: typing.Any) -> None:

@@ -28,14 +28,14 @@ def end_ghosts(ros: Ros, computer: str) -> typing.List[str]:
     own = re.compile(rf"{node_of('', computer)}[^_]+\Z|/{listener_of(computer)}_\d+_\d+\Z")
     ended: typing.Dict[str, str] = {}  # node -> URI
     try:
-        tables = ros.ask("getSystemState")[:2]
-        nodes = sorted({node for table in tables for _topic, nodes in table for node in nodes if own.match(node)})
+        tables = ros.read_state()[:2]
+        nodes = sorted({node for table in tables for nodes in table.values() for node in nodes if own.match(node)})
         found = call_all(lambda node: _find_ended(ros, node), nodes[:MOST], LONGEST, lambda node: "")
         ended = {node: uri for node, uri in zip(nodes, found) if uri}
         calls = [
             (method, topic, node)
             for method, table in zip(UNREGISTER, tables)
-            for topic, nodes in table
+            for topic, nodes in table.items()
             for node in sorted(ended.keys() & set(nodes))
         ]
         call_all(lambda call: ros.ask(*call[:2], ended[call[2]], caller=call[2]), calls, LONGEST, lambda call: None)

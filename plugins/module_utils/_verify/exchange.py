@@ -46,11 +46,11 @@ NOTHING: typing.Dict[str, typing.Any] = {
 def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: str) -> typing.Dict[str, typing.Any]:
     """Read the roscore, split by the robot of each registration, and the connections of own nodes with other robots."""
     try:
-        tables = [dict(part) for part in ros.ask("getSystemState")]  # publishers, subscribers, services
-        types = dict(ros.ask("getTopicTypes"))
+        tables = ros.read_state()  # publishers, subscribers, services
+        types = {str(topic): str(kind) for topic, kind in ros.ask("getTopicTypes")}
         uris = node_uris(ros, *tables)
         claims = _claims(ros, tables[2])
-    except OSError as problem:
+    except (OSError, TypeError, ValueError) as problem:  # or types that are none
         return dict(NOTHING, error=str(problem))
     imported = {
         node: master for master, nodes in claims.items() for node, uri in nodes.items() if uris.get(node) == uri

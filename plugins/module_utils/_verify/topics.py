@@ -98,10 +98,10 @@ def read_publishers(ros: Ros) -> typing.Dict[str, typing.List[str]]:
     """
     for unused in range(TRIES - 1):
         try:
-            return dict(ros.ask("getSystemState")[0])
+            return ros.read_state()[0]
         except OSError:
             time.sleep(PAUSE)
-    return dict(ros.ask("getSystemState")[0])
+    return ros.read_state()[0]
 
 
 def listen(

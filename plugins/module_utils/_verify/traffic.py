@@ -40,8 +40,8 @@ def measure_traffic(
     places = Places(members)
     robot = places.robot(own.lower())
     try:
-        uris = node_uris(ros, dict(ros.ask("getSystemState")[0]))
-    except (OSError, LookupError, TypeError, ValueError):  # exchange says why
+        uris = node_uris(ros, ros.read_state()[0])
+    except OSError:  # exchange says why
         return NOTHING
     publishers = [(node, uri) for node, uri in sorted(uris.items()) if not node.startswith(CALLER)]
     found = call_all(lambda item: _find_sent(item[1], places, robot), publishers, READING, lambda item: {})

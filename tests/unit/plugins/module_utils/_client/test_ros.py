@@ -6,7 +6,7 @@
 import os
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node_services, tcpros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node_services, tcpros, xml_rpc
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import ros as probe_ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment as environment_module
@@ -101,7 +101,7 @@ def test_a_discovery_node_of_another_name_is_asked(roscore, monkeypatch):
     command("rosservice", "exit 1")
     name = "/mas_discovery/list_masters"
     state = [[], [], [[name, ["/mas_discovery"]], ["/mas_discovery/refresh", ["/mas_discovery"]]]]
-    monkeypatch.setattr(made, "ask", lambda method: state)
+    monkeypatch.setattr(xml_rpc, "ask", lambda uri, caller, method: [*state])
     head_of_mas = head(md5sum=LIST_MASTERS, type="fkie_mas_msgs/DiscoverMasters")
     with provider(head_of_mas, answer(rows(master("one")))) as uri:
         for module in (tcpros, node_services):
@@ -114,8 +114,19 @@ def test_a_discovery_node_of_another_name_is_asked(roscore, monkeypatch):
 def test_a_state_that_is_none_is_a_sentence(roscore, monkeypatch, state):
     made, command = roscore
     command("rosservice", "exit 1")
-    monkeypatch.setattr(made, "ask", lambda method: state)
+    monkeypatch.setattr(xml_rpc, "ask", lambda uri, caller, method: state)
     assert probe_ros.list_masters(made, {"one"}, 0)["error"]
+    with pytest.raises(OSError, match="no state of a roscore"):
+        topics.read_publishers(made)
+
+
+def test_what_a_strange_roscore_answers_becomes_text(ros, monkeypatch):
+    """Else the answer of each computer of the robot would be refused as a whole."""
+    made, _command = ros
+    monkeypatch.setattr(made, "ask", lambda method: 5)
+    assert probe_ros.roscore(made, 0)["answer"] == "5"
+    monkeypatch.setattr(xml_rpc, "ask", lambda uri, caller, method: [[[6, [7, None]]], [], []])
+    assert topics.read_publishers(made) == {"6": ["7", "None"]}
 
 
 def test_a_discovery_that_is_not_there_is_a_sentence(roscore):

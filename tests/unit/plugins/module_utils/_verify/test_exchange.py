@@ -242,6 +242,11 @@ def test_without_the_python_of_ros_only_the_sums_are_missing(ros):
     assert found["error"] == "" and "there is no command rostopic" in found["types_error"] and found["topics"]
 
 
+def test_types_that_are_none_are_a_sentence(ros, monkeypatch):
+    monkeypatch.setattr(Master, "getTopicTypes", lambda self, caller: (1, "", ["/odom"]))
+    assert looked_at(ros[0])["error"]
+
+
 def test_a_roscore_that_is_not_there(tmp_path):
     (tmp_path / "environment").write_text("ROS_MASTER_URI=http://127.0.0.1:1\n")
     found = looked_at(probe_ros.Ros(str(tmp_path / "environment")))
