@@ -149,6 +149,7 @@ def _connections(
     """
     robot = places.robot(own.lower())
     found, silent = [], {}
+    lengths: typing.Counter[str] = collections.Counter()  # robot -> characters of the connections with it
     answers = call_all(_bus_info, sorted(nodes.items()), NODES, lambda node: ([], "", Outcome.NOT_TRIED))
     told = [links(answer) for answer, _error, _outcome in answers]
     places.look_up([*map(read_host, nodes.values()), *(link["host"] for each in told for link in each)])
@@ -161,7 +162,12 @@ def _connections(
             if other in ("", robot) or (peer in nodes and places.robot(read_host(nodes[peer])) == other):
                 continue
             del link["number"]
-            found.append(dict(link, peer=peer, node=node, robot=other))
+            link.update(peer=peer, node=node, robot=other)
+            lengths[other] += len(json.dumps(link))
+            if (
+                lengths[other] <= NODE
+            ):  # a robot may make up any number of long names: the whole answer would be refused
+                found.append(link)
     return found, silent
 
 

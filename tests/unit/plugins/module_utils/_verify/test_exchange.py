@@ -171,6 +171,25 @@ def test_connections_with_other_robots(ros, served):
     ]
 
 
+def test_long_names_of_a_robot_cost_others_no_connection(monkeypatch):
+    """Any node may subscribe by a name of any length, and an answer of more than 16 Mi characters would be refused."""
+    long = [
+        [number, f"/{number}{'x' * 60000}", "o", "TCPROS", "/odom", True, " to [there:1 on socket 9"]
+        for number in range(30)
+    ]
+    answers = [
+        [*long, [99, "/ear", "o", "TCPROS", "/odom", True, " to [third:1 on socket 9"]],
+        "",
+        exchange.Outcome.ANSWERED,
+    ]
+    monkeypatch.setattr(exchange, "_bus_info", lambda item: answers)
+    third = {"name": "third", "address": "127.0.0.5", "discovery_address": "", "robot": "three"}
+    nodes = {f"/node{number}": "http://127.0.0.1:1/" for number in range(12)}
+    found, _silent = exchange._connections(nodes, {}, exchange.Places([*MEMBERS, third]), "here")
+    assert len(json.dumps(found)) < 3 << 20
+    assert [link["node"] for link in found if link["robot"] == "three"] == sorted(nodes)
+
+
 def test_the_names_of_strange_hosts_are_looked_up_at_once(ros, served, monkeypatch):
     made, master = ros
     hosts = [f"camera{number}" for number in range(12)]
