@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from statistics import median
+from statistics import median_low
 
 from .._case import needs
 from .._case.case import Case
@@ -114,11 +114,11 @@ def _find_silence(case: Case, planned: Peer) -> Parts:
 
 
 def _measure_lateness(case: Case, place: str) -> float:
-    """Return the seconds by which the clock of a computer is behind those of the others. They are asked within some seconds."""
+    """Return the seconds by which the clock of a computer is behind those of the others; one of these alone may be ahead. All are asked within seconds."""
     seen = {name: _look_at(case, name) for name in case.run}
     times = {name: tunnel.time_s for name, tunnel in seen.items() if tunnel.up and tunnel.time_s is not None}
     others = [moment for name, moment in times.items() if name != place]
-    return median(others) - times[place] if others and place in times else 0.0
+    return median_low(others) - times[place] if others and place in times else 0.0
 
 
 def _find_mistake(case: Case, one: str, other: str) -> Parts:

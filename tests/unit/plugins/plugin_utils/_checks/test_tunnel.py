@@ -94,6 +94,12 @@ def late(seconds):
     return change
 
 
+def late_by_a_liar(seen):
+    """Nothing comes through the tunnel of TWO, and the clock of THREE alone is ahead."""
+    late(0)(seen)
+    update(seen[THREE].probe.tunnel, time_s=12200.0)
+
+
 def small_carrier(seen):
     for other in (ONE, THREE):
         update(peer(seen, TWO, other), carrier_mtu=1300)
@@ -139,6 +145,7 @@ def flush(seen):
         (late(3600), ("tunnel", TWO, "clock")),
         (late(-3600), ("tunnel", TWO, "silent")),
         (late(20), ("tunnel", TWO, "silent")),
+        (late_by_a_liar, ("tunnel", TWO, "silent")),
         (small_carrier, ("tunnel", TWO, "mtu")),
         (beside, ("tunnel", ONE, "beside")),
         (mute((ONE, TWO)), ("tunnel", f"{ONE} and {TWO}", "pair")),
