@@ -9,6 +9,7 @@ is returned, so it has no missing values.
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -294,11 +295,18 @@ def _find_robot_problems(robot: Robot, inventory: Inventory) -> Iterator[str]:
 def _find_ambiguous_names(fleet: Fleet) -> Iterator[str]:
     """Yield a sentence for each name of two computers, and for localhost."""
     owner: dict[str, str] = {}
+    talkers: dict[str, str] = {}  # name of a computer as the topic of its talker has it
     aliases: dict[str, Sequence[str]] = {}
     for each in sorted(fleet.computers, key=lambda computer: computer.sealed):
         if each.address:
             aliases.setdefault(each.name, each.variables.aliases or ())
     for computer, others in aliases.items():
+        first = talkers.setdefault(re.sub(r"\W", "_", computer), computer)
+        if first != computer:
+            yield (
+                f"{computer}: its name differs from {first} in signs alone, and names of ROS have only _ for each of them; expected names that "
+                "differ in letters or digits, or the verification would take one for the other: rename one."
+            )
         for name in (computer, *others):
             first = owner.setdefault(name.lower(), computer)
             if first != computer:
