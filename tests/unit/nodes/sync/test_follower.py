@@ -236,6 +236,13 @@ def test_a_difference_of_another_master_ends_it(there):
     assert isinstance(here.over.get(timeout=5), InvalidDocument)
 
 
+def test_the_state_of_another_master_is_named(there):
+    there.own.state = replace(there.own.state, uri="http://robot3:11311/")
+    there.told.update(there.own.state, [])
+    with pytest.raises(ValueError, match=f"it is about http://robot3:11311/, and not about {URI}"):
+        Here(there)
+
+
 def test_the_document_of_a_whole_answer_is_that_of_the_old_way(there):
     there.has({"/a": "/one", "/b": "/two"})
     rpc = Rpc(there.uri, 5.0)

@@ -71,8 +71,10 @@ class StateFilter:
         self.rules = write_rules(fetch.rules, core.sync_remote_nodes)  # for the master
 
     def limit(self, state: State, before: Optional[State]) -> State:
-        """The part of a state that is taken. `before`: the part that was taken until now."""
+        """The part of a state that is taken. `before`: the part that was taken until now. Raises InvalidDocument."""
         core = self._core
+        if state.uri != self._fetch.uri:
+            raise InvalidDocument(f"it is about {state.uri}, and not about {self._fetch.uri}")
         return limit_state(state, before, own_uri=core.own_uri, sync_remote_nodes=core.sync_remote_nodes)
 
     def find_misplaced(self, state: State) -> Misplaced:
