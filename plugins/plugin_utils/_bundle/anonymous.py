@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from ipaddress import AddressValueError, IPv4Address, IPv4Network, IPv6Address
 from typing import Any
 
+from .._observed.task_results import FORMS
 from .._plan.environment import LISTS, MASTER, NAMES
 from .._plan.model import FleetPlan
 from .._plan.units import NODES, OTHERS
@@ -29,6 +30,9 @@ _OURS = (
 _PUBLIC = {"localhost", "wiki.ros.org", "www.ros.org", "docs.ros.org", "answers.ros.org", "github.com", "www.w3.org"}
 # Variables of an environment that a robot's name is not looked for in, as in PATH or ROS_IP of a robot that is called `path` or `ros`.
 _VARIABLES = {*LISTS, *NAMES, MASTER, "ROS_DISTRO", "ROS_VERSION", "CONDA_PREFIX"}
+#: Words by which checks decide: a host that calls itself so is no reason to replace them in the answers of all.
+_DECIDERS = "active_state load_state name_sources state direction step hook policy verdict protocol outcome"
+_DECIDING = [FORMS[key] for key in _DECIDERS.split()]
 _URI = re.compile(r"(?:https?|rosrpc)://(?:[^/@\s]{1,200}@)?([A-Za-z0-9][A-Za-z0-9.-]{0,200})(?=[:/\s\"'\])]|$)")
 _HOME = re.compile(r"/home/([A-Za-z0-9._-]{1,64})")
 _IPV4 = re.compile(r"(?<![\d.])(\d{1,3})([._-])(\d{1,3})\2(\d{1,3})\2(\d{1,3})(?!\d|\.\d)(?:/(\d{1,2})(?!\d))?")
@@ -50,9 +54,9 @@ class Anonymous:
         self._names = _names(fleet, aliases or {})
         hosts, people = set[str](), set(users) - {"root", "nobody", ""}
         for text in texts:
-            hosts |= {host for host in _URI.findall(text) if not _IPV4.fullmatch(host)}
+            hosts |= {host for host in _URI.findall(text) if not _stays(host.lower())}
             people |= set(_HOME.findall(text))
-        for host in sorted(host for host in hosts if host.lower() not in _PUBLIC | self._names.keys()):
+        for host in sorted(host for host in hosts if host.lower() not in self._names):
             new = f"host{1 + sum(other.startswith('host') for other in self._names.values())}"
             self._names.setdefault(host.lower(), new)
             self._names.setdefault(_label(host).lower(), new)
@@ -117,6 +121,11 @@ class Anonymous:
             number = 1 + sum(1 for entry in self._seen if entry[0] == kind)
             self._seen[key] = new.format(number // 256 % 256, number % 256, number)
         return self._seen[key]
+
+
+def _stays(host: str) -> bool:
+    """Return True for the host of a URI that is no name of a computer of somebody."""
+    return host in _PUBLIC or bool(_IPV4.fullmatch(host)) or any(form.fullmatch(host) for form in _DECIDING)
 
 
 def _networks(fleet: FleetPlan) -> list[IPv4Network]:

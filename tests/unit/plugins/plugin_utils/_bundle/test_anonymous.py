@@ -109,3 +109,10 @@ def test_a_name_in_the_name_of_a_variable_is_replaced():
 def test_a_robot_named_like_a_word_of_ours_leaves_our_names(other):
     fleet = fleets.plan(2)
     assert "master_discovery" in Anonymous(fleet, {"kobuki1computer": ["master"]}).text("master_discovery of master")
+
+
+@pytest.mark.parametrize("word", ["active", "Files", "up", "in", "accept", "tcp", "answered"])
+def test_a_host_named_like_a_verdict_changes_no_answer(word):
+    """Else one node with such a URI would change what all computers have seen."""
+    other = Anonymous(fleets.fig12(), texts=[f"http://{word}:1/ http://lab-pc:1/"])
+    assert other.data([word, word.lower(), "lab-pc"]) == [word, word.lower(), "host1"]
