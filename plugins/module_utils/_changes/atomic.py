@@ -163,5 +163,8 @@ def sync_folder(path: str) -> None:
     descriptor = os.open(path or ".", os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)
+    except OSError as problem:
+        problem.filename = path
+        raise
     finally:
         os.close(descriptor)
