@@ -11,6 +11,7 @@ The script and the confirmation exclude each other by renaming one file (rename(
 `undoing`, the confirmation renames it to `confirmed`. Only one of them can.
 """
 
+import contextlib
 import json
 import os
 import shlex
@@ -19,7 +20,7 @@ import typing
 
 from .._module import ends
 from .._module.plain_text import LINE, quote
-from .._module.problem import Problem
+from .._module.problem import Problem, explain_unreadable, sentence
 from .._process import commands, processes
 from . import atomic
 
@@ -165,11 +166,9 @@ class Switch:
         return {"armed": "other", "rolled_back": "earlier"}.get(mark, mark)
 
     def state(self) -> typing.Dict[str, typing.Any]:
-        """Read the data of arm(): token, seconds, connection, memory. Empty where there is no switch."""
-        try:
+        """Read the data of arm(): token, seconds, connection, memory. Empty where there is no switch. Raises Problem."""
+        with explain_unreadable(""):
             return json.loads((atomic.read_bytes(self._path("state.json")) or b"{}").decode("utf-8"))
-        except (OSError, ValueError):
-            return {}
 
     def failures(self) -> typing.List[str]:
         """Read the commands of the rollback that failed."""
@@ -201,15 +200,15 @@ class Switch:
             raise Problem(f"The way back could not run: look at {self._path('undo.sh')}, and run it by hand.")
 
     def clear(self) -> None:
-        """Remove the switch: timer, script and folder."""
-        if not os.path.isdir(self.folder):
-            return
-        self._turn("armed", "confirmed")
-        self.timer.stop(self.unit)  # also that of a rollback that a person started by hand
-        for name in os.listdir(self.folder):
-            atomic.remove(self._path(name))
-        atomic.remove_folder_if_empty(self.folder)
-        atomic.remove_folder_if_empty(self.base)
+        """Remove the switch: timer, script and folder, and what is left of one that was removed in part. Raises OSError."""
+        if os.path.isdir(self.folder):
+            self._turn("armed", "confirmed")
+            self.timer.stop(self.unit)  # also that of a rollback that a person started by hand
+            for name in os.listdir(self.folder):
+                atomic.remove(self._path(name))
+            atomic.remove_folder_if_empty(self.folder)
+        if os.path.isdir(self.base):
+            atomic.remove_folder_if_empty(self.base)
 
     def _turn(self, mark: str, successor: str) -> bool:
         """Change the state from `mark` to `successor`; False if the state is not `mark`."""
@@ -298,7 +297,7 @@ class Guard:
                 "of another play has taken it back, or the first run never got as far. It is as it was before: run the play again."
             )
         run.apply()
-        if self.state != "none":
+        with contextlib.suppress(OSError):  # the change is complete: the next run removes what is left of the switch
             self.switch.clear()
         return None
 
@@ -322,10 +321,10 @@ class Guard:
         """Roll back at once and remove the switch; returns the failures."""
         try:
             self.switch.roll_back_now()
-        except Problem as problem:
-            return [str(problem)]
-        failures = self.switch.failures()
-        self.switch.clear()
+            failures = self.switch.failures()
+            self.switch.clear()
+        except (OSError, Problem) as problem:
+            return [sentence(problem)]
         return failures
 
     def _report_rollback(self, state: typing.Mapping[str, typing.Any]) -> typing.NoReturn:
@@ -367,12 +366,12 @@ class Guard:
 
     def failure(self, problem: Problem, **result: typing.Any) -> typing.Dict[str, typing.Any]:
         """Return the result of a module that ends with a sentence; a change that was to be confirmed is rolled back."""
-        sentence = str(problem)
+        text = str(problem)
         if isinstance(problem, FormerConnection):
-            return {"changed": False, "unconfirmed": True, "same_connection": True, "msg": sentence}
+            return {"changed": False, "unconfirmed": True, "same_connection": True, "msg": text}
         if not self.module.check_mode and self.state == "armed" and not self.rolled_back:
-            sentence += f" {self._take_back(', and the machine is as it was before.')}"
-        return dict(result, failed=True, msg=sentence, unconfirmed=False, rolled_back=self.rolled_back)
+            text += f" {self._take_back(', and the machine is as it was before.')}"
+        return dict(result, failed=True, msg=text, unconfirmed=False, rolled_back=self.rolled_back)
 
     def give_up(self) -> str:
         """Take back what waits for a confirmation with this token, or was taken back; returns a sentence where there is any."""

@@ -125,10 +125,7 @@ def run_locked(module: typing.Any, make: Make, guard: typing.Any, unlocked: typi
     """Run a module where the lock is held already; returns its result. `unlocked`: why it is not held, see lock.hold."""
 
     def make_run() -> ModuleRun:
-        try:
-            memory = guard.begin()
-        except OSError as problem:  # it takes an earlier change back, so it writes
-            raise Problem(sentence(problem)) from problem
+        memory = guard.begin()
         with explain_unreadable():
             return make(module, memory)
 
@@ -136,7 +133,8 @@ def run_locked(module: typing.Any, make: Make, guard: typing.Any, unlocked: typi
     try:
         run = lock.read_undisturbed(module.params["records"], make_run) if module.check_mode else make_run()
         _carry_out(module, run, guard, unlocked)
-    except Problem as problem:
+    except (OSError, Problem) as cause:  # OSError: of the dead-man's switch
+        problem = cause if isinstance(cause, Problem) else Problem(sentence(cause))
         result: Fields = guard.failure(problem, **(run.failure(problem) if run else {}))
         return result
     result = run.result()
