@@ -78,8 +78,8 @@ class HostsFile:
         before = self.content or b""
         texts = {"before": before.decode("latin-1"), "after": content.decode("latin-1")}
         with open(self.path, "r+b", buffering=0) as stream:
-            self.record.save(self._record_with(texts))
             try:
+                self.record.save(self._record_with(texts))
                 _overwrite(stream, content)
             except OSError as problem:
                 try:
