@@ -94,10 +94,14 @@ class ManagedFiles(ModuleRun):
 
     def apply(self) -> None:
         """Write and remove the files, or put everything back and raise StepFailure."""
-        transaction.carry_out(self.files.steps_around(), self._explain_failure)
+        transaction.carry_out(self.files.steps_around(self.make_other_steps()), self._explain_failure)
         if self.reloaded:
             self._reload()
             self.files.forget_pending()
+
+    def make_other_steps(self) -> typing.List[transaction.Step]:
+        """Return the steps that follow those of the files, before the record says that all is done."""
+        return []
 
     def _explain_failure(self, cause: Exception, left: typing.List[str]) -> str:
         sentences = [f"The files of the bundle {self.bundle} could not be written: {sentence(cause)}"]

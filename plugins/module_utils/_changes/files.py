@@ -277,13 +277,15 @@ _RESTORE_FAILURE = "{what} could not be put back ({reason})."
 RECORD_RESTORE_FAILURE = "The record {what} could not be put back ({reason})."
 
 
-def _removal(path: str, before: FileState) -> Step:
+def removal(path: str, before: FileState) -> Step:
+    """The step that removes a file."""
+
     def remove() -> None:
         atomic.remove(path)
         if os.path.isdir(os.path.dirname(path)):
             atomic.sync_folder(os.path.dirname(path))
 
-    return Step(path, remove, lambda: _restore(path, before), failure=_RESTORE_FAILURE)
+    return Step(path, remove, lambda: restore(path, before), failure=_RESTORE_FAILURE)
 
 
 def _folders_for(path: str) -> Step:
@@ -303,7 +305,8 @@ def _folders_for(path: str) -> Step:
     return Step(folder, lambda: made.extend(atomic.make_folders(folder)), remove_again)
 
 
-def _restore(path: str, before: FileState) -> None:
+def restore(path: str, before: FileState) -> None:
+    """Bring back what stood at a path. Raises OSError."""
     if look(path) == before:  # the step has failed before it changed anything
         return
     if not before.kind:
@@ -469,7 +472,7 @@ class FilePlan:
 
     def steps(self) -> typing.List[Step]:
         """The steps that carry out the plan, without its record."""
-        result = [_removal(path, self.bundle.states[path]) for path in self.removals]
+        result = [removal(path, self.bundle.states[path]) for path in self.removals]
         for file in self.writes:
             result += [_folders_for(file.path), self._write(file)]
         return [*result, Step("what is left over", self._tidy)]
@@ -478,7 +481,7 @@ class FilePlan:
         return Step(
             file.path,
             lambda: atomic.write_by_rename(file.path, file.content, file.mode, file.owner or self.bundle.owner),
-            lambda: _restore(file.path, self.bundle.states[file.path]),
+            lambda: restore(file.path, self.bundle.states[file.path]),
             failure=_RESTORE_FAILURE,
         )
 

@@ -11,11 +11,12 @@ import shutil
 import stat
 import typing
 
-from .._changes import atomic, writable
+from .._changes import atomic, files, writable
 from .._changes.module import Concern, Fields, ModuleRun
 from .._changes.record import RECORDS
+from .._changes.transaction import Step, carry_out
 from .._module.plain_text import LINE, quote
-from .._module.problem import Problem, explain_unreadable
+from .._module.problem import Problem
 from .._process import commands
 
 KEY = "/etc/wireguard/multimaster0.key"
@@ -46,12 +47,16 @@ class TunnelKey(ModuleRun):
         """Make the key. Raises Problem."""
         if not self.changed:
             return
-        with explain_unreadable("The key is as it was before."):
-            key = _run_wg("genkey", b"").encode() + b"\n"
-            public = _run_wg("pubkey", key)
+        key = _run_wg("genkey", b"").encode() + b"\n"
+        public = _run_wg("pubkey", key)
+        before = files.look(self.path + NEXT)
+
+        def write() -> None:
             os.makedirs(os.path.dirname(self.path), 0o700, exist_ok=True)
             atomic.write_by_rename(self.path + NEXT, key, 0o600)
-            self.public = public
+
+        carry_out([Step(self.path + NEXT, write, lambda: files.restore(self.path + NEXT, before))])
+        self.public = public
 
     def result(self) -> Fields:
         """The return values beside `changed` and `msg`. In check mode a new key is not known yet."""

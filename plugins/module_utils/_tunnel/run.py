@@ -13,9 +13,10 @@ import re
 import shutil
 import typing
 
-from .._changes import atomic, file_bundle
+from .._changes import atomic, file_bundle, files
 from .._changes.module import Concern
 from .._changes.record import RECORDS
+from .._changes.transaction import Step
 from .._machine import ports, systemd
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem, explain_unreadable
@@ -101,17 +102,24 @@ class Tunnel(file_bundle.ManagedFiles):
         if self._lost and commands.run(["systemctl", "restart", UNIT], limit=_LIMIT).status != 0:
             raise Problem(f"{UNIT} cannot be started again: look at systemctl status {UNIT}.")
         super().apply()
-        with explain_unreadable("The files of the tunnel are as planned; run the play again."):
-            if self._waits:
-                os.rename(key.KEY + key.NEXT, key.KEY)
-            for path in self._left:
-                os.unlink(path)
         if self.runtime_changes and not self.options["files"]:  # its unit cannot end it without them
             commands.run(_END)
             commands.run(_OPEN)
         shutil.rmtree(FOLDER, ignore_errors=True)
         if self._is_unread:
             self._read_units()
+
+    def make_other_steps(self) -> typing.List[Step]:
+        """Return the steps that take the key that waits into use, or remove all keys with the last file."""
+        gone = [key.KEY + key.NEXT] if self._waits else self._left
+        steps = [files.removal(path, files.look(path)) for path in gone]
+        if self._waits:
+            used, new = files.look(key.KEY), files.look(key.KEY + key.NEXT).content
+            write = Step(
+                key.KEY, lambda: atomic.write_by_rename(key.KEY, new, 0o600), lambda: files.restore(key.KEY, used)
+            )
+            steps.insert(0, write)
+        return steps
 
     def _read_units(self) -> None:
         """Let systemd read the drop-in. Until it has, the next run does it. Raises Problem."""
