@@ -243,9 +243,12 @@ def read_routes(version: int, table: int) -> typing.List[KernelRoute]:
     return [entry for entry in kernel_routes if not {"tos", "from"} & set(entry.inexpressible)]
 
 
-def change_route(argv: typing.Sequence[str]) -> None:
-    """Make one change by a command. Raises Problem with the kernel's own words."""
+def change_route(argv: typing.Sequence[str], may_refuse: bool = False) -> None:
+    """Make one change by a command. Raises Problem with the kernel's own words.
+
+    With `may_refuse`, only where the kernel has not been asked: the command gave no answer, or could not be started.
+    """
     answer = run(argv, limit=_LIMIT)
-    if answer.status != 0:
+    if answer.status < 0 or (answer.status > 0 and not may_refuse):
         message = " ".join(answer.error.split()).replace("RTNETLINK answers: ", "").replace("Error: ", "").rstrip(".")
         raise Problem(f"routes: the kernel refuses {quote(' '.join(argv))} ({quote(message) or 'without a word'}).")

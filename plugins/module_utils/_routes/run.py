@@ -281,27 +281,20 @@ class Run(ModuleRun):
 
     def _change_kernel(self) -> None:
         for change in self.plan.changes:
-            self._change_route(change)
+            kernel.change_route(change.command, change.may_fail)
         if self.plan.changes:
             self._check_kernel()
-            self._mark_lost()
+            self._check_taken_back()
 
     def _restore_kernel(self) -> typing.List[str]:
         """Undo the changes of the kernel's routes; returns the commands that failed."""
         failures = []
         for change in self.plan.undo:
             try:
-                self._change_route(change)
+                kernel.change_route(change.command, change.may_fail)
             except Problem:
                 failures.append(f"'{' '.join(change.command)}'")
         return failures
-
-    def _change_route(self, change: plan.Change) -> None:
-        try:
-            kernel.change_route(change.command)
-        except Problem:
-            if not change.may_fail:
-                raise
 
     def _check_kernel(self) -> None:
         """Raises Problem where the kernel's routes differ from the plan."""
@@ -318,17 +311,23 @@ class Run(ModuleRun):
             item["after"] = same[0].text
             for kernel_route in kernel_routes:  # kernels differ in what `replace` leaves beside a route of IPv6
                 if kernel_route not in same:
-                    self._change_route(plan.remove(kernel_route))
+                    surplus = plan.remove(kernel_route)
+                    kernel.change_route(surplus.command, surplus.may_fail)
 
-    def _mark_lost(self) -> None:
-        """Mark the routes that could not be restored, because their gateway or interface is no longer there."""
-        restored = [item for item in self.taken_back if item["state"] == "restored"]
-        if not restored:
-            return
-        now = {kernel_route.text for kernel_route in _flatten(self._read_kernel())}
-        for item in restored:
-            if item["after"] not in now:
+    def _check_taken_back(self) -> None:
+        """Mark the routes that could not be restored, because their gateway or interface is no longer there.
+
+        Raises Problem where a route of ours is still there.
+        """
+        now = {kernel_route.text for kernel_route in _flatten(self._read_kernel())} if self.taken_back else set()
+        for item in self.taken_back:
+            if item["state"] == "restored" and item["after"] not in now:
                 item.update(state="lost")
+            if item["state"] in ("removed", "lost") and item["before"] in now:
+                raise Problem(
+                    f"routes: the kernel still holds {quote(item['before'])} afterwards, expected it to be removed: see what "
+                    f"'ip route del {item['before']}' says."
+                )
 
     def _change_boot(self, before: plan.Current) -> None:
         """Change the boot part, and restore the routes that a manager has dropped when it read the changed places."""
@@ -337,7 +336,7 @@ class Run(ModuleRun):
         for key, kernel_routes in before.items():
             for kernel_route in kernel_routes:
                 if kernel_route.protocol not in _RETURNING and key not in after:
-                    self._change_route(plan.Change("replace", key, kernel_route.words))
+                    kernel.change_route(plan.Change("replace", key, kernel_route.words).command)
         self._check_kernel()
 
 

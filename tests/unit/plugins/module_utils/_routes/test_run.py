@@ -479,6 +479,30 @@ for half in range(len(run.plan.changes) + 1):
     assert computer.routes() == before
 
 
+@pytest.mark.parametrize("status", [2, -1])
+def test_a_route_that_is_not_removed_stays_ours(computer, status):
+    """`ip route del` fails, or gives no answer: the sentence says so, and the next run removes the route."""
+    computer.run(FOUR)
+    program = """
+import json, sys
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import kernel
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.run import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
+options, status = json.load(sys.stdin)
+run, really = Run(options), kernel.run
+kernel.run = lambda argv, **more: Answer(status, b"", "Device or resource busy") if "del" in argv else really(argv, **more)
+try:
+    run.apply()
+except Exception as problem:
+    print(type(problem).__name__, problem)
+"""
+    files, routes = computer.files(), computer.routes()
+    done = computer.python("-c", program, input=json.dumps([computer.full(()), status]))
+    assert done.stdout.startswith("StepFailure routes: the kernel ") and "default via" in done.stdout, done.stderr
+    assert (computer.files(), computer.routes()) == (files, routes)
+    assert computer.run()["changed"] and computer.routes() == []
+
+
 def test_the_run_time_alone_writes_no_file(computer):
     files = computer.files()
     program = """
