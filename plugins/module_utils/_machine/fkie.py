@@ -8,8 +8,10 @@ import os
 import re
 import typing
 
-from .._module.plain_text import plain, quote
-from .._process.commands import find_nobody, run, text
+from .._module.plain_text import LINE, plain, quote
+from .._module.problem import Problem
+from .._module.regular_files import read_regular
+from .._process.commands import find_nobody, run
 from .._process.foreign import foreign, last_line
 
 # The Debian packages that the collection installed, a name on each line; the role nodes writes it.
@@ -109,13 +111,24 @@ def _node(
 
 
 def packages(wanted: typing.List[str], record: str = INSTALLED) -> typing.List[typing.Dict[str, typing.Any]]:
-    """Look up the wanted Debian packages, and those that the collection installed: installed and available versions."""
-    ours = _read_record(record)
+    """Look up the wanted Debian packages, and those that the collection installed: installed and available versions.
+
+    Raises OSError where the record cannot be read, and Problem where apt does not answer.
+    """
+    lines = [line.strip() for line in read_record(record).splitlines()]
+    ours = [line for line in lines if line and not line.startswith("#")]
     names = wanted + [name for name in ours if name not in wanted]
     versions: typing.Dict[str, typing.Dict[str, str]] = {}
     if names:
         # As nobody, so that not even apt's cache is written.
-        versions = policy(run(["apt-cache", "policy"] + names, limit=_APT, user=find_nobody()).text)
+        answer = run(["apt-cache", "policy"] + names, limit=_APT, user=find_nobody())
+        if answer.status != 0:
+            reason = quote(answer.last_error, LINE) or f"status {answer.status}"
+            raise Problem(
+                f"apt-cache policy failed ({reason}), so it is not known which packages are installed; expected an answer: run it on "
+                "this computer by hand."
+            )
+        versions = policy(answer.text)
     nothing = {"installed": "", "candidate": ""}
     return [dict(versions.get(name, nothing), name=name, ours=name in ours) for name in names]
 
@@ -134,6 +147,9 @@ def policy(output: str) -> typing.Dict[str, typing.Dict[str, str]]:
     return versions
 
 
-def _read_record(path: str) -> typing.List[str]:
-    lines = text(path).splitlines()
-    return [line.strip() for line in lines if line.strip() and not line.startswith("#")]
+def read_record(path: str) -> str:
+    """Read the record of the packages that the collection installed, empty where there is none. Raises OSError."""
+    try:
+        return read_regular(path).decode("utf-8", "replace")
+    except (FileNotFoundError, NotADirectoryError):
+        return ""

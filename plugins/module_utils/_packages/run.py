@@ -13,9 +13,10 @@ import typing
 from .._changes.file_bundle import OPTIONS as FILES
 from .._changes.file_bundle import ManagedFiles
 from .._changes.module import Concern, Fields, ModuleRun
+from .._changes.transaction import StepFailure
 from .._machine import fkie
 from .._module.plain_text import LINE, plain, quote
-from .._module.problem import Problem
+from .._module.problem import Problem, sentence
 from .._process import commands
 
 OPTIONS = {
@@ -83,7 +84,7 @@ class Packages(ModuleRun):
         self.changes = changes(options["names"], installed, ours, options["keep"])
         self.removed = [name for name in self.changes.leftover if name in installed]
         self.records = options["records"]
-        self.replaced = read_replaced(commands.text(fkie.INSTALLED))
+        self.replaced = read_replaced(fkie.read_record(fkie.INSTALLED))
         self.replaced.update(_find_replaced(self.changes.new))
         self.record = self._record_of(self.changes.after)
         self.changed = bool(self.changes.new or self.removed or self.record.changed)
@@ -122,8 +123,11 @@ class Packages(ModuleRun):
             _apt("install", "--no-install-recommends", *self.packages_back, *(f"{name}-" for name in self.removed))
         elif self.removed:
             _apt("remove", *self.removed)
-        if last:
-            last.apply()
+        try:
+            if last:
+                last.apply()
+        except StepFailure as problem:
+            raise Problem(f"{sentence(problem.cause)} The packages are as planned: run the play again.") from problem
 
     def failure(self, problem: Problem) -> Fields:
         """Return the return values beside the sentence: apt may have installed a part."""
@@ -153,9 +157,18 @@ def _find_replaced(names: typing.Sequence[str]) -> typing.Dict[str, typing.List[
 
 
 def _simulate(names: typing.Sequence[str]) -> str:
-    """Let apt-get say what an installation does; empty where it cannot (the installation says why)."""
+    """Let apt-get say what an installation does; empty where it cannot (the installation says why).
+
+    Raises Problem where it does not answer: what the packages replace would not come back with their removal.
+    """
     words = [*_APT[:2], "--simulate", "install", "--no-install-recommends", *names]
-    return commands.run(words, environment=_ENVIRONMENT, limit=_LIMIT_SIMULATION, user=commands.find_nobody()).text
+    answer = commands.run(words, environment=_ENVIRONMENT, limit=_LIMIT_SIMULATION, user=commands.find_nobody())
+    if answer.status < 0:
+        raise Problem(
+            f"{quote(answer.error, LINE)}, so it is not known which packages the new ones replace; expected an answer: run "
+            f"'apt-get {plain(' '.join(words[2:]), LINE)}' on this computer by hand. Nothing was changed."
+        )
+    return answer.text
 
 
 def _apt(*words: str) -> None:

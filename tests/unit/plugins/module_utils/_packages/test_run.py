@@ -7,7 +7,7 @@ import itertools
 import random
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic, record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._packages import run
@@ -77,6 +77,41 @@ def test_what_a_package_replaces_comes_back_with_its_removal(apt):
     found = apt.bring("ros-a")
     assert found.summary(False) == "0 packages were installed, 1 removed, systemd-timesyncd is back."
     assert apt.installed == {"ros-a", "systemd-timesyncd"} and "replaced" not in apt.record.read_text()
+
+
+def test_where_apt_does_not_answer_nothing_is_forgotten(apt, monkeypatch):
+    """What is installed is not known then, nor what a package replaces."""
+    apt.installed.update(("ros-a", "systemd-timesyncd"))
+    apt.bring("ros-b")
+    late = Answer(-1, b"", "apt gave no answer within 60 s")
+    for module, name, words in (
+        (fkie, "run", "not known which packages are installed"),
+        (run.commands, "run", "which packages the new ones replace"),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(module, name, lambda *_words, **_more: late)
+            with pytest.raises(Problem, match=words):
+                apt.bring("ros-a", "chrony")
+    with monkeypatch.context() as patch:
+        patch.setattr(fkie, "INSTALLED", str(apt.records))  # a folder, so its text cannot be read
+        with pytest.raises(OSError, match="Is a directory"):
+            apt.bring()
+    assert apt.installed == {"ros-a", "ros-b", "systemd-timesyncd"}
+    apt.bring()
+    assert apt.installed == {"ros-a", "systemd-timesyncd"}
+
+
+def test_a_record_that_fails_at_the_end_puts_no_package_back(apt, monkeypatch):
+    apt.bring("ros-a")
+
+    def full(path):
+        raise OSError(28, "No space left on device", path)
+
+    monkeypatch.setattr(atomic, "sync_folder", full)
+    with pytest.raises(Problem, match=r"\(No space left .* The packages are as planned: run the play again\.$"):
+        apt.bring()
+    monkeypatch.undo()
+    assert apt.installed == set()
 
 
 def test_what_is_wanted_no_more_goes_when_nothing_needs_it(apt):
