@@ -56,23 +56,34 @@ def run(
     """
     # Without a preexec_fn, Python from 3.10 on uses vfork. A copy of this process costs more than most commands.
     become = _become(user) if user and os.geteuid() == 0 else None
+    try:
+        return _run(argv, CLEAN if environment is None else environment, limit, given, become)
+    except (OSError, ValueError, subprocess.SubprocessError) as problem:  # ValueError: a word with a NUL
+        return Answer(-1, b"", f"{argv[0]} could not be started: {tell_reason(problem)}")
+
+
+def _run(
+    argv: typing.Sequence[str],
+    environment: typing.Dict[str, str],
+    limit: float,
+    given: bytes,
+    become: typing.Optional[typing.Callable[[], None]],
+) -> Answer:
+    """Run a command. Raises an exception where it cannot be started, also for want of room for what it says."""
     # Files instead of pipes: a process that the command leaves in the background holds no pipe that we wait for.
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as error, tempfile.TemporaryFile() as question:
         question.write(given)
         question.seek(0)
-        try:
-            process = subprocess.Popen(
-                argv,
-                env=CLEAN if environment is None else environment,
-                cwd="/",
-                stdin=question,
-                stdout=output,
-                stderr=error,
-                start_new_session=True,
-                preexec_fn=become,
-            )
-        except (OSError, ValueError, subprocess.SubprocessError) as problem:  # ValueError: a word with a NUL
-            return Answer(-1, b"", f"{argv[0]} could not be started: {tell_reason(problem)}")
+        process = subprocess.Popen(
+            argv,
+            env=environment,
+            cwd="/",
+            stdin=question,
+            stdout=output,
+            stderr=error,
+            start_new_session=True,
+            preexec_fn=become,
+        )
         late = threading.Event()
         # The time limit of subprocess polls, up to 0.05 s apart, for each command.
         timer = threading.Timer(limit, _end_late, (process.pid, late))

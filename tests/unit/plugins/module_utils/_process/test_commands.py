@@ -47,6 +47,15 @@ def test_what_a_command_leaves_behind_ends_with_it(tmp_path):
     until_gone(note)
 
 
+def test_a_command_without_room_for_what_it_says_is_a_sentence(monkeypatch):
+    def full(*_words, **_more):
+        raise FileNotFoundError(2, "No usable temporary directory found in ['/tmp']")
+
+    monkeypatch.setattr(commands.tempfile, "TemporaryFile", full)
+    answer = commands.run(["true"])
+    assert answer.status == -1 and answer.error.startswith("true could not be started: No usable temporary directory")
+
+
 def test_a_command_that_is_not_there_is_a_sentence():
     answer = commands.run(["no-such-command"])
     assert (answer.status, answer.error) == (-1, "no-such-command could not be started: No such file or directory")
