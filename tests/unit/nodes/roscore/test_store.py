@@ -300,6 +300,33 @@ def test_a_damaged_file_counts_up_to_the_damage_and_is_put_aside(tmp_path, caplo
     assert "damaged" in caplog.text and (tmp_path / f"{store_format.FILE}.damaged").exists()
 
 
+def test_what_counts_of_a_damaged_file_outlives_a_full_disk(tmp_path, monkeypatch):
+    """The start that has put it aside cannot write a new one, and ends; so does the next."""
+    before = Roscore(tmp_path)
+    before.store._renew(rest=False)
+    before.change(1)
+    os.close(before.store._guard)
+    path, damaged = tmp_path / store_format.FILE, tmp_path / f"{store_format.FILE}.damaged"
+    path.write_bytes(path.read_bytes() + b"nonsense\nmore\n")
+    whole = path.read_bytes()
+    for _start in range(2):
+        found = store.read(str(tmp_path))
+        assert vars(found.registry) == state(1) and damaged.read_bytes() == whole
+        roscore = Roscore(tmp_path)
+        roscore.registry = found.registry
+        with monkeypatch.context() as patch:
+            patch.setattr(store.os, "write", fill)
+            roscore.store._renew(rest=False)
+        os.close(roscore.store._guard)
+    roscore.store._guard = None
+    roscore.store._renew(rest=False)
+    assert vars(store.read(str(tmp_path)).registry) == state(1) and damaged.read_bytes() == whole
+
+
+def fill(*_arguments):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
 def test_another_boot_is_told(tmp_path, monkeypatch):
     roscore = Roscore(tmp_path)
     roscore.store._renew(rest=False)
@@ -330,7 +357,8 @@ def test_whatever_is_in_the_file_it_is_read_or_put_aside(tmp_path, data, caplog)
     path.write_bytes(data)
     found = store.read(str(tmp_path))
     assert found is None or vars(found.registry) == vars(Registry())
-    assert not path.exists() and path.with_name(f"{store_format.FILE}.damaged").read_bytes() == data
+    assert path.exists() == (found is not None), "what counts stays until a new one is written"
+    assert path.with_name(f"{store_format.FILE}.damaged").read_bytes() == data
     assert len(caplog.records) == 1
 
 

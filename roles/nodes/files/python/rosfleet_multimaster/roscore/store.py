@@ -65,7 +65,7 @@ def read(folder: str) -> Optional[store_format.Content]:
         return None
     broken = content.damaged or content.omissions
     if broken:
-        set_aside(folder, "what can be read of it counts")
+        set_aside(folder, "what can be read of it counts", counts=True)
     elif content.torn:
         _log.info("the last change was not written to its end in %s: nobody had an answer to it", path)
     return content._replace(size=0) if broken or content.boot != read_boot_id() else content
@@ -101,11 +101,16 @@ def forget(folder: str) -> bool:
     return True
 
 
-def set_aside(folder: str, why: str) -> None:
-    """Rename a store that cannot be used: it is kept."""
+def set_aside(folder: str, why: str, counts: bool = False) -> None:
+    """Keep a store that cannot be used by another name. One that `counts` stays until a new one has replaced it."""
     path = os.path.join(folder, store_format.FILE)
     _log.warning("%s is damaged: %s; the file is kept as %s.damaged", path, why, path)
     try:
+        if counts:
+            with contextlib.suppress(FileNotFoundError):
+                os.remove(path + ".damaged")
+            os.link(path, path + ".damaged")
+            return
         os.replace(path, path + ".damaged")
         os.remove(path + _STARTS)
     except FileNotFoundError:
