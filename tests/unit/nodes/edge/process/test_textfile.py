@@ -24,3 +24,9 @@ def test_a_write_that_is_broken_off_leaves_no_draft(tmp_path, monkeypatch, momen
         textfile.write(str(path), "after\n")
     monkeypatch.undo()
     assert list(tmp_path.iterdir()) == [path] and path.read_text() == "before\n"
+
+
+def test_a_draft_of_a_killed_writer_goes_with_the_file(tmp_path):
+    (tmp_path / "a.prom.new").write_text("half")
+    textfile.remove(str(tmp_path / "a.prom"))
+    assert list(tmp_path.iterdir()) == []

@@ -28,11 +28,13 @@ def write(path: str, text: str) -> None:
             file.write(text)
         os.rename(draft, path)
     except BaseException:  # also SystemExit: a signal may end the program here
-        remove(draft)
+        with contextlib.suppress(OSError):
+            os.unlink(draft)
         raise
 
 
 def remove(path: str) -> None:
-    """Remove the file, where it is there."""
-    with contextlib.suppress(OSError):
-        os.unlink(path)
+    """Remove the file, where it is there, and the draft that a killed writer left."""
+    for name in (path, f"{path}.new"):
+        with contextlib.suppress(OSError):
+            os.unlink(name)
