@@ -283,12 +283,19 @@ def show(judgement: Judgement, document: Mapping[str, Any], written: str) -> Non
 
 def write(path: str, content: str | bytes, mode: int) -> None:
     """Write a file by rename, so that a reader never sees half of a report. Raises OSError."""
-    descriptor, temporary = tempfile.mkstemp(dir=os.path.dirname(path), prefix=".report-")
     try:
-        with open(descriptor, "wb") as stream:
-            stream.write(content.encode() if isinstance(content, str) else content)
-        os.chmod(temporary, mode)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
+        descriptor, temporary = tempfile.mkstemp(dir=os.path.dirname(path), prefix=".report-")
+        try:
+            with open(descriptor, "wb") as stream:
+                stream.write(content.encode() if isinstance(content, str) else content)
+            os.chmod(temporary, mode)
+            os.replace(temporary, path)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+    except OSError as problem:
+        problem.filename, problem.filename2 = (
+            path,
+            None,
+        )  # not the file beside it; and a full disk is said without a file
         raise

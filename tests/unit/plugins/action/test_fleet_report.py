@@ -4,9 +4,11 @@
 """The action fleet_report: registered results in; what is printed, and which files are where."""
 
 import json
+import os
 import pathlib
 import stat
 import sys
+import tempfile
 import types
 from xml.etree import ElementTree
 
@@ -193,6 +195,18 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
     with pytest.raises(UnicodeEncodeError):
         fleet_report.write(str(path), "half\ud800", 0o600)
     assert path.read_text() == "whole" and list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(("module", "name"), [(tempfile, "mkstemp"), (os, "chmod"), (os, "replace")])
+def test_a_failure_names_the_file_that_was_asked_for(tmp_path, monkeypatch, module, name):
+    def full(*_words, **_more):
+        raise OSError(28, "No space left on device", "/somewhere/.report-x")
+
+    monkeypatch.setattr(module, name, full)
+    with pytest.raises(OSError, match="No space left") as caught:
+        fleet_report.write(str(tmp_path / "report.json"), "x", 0o600)
+    monkeypatch.undo()
+    assert caught.value.filename == str(tmp_path / "report.json") and list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
