@@ -125,6 +125,19 @@ def test_what_is_released_stays(switch, timer, tmp_path):
     assert place.read_text() == "x"
 
 
+def test_a_state_that_cannot_be_read_is_said_while_there_is_one(switch):
+    switch.arm("t", HOUR, [])
+    state = pathlib.Path(switch.folder) / "state.json"
+    state.unlink()
+    state.mkdir()
+    with pytest.raises(Problem, match=r"state.json cannot be read \(Is a directory\)"):
+        switch.look("t")
+    (pathlib.Path(switch.folder) / "armed").unlink()
+    assert (switch.look("t"), switch.state()) == ("none", {})
+    state.rmdir()
+    switch.clear()
+
+
 @pytest.mark.slow
 def test_the_confirmation_or_the_timer_never_both(switch, tmp_path):
     """Both at the same moment, many times."""
