@@ -116,7 +116,9 @@ def _scalar(value: Any) -> str:
         return f"[{', '.join(map(_scalar, value))}]"
     if isinstance(value, str) and _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
         return value
-    return yaml.safe_dump(value, default_style='"', width=inf).strip() if isinstance(value, str) else json.dumps(value)
+    if isinstance(value, str):  # Ansible has classes of its own for texts, which PyYAML does not write
+        return yaml.safe_dump("".join([value]), default_style='"', width=inf).strip()
+    return json.dumps(value)
 
 
 def _comment(lines: Sequence[str]) -> list[str]:

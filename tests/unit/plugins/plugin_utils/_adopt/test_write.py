@@ -105,8 +105,27 @@ def test_an_option_of_ssh_is_no_secret(options):
     assert json.dumps(options) in "".join(write.files(adopted(infos), given).values())
 
 
+class UnsafeText(str):
+    """As the controller has texts that are not trusted."""
+
+    __slots__ = ()
+
+    def __str__(self):
+        return self
+
+
 @pytest.mark.parametrize(
-    "text", ["~/keys/\U0001f916", "~/Schl\u00fcssel \x7f\x85\u2028", "a: b # c", "yes", "1e3", "", "x " * 90]
+    "text",
+    [
+        UnsafeText("~/my keys/one"),
+        "~/keys/\U0001f916",
+        "~/Schl\u00fcssel \x7f\x85\u2028",
+        "a: b # c",
+        "yes",
+        "1e3",
+        "",
+        "x " * 90,
+    ],
 )
 def test_a_text_comes_back_as_it_was(text):
     infos, _connections = CASES["untidy"]
