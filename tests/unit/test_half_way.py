@@ -70,7 +70,7 @@ class Place:
         self.folder, self.records = folder, str(folder / "records")
         (folder / "etc").mkdir(parents=True)
         monkeypatch.setattr(deadman, "FOLDER", str(folder / "run"))
-        monkeypatch.setattr(deadman, "Timer", lambda: NoTimer())
+        monkeypatch.setattr(deadman, "Timer", NoTimer)
         self.set_up(monkeypatch)
 
     def set_up(self, monkeypatch):
