@@ -110,9 +110,6 @@ class UnsafeText(str):
 
     __slots__ = ()
 
-    def __str__(self):
-        return self
-
 
 @pytest.mark.parametrize(
     "text",
