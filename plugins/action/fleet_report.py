@@ -294,8 +294,6 @@ def write(path: str, content: str | bytes, mode: int) -> None:
             os.unlink(temporary)
             raise
     except OSError as problem:
-        problem.filename, problem.filename2 = (
-            path,
-            None,
-        )  # not the file beside it; and a full disk is said without a file
+        # The file that was asked for, and not the one beside it. A full disk is told without any.
+        problem.filename, problem.filename2 = path, None
         raise

@@ -143,7 +143,7 @@ class Sysctl(Place):
         for name, value in (("ip_forward", "0"), ("icmp_echo_ignore_broadcasts", "1")):
             (self.folder / "proc/net/ipv4" / name).write_text(f"{value}\n")
 
-    def once(self, values, seconds=0, token=""):
+    def run_once(self, values, seconds=0, token=""):
         names = ("net.ipv4.ip_forward", "net.ipv4.icmp_echo_ignore_broadcasts")
         settings = [
             {"name": name, "value": value, "ignore_missing": False, "enough": []} for name, value in zip(names, values)
@@ -157,7 +157,7 @@ class Sysctl(Place):
         return run(sysctl.CONCERN, settings=settings, **more)
 
     def apply(self, values):
-        return self.once(values)
+        return self.run_once(values)
 
 
 class SysctlOnTrial(Sysctl):
@@ -166,8 +166,8 @@ class SysctlOnTrial(Sysctl):
     plans = ((("1", "0"), ("1",)),)
 
     def apply(self, values):
-        first = self.once(values, HOUR, "token")
-        return first if first.get("failed") else self.once(values, 0, "token")
+        first = self.run_once(values, HOUR, "token")
+        return first if first.get("failed") else self.run_once(values, 0, "token")
 
 
 class Tunnel(Place):
@@ -236,7 +236,7 @@ def states(make, kind, first, wanted):
 
 
 def mend(place, wanted, after, untouched, told):
-    """What the next runs make of what is left."""
+    """Let the next runs mend what is left, and see that they do."""
     ended = place.apply(wanted)
     assert not ended.get("failed") and place.state() == after, (told, ended)
     if not isinstance(place, Key):

@@ -73,9 +73,8 @@ class DropReasons:
         os.mkdir(self._folder, 0o700)
         descriptor = _open(self._folder)
         try:
-            fcntl.flock(
-                descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB
-            )  # another run may have taken it for one that was left
+            # Another run may have taken it for one that was left.
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if not _is_at(descriptor, self._folder):
                 raise FileNotFoundError(self._folder)
         except OSError:  # it is another's by now, so it stays

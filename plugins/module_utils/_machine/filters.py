@@ -25,7 +25,6 @@ _SILENT = ("counter", "log", "comment")  # words of a rule that decide nothing
 _OPERATION = {"payload": {"protocol": "arp", "field": "operation"}}
 ANSWERS = {"established", "related"}
 
-
 NOTHING: Words = {"readable": False, "chains": [], "arp": []}
 
 

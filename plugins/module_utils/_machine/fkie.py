@@ -148,7 +148,7 @@ def policy(output: str) -> typing.Dict[str, typing.Dict[str, str]]:
 
 
 def read_record(path: str) -> str:
-    """Read the record of the packages that the collection installed, empty where there is none. Raises OSError."""
+    """Read the record of the packages that the collection installed. A missing file is an empty text. Raises OSError."""
     try:
         return read_regular(path).decode("utf-8", "replace")
     except (FileNotFoundError, NotADirectoryError):

@@ -164,9 +164,7 @@ def _connections(
             del link["number"]
             link.update(peer=peer, node=node, robot=other)
             lengths[other] += len(json.dumps(link))
-            if (
-                lengths[other] <= NODE
-            ):  # a robot may make up any number of long names: the whole answer would be refused
+            if lengths[other] <= NODE:  # else a robot with many long names would have the whole answer refused
                 found.append(link)
     return found, silent
 

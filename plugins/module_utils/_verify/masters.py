@@ -13,6 +13,7 @@ from .._machine import network as machine
 from .._machine.outcomes import Outcome, connect
 from .._module.plain_text import quote
 from .._module.problem import tell_reason
+from .._multicast.helper import LATEST
 from .._process.deadlines import poll
 from . import network
 
@@ -22,7 +23,6 @@ CONNECT = 2.0  # seconds that a TCP connection may take: one lost SYN is sent ag
 OUTSIDER = ("address", "name", "uri", "why")
 
 SAMPLES = 3  # readings of a clock
-LATEST = 1 << 32  # seconds since 1970: what no clock has
 
 
 def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.Dict[str, typing.Any]:

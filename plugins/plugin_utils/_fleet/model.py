@@ -162,7 +162,7 @@ class Robot:
 
     @property
     def filters(self) -> Mapping[str, Sequence[str]]:
-        """What it takes from the others."""
+        """Its filters of names that come from the others."""
         return self.variables.filters or {}
 
     @property

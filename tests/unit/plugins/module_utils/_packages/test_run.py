@@ -80,7 +80,7 @@ def test_what_a_package_replaces_comes_back_with_its_removal(apt):
 
 
 def test_where_apt_does_not_answer_nothing_is_forgotten(apt, monkeypatch):
-    """What is installed is not known then, nor what a package replaces."""
+    """Neither the installed packages are known then, nor those that a package replaces."""
     apt.installed.update(("ros-a", "systemd-timesyncd"))
     apt.bring("ros-b")
     late = Answer(-1, b"", "apt gave no answer within 60 s")

@@ -142,7 +142,7 @@ def test_a_rule_of_two_computers_is_told_as_one():
 
 
 def test_rules_are_found_behind_an_interface_of_two_networks():
-    """What passes a gateway with one interface for both is followed on either side."""
+    """Packets through a gateway with one interface for both are followed on either side."""
     fleet = fig12()
     seen = read(fleet, tibi_nav=chain("input", drop(protocol="icmp")))
     inner, outer = seen[GATE].probe.forwarding.interfaces

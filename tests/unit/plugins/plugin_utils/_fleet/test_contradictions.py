@@ -122,7 +122,9 @@ def test_the_port_of_a_border_is_its_own(host, ports):
     assert problem.startswith(
         f"{host}: multimaster_rpc_port is 11911, which is also the port of its border, which it needs"
     )
-    assert not find_port_problems(*ports, exports=[{"topics": ["/scan"]}]), "without a border nobody has this port"
+    assert not find_port_problems(*ports, exports=[{"topics": ["/scan"]}]), (
+        "a robot without a border leaves this port free"
+    )
 
 
 def test_a_border_has_a_port():
