@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""docs/operate/security.md and the tests: what the page promises has a test beside it, and each test that a page names is there.
+"""docs/operate/security.md and the tests: each test that the page names is there, and its figures are those of the code.
 
-On the page, `[✓][name]` stands beside a promise; `name` is defined at the end of the page, with a file and its tests. A sentence
-without a mark explains, and is in EXPLAINS. What stays open is in the sections OPEN, and the attacks have a table of their own.
+On the page, `[✓][name]` stands beside a promise; `name` is defined at the end of the page, with a file and the tests that try it
+by behaviour. The attacks have a table of their own.
 """
 
 import ast
@@ -36,70 +36,8 @@ PAGES = sorted(
 NAMED = re.compile(r"tests/[\w/.]*test_\w+\.py")
 
 ATTACKS = "Attacks, and the test of each"
-OPEN = ("What is not defended", ATTACKS, "How to report a flaw")
 MARK = re.compile(r"\s*\[✓\]\[([\w-]+)\]")
 DEFINITION = re.compile(r'^\[([\w-]+)\]: \.\./\.\./(tests/\S+)(?: "([^"]+)")?$', re.MULTILINE)
-END = re.compile(r"(?<=[.?!])\s+(?=[A-Z`*])")  # of a sentence, where another one begins
-ITEM = re.compile(r"^(?:[*-]|\d\.) ", re.MULTILINE)
-
-#: the columns of tables in which promises stand; the others say what a row is about
-PROMISING = {
-    *("may not", "who gets its variables", "guard", "what the controller does", "what it lets in", "bound"),
-    *("where it is made plain", "rating", "on each computer", "what the collection does"),
-    "through gateways and the Linux router, to the robots' networks",
-}
-
-#: What only explains.
-EXPLAINS = set(
-    """
-For the person who must answer for the robots.
-A ✓ beside a promise leads to the test that shows it.
-What has none only explains.
-Three things to know first:
-**ROS 1 has no authentication**: who reaches the roscore (TCP 11311) or a node (a port from 1024 up) can read every topic, send commands and end
-  nodes.
-No software beside ROS can change that.
-A robot may be in foreign hands, and its Python with it.
-So what it answers is data, and no order to Ansible ([architecture](../develop/architecture.md#an-answer)).
-**Heartbeats** can have any sender.
-For guests there are two variables, both for the whole fleet:
-The answer to a question may be anything.
-So each answer has bounds, and all of them together have bounds too:
-It listens at all addresses, since the planned one may come late.
-Not made plain by us: what Ansible's own search for a Python shows of a robot, where Python says that it hangs (`faulthandler`: names of our files
-  and functions), and what other services of a robot write to its journal.
-The rating is that of `systemd-analyze security`, from 10 (no sandbox) to 0.
-A roscore that something else starts (`multimaster_roscore: existing`) has none of it.
-What is not there, and why:
-`IPAddressDeny=` for ROS: a laptop with rviz that is in no inventory must reach the roscore while `multimaster_firewall` is `none`.
-`PrivateUsers=`: the services have no right that it could take.
-Kernels and containers without user namespaces would not start them.
-`MemoryDenyWriteExecute=`: ctypes of Python 3.8 maps such memory, and rospy uses it.
-`ProcSubset=`: psutil and roslaunch read `/proc`.
-A watchdog of the roscore of upstream's nodes: it does not know `sd_notify`, and a second process that asked it would be judged, not the roscore.
-ROS listens there: the roscore, discovery, and every node on a port of its own.
-Without ufw and firewalld, a computer needs `nft`, a kernel with nftables, and the right to make a network namespace (`unshare --net`), in which the
-  rules are tried first.
-What it does not do:
-A host on the same network can send a datagram with the address of another robot.
-See [hostile networks](hostile_networks.md).
-Beside ufw and firewalld, the kernel alone drops a packet from a wire with the computer's own address of IPv4: where `net.ipv4.conf.*.accept_local`
-  is 1, which is not the default, such a packet passes as one of a member does.
-It does not filter what a computer sends, and no ports below 1024.
-A stranger who talks to a port when the filter comes goes on until the connection ends; by UDP, until half a minute (after a longer exchange, two
-  minutes) has passed in silence.
-Ports that containers publish are passed on to the container, not to the computer: they stay as docker opens them.
-Containers with a network of their own (docker's bridge) come with their own address, which is no member's: their nodes do not reach the roscore of
-  their own computer.
-Where you have rules of your own in nftables or iptables, without ufw and firewalld, a packet must pass both.
-What they drop stays dropped, for members too.
-`nft flush ruleset`, or nftables.service that somebody starts for the first time, removes the table.
-Names by mDNS (`robot.local`, UDP 5353) are answered to members only.
-Reach the robots by address or by a name of your own.
-""".strip()
-    .replace("\n  ", " ")
-    .splitlines()
-)
 
 KIB, MIB = 1 << 10, 1 << 20
 #: words of the page -> the same in code
@@ -136,52 +74,6 @@ FIGURES = {
 
 def section(title):
     return PAGE.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
-
-
-def sections():
-    """The text of each section that promises; the beginning of the page is one."""
-    begin, *parts = DEFINITION.sub("", PAGE.partition("-->")[2]).split("\n## ")
-    assert set(OPEN) <= {part.partition("\n")[0] for part in parts}
-    return [begin.partition("# Security\n")[2]] + [
-        part.partition("\n")[2] for part in parts if part.partition("\n")[0] not in OPEN
-    ]
-
-
-def cells_of(table):
-    """The texts in the promising columns of a table."""
-    header, _line, *rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in table]
-    columns = [at for at, name in enumerate(header) if name in PROMISING]
-    assert columns, header
-    for row in rows:
-        assert len(row) == len(header), row
-        yield from (row[at] for at in columns if row[at])
-
-
-def texts():
-    """Each paragraph, item of a list and cell."""
-    for part in sections():
-        for block in re.split(r"\n\s*\n", part):
-            lines = block.strip().splitlines()
-            if lines and lines[0].startswith("|"):
-                yield from cells_of(lines)
-            else:
-                yield from filter(None, map(str.strip, ITEM.split(block)))
-
-
-def sentences():
-    """(the names of its tests, its words) of each sentence."""
-    for text in texts():
-        for sentence in END.split(" ".join(text.split())):
-            yield MARK.findall(sentence), MARK.sub("", sentence)
-
-
-def test_a_sentence_has_a_test_or_only_explains():
-    found = list(sentences())
-    promises = [words for names, words in found if names]
-    explains = {words for names, words in found if not names}
-    assert sorted(explains - EXPLAINS) == [], "these promise something: name their tests, or put them into EXPLAINS"
-    assert sorted(EXPLAINS - explains) == [], "these are no longer on the page, or have a test"
-    assert len(promises) > 150 > 2 * len(explains)
 
 
 def test_each_mark_is_defined_and_each_definition_is_used():
