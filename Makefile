@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-lab lab lab-tests demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop test-matrix checkout docs format house readme lock copies shipped
+.PHONY: help setup setup-lab lab lab-tests demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop test-matrix checkout docs format house readme lock copies build
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -102,5 +102,5 @@ lock: ## write requirements-lab.txt and -dev.txt, with the hashes of all package
 copies: ## write the files that are copies of others, after these were edited
 	@python3 tools/copies.py
 
-shipped: setup ## write the list of the files that the built collection holds, of those that git has
-	@$(PYTHON) tools/package.py
+build: setup-lab ## the collection as an archive in .work/dist, out of the files that git has
+	@$(PYTHON) tools/package.py .work/dist

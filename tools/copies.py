@@ -4,8 +4,7 @@
 """Writes the files that are copies of another file, after that one was edited.
 
 The nodes and the modules have some functions in common, and each must have them in its own tree, since only that is on the
-robot. Links would do in a checkout, but `manifest` of galaxy.yml passes over them, so they would be missing in the built
-collection. The controller has all trees, so it takes them from the nodes (plugins/plugin_utils/_fleet/filters.py and
+robot. Links would do in a checkout, but a link that leads out of a tree is dead on the robot. The controller has all trees, so it takes them from the nodes (plugins/plugin_utils/_fleet/filters.py and
 plain_text.py).
 """
 

@@ -1,90 +1,44 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Writes which files the collection ships, by name, and builds it.
+"""Builds the collection out of the files that git has, so that nothing else that lies in the folder is shipped.
 
-python tools/package.py            writes tests/unit/shipped.txt, and with it `manifest` in galaxy.yml
+python tools/package.py FOLDER     writes the archive into the folder
 
-The list is made of the files that git has and that are of a kind that is shipped: `git add` a new one first, and look at the
-difference of the list before you commit it. What else lies in the folder is not shipped, whatever its name: nothing in
-galaxy.yml stands for several files.
+`build_ignore` in galaxy.yml says which of them are for development only.
 """
 
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import subprocess
 import sys
 import tarfile
+import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-LIST = ROOT / "tests" / "unit" / "shipped.txt"
-GALAXY = ROOT / "galaxy.yml"
-DIRECTIVES = "  directives:\n"  # the last key of galaxy.yml
-# What is shipped, of the files that git has: `*` is any text without a slash, `**/` any folders. No pictures: they would be
-# half of the archive, and nothing shows them where a collection is installed.
-KINDS = """
-README.md CONTRIBUTING.md REUSE.toml
-CHANGELOG.rst CODE_OF_CONDUCT.md MAINTAINERS.md SECURITY.md
-meta/runtime.yml meta/execution-environment.yml
-changelogs/changelog.yaml changelogs/config.yaml
-docs/README.md docs/start/*.md docs/operate/*.md docs/understand/*.md docs/develop/*.md docs/grafana/*.json
-LICENSES/*.txt
-playbooks/*.yml playbooks/tasks/*.yml
-inventory/single_computer/**/*.yml inventory/multi_computer/**/*.yml inventory/tunnel/**/*.yml inventory/identical_robots/**/*.yml
-plugins/**/*.py plugins/**/*.yml plugins/**/*.j2
-roles/**/*.yml roles/*/README.md
-roles/nodes/files/**/*.py roles/nodes/files/**/*.conf roles/nodes/files/**/*.msg roles/nodes/files/**/*.srv
-roles/nodes/files/**/package.xml
-""".split()
 
 
-def _pattern(kind: str) -> str:
-    words = {"**/": r"(?:[^/.][^/]*/)*", "*": r"[^/.][^/]*"}
-    return "".join(words.get(word) or re.escape(word) for word in re.split(r"(\*\*/|\*)", kind))
-
-
-_KINDS = re.compile("|".join(map(_pattern, KINDS)))
-
-
-def ours() -> list[str]:
-    """The files that git has and that are of a kind that is shipped."""
+def list_files() -> list[str]:
+    """The files that git has and that are there."""
     command = ["git", "ls-files", "-z", "--cached"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, check=True).stdout.decode()
-    there = {name for name in listed.split("\0") if name and os.path.lexists(ROOT / name)}
-    return sorted(name for name in there if _KINDS.fullmatch(name))
+    return sorted(name for name in listed.split("\0") if name and os.path.lexists(ROOT / name))
 
 
-def galaxy(names: list[str]) -> str:
-    """The text of galaxy.yml with these files."""
-    strange = [name for name in names if not re.fullmatch(r"[\w./-]+", name)]
-    if strange:
-        raise SystemExit(f"{strange[0]!r} has letters that galaxy.yml reads otherwise: give it another name.")
-    head, _key, _old = GALAXY.read_text().partition(DIRECTIVES)
-    return head + DIRECTIVES + "".join(f"    - include {name}\n" for name in names)
-
-
-def clean_tree(folder: Path) -> None:
-    """Copy the files that git knows, or would know, as they are now; links stay links."""
-    listed = subprocess.run(
-        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        capture_output=True,
-        check=True,
-    )
-    for name in filter(None, listed.stdout.decode().split("\0")):
-        if os.path.lexists(ROOT / name):
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, folder / name, follow_symlinks=False)
+def copy_tree(folder: Path) -> None:
+    """Copy these files as they are now; links stay links."""
+    for name in list_files():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, folder / name, follow_symlinks=False)
 
 
 def build(tree: Path, target: Path) -> Path:
     """Build the collection of a tree; return the archive."""
     program = Path(sys.executable).with_name("ansible-galaxy")
-    command = [str(word) for word in (program, "collection", "build", "--output-path", target, tree)]
+    command = [str(word) for word in (program, "collection", "build", "--force", "--output-path", target, tree)]
     done = subprocess.run(
         command, cwd=tree, capture_output=True, text=True, check=False, env={**os.environ, "LC_ALL": "C.UTF-8"}
     )
@@ -102,10 +56,11 @@ def content(archive: Path) -> list[str]:
 
 
 def main() -> None:
-    """Write the list, and galaxy.yml."""
-    names = ours()
-    LIST.write_text("".join(f"{name}\n" for name in names))
-    GALAXY.write_text(galaxy(names))
+    """Build it, and print the path of the archive."""
+    target = Path(sys.argv[1]).absolute()
+    with tempfile.TemporaryDirectory() as folder:
+        copy_tree(Path(folder))
+        print(build(Path(folder), target))
 
 
 if __name__ == "__main__":
