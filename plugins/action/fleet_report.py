@@ -212,6 +212,7 @@ class Files:
 
     data: Path
     own: bool  # the option names no place: our own folder keeps the latest reports
+    fleet: str  # stands for the inventory: only runs of one inventory are compared
 
     @classmethod
     def from_option(cls, path: str, inventory: str) -> Files | None:
@@ -220,15 +221,21 @@ class Files:
             return None
         name = time.strftime(history.NAME) + ".json"
         if path == AUTO:
-            return cls(folder_of(inventory) / name, own=True)
-        return cls(Path(name_file(path, name)), own=False)
+            return cls(folder_of(inventory) / name, True, folder_of(inventory).name)
+        return cls(Path(name_file(path, name)), False, folder_of(inventory).name)
 
     def write(self, fleet: FleetPlan, document: dict[str, Any], matrices: Matrices, before: Mapping[str, Any]) -> str:
         """Write both, compare with the run before, and return the path of the page. Raises OSError."""
         if self.own:
             self.data.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         differences = history.compare(before, document)
-        document = {**document, "file": str(self.data), "since": before.get("time", ""), "differences": differences}
+        document = {
+            **document,
+            "file": str(self.data),
+            "fleet": self.fleet,
+            "since": before.get("time", ""),
+            "differences": differences,
+        }
         template = TEMPLATE.read_text(encoding="utf-8")
         html = make_page(template, fleet, document, matrices)
         shown = self.data.with_suffix(".html" if self.data.suffix != ".html" else ".page.html")
@@ -241,12 +248,16 @@ class Files:
         return str(shown)
 
     def read_previous(self) -> dict[str, Any]:
-        """Read the data of the previous run: the file to be replaced, or else the latest in the folder."""
-        name = self.data.name if self.data.exists() else history.find_latest(self._list_folder())
-        path = self.data.with_name(name) if name else None
+        """Read the data of the previous run of this fleet: the file to be replaced, or else the latest in the folder."""
+        names = [self.data.name] if self.data.exists() else history.list_latest(self._list_folder())
+        return next(filter(None, map(self._read, names)), {})
+
+    def _read(self, name: str) -> dict[str, Any]:
+        """Read the data of a run of this fleet; empty if the file has none."""
+        path = self.data.with_name(name)
         try:
-            if path and path.stat().st_size <= LARGEST_DATA:
-                return history.read_data(path.read_text(encoding="utf-8"))
+            if path.stat().st_size <= LARGEST_DATA:
+                return history.read_data(path.read_text(encoding="utf-8"), self.fleet)
         except (OSError, UnicodeError):
             pass
         return {}

@@ -30,9 +30,9 @@ def name_folder(inventory: str) -> str:
     return f"{name}-{hashlib.sha256(inventory.encode()).hexdigest()[:8]}"
 
 
-def find_latest(names: Iterable[str]) -> str:
-    """Return the data file of the last run, from the names in a folder; empty without a run."""
-    return max((name for name in fnmatch.filter(names, PATTERN) if name.endswith(".json")), default="")
+def list_latest(names: Iterable[str]) -> list[str]:
+    """List the data files of the last runs, the latest first, from the names in a folder."""
+    return sorted((name for name in fnmatch.filter(names, PATTERN) if name.endswith(".json")), reverse=True)[:KEPT]
 
 
 def find_expired(names: Iterable[str]) -> list[str]:
@@ -40,13 +40,15 @@ def find_expired(names: Iterable[str]) -> list[str]:
     return sorted(fnmatch.filter(names, PATTERN))[: -2 * KEPT]
 
 
-def read_data(text: str) -> dict[str, Any]:
-    """Read the data of a run; empty if the text is something else."""
+def read_data(text: str, fleet: str) -> dict[str, Any]:
+    """Read the data of a run of a fleet; empty if the text is something else, or of another fleet."""
     try:
         data = json.loads(text)
-        return plain_data(data) if isinstance(data, dict) else {}
     except (ValueError, RecursionError):
         return {}
+    # Version 1.0.0 wrote no fleet.
+    is_same = isinstance(data, dict) and data.get("fleet", fleet) == fleet
+    return plain_data(data) if is_same else {}
 
 
 def count_seconds(before: Mapping[str, Any], now: float) -> int:

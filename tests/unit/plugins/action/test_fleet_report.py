@@ -31,7 +31,7 @@ def registered(seen):
     return found
 
 
-def judge(change=None, fleet=None, **options):
+def judge(change=None, fleet=None, inventory="/home/me/our fleet", **options):
     fleet = fleet or fleets.fig12()
     seen = fleets.observed(fleet)
     if change:
@@ -49,7 +49,7 @@ def judge(change=None, fleet=None, **options):
     module = fleet_report.ActionModule(task, connection, None, None, None, None)
     hostvars = {name: registered(entry) for name, entry in seen.items()}
     return module.run(
-        task_vars={"hostvars": hostvars, "ansible_play_hosts_all": list(seen), "inventory_dir": "/home/me/our fleet"}
+        task_vars={"hostvars": hostvars, "ansible_play_hosts_all": list(seen), "inventory_dir": inventory}
     )
 
 
@@ -120,6 +120,15 @@ def test_the_difference_to_the_run_before(home, clock):
     clock(TIMES[1])
     document = json.loads(pathlib.Path(judge(fleets.wall, path="auto")["report"]).with_suffix(".json").read_text())
     assert document["since"] == TIMES[0] and document["differences"][0].startswith("new: a packet filter on tibi-visio")
+
+
+def test_only_runs_of_one_fleet_are_compared(tmp_path, clock):
+    since = []
+    for number, inventory in enumerate(("/a", "/b", "/a"), 1):
+        clock(f"2026-11-22T08000{number}")
+        page = judge(path=str(tmp_path), inventory=inventory)["report"]
+        since.append(json.loads(pathlib.Path(page).with_suffix(".json").read_text())["since"])
+    assert since == ["", "", "2026-11-22T080001"]
 
 
 def test_a_damaged_run_before_costs_the_difference_alone(home, clock):

@@ -32,11 +32,11 @@ def test_the_last_runs_stay_and_files_of_others_too(seed):
     gone = set(history.find_expired(beside))
     kept = names[-history.KEPT :]
     assert gone == {name + end for name in names[: -history.KEPT] for end in (".json", ".html")}
-    assert history.find_latest(set(beside) - gone) == (kept[-1] + ".json" if kept else "")
+    assert history.list_latest(set(beside) - gone) == [f"{name}.json" for name in reversed(kept)][: history.KEPT]
 
 
 def test_a_page_without_data_is_no_run_before():
-    assert history.find_latest(["2026-11-24T081021.html", "2026-11-23T081021.json"]) == "2026-11-23T081021.json"
+    assert history.list_latest(["2026-11-24T081021.html", "2026-11-23T081021.json"]) == ["2026-11-23T081021.json"]
 
 
 def test_two_inventories_of_one_name_have_two_folders():
@@ -47,12 +47,12 @@ def test_two_inventories_of_one_name_have_two_folders():
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", "[" * 100_000, '{"a": ' * 100_000])
 def test_what_is_no_data_of_a_run_is_empty(text):
-    assert history.read_data(text) == {}
+    assert history.read_data(text, "fleet") == {}
 
 
 def test_the_data_of_a_run_is_plain():
     now = make_report(fleets.plan()).document
-    before = history.read_data(json.dumps({**now, "time": "2026-11-24\x1b[2J"}))
+    before = history.read_data(json.dumps({**now, "time": "2026-11-24\x1b[2J"}), "fleet")
     assert before["time"] == "2026-11-24\\x1b[2J" and history.compare(before, now) == []
 
 
