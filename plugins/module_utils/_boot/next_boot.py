@@ -73,7 +73,7 @@ def settings(planned: typing.Sequence[Options], root: str = "/") -> typing.List[
     rows = []
     for key, decides in boot.find_boot_assignments(boot.Tree(root), wanted).items():
         expected = boot.normal(str(wanted[key]["value"]))
-        value = None if decides is None or decides.value is None else boot.normal(decides.value)
+        value = None if decides is None or decides.value is None else boot.read_value(decides.value, expected)
         if value == expected or value in wanted[key].get("enough", ()):
             continue
         where = "" if decides is None else decides.file + (f" line {decides.line}" if decides.line else "")

@@ -24,6 +24,8 @@ from .bindings import Binding, parse
 _MARK = b"# rosfleet.multimaster"
 _CREATED = _MARK + b" created this file"
 _REPLACED = _MARK + b" replaced: "
+# A comment of Debian's own, which is no mark of a program.
+_HEADING = b"# The following lines are desirable for IPv6 capable hosts"
 
 
 _Item = typing.Dict[str, typing.Any]
@@ -144,7 +146,7 @@ def _take_out_of_loopback(lines: typing.List[_Line], names: typing.Set[str]) -> 
 
 
 def _place(lines: typing.List[_Line], bindings: typing.List[Binding], bound: _Bound) -> None:
-    """Give each binding an owned line: where its name has one already, else behind owned lines, else behind IPv4."""
+    """Give each binding an owned line: where its name has one already, else at the place for new ones."""
     end = b"\r" if lines[0].text and lines[0].text.endswith(b"\r") else b""
     missing = {binding.keys[0]: binding for binding in bindings}
     owned_lines = []
@@ -155,9 +157,7 @@ def _place(lines: typing.List[_Line], bindings: typing.List[Binding], bound: _Bo
             line.wanted = _text(binding, end)
             bound[binding] = line
             owned_lines.append(index)
-    # Before the last piece: that is what follows the last newline, or a line that has none and keeps none.
-    last = len(lines) - 1
-    at = min((owned_lines or _find_ipv4_lines(lines) or [last])[-1] + 1, last)
+    at = _find_place(lines, owned_lines)
     new = []
     for binding in bindings:
         if binding not in bound:
@@ -165,6 +165,22 @@ def _place(lines: typing.List[_Line], bindings: typing.List[Binding], bound: _Bo
             bound[binding].wanted = _text(binding, end)
             new.append(bound[binding])
     lines[at:at] = new
+
+
+def _find_place(lines: typing.List[_Line], owned_lines: typing.List[int]) -> int:
+    """The index for new lines: behind owned lines, else behind IPv4, but never between two comments of the user.
+
+    Other programs keep lines of theirs between two comments, in words of their own, and write all that is between them anew.
+    """
+    # Before the last piece: that is what follows the last newline, or a line that has none and keeps none.
+    last = len(lines) - 1
+    texts = [(line.user or b"").strip() for line in lines]
+    comments = [index for index, text in enumerate(texts) if b"#" in text and text != _HEADING]
+    above, below = (comments[0], comments[-1] + 1) if comments else (last, 0)
+    ipv4_lines = _find_ipv4_lines(lines)
+    places = [min(one[-1] + 1, last) for one in (owned_lines, ipv4_lines) if one]
+    places += [index + 1 for index in ipv4_lines[::-1] if index < above] + [last, 0]
+    return next(place for place in places if place <= above or place >= below)
 
 
 def _find_ipv4_lines(lines: typing.List[_Line]) -> typing.List[int]:

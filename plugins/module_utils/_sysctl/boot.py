@@ -77,6 +77,32 @@ def normal(value: str) -> str:
     return " ".join(value.split())
 
 
+_WHOLE = re.compile(r"-?[0-9]+")
+_BASES = (("0x", 16), ("0", 8))
+_NUMBER = re.compile(r"-?(0[xX][0-9a-fA-F]{1,16}|0[0-7]{0,22}|[1-9][0-9]{0,19})")  # of 64 bits, none is longer
+
+
+def read_value(text: str, like: str) -> str:
+    """A value as the kernel reads it into a key that holds values such as `like`; normal form where it would refuse it.
+
+    Of whole numbers it takes as many as the key has, each up to a blank, in base 8, 10 or 16 (proc_dointvec() in
+    kernel/sysctl.c). So `1 # a remark` and `0x1` are 1, for sysctl(8) and systemd-sysctl alike: both write all of the line.
+    """
+    places, words = like.split(), text.split()
+    numbers = words[: len(places)]
+    if not places or len(words) < len(places) or not all(map(_WHOLE.fullmatch, places)):
+        return normal(text)
+    if not all(map(_NUMBER.fullmatch, numbers)):
+        return normal(text)
+    return " ".join(str(_read_number(word)) for word in numbers)
+
+
+def _read_number(word: str) -> int:
+    digits = word.lstrip("-").lower()
+    base = next((base for start, base in _BASES if digits.startswith(start)), 10)
+    return int(digits, base) * (-1 if word.startswith("-") else 1)
+
+
 def matches(pattern: str, key: str) -> bool:
     """True where a pattern of a file matches a key; `*` stays within one level (glob(7))."""
     patterns, parts = pattern.split("/"), key.split("/")

@@ -97,9 +97,12 @@ class Run(ModuleRun):
             return settings
         ours = [self.drop_in, *self.stored.get("drop_ins", [])]
         decides = boot.find_boot_assignments(boot.Tree(self.tree.root, dict.fromkeys(ours)), enough)
-        values = {key: boot.normal(one.value) for key, one in decides.items() if one and one.value is not None}
-        taken = {key: value for key, value in values.items() if value in enough[key]}
-        return [setting._replace(value=taken.get(setting.key, setting.value)) for setting in settings]
+        texts = {key: one.value for key, one in decides.items() if one and one.value is not None}
+        taken = [boot.read_value(texts.get(setting.key, ""), setting.value) for setting in settings]
+        return [
+            setting._replace(value=value) if value in enough.get(setting.key, ()) else setting
+            for setting, value in zip(settings, taken)
+        ]
 
     # The drop-in
 
@@ -146,7 +149,9 @@ class Run(ModuleRun):
             decides, present, writes = deciding[setting.key], self.states[setting.key], setting in self.plan.writes
             state, problem = self._refusal(setting, writes)
             changes = problem is None and (writes or lines.get(setting.key) != setting.value)
-            boot_value = None if decides is None or decides.value is None else boot.normal(decides.value)
+            boot_value = (
+                None if decides is None or decides.value is None else boot.read_value(decides.value, setting.value)
+            )
             item: Data = {
                 "name": boot.name_of(setting.key),
                 "value": setting.value,

@@ -13,12 +13,13 @@ import re
 import shutil
 import tempfile
 import typing
+import urllib.parse
 
 from ..._changes import atomic
 from ..._module.plain_text import LINE, quote
 from ..._module.problem import Problem
 from ..._process import commands
-from ..kernel import Route
+from ..kernel import DEFAULTS, Route
 from . import contract, networkd, networkmanager
 
 FILE = f"/etc/netplan/90-{contract.NAME}.yaml"
@@ -62,6 +63,7 @@ class BackEnd(contract.BackEnd):
         super().__init__(machine, recorded)
         # by the interface on which they are in effect
         self._definitions = dict([*self._read_networkmanager(), *self._read_networkd()])
+        self._rendered: contract.RoutesByInterface = {}
 
     # The definition of an interface
 
@@ -81,11 +83,10 @@ class BackEnd(contract.BackEnd):
         for interface, active in networkmanager.active_profiles().items():
             if active.netplan:
                 text = commands.text(active.file)
-                name = _read_setting(text, "id")[len("netplan-") :]
                 kind = _read_setting(text, "type")
-                if kind == "wifi":  # one profile per access point
-                    name = name[: -len("-" + _read_setting(text, "ssid"))]
-                yield interface, Definition(_SECTIONS.get(kind, _OTHERS), name, active.file)
+                name = read_name(active.file, _unescape(_read_setting(text, "ssid")) if kind == "wifi" else None)
+                if name:
+                    yield interface, Definition(_SECTIONS.get(kind, _OTHERS), name, active.file)
 
     def list_interfaces(self) -> typing.Set[str]:
         """The interfaces that netplan configures, by what it has generated for the manager behind it."""
@@ -110,6 +111,7 @@ class BackEnd(contract.BackEnd):
     # Our file
 
     def render(self, place: str, routes: contract.RoutesByInterface) -> str:
+        self._rendered = routes
         sections: typing.Dict[str, typing.Dict[str, typing.List[str]]] = {}
         for interface, interface_routes in sorted(routes.items()):
             definition = self._definitions[interface]
@@ -144,8 +146,22 @@ class BackEnd(contract.BackEnd):
                     f"routes: netplan refuses {FILE} as it would be ({quote(_read_error(answer).replace(copy, ''), LINE)}): correct the routes, or "
                     "set backend to none for those that its renderer cannot make."
                 )
+            self._check_generated(copy)
         finally:
             shutil.rmtree(copy, ignore_errors=True)
+
+    def _check_generated(self, copy: str) -> None:
+        """Raises Problem where the files that netplan has generated in a copy would not bring the routes to their interfaces."""
+        for interface, routes in self._rendered.items():
+            definition = self._definitions[interface]
+            text = commands.text(os.path.join(copy, definition.file.lstrip("/")))
+            absent = [route.destination for route in routes if route.destination not in text]
+            if not text or [destination for destination in absent if destination not in DEFAULTS.values()]:
+                raise Problem(
+                    f"routes: {interface} is configured by {quote(definition.file)}, and netplan would generate it without the routes to "
+                    f"{', '.join(absent or [route.destination for route in routes])}, expected them there by the definition "
+                    f"{quote(definition.name)}: see what 'netplan get' says of it, or set backend to none for these routes."
+                )
 
     # Telling netplan
 
@@ -174,6 +190,24 @@ class BackEnd(contract.BackEnd):
                 )
         if any(file.startswith(_GENERATED) for file in files):
             networkd.BackEnd(self.machine, {}).activate(places)
+
+
+def read_name(file: str, ssid: typing.Optional[str]) -> str:
+    """The name of the definition behind a profile of NetworkManager, "" where its file has another form.
+
+    netplan names the file `netplan-NAME[-SSID].nmconnection`, in the form of a URI; the `id` in it is what a person sees.
+    """
+    match = re.fullmatch(r"netplan-(.+)\.nmconnection", os.path.basename(file))
+    name = urllib.parse.unquote(match.group(1)) if match else ""
+    end = "" if ssid is None else f"-{ssid}"  # a definition of a wifi has one profile per access point
+    return name[: len(name) - len(end)] if name.endswith(end) else ""
+
+
+def _unescape(text: str) -> str:
+    """A value of a key file (GKeyFile) without its escapes."""
+    return re.sub(
+        r"\\(.)", lambda match: {"s": " ", "t": "\t", "n": "\n", "r": "\r"}.get(match.group(1), match.group(1)), text
+    )
 
 
 def _read_setting(text: str, key: str) -> str:

@@ -86,6 +86,11 @@ SETTINGS = {
         None,
     ),
     "another one that serves as well": ({"/etc/sysctl.d/99-x.conf": "net.ipv4.ip_forward=2\n"}, None),
+    "with a remark behind it": ({"/etc/sysctl.d/99-x.conf": "net.ipv4.ip_forward = 1 # pass packets on\n"}, None),
+    "a remark that the kernel refuses": (
+        {"/etc/sysctl.d/99-x.conf": "net.ipv4.ip_forward = 1# on\n"},
+        "/etc/sysctl.d/99-x.conf line 1 sets 1# on",
+    ),
     "nobody": ({}, "no file sets it"),
 }
 

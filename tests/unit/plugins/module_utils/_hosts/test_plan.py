@@ -129,6 +129,48 @@ def test_changed_address_and_alias_stay_in_their_line():
     assert plan.content == first.replace(b".229\tkobuki1computer", b".230\tkobuki1computer k1")
 
 
+BLOCK = "%s\n10.0.0.7 nas\n10.0.0.8 printer\n%s"
+MARKS = [
+    ("# BEGIN ANSIBLE MANAGED BLOCK", "# END ANSIBLE MANAGED BLOCK"),
+    ("## vagrant-hostmanager-start", "## vagrant-hostmanager-end"),
+    ("# Added by Docker Desktop", "# End of section"),
+    ("# >>> lab", "#"),
+    ("10.0.0.6 first # lab", "10.0.0.9 last # lab"),
+]
+SURROUNDINGS = {
+    "at the end": "127.0.0.1 localhost\n127.0.1.1 kobuki2computer\n%s\n",
+    "at the end without a newline": "127.0.0.1 localhost\n%s",
+    "below a heading": "# The hosts of this place\n127.0.0.1 localhost\n\n%s\n::1 ip6-localhost\n",
+    "at the beginning": "%s\n::1 ip6-localhost\n",
+    "all of it": "%s",
+    "all of it with a newline": "%s\n",
+    "with Windows' line ends": "127.0.0.1 localhost\r\n%s\r\n",
+    "in the middle": "127.0.0.1 localhost\n%s\n10.1.0.1 other\n",
+    "twice": "127.0.0.1 localhost\n%s\n10.1.0.1 other\n%s\n",
+    "with lines of ours in it": "# BEGIN\n10.0.0.7 nas\n192.168.1.229 kobuki1computer # rosfleet.multimaster\n%s\n# END\n",
+}
+
+
+@pytest.mark.parametrize("marks", MARKS)
+@pytest.mark.parametrize("around", SURROUNDINGS)
+def test_lines_never_come_between_two_comments(marks, around):
+    form = SURROUNDINGS[around]
+    before = (form % ((BLOCK % marks,) * form.count("%s"))).encode()
+    after = hosts_module.plan(before, bindings(*KOBUKI)).content
+    added = [line for line in after.split(b"\n") if b"# rosfleet" in line and line not in before]
+    assert added
+    for line in added:
+        above, below = after.split(line)
+        assert not (b"#" in _without_ours(above) and b"#" in _without_ours(below))
+    assert hosts_module.plan(after, bindings(*KOBUKI)).content == after
+    owned = b"192.168.1.229\tkobuki1computer # rosfleet.multimaster\n"
+    assert hosts_module.plan(after, []).content == before.replace(owned, b"")
+
+
+def _without_ours(text):
+    return b"\n".join(line for line in text.split(b"\n") if b"# rosfleet" not in line)
+
+
 def test_a_file_that_did_not_exist_goes_unless_others_use_it():
     made = hosts_module.plan(None, bindings(*KOBUKI)).content
     assert made.startswith(b"# rosfleet.multimaster created this file\n192.168.1.229\t")

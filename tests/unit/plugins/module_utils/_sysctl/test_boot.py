@@ -122,6 +122,14 @@ def test_key_of(name, key):
     assert sysctl_boot.key_of(name) == key
 
 
+def test_a_value_is_read_by_the_numbers_of_its_key():
+    assert sysctl_boot.read_value("4096 0x20000 6291456 # bytes", "4096 131072 6291456") == "4096 131072 6291456"
+    assert sysctl_boot.read_value("4096 131072", "4096 131072 6291456") == "4096 131072"  # the third one would stay
+    assert sysctl_boot.read_value("bbr  # a remark", "bbr") == "bbr # a remark"  # the kernel knows no such name
+    assert sysctl_boot.read_value("1 # a remark", "") == "1 # a remark"
+    assert sysctl_boot.read_value("9" * 10**6, "1") == "9" * 10**6
+
+
 def test_foreign_lines_are_left_out_and_numbers_stay():
     text = "# c\n\n;c\nnonsense\n a.b = 1 \n-c.d=2\n-e.*.f\r\n.g = \nx/y.z=a=b # c\n"
     assert [tuple(found) for found in sysctl_boot.parse(text, "f")] == [

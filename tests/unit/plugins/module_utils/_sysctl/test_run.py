@@ -16,6 +16,7 @@ import tempfile
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import boot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run as sysctl
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl.plan import HEADER, settings_of
 
@@ -219,6 +220,20 @@ def test_a_conflict_can_be_reported_instead(machine):
     assert result["conflicts"][0] in json.dumps(result["warnings"])
     assert result["settings"][0]["boot_value"] == "0"
     assert not machine.run(REPORT, on_conflict="report")["changed"]
+
+
+@pytest.mark.parametrize("text", ["1 # pass packets on", "0x1", "01", "1 2"])
+def test_a_value_of_others_is_compared_as_the_kernel_reads_it(machine, text):
+    machine.write("/etc/sysctl.d/99-own.conf", f"net.ipv4.ip_forward = {text}\n")
+    result = machine.run(REPORT)
+    assert result["settings"][0]["boot_value"] == "1" and not result["conflicts"], result
+    assert not machine.run(REPORT)["changed"]
+
+
+@pytest.mark.parametrize("text", ["0 # 1", "1# pass packets on", "1;", "+1"])
+def test_a_value_that_the_kernel_reads_in_another_way_is_a_conflict(machine, text):
+    machine.write("/etc/sysctl.d/99-own.conf", f"net.ipv4.ip_forward = {text}\n")
+    assert machine.run(REPORT)["failed"]
 
 
 ARP = "net.ipv4.conf.all.arp_ignore"
@@ -643,6 +658,43 @@ def test_kernel_apply_again_and_back(namespace):
     assert namespace.held(BROADCASTS) == "0"
     assert namespace.run([])["changed"]
     assert {key: namespace.held(key) for key in keys} == before
+
+
+READ = [
+    "1 # on",
+    "1# on",
+    "1;on",
+    "1 2",
+    "0x1",
+    "0X1F",
+    "01",
+    "010",
+    "08",
+    "+1",
+    " 1 ",
+    "1x",
+    "'1'",
+    "1,2",
+    "0b1",
+    "-1",
+    "1.0",
+    "0x",
+    "-0x2",
+]
+
+
+@as_root
+@pytest.mark.parametrize("text", READ)
+def test_the_kernel_reads_a_value_as_it_is_foretold(namespace, text):
+    """Also with the remark of a file: sysctl(8) and systemd-sysctl write all that stands behind the `=`."""
+    namespace.held(FORWARD, 7)
+    foretold = boot.read_value(text, "7")
+    try:
+        namespace.held(FORWARD, text)
+        held = namespace.held(FORWARD)
+    except subprocess.CalledProcessError:
+        held = boot.normal(text)  # refused: it is compared as it stands there
+    assert foretold == held
 
 
 # name, value, the words that say what is wrong

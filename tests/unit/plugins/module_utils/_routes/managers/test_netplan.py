@@ -77,20 +77,39 @@ def test_the_section_is_that_of_the_definition(tmp_path, path, text, section):
     assert list(yaml.safe_load(wanted)["network"][section]) == ["x"]
 
 
-@pytest.mark.parametrize(
-    ("text", "section", "name"),
-    [
-        ("[connection]\nid=netplan-lan\ntype=ethernet\n", "ethernets", "lan"),
-        ("[connection]\nid=netplan-wlan0-Robot lab\ntype=wifi\n\n[wifi]\nssid=Robot lab\n", "wifis", "wlan0"),
-    ],
-)
-def test_the_definition_behind_a_profile_of_networkmanager(tmp_path, monkeypatch, text, section, name):
+NM = "NM-0b1c0000-1111-2222-3333-444455556666"
+PROFILES = [
+    ("lan", "[connection]\nid=netplan-lan\ntype=ethernet\n", "ethernets", "lan"),
+    # NetworkManager's own profiles, with names of people: Ubuntu keeps them in netplan since 23.10
+    (NM, "[connection]\nid=Wired connection 1\ntype=ethernet\n", "ethernets", NM),
+    (NM, "[connection]\nid=robot-lab-wired\ntype=ethernet\n", "ethernets", NM),
+    (NM, "[connection]\nid=netplan-other\ntype=bridge\n", "bridges", NM),
+    ("eth0%3A1", "[connection]\nid=netplan-eth0:1\ntype=vlan\n", "vlans", "eth0:1"),
+    (
+        "wlan0-Robot%20lab%2F5",
+        "[connection]\nid=lab wifi\ntype=wifi\n\n[wifi]\nssid=Robot lab/5\n",
+        "wifis",
+        "wlan0",
+    ),
+    (NM + "-a-b", "[connection]\nid=netplan-x\ntype=wifi\n\n[wifi]\nssid=a-b\n", "wifis", NM),
+    ("w-%20lead%5Cx", "[connection]\nid=x\ntype=wifi\n\n[wifi]\nssid=\\slead\\\\x\n", "wifis", "w"),
+]
+
+
+@pytest.mark.parametrize(("file", "text", "section", "name"), PROFILES)
+def test_the_definition_behind_a_profile_of_networkmanager(tmp_path, monkeypatch, file, text, section, name):
     start = str(tmp_path / "netplan-")
-    write("/", start + "x.nmconnection", text)
+    place = f"{start}{file}.nmconnection"
+    write("/", place, text)
     monkeypatch.setattr(nm, "NETPLANS", start)
-    monkeypatch.setattr(nm, "active_profiles", lambda: {"eth0": nm.Active("1-2", False, start + "x.nmconnection")})
+    monkeypatch.setattr(nm, "active_profiles", lambda: {"eth0": nm.Active("1-2", False, place)})
     end = netplan.BackEnd(contract.Machine({"eth0": Interface("eth0", 99999)}, True, str(tmp_path)), {})
-    assert end._definitions == {"eth0": netplan.Definition(section, name, start + "x.nmconnection")}
+    assert end._definitions == {"eth0": netplan.Definition(section, name, place)}
+
+
+def test_a_profile_of_another_form_has_no_definition():
+    assert netplan.read_name("/run/NetworkManager/system-connections/netplan-w-Lab.nmconnection", "Other") == ""
+    assert netplan.read_name("/run/NetworkManager/system-connections/lan.nmconnection", None) == ""
 
 
 def test_the_file_says_what_netplan_reads(tmp_path):
