@@ -18,7 +18,7 @@ author:
 positional: _input
 options:
   _input:
-    description: The services in the order of their start, for example V([address, roscore, discovery, connections, sync]).
+    description: The services in the order of their start, for example V([address, watchdog, roscore, discovery, connections, sync]).
     type: list
     elements: str
     required: true

@@ -175,7 +175,7 @@ options:
     elements: str
   services:
     description:
-      - The services that run on this computer, for example V([roscore, discovery, connections, sync]); each is the unit
+      - The services that run on this computer, for example V([watchdog, roscore, discovery, connections, sync]); each is the unit
         C(multimaster-<name>.service).
     type: list
     elements: str

@@ -248,7 +248,7 @@ OUTSIDE = {
     "edge/journal edge/rpc_client roscore/changes roscore/door roscore/master roscore/notifier roscore/refusals roscore/store",
     "queue": "edge/loop",
     "time": "edge/clock wait_for_master",
-    "signal": "edge/process/program publish_metrics run_plain",
+    "signal": "edge/process/program end_hangs publish_metrics run_plain",
     "subprocess": "edge/process/children",
     "asyncio": "",
     "concurrent": "",

@@ -400,4 +400,5 @@ def _services(
     connections = ("connections",) if robot.variables.provider == "bundled" else ()
     metrics = ("metrics",) if parameters.writes_metrics(robot) else ()
     crossing = ("border",) if border else ()
-    return (*first, *roscore, "discovery", *connections, "sync", *crossing, *metrics)
+    watchdog = ("watchdog",) if connections or crossing else ()  # our own programs alone give signs of life
+    return (*first, *watchdog, *roscore, "discovery", *connections, "sync", *crossing, *metrics)

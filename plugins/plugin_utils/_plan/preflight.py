@@ -30,6 +30,7 @@ ALONE, GLOBAL = 32, ("2", "3", "fc", "fd")
 NEEDS = {
     "address": ("its own name leads nowhere while no interface has its address", True, False),
     "connections": ("connections with lost robots are left to TCP, which takes minutes to notice", True, True),
+    "watchdog": ("a service that hangs is ended after half an hour, and not within a minute", False, True),
     "metrics": ("node_exporter has no metrics of the nodes", False, True),
 }
 

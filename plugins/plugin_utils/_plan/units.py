@@ -66,6 +66,18 @@ SystemCallFilter=~@privileged @resources
 SystemCallErrorNumber=EPERM
 UMask=0077"""
 
+# How long a start may take: a machine that is merely busy needs many times as long as usual.
+START = 300  # seconds
+# The signs of life of our own programs.
+_NOTIFY = f"""\
+Type=notify
+NotifyAccess=main
+# Its loop gives signs of life. multimaster-watchdog.service ends it if it hangs, and not if it waits for a processor. systemd
+# cannot tell the two apart: this is for the case that nobody else judges.
+WatchdogSec=30min
+# The processor may be busy.
+TimeoutStartSec={START}"""
+
 # The own address
 
 # The mark of our route. It is found again by it, also with an old address (rtnetlink(7), rtm_protocol).
@@ -170,8 +182,9 @@ _PLAIN_ROSCORE = """\
 # More workers than three, and a timeout: unreachable subscribers of other robots must not block the robot's own nodes.
 # What rosmaster and rosout print may be a stranger's text: each line of it is plain, and begins with a word of ours.
 ExecStart={run_plain} {command} -p {port} -w 16 -t 3
-# Started means that it answers, so what is ordered after it finds it.
-ExecStartPost={wait} --timeout 60"""
+# Started means that it answers, so what is ordered after it finds it. A busy processor costs no roscore.
+ExecStartPost={wait} --timeout {start}
+TimeoutStartSec=infinity"""
 _NODE = """\
 # Managed by rosfleet.multimaster: {task}, for the robot {robot}
 [Unit]
@@ -197,7 +210,7 @@ NODES = {
 }
 
 #: the services that are not nodes
-OTHERS = ("tunnel", "address", "roscore", "connections", "metrics")
+OTHERS = ("tunnel", "address", "watchdog", "roscore", "connections", "metrics")
 
 
 def render_services(
@@ -228,6 +241,9 @@ def render_services(
             text = _complete(_TUNNEL, **values)
         elif name == "address":
             text = _complete(_ADDRESS, **shared, address=ipaddress.IPv4Address(address), protocol=ROUTE_PROTOCOL)
+        elif name == "watchdog":
+            judged = " ".join(f"multimaster-{other}.service" for other in names if other in _JUDGED)
+            text = _complete(_WATCHDOG, **shared, end=_isolate("end_hangs"), judged=judged)
         elif name == "connections":
             text = _complete(_CONNECTIONS, **shared, end=_isolate("end_connections"))
         elif name == "metrics":
@@ -246,7 +262,7 @@ def render_services(
 
 def _complete(template: str, inputs: str, **values: object) -> str:
     """The text of a unit: what it is, the part of a service of ROS, the sandbox, and its start at boot."""
-    shared = {"inputs": inputs, "configuration": CONFIGURATION, "sandbox": _SANDBOX}
+    shared = {"inputs": inputs, "configuration": CONFIGURATION, "sandbox": _SANDBOX, "notify": _NOTIFY}
     return (template + _INSTALL).format(**shared, **values, service=_SERVICE.format(**shared))
 
 
@@ -254,7 +270,9 @@ def _roscore_lines(command: str, port: int, programs: Mapping[str, UnitLines]) -
     """The lines of the roscore of the provider, or of ROS."""
     if "roscore" in programs:
         return programs["roscore"].service
-    return _PLAIN_ROSCORE.format(command=quotes.check_program(command), port=port, wait=WAIT, run_plain=RUN_PLAIN)
+    return _PLAIN_ROSCORE.format(
+        command=quotes.check_program(command), port=port, wait=WAIT, run_plain=RUN_PLAIN, start=START
+    )
 
 
 # The end of connections with lost robots
@@ -277,10 +295,8 @@ StartLimitIntervalSec=0
 
 [Service]
 Environment=ROSFLEET_INPUTS={inputs}
-Type=notify
-NotifyAccess=main
+{notify}
 ExecStart={end} {configuration}/master_sync.json %t/%N/socket
-WatchdogSec=30
 Restart=always
 RestartSec=1
 # The group of this user is that of multimaster-sync.service too: nobody else comes into the folder of the socket.
@@ -313,10 +329,8 @@ StartLimitIntervalSec=0
 
 [Service]
 Environment=ROSFLEET_INPUTS={inputs}
-Type=notify
-NotifyAccess=main
+{notify}
 ExecStart={publish} {folder}
-WatchdogSec=30
 Restart=always
 RestartSec=10
 # Root, since the folder is root's or node_exporter's, and nodes that talk with strangers must not write there. But of root
@@ -330,6 +344,34 @@ MemoryDenyWriteExecute=yes
 MemoryMax=64M
 TasksMax=4
 {sandbox}"""
+
+# The end of services that hang
+
+_JUDGED = ("roscore", "connections", "metrics", *NODES)
+_WATCHDOG = """\
+# Managed by rosfleet.multimaster: the end of services that hang, for the robot {robot}
+[Unit]
+Description=End of services of {robot} that hang
+Documentation=https://github.com/rosfleet/multimaster
+StartLimitIntervalSec=0
+
+[Service]
+Environment=ROSFLEET_INPUTS={inputs}
+{notify}
+ExecStart={end} {judged}
+Restart=always
+RestartSec=1
+# Root, since systemd answers it without D-Bus then. Of root it has only the right to end processes.
+CapabilityBoundingSet=CAP_KILL
+ProtectHome=yes
+PrivateNetwork=yes
+RestrictAddressFamilies=AF_UNIX
+MemoryDenyWriteExecute=yes
+MemoryMax=64M
+TasksMax=8
+{sandbox}
+# It reads how long the threads of services have waited for a processor.
+ProtectProc=default"""
 
 # What differs by provider
 
@@ -345,31 +387,24 @@ _GROUP = """\
 Group=multimaster-connections
 """
 _NOTIFYING = """\
-Type=notify
-NotifyAccess=main
-# A loop that has not turned for so long hangs. The node writes where, and is started again.
-WatchdogSec=30
-ExecStart={python} -m rosfleet_multimaster.{node} --parameters {configuration}/{node}.json
-TimeoutStartSec=80"""
+{notify}
+ExecStart={python} -m rosfleet_multimaster.{node} --parameters {configuration}/{node}.json"""
 _REMEMBERING = """\
 # rosmaster with a memory: docs/roscore.md. Started means that it answers, with what it knew.
-Type=notify
-NotifyAccess=main
-WatchdogSec=30
+{notify}
 ExecStart={python} -m rosfleet_multimaster.roscore --port {port}
 StateDirectory=%N
 # systemd holds its socket while it is started again, so calls wait and do not fail.
 FileDescriptorStoreMax=1
 # It ends rosout itself. Where it was killed, rosout is too: it would wait for the answer to its farewell.
-KillMode=mixed
-TimeoutStartSec=60"""
+KillMode=mixed"""
 _WATCHED = """\
 {environment}Environment=ROS_PYTHON_LOG_CONFIG_FILE={library}/python/rosfleet_multimaster/logging.conf
 ExecStartPre={wait} --set /{node} {configuration}/{node}.json
 ExecStart={python} {path} __name:={node}
-# Started means that it answers.
-ExecStartPost={wait} --service /{node}/{service}
-TimeoutStartSec=150
+# Started means that it answers. A busy processor costs no node.
+ExecStartPost={wait} --timeout {start} --service /{node}/{service}
+TimeoutStartSec=infinity
 RestartSec=1"""
 # 1000 connections of others, 320 for XML-RPC, two for each of 200 calls, and 300 to each of the other borders.
 _BORDER = UnitLines("", f"LimitNOFILE=16384\n{_NOTIFYING}")
@@ -414,6 +449,8 @@ def render_programs(
             service=ros_service,
             configuration=CONFIGURATION,
             library=LIBRARY,
+            notify=_NOTIFY,
+            start=START,
             environment=f"Environment={variables}\n" if variables else "",
         )
         lines[name] = UnitLines(program.unit, service)
@@ -443,7 +480,7 @@ Environment=ROSFLEET_INPUTS={inputs}
 ExecStartPre=/bin/sh -c '! grep -q "^ *[0-9]" /proc/net/ip_mr_vif || \
 {{ echo "Another program routes multicast already, perhaps smcroute.service: stop and disable it." >&2; exit 1; }}'
 ExecStart={command} -n -N -s -f {file}
-ExecStartPost=/bin/sh -c 'for try in $$(seq 25); do \
+ExecStartPost=/bin/sh -c 'for try in $$(seq 150); do \
 grep -qF " $$1 " /proc/net/ip_mr_vif && grep -qF " $$2 " /proc/net/ip_mr_vif && exit; sleep 0.2; done; \
 echo "smcrouted does not route between $$1 and $$2: are both up?" >&2; exit 1' sh {names}
 Restart=always

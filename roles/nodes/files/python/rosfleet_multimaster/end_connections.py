@@ -48,7 +48,7 @@ def main(parameters: str, path: str) -> None:
         given: Any = json.load(file)
     problem = _problem()
     members = Members.from_parameters(given)
-    patience = min(IDLE, (watchdog() or IDLE) / 4)
+    patience = min(IDLE, watchdog() or IDLE)
     with open_listener(path) as listener:
         notify("READY=1", f"STATUS={problem or 'connections with lost robots are ended'}")
         while True:

@@ -56,7 +56,7 @@ def main(folder: str) -> None:
     plain_streams()
     publisher = Publisher(folder)
     signal.signal(signal.SIGTERM, lambda *_about: sys.exit(0))
-    every = min(LOOK, (watchdog() or LOOK) / 2)
+    every = min(LOOK, watchdog() or LOOK)
     try:
         publisher.look()
         notify("READY=1", f"STATUS=the metrics are in {folder}")

@@ -26,14 +26,15 @@ def test_systemd_is_told(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("microseconds", "pid", "seconds"),
     [
-        ("30000000", None, 30.0),
-        ("30000000", str(os.getpid()), 30.0),
+        ("30000000", None, 5.0),
+        ("400000", None, 0.1),
+        ("30000000", str(os.getpid()), 5.0),
         ("30000000", "1", None),
         ("", None, None),
         ("0", None, None),
         ("x", None, None),
     ],
-    ids=["everybody", "own", "other", "none", "zero", "no number"],
+    ids=["everybody", "a short one", "own", "other", "none", "zero", "no number"],
 )
 def test_the_time_of_the_watchdog(monkeypatch, microseconds, pid, seconds):
     monkeypatch.setenv("WATCHDOG_USEC", microseconds)

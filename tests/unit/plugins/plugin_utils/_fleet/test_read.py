@@ -73,7 +73,7 @@ def test_plan_of_figure_5():
         {"name": "net.ipv4.icmp_echo_ignore_broadcasts", "value": "0"},
         {"name": "net.ipv4.conf.all.arp_ignore", "value": "3", "enough": ["1", "2", "8"]},
     ]
-    assert first["services"] == ["address", "roscore", "discovery", "connections", "sync"]
+    assert first["services"] == ["address", "watchdog", "roscore", "discovery", "connections", "sync"]
     assert first["discovery"] == {
         "name": "kobuki1computer",
         "mcast_group": "224.0.0.1",
@@ -129,7 +129,7 @@ def test_existing_roscore_on_another_port():
         )
     )
     second = plan["computers"]["kobuki2computer"]
-    assert second["services"] == ["address", "discovery", "connections", "sync"]
+    assert second["services"] == ["address", "watchdog", "discovery", "connections", "sync"]
     assert second["environment"]["ROS_MASTER_URI"] == "http://kobuki2computer:11411"
     assert plan["masters"][1]["name"] == "kobuki2computer_11411"
     assert plan["masters"][1]["monitor_uri"] == "http://192.168.1.239:11711"

@@ -13,7 +13,7 @@ AT = IPv4Address("192.168.1.40")
 def test_the_companion_runs_the_nodes_of_a_sealed_roscore():
     plan = sealed()
     own, master = plan.computers[COMPANION], plan.master_of["hsr"]
-    assert own.services == ("address", "discovery", "connections", "sync") and own.is_master
+    assert own.services == ("address", "watchdog", "discovery", "connections", "sync") and own.is_master
     assert own.environment == {"ROS_MASTER_URI": "http://192.168.1.40:11311", "ROS_IP": "192.168.1.41"}
     assert (own.roscore, [entry.port for entry in own.ports]) == ("sealed", [11511, 11611])
     assert (master.computer, master.name, master.roscore) == (COMPANION, SEALED, AT)

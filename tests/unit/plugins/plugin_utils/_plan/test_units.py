@@ -105,6 +105,28 @@ def test_no_unit_waits_for_a_network():
         )
 
 
+def test_no_limit_costs_a_process_that_waits():
+    """A start has minutes, and the watchdog of systemd itself, which cannot tell a hang from a wait, has half an hour."""
+    names = [*units.OTHERS, *units.NODES]
+    for provider in units.PROGRAMS:
+        programs = units.render_programs(provider, "/bin/true", dict.fromkeys(units.NODES, "/bin/true"), 11311)
+        for unit, text in made(names, programs=programs, metrics_folder="/var/lib/x").items():
+            start, oneshot = re.findall(r"^TimeoutStartSec=(.*)", text, re.M), "\nType=oneshot\n" in text
+            assert start in (["300"], ["infinity"]) or oneshot, unit
+            waits = re.findall(r"^ExecStartPost=.*wait_for_master (.*)", text, re.M)
+            assert all(wait.startswith("--timeout 300") for wait in waits) and (start != ["infinity"] or waits), unit
+            assert re.findall(r"^WatchdogSec=(.*)", text, re.M) in ([], ["30min"]), unit
+            assert oneshot or "\nStartLimitIntervalSec=0\n" in text, unit
+
+
+def test_the_watchdog_judges_what_gives_signs_of_life():
+    programs = units.render_programs("bundled", "/bin/true", {}, 11311)
+    names = ["address", "watchdog", "roscore", "discovery", "connections", "sync"]
+    text = made(names, programs=programs)["multimaster-watchdog.service"]
+    (judged,) = re.findall(r"end_hangs import main; main.*?' (.*)", text)
+    assert judged.split() == [f"multimaster-{name}.service" for name in ("roscore", "discovery", "connections", "sync")]
+
+
 def test_the_multicast_router():
     unit = units.render_router("tibi", "239.255.11.11", INTERFACES, "/usr/sbin/smcrouted", "feed")
     assert unit["content"] == (GOLDEN / unit["name"]).read_text(encoding="utf-8")
@@ -150,6 +172,7 @@ def test_the_bundled_roscore_remembers_and_upstreams_does_not():
 RATED = {
     "tunnel": 3.5,
     "address": 1.5,
+    "watchdog": 2.0,
     "roscore": 1.5,
     "discovery": 1.5,
     "border": 1.5,
@@ -222,7 +245,7 @@ def directives(text):
 #: directive -> the units that have it alone, where the page says which
 SOME = {
     "IPAddressDeny": {"connections"},
-    "MemoryDenyWriteExecute": {"connections", "metrics", "address", "multicast-routing"},
+    "MemoryDenyWriteExecute": {"connections", "metrics", "watchdog", "address", "multicast-routing"},
     "PrivateUsers": set(),
     "ProcSubset": set(),
 }
@@ -254,5 +277,6 @@ def test_the_page_has_the_sandbox_of_each_unit(files):
                 measured,
             )  # a systemd may know one thing more
     text = {path.stem: directives(path.read_text(encoding="utf-8")) for path in files}
-    assert all(text[f"multimaster-{name}"]["WatchdogSec"] == ["30"] for name in ("roscore", "discovery", "sync"))
+    ours = ("roscore", "discovery", "sync", "border", "connections", "metrics", "watchdog")
+    assert {name for name in told if "WatchdogSec" in text[f"multimaster-{name}"]} == set(ours)
     assert "ROSOUT_DISABLE_FILE_LOGGING=1" in text["multimaster-roscore"]["Environment"]

@@ -3,7 +3,7 @@
 """The loop of a program, its workers, and jobs that recur.
 
 A program is one loop in its main thread. What may block runs in a worker, which hands its result to the loop.
-Each pass of the loop feeds systemd's watchdog, and nothing else does: a loop that hangs is seen.
+Each pass of the loop feeds the watchdog, and nothing else does: a loop that hangs is seen (end_hangs.py).
 """
 
 import contextlib
@@ -99,11 +99,11 @@ class Loop:
     def run(self, tick: Callable[[float], float]) -> None:
         """Call `tick` with the time until `stop`; it returns the time at which it wants to be called again."""
         self._thread = threading.get_ident()
-        limit = watchdog()
-        feed, every = 0.0, limit / 4 if limit else float("inf")
+        every = watchdog() or float("inf")
+        feed = 0.0 if every < float("inf") else every
         while self._running:
             now = monotonic()
-            if limit and now >= feed:
+            if now >= feed:
                 notify("WATCHDOG=1")
                 feed = now + every
             due = min(self._call_due(now), tick(now), now + every)  # in this order: a call may change what `tick` does

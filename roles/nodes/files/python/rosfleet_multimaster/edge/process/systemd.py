@@ -13,6 +13,8 @@ from ...protocol.plain_text import LINE, plain
 
 _log = logging.getLogger("rosfleet.systemd")
 
+_OFTEN = 5.0  # seconds between two signs of life at most: end_hangs.py misses one much earlier than systemd
+
 
 def notify(*assignments: str) -> None:
     """Tell systemd (sd_notify): "READY=1", "STATUS=...", "STOPPING=1". Does nothing outside a service.
@@ -34,13 +36,13 @@ def _send(message: str, rights: List[Any], what: str) -> None:
 
 
 def watchdog() -> Optional[float]:
-    """The seconds within which systemd wants to hear of this process, again and again; None where it does not."""
+    """The seconds after which systemd is to hear of this process, again and again; None where it need not."""
     try:
         microseconds = int(os.environ.get("WATCHDOG_USEC", ""))
     except ValueError:
         return None
     meant = os.environ.get("WATCHDOG_PID", "") in ("", str(os.getpid()))
-    return microseconds / 1e6 if meant and microseconds > 0 else None
+    return min(_OFTEN, microseconds / 4e6) if meant and microseconds > 0 else None
 
 
 def store_socket(name: str, held: socket.socket) -> None:
