@@ -11,6 +11,7 @@ import json
 import os
 import pathlib
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -21,7 +22,7 @@ import pytest
 from rosfleet_multimaster.border.core.header import encode_header
 from rosfleet_multimaster.edge.rpc_server import RpcServer
 
-from tests.unit.nodes.border.ends import HEADER, SUM, End, free_port, message
+from tests.unit.nodes.border.ends import DEAR, DEEP, HEADER, SUM, End, free_port, message
 from tests.unit.nodes.running_sync import Roscore
 
 NODES = pathlib.Path(__file__).resolve().parents[3] / "roles/nodes/files/python"
@@ -40,7 +41,7 @@ class Peer:
 
     def __init__(self, name, address):
         self.name, self.address, self.revision, self.offers = name, address, 0, []
-        self.asked = []  # headers of connections
+        self.asked, self.header = [], HEADER  # headers of connections, and the one that is sent
         self.data = socket.create_server((address, 0), backlog=200)
         self.server = RpcServer(address, 0, {"rosfleetOffers": self.tell}, lambda *_why: None)
 
@@ -60,7 +61,7 @@ class Peer:
             with contextlib.suppress(OSError, EOFError):
                 end = End(connection)
                 self.asked.append(end.header())
-                end.say(encode_header(HEADER))
+                end.say(encode_header(self.header))
                 talk(end)
 
         def run():
@@ -83,18 +84,21 @@ class Peer:
 
 def talk_for_ever(end):
     while True:
-        end.say(message(b"data"))
+        end.say(message(struct.pack("<4sd", b"data", time.monotonic())))
         time.sleep(0.02)
 
 
 class Station:
     """The border, and connections to it."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, **bad):
+        """`bad`: what is in the channel of the hostile robot instead."""
         self.roscore, self.peers = Roscore(), (Peer("bad", BAD), Peer("good", GOOD))
         self.port = free_port()
         third = Peer("third", THIRD)
-        values = {"robot": "station", "port": self.port, "channels": [peer.channel() for peer in self.peers]}
+        channels = [{**self.peers[0].channel(), **bad}, self.peers[1].channel()]
+        values = {"robot": "station", "port": self.port, "channels": channels}
+        self.log = folder / "log"
         members = {"members": [peer.member() for peer in (*self.peers, third)], "strangers": "ignore"}
         path = folder / "border.json"
         path.write_text(json.dumps({**values, **members, "diagnostics": False}))
@@ -106,7 +110,8 @@ class Station:
         self.good.offer(["topic", "/good/scan", "x/Y", ["/laser"]], ["service", "/good/reset", "", ["/base"]])
         self.good.serve(talk_for_ever)
         words = [sys.executable, "-m", "rosfleet_multimaster.master_border", "--parameters", str(path)]
-        self.process = subprocess.Popen(words, env=environment)
+        with self.log.open("wb") as log:
+            self.process = subprocess.Popen(words, env=environment, stderr=log)
         wait_for(lambda: {"/good/scan", "/good/reset"} <= self.names())
         self.data = self.api.requestTopic("/x", "/good/scan", [["TCPROS"]])[2][2]
 
@@ -135,7 +140,27 @@ class Station:
         try:
             end = self.connect(source, topic="/good/scan")
             end.connection.settimeout(seconds)
-            return "error" not in end.header() and end.next() == message(b"data")
+            return "error" not in end.header() and end.next()[4:8] == b"data"
+        except (OSError, EOFError):
+            return False
+
+    def measure_delays(self, seconds=3.0):
+        """How long messages of the good robot take on their way, which come each 20 ms: the median, and the longest."""
+        end = self.connect(topic="/good/scan")
+        end.header()
+        until, delays = time.monotonic() + seconds, []
+        while time.monotonic() < until:
+            (said,) = struct.unpack("<d", end.next()[8:])
+            delays.append(time.monotonic() - said)
+        end.close()
+        return sorted(delays)[len(delays) // 2], max(delays)
+
+    def calls(self, seconds=2.0):
+        """Say if a call of the good robot's service is answered in time."""
+        try:
+            end = self.connect(service="/good/reset")
+            end.connection.settimeout(seconds)
+            return "error" not in end.header() and end.next()[4:8] == b"data"
         except (OSError, EOFError):
             return False
 
@@ -165,6 +190,39 @@ def station(tmp_path):
     found = Station(tmp_path)
     yield found
     found.end()
+
+
+@pytest.fixture
+def framed(tmp_path):
+    """A station whose frames have other names at the hostile robot."""
+    found = Station(tmp_path, inner=True, frames="station/", **{"as": ""})
+    yield found
+    found.end()
+
+
+@pytest.mark.parametrize("dear", DEAR)
+def test_messages_that_cost_much_delay_nobody(framed, dear):
+    """Each of them has texts in types in each other, so a few bytes are many steps."""
+    framed.bad.header = {**HEADER, "type": "x/Y", "message_definition": DEEP}
+
+    def talk(end):
+        while True:
+            end.say(DEAR[dear])
+
+    framed.bad.serve(talk)
+    names = [f"/bad/t{number}" for number in range(12)]
+    framed.offer(*(["topic", name, "x/Y", ["/n"]] for name in names))
+    listeners = [framed.connect(topic=name) for name in names]
+    wait_for(lambda: len(framed.bad.asked) == len(names), 30)
+    median, longest = framed.measure_delays(6.0)
+    print(f"a message takes {1000 * median:.0f} ms, and {1000 * longest:.0f} ms at most")
+    assert median < 0.1 and longest < 1.0
+    assert framed.hears(0.5) and framed.calls()
+    assert framed.measure_load() < 0.8
+    wait_for(lambda: "bad: its messages take more of the processor" in framed.log.read_text(), 30)
+    assert framed.log.read_text().count("take more of the processor") == 1
+    for end in listeners:
+        end.close()
 
 
 ODD = {

@@ -42,6 +42,18 @@ def tree(*pairs):
     return struct.pack("<I", len(pairs)) + b"".join(head + text(one) + text(other) + pose for one, other in pairs)
 
 
+LINE = "=" * 80
+#: a type in which a text of four bytes is many steps
+DEEP = f"\n{LINE}\n".join(
+    ["D1[] all"] + [f"MSG: x/D{number}\nD{number + 1} a" for number in range(1, 27)] + ["MSG: x/D27\nstring frame_id"]
+)
+#: many messages of it: of 8 bytes, 4 kB and 100 kB
+DEAR = {
+    f"{texts} texts": message(struct.pack("<I", texts) + bytes(4 * texts)) * (1 + 60_000 // texts)
+    for texts in (1, 1000, 25_000)
+}
+
+
 class End:
     """One end of a connection, as a node has it."""
 

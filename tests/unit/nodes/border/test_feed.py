@@ -10,16 +10,16 @@ import threading
 import time
 
 import pytest
+from rosfleet_multimaster.border.account import Accounts
 from rosfleet_multimaster.border.core.header import MAX_HEADER, encode_header
-from rosfleet_multimaster.border.core.outbox import Budget
 from rosfleet_multimaster.border.dial import Dialers
 from rosfleet_multimaster.border.feed import Feed, Origin
 from rosfleet_multimaster.border.wire import Wire
-from rosfleet_multimaster.edge.clock import monotonic
+from rosfleet_multimaster.edge.clock import monotonic, processor_time
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.process.program import LimitedLog
 
-from tests.unit.nodes.border.ends import SUM, End, Publisher, message
+from tests.unit.nodes.border.ends import DEAR, DEEP, SUM, End, Publisher, message
 
 
 class Running:
@@ -28,10 +28,10 @@ class Running:
     def __init__(self, of_one=False):
         self.loop, self.due = Loop(), 0.0
         self.change = None  # of the frames
-        self.feed = Feed(
-            self.loop, Dialers(Workers(self.loop, 2)), LimitedLog(), Budget(), "/chatter", self.request, of_one
-        )
-        self.thread = threading.Thread(target=self.loop.run, args=(self.tick,))
+        self.accounts = Accounts(self.loop, "own")
+        dialers = Dialers(Workers(self.loop, 2))
+        self.feed = Feed(self.loop, dialers, LimitedLog(), self.accounts.budget, "/chatter", self.request, of_one)
+        self.thread = threading.Thread(target=self.loop.run, args=(lambda now: self.tick(now),))
         self.thread.start()
 
     def request(self, due):
@@ -52,7 +52,7 @@ class Running:
     def aim(self, *publishers):
         question = {"callerid": "/border", "topic": "/chatter", "md5sum": "*"}
         sources = {
-            number: Origin(one.dial, f"http://talker:{number}/", question, self.change)
+            number: Origin(one.dial, f"http://talker:{number}/", question, self.accounts.find("talker"), self.change)
             for number, one in enumerate(publishers)
         }
         self.do(lambda: self.feed.aim(sources))
@@ -70,7 +70,7 @@ class Running:
             Wire(
                 self.loop,
                 ours,
-                self.feed._budget,
+                self.accounts.find("listener"),
                 greet,
                 None,
                 lambda wire, why: self.feed.remove(wire),
@@ -331,3 +331,35 @@ def test_a_message_that_is_too_long_is_left_out(running):
     source.say(b"x" + message(b"next"))
     assert listener.next() == message(b"next")
     assert running.do(running.feed.count_dropped) == 1, "and counted"
+
+
+@pytest.mark.parametrize("dear", DEAR)
+def test_messages_that_cost_much_have_a_share(running, dear):
+    """Eight publishers of one robot: the loop turns all the same, and has a rest."""
+    publishers = [Publisher() for _number in range(8)]
+    running.change = lambda frame: b"k/" + frame
+    running.aim(*publishers)
+    listener, tick, times = running.listen(), running.tick, []
+
+    def count_turn(now):
+        times.append(processor_time())
+        return tick(now)
+
+    running.tick = count_turn
+    running.do(lambda: None)
+    sources = [of.accept(type="x/Y", message_definition=DEEP) for of in publishers]
+    until = monotonic() + 4.0
+
+    def talk(source):
+        with contextlib.suppress(OSError):
+            while monotonic() < until:
+                source.say(DEAR[dear])
+
+    for source in sources:
+        threading.Thread(target=talk, args=(source,), daemon=True).start()
+    time.sleep(until - monotonic())
+    longest = max(after - before for before, after in zip(times, times[1:]))
+    print(f"{len(times)} turns, the longest {1000 * longest:.0f} ms")
+    assert longest < 0.1 and times[-1] - times[0] < 0.7 * 4.0
+    assert running.accounts.list_slowed() in ([], ["talker"])  # a busy machine may have slowed it before
+    listener.close()

@@ -12,12 +12,12 @@ from functools import partial
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from .border import calls, diagnostics
+from .border.account import Accounts
 from .border.board import OfferBoard
 from .border.core import report
 from .border.core.channels import SERVICE, TOPIC, Channel, Others, Own, find_taken, list_offers, list_own
 from .border.core.frames import STATIC, Frames
 from .border.core.header import encode_header
-from .border.core.outbox import Budget
 from .border.dial import Dialers, PartyCounts, dial_border, dial_node, dial_service, listen
 from .border.feed import Dial, Feed, Fields, Link, Origin
 from .border.node import PROVIDER, PUBLISHER, SUBSCRIBER, Registrar, SlaveApi
@@ -53,6 +53,9 @@ LONGEST_WAIT = 60.0  # seconds that another border may wait for news
 ROBOT, NODE = "rosfleet_border", "rosfleet_publisher"
 
 
+SLOWED = "its messages take more of the processor than its share, and wait"
+OTHERS = "computers of no robot"
+
 NOTHING = View({}, {}, {}, {})  # before the own roscore was read
 
 
@@ -69,9 +72,10 @@ class MasterBorder:
 
     def __init__(self, values: Mapping[str, Any], roscore: Roscore, uri: str) -> None:
         """`uri`: that the roscore calls itself."""
-        self.loop, self.limited, self.budget = Loop(), program.LimitedLog(), Budget()
+        self.loop, self.limited = Loop(), program.LimitedLog()
         self.own_hosts = keep_fresh(local_hosts)  # each connection asks for them
         self.robot, self.roscore = values["robot"], roscore
+        self.accounts = Accounts(self.loop, self.robot)
         self.channels = [Channel.from_entry(entry) for entry in values["channels"]]
         self.peers = {channel.peer: channel for channel in self.channels}
         self.board = OfferBoard()
@@ -87,6 +91,9 @@ class MasterBorder:
         self.feeds_due = self.jobs_due = self.listens_at = 0.0
         self.listener = listen()
         members = Members.from_parameters(values)
+        self.robots = {host: channel.peer for channel in self.channels for host in channel.hosts}
+        self.robots.update({host: one.robot for one in members.robots for host in one.hosts})
+        self.slowed: List[str] = []  # robots whose messages cost too much
         self.foreign_hosts = frozenset(host for one in members.robots if one.robot != self.robot for host in one.hosts)
         self.rules = callers(members, uri, self._is_here)
         port = int(self.listener.getsockname()[1])
@@ -159,12 +166,16 @@ class MasterBorder:
     def _entries(self) -> List[Diagnosis]:
         away = sorted(set(self.peers) - set(self.offers))
         kept_back = {feed.topic: feed.problem for feed in self._list_feeds() if feed.problem}
+        kept_back.update({robot or OTHERS: SLOWED for robot in self.accounts.list_slowed()})
         return [report.make_entry(away, len(self.peers), self._list_passed(), kept_back)]
 
     def _samples(self) -> metrics.Samples:
         return report.make_samples(len(self.offers), self._list_passed())
 
     def _say_status(self) -> None:
+        before, self.slowed = self.slowed, self.accounts.list_slowed()
+        for robot in sorted(set(self.slowed) - set(before)):
+            program.LOG.warning("%s: %s", robot or OTHERS, SLOWED)
         notify(f"STATUS={self._entries()[0].message}; {len(self.taken)} topics of others are here")
 
     def _end(self) -> None:
@@ -248,6 +259,10 @@ class MasterBorder:
     def _is_here(self, address: str) -> bool:
         return address in self.own_hosts()
 
+    def _find_robot(self, address: str) -> str:
+        """Return the robot that a computer is of; empty for one of none."""
+        return self.robot if self._is_here(address) else self.robots.get(address, "")
+
     def _is_peer(self, robot: Any, address: str) -> bool:
         return isinstance(robot, str) and robot in self.peers and address in self.peers[robot].hosts
 
@@ -279,7 +294,7 @@ class MasterBorder:
                     change = None if channel.inner_frames is None else channel.inner_frames.take_off
                     for node in offer.nodes:
                         question = {**self._ask(offer.name), ROBOT: self.robot, NODE: node}
-                        origin = Origin(dial, uri, question, change)
+                        origin = Origin(dial, uri, question, self.accounts.find(peer), change)
                         sources.setdefault(local, {})[offer.name, node, place] = origin
         self.api.published = {**published, **own}
         for topic in [topic for topic in self.taken if topic not in published]:
@@ -294,7 +309,7 @@ class MasterBorder:
         return {"callerid": NAME, "topic": topic, "type": "*", "md5sum": "*", "tcp_nodelay": "1"}
 
     def _make_feed(self, topic: str, of_one: bool = False) -> Feed:
-        return Feed(self.loop, self.dialers, self.limited, self.budget, topic, self._request_feeds, of_one)
+        return Feed(self.loop, self.dialers, self.limited, self.accounts.budget, topic, self._request_feeds, of_one)
 
     # Those who listen
 
@@ -314,7 +329,8 @@ class MasterBorder:
             self._on_malformed(address, objection)
             return
         try:
-            wire = Wire(self.loop, connection, self.budget, self._greet, None, self._on_gone)
+            account = self.accounts.find(self._find_robot(address))
+            wire = Wire(self.loop, connection, account, self._greet, None, self._on_gone)
         except OSError:
             connection.close()
             return
@@ -377,8 +393,8 @@ class MasterBorder:
 
     def _aim_at_node(self, feed: Feed, topic: str, node: str, frames: Optional[Frames]) -> None:
         uri = self.seen.node_uris.get(node, "")
-        change = None if frames is None else frames.add
-        feed.aim({uri: Origin(partial(dial_node, uri, NAME, topic), uri, self._ask(topic), change)})
+        change, own = None if frames is None else frames.add, self.accounts.find(self.robot)
+        feed.aim({uri: Origin(partial(dial_node, uri, NAME, topic), uri, self._ask(topic), own, change)})
 
     def _list_channels(self, robot: str, address: str) -> List[Channel]:
         """List the channels to a robot, if it is its border that asks."""

@@ -12,7 +12,7 @@ from rosfleet_multimaster.border.core import frames
 from rosfleet_multimaster.border.core.definition import DefinitionError, make_plan
 from rosfleet_multimaster.border.core.frames import DEFINITION, STATIC_TYPE, Frames, FramesError, make_rewrite
 
-from tests.unit.nodes.border.ends import message, text, tree
+from tests.unit.nodes.border.ends import DEEP, message, text, tree
 
 ROBOT = Frames(b"kobuki1/", b"world", b"map")
 FIXED = {"bool": 1, "int16": 2, "uint32": 4, "float64": 8, "time": 8, "duration": 8, "byte": 1, "char": 1}
@@ -119,7 +119,8 @@ def test_transforms_of_others_do_not_come_into_a_robot():
     assert rename_tree(tree(), ROBOT.take_off) == tree()
 
 
-POSE = f"Header header\nfloat64 x\n{LINE}\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id"
+HEADER = "MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id"
+POSE = f"Header header\nfloat64 x\n{LINE}\n{HEADER}"
 
 
 def pose(frame):
@@ -174,6 +175,29 @@ def test_too_much_in_a_message_ends_soon():
             rewrite("some/Pose", POSE, struct.pack("<3I", 1, 2, 3) + struct.pack("<I", length), ROBOT.add)
     empty = f"Empty[] nothing\nEmpty[999999999] more\nstring frame_id\n{LINE}\nMSG: some/Empty\n"
     assert rewrite("some/Much", empty, struct.pack("<I", (1 << 32) - 1) + text(b"a"), ROBOT.add).endswith(b"kobuki1/a")
+
+
+def test_steps_are_bounded_by_bytes():
+    """A text has four bytes at least, and may be many steps: types in each other. So few bytes never cost much."""
+    for texts in (1, 100, 1000, 5000):
+        body = struct.pack("<I", texts) + text(b"") * texts
+        plan = {"type": "x/Y", "message_definition": DEEP}
+        walk = frames._Walk(message(body), ROBOT.add)
+        try:
+            assert walk.rewrite(make_plan(*plan.values()))
+        except FramesError as problem:
+            assert f"in {len(message(body))} bytes" in str(problem)
+        assert walk._steps <= min(frames.FREE_STEPS + len(message(body)), frames.MOST_STEPS) + 1
+
+
+def test_a_message_of_empty_texts_is_within_its_steps():
+    """Nothing that nodes send has more steps for its bytes: three for an entry of two texts, which may be empty."""
+    definition = (
+        f"Header header\nKeyValue[] values\n{LINE}\nMSG: x/KeyValue\nstring key\nstring value\n{LINE}\n{HEADER}"
+    )
+    for count in (0, 1, 100, 9000):
+        body = struct.pack("<3I", 1, 2, 3) + text(b"base") + struct.pack("<I", count) + text(b"") * (2 * count)
+        assert rewrite("x/Values", definition, body, ROBOT.add) is not None
 
 
 NESTED = (

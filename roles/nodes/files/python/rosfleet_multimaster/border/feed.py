@@ -12,6 +12,7 @@ from ..edge.clock import monotonic
 from ..edge.loop import Loop
 from ..edge.process import program
 from ..protocol.plain_text import plain, quote
+from .account import Account
 from .core.definition import DefinitionError
 from .core.frames import Change, FramesError, Rewrite, make_rewrite
 from .core.header import encode_header
@@ -43,6 +44,7 @@ class Origin(NamedTuple):
     dial: Dial
     uri: str  # of its slave API
     question: Fields  # our header
+    account: Account  # of its robot
     change: Optional[Change] = None  # of the frames in its messages
 
 
@@ -212,7 +214,7 @@ class Feed:
                 source.wire = Wire(
                     self._loop,
                     connection,
-                    self._budget,
+                    source.origin.account,
                     partial(self._on_header, source),
                     partial(self._on_message, source),
                     partial(self._on_end, source),

@@ -6,11 +6,13 @@ import itertools
 import socket
 from typing import Callable, Dict, Optional, Tuple
 
-from ..edge.clock import monotonic
+from ..edge.clock import monotonic, processor_time
 from ..edge.loop import Loop
+from .account import Account
+from .core.effort import SLICE
 from .core.header import MAX_HEADER, HeaderError, decode_header
 from .core.messages import MessageReader
-from .core.outbox import Budget, Outbox
+from .core.outbox import Outbox
 
 MAX_MESSAGE = 1 << 24  # bytes of one message; a larger one is left out
 PATIENCE = 10.0  # seconds until the header has to be there
@@ -39,30 +41,31 @@ class Wire:
         self,
         loop: Loop,
         connection: socket.socket,
-        budget: Budget,
+        account: Account,
         on_header: Callable[["Wire"], None],
         on_message: Optional[Callable[["Wire", bytes], None]],
         on_end: Callable[["Wire", str], None],
     ) -> None:
-        """`on_message`: None for one that listens here, and has nothing to say after its header."""
+        """`account`: of the robot at the other end. `on_message`: None for one that listens here, and has nothing to say after its header."""
         address, port = connection.getpeername()[:2]  # of the other end. Raises OSError where it has gone.
         self.address, self.number = str(address), next(_numbers)
         #: as rospy says it in getBusInfo
         self.title = f"TCPROS connection on port {connection.getsockname()[1]} to [{address}:{port} on socket {connection.fileno()}]"
         self.header: Optional[Dict[str, str]] = None  # of the other end
-        self.outbox, self.ended = Outbox(budget), False
+        self._account, self._budget = account, account.budget
+        self.outbox, self.ended = Outbox(self._budget), False
         self.since = self.progress = self._came = monotonic()
-        self._budget = budget
         self._loop, self._connection = loop, connection
         self._on_header, self._on_message, self._on_end = on_header, on_message, on_end
         self._reader = MessageReader(MAX_HEADER)
         self._counted = 0  # bytes of the message that is being read
         self._watched = False  # for being writable
+        self._waiting = False  # for its turn, or for what its robot may take; then nothing is read of it
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         keep_alive(connection)
         loop.watch(connection, self._on_ready)
-        budget.payers.add(self)
+        self._budget.payers.add(self)
 
     @property
     def size(self) -> int:
@@ -140,14 +143,20 @@ class Wire:
         self._budget.change(-self._counted)
         self._counted = 0
         self.outbox.close()
-        self._loop.forget(self._connection)
+        if not self._waiting:
+            self._loop.forget(self._connection)
 
     def _on_ready(self) -> None:
+        is_heard = self.header is None or self._on_message is not None  # what is sent costs who has sent it to us
+        if is_heard and not self._account.may_go_on:
+            self._wait()
+            return
         self._read()
         if not self.ended and self._watched:
             self._flush()
 
     def _read(self) -> None:
+        began = processor_time()
         try:
             data = self._connection.recv(_READ)
         except BlockingIOError:
@@ -163,7 +172,12 @@ class Wire:
             return
         self._came = monotonic()
         self._reader.feed(data)
-        while not self.ended:
+        self._take(began)
+
+    def _take(self, began: float) -> None:
+        """Hand on the messages that are here, as many as it may now. `began`: the time of the processor before."""
+        is_due = True
+        while is_due and not self.ended:
             message = self._reader.take()
             if message is None:
                 break
@@ -171,10 +185,29 @@ class Wire:
                 self._take_header(message)
             elif self._on_message is not None:
                 self._on_message(self, message)
+            is_due = self._on_message is None or processor_time() - began < SLICE
         if self.header is None and self._reader.skipped:
             self.end("its header is too long")
+        self._account.spend(processor_time() - began)
         if not self.ended:
             self._count_read()
+            if not is_due:
+                self._wait()
+
+    def _wait(self) -> None:
+        """Leave what comes where it is until it is our turn."""
+        self._waiting = True
+        self._loop.forget(self._connection)
+        self._account.queue(self._go_on)
+
+    def _go_on(self) -> None:
+        if self.ended:
+            return
+        self._waiting = False
+        self._loop.watch(self._connection, self._on_ready)
+        self._loop.watch_output(self._connection, self._watched)
+        self._came = monotonic()
+        self._take(processor_time())
 
     def _count_read(self) -> None:
         more, self._counted = self._reader.size - self._counted, self._reader.size
@@ -211,4 +244,6 @@ class Wire:
     def _watch(self, wanted: bool) -> None:
         if wanted != self._watched:
             self._watched = wanted
+            if self._waiting:
+                return
             self._loop.watch_output(self._connection, wanted)

@@ -38,6 +38,7 @@ class Loop:
         self._selector.register(self._wakee, selectors.EVENT_READ, lambda: None)
         self._thread: Optional[int] = None
         self._running, self._woken = True, False
+        self.turn = 0  # the number of this pass
 
     def post(self, function: Callable[..., Any], *arguments: Any) -> None:
         """Have a function called in the loop; from any thread, and from a signal handler.
@@ -103,6 +104,7 @@ class Loop:
         feed = 0.0 if every < float("inf") else every
         while self._running:
             now = monotonic()
+            self.turn += 1
             if now >= feed:
                 notify("WATCHDOG=1")
                 feed = now + every

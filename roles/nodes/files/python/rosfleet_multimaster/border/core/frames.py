@@ -9,10 +9,12 @@ the root of the robot's tree lies, at the same place.
 import struct
 from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
-from ...protocol.plain_text import quote
+from ...protocol.plain_text import LONGEST, quote
 from .definition import DefinitionError, Plan, Skip, Text, make_plan
 
-MOST_STEPS = 30_000  # types, texts and numbers of elements in a message, so that none holds the others up for long
+#: Types, texts and numbers of elements in a message: so many, and one for each byte. A text has four bytes and may stand in
+#: types in each other, so a small message could cost as much as a large one. No message has more than the last number.
+FREE_STEPS, MOST_STEPS = 256, 30_000
 STATIC, STATIC_TYPE, MD5SUM = "/tf_static", "tf2_msgs/TFMessage", "94810edda583a504dfda3829e70d7eec"
 EMPTY = "d41d8cd98f00b204e9800998ecf8427e"  # the md5sum of a type without fields
 _LINE = "=" * 80
@@ -100,12 +102,13 @@ class _Walk:
         self._frames: List[bytes] = []  # of the transform that is being read
         self._foreign: Optional[bytes] = None
         self._steps = self._left_out = self._kept = 0
+        self._most = min(MOST_STEPS, FREE_STEPS + len(message))
 
     def rewrite(self, plan: Plan) -> bytes:
         """Return the message with its frames changed; empty where no transform of it is left. Raises FramesError."""
         self._walk(plan)
         if self._foreign is not None:
-            frame = quote(self._foreign.decode("utf-8", "replace"))
+            frame = quote(self._foreign[:LONGEST].decode("utf-8", "replace"))
             raise FramesError(f"its frame {frame} does not belong to this robot")
         if self._at != len(self._message):
             raise FramesError("it is longer than its definition says")
@@ -135,8 +138,8 @@ class _Walk:
 
     def _count_step(self) -> None:
         self._steps += 1
-        if self._steps > MOST_STEPS:
-            raise FramesError(f"it has more than {MOST_STEPS} texts and types")
+        if self._steps > self._most:
+            raise FramesError(f"it has more than {self._most} texts and types in {len(self._message)} bytes")
 
     def _read_number(self) -> int:
         self._count_step()
