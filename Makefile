@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-lab lab lab-tests demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop test-matrix checkout docs format house readme lock copies build
+.PHONY: help setup setup-lab setup-vm lab lab-vm lab-tests demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop test-matrix checkout docs format house readme lock copies build
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -23,6 +23,13 @@ setup-lab:
 lab: setup-lab ## build the image of the lab's computers
 	@$(PYTHON) lab/lab.py image
 
+# Virtual machines, for 'make test-machines' alone.
+setup-vm:
+	@bash tools/setup.sh vm
+
+lab-vm: setup-vm ## build the disks of the lab's virtual machines, Debian 12 and 13 (lab/vm.py; needs root, no KVM)
+	@$(PYTHON) lab/vm.py image bookworm trixie
+
 # With the packages that tests alone need.
 lab-tests: setup
 	@$(PYTHON) lab/lab.py image --full
@@ -34,6 +41,7 @@ rehearse: lab ## your own inventory on real systems (INVENTORY=<folder>; FAULTS=
 	@$(PYTHON) lab/rehearse.py --inventory "$(INVENTORY)" --faults "$(FAULTS)" --suites "$(SUITES)" $(if $(OVERLAP),--overlap) $(if $(KEEP),--keep)
 
 lab-down: setup-lab ## remove everything that the lab made: containers, networks, images that no other checkout uses; also of a rehearsal
+	@$(PYTHON) lab/vm.py down --all
 	@$(PYTHON) lab/lab.py down --all
 
 test: lab-tests ## every test

@@ -2,11 +2,11 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 #
-# Puts in place what the lab needs, or ("tests") what the tests need, too: Debian packages where they are missing, a virtual
+# Puts in place what the lab needs, or what the tests ("tests") or virtual machines ("vm") need, too: Debian packages where they are missing, a virtual
 # environment in .work/venv, the path under which Ansible finds this checkout as the collection, and one limit of the kernel
 # until the next boot. Does nothing, quickly, when all is there.
 #
-#   setup.sh lab | tests
+#   setup.sh lab | tests | vm
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -20,6 +20,7 @@ for_tests=(
   wireguard-tools wireguard-go                            # the tunnel of docs/operate/hostile_networks.md, with any kernel
   chromium-headless-shell                                 # the page of the report
 )
+for_vm=(qemu-system-x86 qemu-utils ipxe-qemu seabios)    # virtual machines
 inputs=$(sha256sum requirements-lab.txt requirements-dev.txt)
 
 # A system with somebody logged in holds about a dozen; kernels allow a user 128, which thirteen systems exceed.
@@ -114,8 +115,14 @@ case ${1:-} in
     install_tools requirements-dev
     get_promtool
     ;;
+  vm)
+    install_packages "${for_lab[@]}" "${for_tests[@]}" "${for_vm[@]}"
+    make_venv
+    install_tools requirements-lab
+    install_tools requirements-dev
+    ;;
   *)
-    say "expected 'lab' or 'tests', but found '${1:-}'" >&2
+    say "expected 'lab', 'tests' or 'vm', but found '${1:-}'" >&2
     exit 2
     ;;
 esac

@@ -13,14 +13,11 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
-import io
 import json
 import os
 import shlex
 import shutil
-import subprocess
 import sys
-import tarfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -28,19 +25,16 @@ from pathlib import Path
 
 from machines import image
 from machines.layout import Host
-from machines.managers import list_masked_units
-from machines.podman import CHECKOUT, LOCK, WORK, LabError, configuration, hold, list_labelled, podman
+from machines.podman import CHECKOUT, WORK, LabError, configuration, list_labelled, podman
+from machines.root_files import FILES, UNITS, Files, list_files, list_links, pack, ssh_key
 from machines.signals import defer_signals, exit_on_signals
 
 # Labels of containers and networks.
 LAB, HOST, DIGEST, OWNER = "rosfleet.lab", "rosfleet.host", "rosfleet.digest", "rosfleet.checkout"
-FILES = Path(__file__).parents[1] / "files"
 BOOT_SECONDS = 60.0
 INSTANCES = 12  # of inotify, that a system holds: systemd 5, D-Bus 1, logind 1, the managers of users who are logged in
 # A computer's folder here is /mnt/lab in its container, where systemd listens for the lab (files/lab-ssh.socket).
 SHARED = Path("/run" if os.getuid() == 0 else f"/run/user/{os.getuid()}") / "rosfleet-lab"
-UNITS = ("lab-ssh.socket", "lab-ssh@.service")
-OPERATOR = (1000, 37)  # a person's account: its user and group, the group being Debian's own "operator"
 
 # Enough for systemd, kernel settings, routes and packet filters inside; /sys stays read-only and no device is shown.
 RIGHTS = """
@@ -63,62 +57,14 @@ def _network(lab: str, cidr: str) -> str:
     return f"{CHECKOUT}-{lab}-{cidr.replace('/', '-').replace(':', '.')}"
 
 
-def ssh_key() -> Path:
-    """The lab's own ssh key, made at first use."""
-    key, draft = WORK / "id_ed25519", WORK / "draft_ed25519"
-    halves = [(path.with_suffix(".pub"), path) for path in (draft, key)]  # the key last: who sees it finds both
-    with hold(LOCK):
-        if not key.exists():
-            for path in halves[0]:
-                path.unlink(missing_ok=True)  # of a run that was killed; ssh-keygen would ask
-            subprocess.run(
-                ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", "rosfleet-lab", "-f", str(draft)], check=True
-            )
-            for new, path in zip(*halves, strict=True):
-                new.rename(path)
-    return key
-
-
-# Who keeps secrets in a file insists that nobody else reads it.
-PRIVATE = ("root/.ssh/", "home/operator/.ssh/", "etc/NetworkManager/system-connections/", "etc/netplan/")
-
-
-def _files(host: Host) -> dict[str, tuple[str, int]]:
+def _files(host: Host) -> Files:
     """Return the files that a computer gets before its first boot: path -> content, mode."""
-    key = ssh_key().with_suffix(".pub").read_text()
-    keys = {"root/.ssh/authorized_keys": key, "home/operator/.ssh/authorized_keys": key}
-    paths = [path for path in sorted(FILES.iterdir()) if path.is_file()]
-    tools = {f"usr/local/share/lab/{path.name}": path.read_text() for path in paths if path.name not in UNITS}
-    units = {f"usr/lib/systemd/system/{name}": (FILES / name).read_text() for name in UNITS}
-
-    def mode(path: str, text: str) -> int:
-        return 0o600 if path.startswith(PRIVATE) else 0o755 if text.startswith("#!") else 0o644
-
-    files = {"etc/resolv.conf": "", **host.files(), **keys, **tools, **units}
-    return {path: (text, mode(path, text)) for path, text in files.items()}
+    return list_files(host, {f"usr/lib/systemd/system/{name}": (FILES / name).read_text() for name in UNITS})
 
 
-def _archive(files: dict[str, tuple[str, int]], list_masked_units: Iterable[str]) -> bytes:
-    buffer = io.BytesIO()
-    with tarfile.open(fileobj=buffer, mode="w") as archive:
-
-        def add(path: str, kind: bytes, mode: int, content: bytes = b"", target: str = "") -> None:
-            member = tarfile.TarInfo(path)
-            member.type, member.mode, member.size, member.mtime = kind, mode, len(content), int(time.time())
-            member.linkname = target
-            if path.startswith("home/operator/"):
-                member.uid, member.gid = OPERATOR
-            archive.addfile(member, io.BytesIO(content))
-
-        for folder, mode in {"root/.ssh": 0o700, "home/operator/.ssh": 0o700, "usr/local/share/lab": 0o755}.items():
-            add(folder, tarfile.DIRTYPE, mode)
-        for path, (text, mode) in files.items():
-            add(path, tarfile.REGTYPE, mode, text.encode())
-        for unit in list_masked_units:
-            add(f"etc/systemd/system/{unit}", tarfile.SYMTYPE, 0o777, target="/dev/null")
-        wanted = f"usr/lib/systemd/system/sockets.target.wants/{UNITS[0]}"
-        add(wanted, tarfile.SYMTYPE, 0o777, target=f"../{UNITS[0]}")
-    return buffer.getvalue()
+def _archive(host: Host) -> bytes:
+    wanted = f"usr/lib/systemd/system/sockets.target.wants/{UNITS[0]}"
+    return pack(_files(host), {**list_links(host), wanted: f"../{UNITS[0]}"})
 
 
 def _digest(image_name: str, host: Host) -> str:
@@ -153,7 +99,7 @@ def _create(lab: str, host: Host, image_name: str) -> None:
         *(f"--volume={mount}:ro" for mount in host.mounts),
         image_name,
     )
-    podman("cp", "--archive=false", "-", f"{name}:/", stdin=_archive(_files(host), list_masked_units(host.manager)))
+    podman("cp", "--archive=false", "-", f"{name}:/", stdin=_archive(host))
     podman("start", name)
 
 

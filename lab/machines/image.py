@@ -149,7 +149,7 @@ def cache() -> Path:
     return Path(base) / "rosfleet-multimaster"
 
 
-def _build(wanted: Image) -> None:
+def build(wanted: Image) -> None:
     """Make the archive of an image, on top of its base."""
     if wanted.archive.exists():
         return
@@ -158,7 +158,7 @@ def _build(wanted: Image) -> None:
             raise LabError(f"{tool} is not installed: run 'make lab'.")
     command = wanted.recipe()
     if wanted.base:
-        _build(wanted.base)
+        build(wanted.base)
         unpack = f"tar --extract --xattrs --xattrs-include='*' --file {shlex.quote(str(wanted.base.archive))} --directory \"$1\""
         command = [*command[:-1], f"--setup-hook={unpack}", command[-1]]
     print(f"image: building {wanted.kind} from Debian's packages (a minute or two) ...", flush=True)
@@ -179,7 +179,7 @@ def _forget_old(kind: str) -> None:
         archive.unlink()
 
 
-def _alone() -> AbstractContextManager[None]:
+def hold_alone() -> AbstractContextManager[None]:
     """One checkout at a time builds, names and removes images."""
     return hold(cache() / "lock")
 
@@ -210,7 +210,7 @@ def _make(wanted: Image) -> None:
     if same:
         podman("tag", same[0], wanted.tag)
         return
-    _build(wanted)
+    build(wanted)
     print(f"image: importing {wanted.archive.name} ...", flush=True)
     settings = ['CMD ["/lib/systemd/systemd"]', "STOPSIGNAL SIGRTMIN+3"]
     podman("import", *(word for change in settings for word in ("--change", change)), str(wanted.archive), wanted.tag)
@@ -219,7 +219,7 @@ def _make(wanted: Image) -> None:
 def ensure(suite: str = SUITE, *, full: bool = True) -> str:
     """Build and import the image where it is missing; return its name."""
     wanted = Image(suite, full)
-    with _alone():
+    with hold_alone():
         link = _link(CHECKOUT)
         link.parent.mkdir(exist_ok=True)
         link.unlink(missing_ok=True)
@@ -230,7 +230,7 @@ def ensure(suite: str = SUITE, *, full: bool = True) -> str:
 
 def remove() -> None:
     """Take this checkout's names off the images, and those of deleted checkouts; an image without a name goes, with its archive."""
-    with _alone():
+    with hold_alone():
         gone = {link.name for link in _link("").glob("*") if not link.exists()} | {CHECKOUT}
         ours = [tag for tag in _tags() if tag.rpartition("-")[2] in gone]
         for tag in ours:

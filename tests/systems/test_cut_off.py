@@ -18,7 +18,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from machines import containers
+from machines import containers, root_files
 from machines.layout import Extra, hosts_of, read_inventory
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -127,7 +127,7 @@ def fleet():
         words = [Path(sys.executable).with_name("ansible-playbook"), "-i", INVENTORY, "-i", connection, PLAYBOOK]
         done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
-        fleet.run("controller", "umask 077; cat >/root/key", stdin=containers.ssh_key().read_text())
+        fleet.run("controller", "umask 077; cat >/root/key", stdin=root_files.ssh_key().read_text())
         for host in (INNER, OTHER, GATEWAY):
             fleet.run(host, "echo 'operator ALL=(ALL) NOPASSWD: ALL' >/etc/sudoers.d/operator")
         yield fleet
