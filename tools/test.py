@@ -219,6 +219,7 @@ COSTLY = {
         "placement",
         "prefixes",
         "removal",
+        "restarts",
         "routes",
     ),
     *("time_source", "tunnel"),

@@ -117,7 +117,7 @@ class Station:
 
     @property
     def api(self):
-        return xmlrpc.client.ServerProxy(f"http://{HERE}:{self.port}/")
+        return xmlrpc.client.ServerProxy(self.roscore.nodes["/master_border"])
 
     def names(self):
         """The topics and services of the border at its roscore."""

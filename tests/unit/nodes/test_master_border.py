@@ -12,6 +12,7 @@ import socket
 import struct
 import subprocess
 import sys
+import threading
 import time
 import xmlrpc.client
 
@@ -46,6 +47,49 @@ class Node(Publisher):
         self.api, self.uri = serve(methods)
         for topic in topics:
             roscore.register("registerPublisher", name, topic, "std_msgs/String", self.uri)
+
+
+class Roscpp:
+    """A subscriber as roscpp has it: it knows a publisher by the host and port of its XML-RPC, asks it once for the port of its data, and dials that one for ever."""
+
+    def __init__(self, roscore, topic):
+        self.roscore, self.topic, self.links, self.came = roscore, topic, {}, []
+
+    def turn(self):
+        """Take the publishers that the roscore tells, dial those without a connection, and read."""
+        nodes = self.roscore.tables["Publisher"].get(self.topic, ())
+        uris = {self.roscore.nodes[node] for node in nodes}
+        for uri in self.links.keys() - uris:
+            self.drop(uri)
+            del self.links[uri]
+        for uri in uris - self.links.keys():
+            with contextlib.suppress(OSError):
+                answer = xmlrpc.client.ServerProxy(uri).requestTopic("/roscpp", self.topic, [["TCPROS"]])
+                self.links[uri] = [tuple(answer[2][1:]), None]
+        for uri, (place, end) in self.links.items():
+            try:
+                if end is None:
+                    end = self.links[uri][1] = End(socket.create_connection(place, 1))
+                    end.connection.settimeout(0.05)
+                    end.say(
+                        encode_header(
+                            {"callerid": "/roscpp", "topic": self.topic, "md5sum": SUM, "type": "std_msgs/String"}
+                        )
+                    )
+                self.came.append(end.next())
+            except TimeoutError:
+                pass
+            except (OSError, EOFError):
+                self.drop(uri)
+
+    def drop(self, uri):
+        if self.links[uri][1] is not None:
+            self.links[uri][1].close()
+            self.links[uri][1] = None
+
+    def hears(self, body):
+        self.turn()
+        return message(body) in self.came
 
 
 class Robot:
@@ -91,7 +135,9 @@ class Robot:
 
     @property
     def api(self):
-        return xmlrpc.client.ServerProxy(f"http://127.0.0.1:{self.port}/")
+        """Its slave API, at the URI that it has registered."""
+        wait_for(lambda: "/master_border" in self.roscore.nodes)
+        return xmlrpc.client.ServerProxy(self.roscore.nodes["/master_border"])
 
     def data_port(self):
         """The port for topics and services."""
@@ -349,6 +395,28 @@ def test_a_killed_border_is_replaced_without_a_trace(robots):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("number", [0, 1], ids=["of_the_publisher", "of_the_listener"])
+def test_roscpp_hears_again_when_a_border_was_killed(robots, number):
+    robot, station = robots
+    laser = Node(robot.roscore, "/laser", "/scan")
+    wait_for(lambda: station.published() == {"/robot/scan"})
+    listener = Roscpp(station.roscore, "/robot/scan")
+    listener.turn()
+    laser.accept(latching="1").say(message(b"before"))
+    wait_for(lambda: listener.hears(b"before"))
+    killed, other = robots[number], robots[1 - number]
+    killed.process.kill()
+    killed.process.wait()
+    began = monotonic()
+    killed.start(other, number == 0)
+    said = threading.Thread(target=lambda: laser.accept(latching="1").say(message(b"again")))
+    said.start()
+    wait_for(lambda: listener.hears(b"again"))
+    print(f"heard again after {monotonic() - began:.2f} s")
+    said.join()
+
+
+@pytest.mark.slow
 def test_only_who_a_channel_names_is_served(robots):
     robot, station = robots
     Node(robot.roscore, "/laser", "/scan", "/odom")
@@ -356,7 +424,8 @@ def test_only_who_a_channel_names_is_served(robots):
     api = xmlrpc.client.ServerProxy(f"http://127.0.0.1:{robot.port}/")
     with pytest.raises(xmlrpc.client.Fault, match="no channel leads there"):
         api.rosfleetOffers("stranger", "", 0.0)
-    assert api.requestTopic("/x", "/scan", [["TCPROS"]])[0] == 0, "its own topics are its publishers'"
+    with pytest.raises(xmlrpc.client.Fault, match="no method"):  # that one is for other borders alone
+        api.shutdown("/x", "")
     port = api.rosfleetOffers("station", "", 0.0)[1]
     for fields in (
         {"topic": "/scan"},
@@ -382,13 +451,9 @@ def test_a_topic_that_is_gone_is_gone_on_both(robots):
 @pytest.mark.slow
 def test_the_reason_of_who_ends_the_border_is_quoted(tmp_path, capfd):
     robot = Robot(tmp_path, "robot")
+    Node(robot.roscore, "/laser", "/scan")
     robot.start(robot, True)
-
-    def is_there():
-        with contextlib.suppress(OSError):
-            return robot.api.getPid("/other")[2] == robot.process.pid
-
-    wait_for(is_there)
+    assert robot.api.getPid("/other")[2] == robot.process.pid
     with contextlib.suppress(OSError, xmlrpc.client.Error):  # it may end before it has answered
         robot.api.shutdown("/other", "all is well")
     assert robot.process.wait(10) == 1

@@ -32,7 +32,7 @@ from .edge.loop import DirectRunner, Loop, RecurringJob, Workers
 from .edge.process import program
 from .edge.process.systemd import notify
 from .edge.roscore import Roscore
-from .edge.rpc_server import LongPoll, RefusedCall
+from .edge.rpc_server import LongPoll, RefusedCall, RpcServer
 from .protocol import imports, metrics, parameters
 from .protocol.filters import MAX_NAME
 from .protocol.members import Members
@@ -98,9 +98,10 @@ class MasterBorder:
         self.rules = callers(members, uri, self._is_here)
         port = int(self.listener.getsockname()[1])
         self.api = SlaveApi(uri, port, partial(self.loop.post, local_roscore.obey_shutdown), self._list_links)
-        methods = {**self.api.methods(), OFFERS: LongPoll(self._tell_offers)}
-        self.server = serve("", values["port"], methods, self._on_malformed, self.rules)
-        self.uri = f"http://{find_own_host()}:{values['port']}/"
+        self.server = serve("", values["port"], {OFFERS: LongPoll(self._tell_offers)}, self._on_malformed, self.rules)
+        # A new port at each start: by its URI, nodes know that what they were connected with has ended, also where they did not see it.
+        own = RpcServer("", 0, self.api.methods(), self._on_malformed, self.rules)
+        self.uri = f"http://{find_own_host()}:{own.server_address[1]}/"
         self.dialers = Dialers(Workers(self.loop, 8))
         roscore_calls = Workers(self.loop, 1)  # everything that is asked of the own roscore
         self.registrar = Registrar(roscore, self.uri, roscore_calls)

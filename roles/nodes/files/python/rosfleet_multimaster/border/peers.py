@@ -16,7 +16,7 @@ WAIT, TIMEOUT = (
     (3.0, 5.0),
     3.0,
 )  # seconds that the other border may wait for news, and more for the answer: a cut link is seen by then
-RETRY = 0.5  # seconds until one that does not answer is asked again
+RETRY = 0.2  # seconds until one that does not answer is asked again
 LOST = 10.0  # seconds after which its topics are withdrawn; one that is started again is back before
 
 
