@@ -5,11 +5,10 @@
 
 import struct
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rosfleet_multimaster.border.core.messages import MessageReader
-from rosfleet_multimaster.border.core.outbox import LATCHED, QUEUE, Budget, Outbox, Throttle
+from rosfleet_multimaster.border.core.outbox import LATCHED, QUEUE, Budget, Outbox
 
 
 def message(body):
@@ -159,25 +158,3 @@ def test_no_more_is_held_than_the_budget_has(deeds):
         if sending and payers[number] in budget.payers:
             payers[number].outbox.find_due()
         assert budget.used == sum(len(message) for message, _count in budget._held.values()) <= 1000
-
-
-def test_a_throttle_lets_the_newest_follow():
-    throttle = Throttle(5.0)
-    assert throttle.pass_on(b"1", 10.0)
-    assert not throttle.pass_on(b"2", 10.05) and not throttle.pass_on(b"3", 10.1)
-    assert throttle.due == pytest.approx(10.2) and throttle.release(10.1) is None
-    assert throttle.release(10.21) == b"3" and throttle.dropped == 1 and throttle.due is None
-    assert not throttle.pass_on(b"4", 10.3)
-    assert Throttle(0.0).pass_on(b"1", 1.0)
-
-
-@given(st.floats(1.0, 50.0), st.lists(st.floats(0.001, 0.3), min_size=20, max_size=100))
-def test_a_throttle_keeps_its_rate(rate, pauses):
-    throttle, now, passed = Throttle(rate), 100.0, []
-    for pause in pauses:
-        now += pause
-        if throttle.release(now):
-            passed.append(now)
-        if throttle.pass_on(b"x", now):
-            passed.append(now)
-    assert all(late - early >= 1 / rate - 1e-6 for early, late in zip(passed, passed[1:]))

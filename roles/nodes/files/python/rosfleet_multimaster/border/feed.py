@@ -16,7 +16,8 @@ from .account import Account
 from .core.definition import DefinitionError
 from .core.frames import Change, FramesError, Rewrite, make_rewrite
 from .core.header import encode_header
-from .core.outbox import Budget, Throttle
+from .core.outbox import Budget
+from .core.rates import make_throttle
 from .dial import Dialers
 from .wire import PATIENCE, Wire
 
@@ -77,7 +78,8 @@ class _Sink:
     """Somebody who listens."""
 
     def __init__(self, wire: Wire, answer: Fields, rate: float) -> None:
-        self.wire, self.answer, self.throttle = wire, answer, Throttle(rate)
+        self.wire, self.answer, self.rate = wire, answer, rate
+        self.throttle = make_throttle(0.0, "", {})  # before its publisher is known
         self.md5sum = ""  # that it was told; empty before it has its header
 
 
@@ -191,7 +193,7 @@ class Feed:
             message = sink.throttle.release(now)
             if message is not None:
                 sink.wire.send(message)
-            elif sink.throttle.due is not None:
+            if sink.throttle.due is not None:
                 self._request_tick(sink.throttle.due)
 
     # Publishers
@@ -307,9 +309,10 @@ class Feed:
     # Those who listen
 
     def _send(self, sink: _Sink, message: bytes, now: float) -> None:
-        if sink.throttle.pass_on(message, now):
-            sink.wire.send(message)
-        elif sink.throttle.due is not None:
+        passed = sink.throttle.take(message, now)
+        if passed is not None:
+            sink.wire.send(passed)
+        if sink.throttle.due is not None:
             self._request_tick(sink.throttle.due)
 
     def _list_headers(self) -> List[Fields]:
@@ -330,6 +333,7 @@ class Feed:
         fields = {name: header[name] for name in names if name in header}
         sink.wire.say(encode_header({**fields, **sink.answer, "latching": "1" if latching else "0"}))
         sink.md5sum = header["md5sum"]
+        sink.throttle = make_throttle(sink.rate, self.topic, header)
         latched = [] if self._own is None else [self._own[1]]
         for message in (*latched, *(of.latched for of in same if of.latched is not None)):
             self._send(sink, message, monotonic())

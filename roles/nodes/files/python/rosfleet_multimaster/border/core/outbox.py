@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Messages on their way out: bounded, and at a rate. Of too many the oldest go, and are counted."""
+"""Messages on their way out: bounded. Of too many the oldest go, and are counted."""
 
 from collections import deque
 from typing import Deque, Dict, List, Optional, Protocol, Set, Tuple
@@ -172,38 +172,3 @@ class Outbox:
     def __len__(self) -> int:
         """How many messages wait."""
         return len(self._waiting)
-
-
-class Throttle:
-    """Lets at most so many messages a second pass. The newest of those that came too early follows as soon as it may."""
-
-    def __init__(self, rate: float) -> None:
-        """`rate`: messages a second; 0: all of them."""
-        self._period = 1.0 / rate if rate else 0.0
-        self._free = 0.0  # when the next one may pass
-        self._waiting: Optional[bytes] = None
-        self.dropped = 0
-
-    def pass_on(self, message: bytes, now: float) -> bool:
-        """Say if a message may pass now; else it waits, in the place of the one that waited."""
-        if self._waiting is not None:
-            self.dropped += 1
-            self._waiting = None
-        if now < self._free:
-            self._waiting = message
-            return False
-        self._free = now + self._period
-        return True
-
-    @property
-    def due(self) -> Optional[float]:
-        """When the message that waits may pass; None where none waits."""
-        return None if self._waiting is None else self._free
-
-    def release(self, now: float) -> Optional[bytes]:
-        """Return the message that waits, where it may pass now."""
-        if self._waiting is None or now < self._free:
-            return None
-        message, self._waiting = self._waiting, None
-        self._free = now + self._period
-        return message

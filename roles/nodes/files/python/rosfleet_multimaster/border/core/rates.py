@@ -1,0 +1,145 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A rate of messages: at most so many a second leave, each the newest. A rate costs no message that says what no other one says."""
+
+import struct
+from typing import Dict, Iterator, Mapping, Optional, Sequence, Tuple, Union
+
+from .frames import MD5SUM, STATIC
+
+_SIZE = struct.Struct("<I")
+_STAMP, _POSE = 12, 56  # bytes of seq and stamp before the frames of a transform, and of what is behind them
+MOST_FRAMES = 1000  # of one node, whose transforms have a rate each
+MOST_HELD = 1 << 20  # bytes of transforms that wait
+#: types whose messages count each: a goal and its result, what is added to what came before, and what is named in the message
+EACH = {
+    *("actionlib_msgs/GoalID", "map_msgs/OccupancyGridUpdate", "map_msgs/PointCloud2Update", "rosgraph_msgs/Log"),
+    *("theora_image_transport/Packet", "visualization_msgs/InteractiveMarkerUpdate"),
+    *("visualization_msgs/Marker", "visualization_msgs/MarkerArray"),
+}
+EACH_ENDS = ("ActionGoal", "ActionResult")  # of the types of any action
+
+
+class Throttle:
+    """Lets a message a period pass, as soon as it comes. The newest of the others follows where no newer one comes in time.
+
+    The periods follow on each other, so the mean is exact however messages come. A message passes in a period of its own.
+    """
+
+    def __init__(self, rate: float) -> None:
+        """`rate`: messages a second; 0: all of them."""
+        self._period = 1.0 / rate if rate else 0.0
+        self._free = 0.0  # when the next period begins
+        self._came, self._pause = 0.0, 0.0  # the last message, and the time from the one before
+        self._waiting: Optional[bytes] = None
+        self.dropped = 0
+
+    @property
+    def size(self) -> int:
+        """Bytes that wait."""
+        return len(self._waiting or b"")
+
+    def take(self, message: bytes, now: float) -> Optional[bytes]:
+        """Return the message, where it may pass now; else it waits, in the place of the one that waited."""
+        self._pause, self._came = now - self._came, now
+        if self._waiting is not None:
+            self.dropped += 1
+            self._waiting = None
+        if now < self._free:
+            self._waiting = message
+            return None
+        self._begin_period(now)
+        return message
+
+    @property
+    def due(self) -> Optional[float]:
+        """When the message that waits is to pass; None where none waits. A newer one is expected before."""
+        return None if self._waiting is None else self._free + min(self._period, 2 * self._pause)
+
+    def release(self, now: float) -> Optional[bytes]:
+        """Return the message that waits, where it is to pass now."""
+        if self.due is None or now < self.due:
+            return None
+        message, self._waiting = self._waiting, None
+        self._begin_period(now)
+        return message
+
+    def _begin_period(self, now: float) -> None:
+        late = now - self._free
+        self._free = self._free + self._period if late < self._period else now + self._period
+
+
+class TreeThrottle:
+    """The same for transforms of tf, each by its frame: a node sends those of several joints in turns."""
+
+    def __init__(self, rate: float) -> None:
+        self._rate, self._skipped, self._held = rate, 0, 0
+        self._frames: Dict[bytes, Throttle] = {}
+
+    @property
+    def dropped(self) -> int:
+        """How many transforms or messages did not leave."""
+        return self._skipped + sum(throttle.dropped for throttle in self._frames.values())
+
+    def take(self, message: bytes, now: float) -> Optional[bytes]:
+        """Return a message of the transforms that may pass now; None where there are none."""
+        try:
+            transforms = list(_split(message))
+        except (struct.error, ValueError):
+            self._skipped += 1
+            return None
+        passed = []
+        for frame, transform in transforms:
+            if frame not in self._frames and len(self._frames) < MOST_FRAMES:
+                self._frames[frame] = Throttle(self._rate)
+            if frame not in self._frames or self._held + len(transform) > MOST_HELD:
+                self._skipped += 1
+                continue
+            throttle = self._frames[frame]
+            self._held -= throttle.size
+            one = throttle.take(transform, now)
+            self._held += throttle.size
+            if one is not None:
+                passed.append(one)
+        return _join(passed)
+
+    @property
+    def due(self) -> Optional[float]:
+        """When a transform that waits is to pass; None where none waits."""
+        return min(
+            (due for due in (throttle.due for throttle in self._frames.values()) if due is not None), default=None
+        )
+
+    def release(self, now: float) -> Optional[bytes]:
+        """Return a message of the transforms that are to pass now."""
+        passed = [one for one in (throttle.release(now) for throttle in self._frames.values()) if one is not None]
+        self._held -= sum(map(len, passed))
+        return _join(passed)
+
+
+def make_throttle(rate: float, topic: str, header: Mapping[str, str]) -> Union[Throttle, TreeThrottle]:
+    """Return the throttle for a publisher's messages, by its header: what is latched, and what counts each, has no rate."""
+    kind = header.get("type", "")
+    if header.get("latching") == "1" or topic == STATIC or kind in EACH or kind.endswith(EACH_ENDS):
+        return Throttle(0.0)
+    return TreeThrottle(rate) if rate and header.get("md5sum") == MD5SUM else Throttle(rate)
+
+
+def _split(message: bytes) -> Iterator[Tuple[bytes, bytes]]:
+    """Yield each transform of a message of tf, whose length is in front, with its frame. Raises struct.error or ValueError."""
+    at = 2 * _SIZE.size
+    for _number in range(_SIZE.unpack_from(message, _SIZE.size)[0]):
+        begin, at, frame = at, at + _STAMP, b""
+        for _text in ("frame_id", "child_frame_id"):
+            (size,) = _SIZE.unpack_from(message, at)
+            frame, at = message[at + _SIZE.size : at + _SIZE.size + size], at + _SIZE.size + size
+        at += _POSE
+        if at > len(message):
+            raise ValueError("it is shorter than it says")
+        yield frame, message[begin:at]
+
+
+def _join(transforms: Sequence[bytes]) -> Optional[bytes]:
+    """Return the message of tf with these transforms; None without any."""
+    body = b"".join(transforms)
+    return b"".join((_SIZE.pack(len(body) + _SIZE.size), _SIZE.pack(len(transforms)), body)) if transforms else None
