@@ -7,6 +7,7 @@ The computers are addresses of the loopback network: the border 127.0.0.1, the h
 """
 
 import contextlib
+import http.client
 import json
 import os
 import pathlib
@@ -97,7 +98,8 @@ class Station:
         self.port = free_port()
         third = Peer("third", THIRD)
         channels = [{**self.peers[0].channel(), **bad}, self.peers[1].channel()]
-        values = {"robot": "station", "port": self.port, "channels": channels}
+        own = {**channels[1], "inner": True, "topics": ["/own/*"], "services": ["/own/*"], "as": "/station"}
+        values = {"robot": "station", "port": self.port, "channels": [*channels, own]}
         self.log = folder / "log"
         members = {"members": [peer.member() for peer in (*self.peers, third)], "strangers": "ignore"}
         path = folder / "border.json"
@@ -123,6 +125,15 @@ class Station:
         """The topics and services of the border at its roscore."""
         tables = (self.roscore.tables[role].items() for role in ("Publisher", "Service"))
         return {name for table in tables for name, nodes in table if "/master_border" in nodes}
+
+    def told(self):
+        """The names that the good robot is offered."""
+        connection = http.client.HTTPConnection(HERE, self.port, timeout=10, source_address=(GOOD, 0))
+        body = xmlrpc.client.dumps(("good", "", 0.0), "rosfleetOffers")
+        connection.request("POST", "/", body, {"Content-Type": "text/xml"})
+        (answer,), _method = xmlrpc.client.loads(connection.getresponse().read())
+        connection.close()
+        return {name for _kind, name, _type, _nodes in answer[2]}
 
     def offer(self, *offers):
         self.bad.offer(*offers, ["topic", "/bad/last", "x/Y", ["/n"]])
@@ -247,6 +258,53 @@ def test_an_odd_wait_is_none(station):
             connection.settimeout(5)
             assert connection.recv(100).startswith(b"HTTP/1.1")
     assert station.measure_load() < 0.5
+
+
+THIRD_NUMBER = 0x7F000004  # 127.0.0.4
+SPELLINGS = [
+    "127.0.0.4",
+    str(THIRD_NUMBER),
+    "127.4",
+    "0x7f.4",
+    "0177.0.0.4",
+    "127.0.0.4.",
+    "[::ffff:127.0.0.4]",
+    "unknown",
+]
+
+
+def test_what_other_robots_have_here_never_crosses_as_own(station):
+    """Nodes of another robot registered here, by whatever spelling of its address, and a service of it in an own node's name."""
+    for number, host in enumerate(SPELLINGS):
+        uri = f"http://{host}:40000/"
+        station.roscore.register("registerPublisher", f"/third{number}", f"/own/third{number}", "x/Y", uri)
+    service = f"rosrpc://{THIRD}:40000"
+    station.roscore.register("registerService", "/node", "/own/service", service, f"http://{HERE}:40000/")
+    station.roscore.register("registerPublisher", "/node", "/own/topic", "x/Y", f"http://{HERE}:40000/")
+    wait_for(lambda: "/station/own/topic" in station.told())
+    assert station.told() == {"/station/own/topic"} and station.hears()
+
+
+@pytest.mark.parametrize("place", [[THIRD, 0], [str(THIRD_NUMBER), 0], ["127.4", 0], [BAD, 0], [HERE, -1]])
+def test_an_own_node_has_no_connection_made_to_another_robot(station, place):
+    """It says itself where its messages are to be had: only an own computer counts."""
+    with contextlib.ExitStack() as ends:
+        there = ends.enter_context(socket.create_server((THIRD, 0)))
+        own = ends.enter_context(socket.create_server((HERE, 0)))
+        words = {"asked": ["TCPROS", place[0], place[1] or there.getsockname()[1]]}
+        api = RpcServer(HERE, 0, {"requestTopic": lambda *_question: [1, "", words["asked"]]}, lambda *_why: None)
+        ends.callback(api.stop)
+        uri = f"http://{HERE}:{api.server_address[1]}/"
+        station.roscore.register("registerPublisher", "/node", "/own/topic", "x/Y", uri)
+        wait_for(lambda: "/station/own/topic" in station.told())
+        listener = station.connect(GOOD, topic="/station/own/topic", rosfleet_border="good", rosfleet_publisher="/node")
+        there.settimeout(2)
+        with pytest.raises(TimeoutError):
+            there.accept()
+        words["asked"] = ["TCPROS", HERE, own.getsockname()[1]]
+        own.settimeout(10)
+        own.accept()[0].close()
+        listener.close()
 
 
 def test_silent_connections_of_one_computer_shut_nobody_out(station):

@@ -9,13 +9,13 @@ import contextlib
 import os
 from dataclasses import replace
 from functools import partial
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Container, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from .border import calls, diagnostics
 from .border.account import Accounts
 from .border.board import OfferBoard
 from .border.core import report
-from .border.core.channels import SERVICE, TOPIC, Channel, Others, Own, find_taken, list_offers, list_own
+from .border.core.channels import SERVICE, TOPIC, Channel, Own, OwnNodes, find_taken, list_offers, list_own
 from .border.core.frames import STATIC, Frames
 from .border.core.header import encode_header
 from .border.dial import Dialers, PartyCounts, dial_border, dial_node, dial_service, listen
@@ -35,7 +35,7 @@ from .edge.roscore import Roscore
 from .edge.rpc_server import LongPoll, RefusedCall, RpcServer
 from .protocol import imports, metrics, parameters
 from .protocol.filters import MAX_NAME
-from .protocol.members import Members
+from .protocol.members import Members, host_of, is_address
 from .protocol.messages import Diagnosis
 from .protocol.plain_text import plain, quote
 from .sync.core.sync import View
@@ -55,6 +55,21 @@ ROBOT, NODE = "rosfleet_border", "rosfleet_publisher"
 
 SLOWED = "its messages take more of the processor than its share, and wait"
 OTHERS = "computers of no robot"
+
+
+class OwnHosts:
+    """The hosts of this robot: names and addresses of its planned computers, and this computer. `in` is asked in threads, too."""
+
+    def __init__(self, planned: Container[str], foreign: Container[str], local: Callable[[], Container[str]]) -> None:
+        """`foreign`: hosts of other robots; `local`: those of this computer."""
+        self._planned, self._foreign, self._local = planned, foreign, local
+
+    def __contains__(self, host: object) -> bool:
+        """True for a host in its only spelling (protocol/members.py)."""
+        text = str(host)
+        is_here = (text.startswith("127.") and is_address(text)) or text in self._local()
+        return text in self._planned or (is_here and text not in self._foreign)
+
 
 NOTHING = View({}, {}, {}, {})  # before the own roscore was read
 
@@ -82,6 +97,7 @@ class MasterBorder:
         self.seen = NOTHING
         self.topics: Own = {}
         self.services: Own = {}
+        self.claimed: imports.Claims = {}  # of the same reading
         self.calls: Dict[str, Provider] = {}  # service of others -> how their border is reached
         self.calling = PartyCounts(calls.MOST_OF_ONE, calls.MOST)
         self.offers: Dict[str, Offers] = {}
@@ -94,7 +110,9 @@ class MasterBorder:
         self.robots = {host: channel.peer for channel in self.channels for host in channel.hosts}
         self.robots.update({host: one.robot for one in members.robots for host in one.hosts})
         self.slowed: List[str] = []  # robots whose messages cost too much
-        self.foreign_hosts = frozenset(host for one in members.robots if one.robot != self.robot for host in one.hosts)
+        planned = frozenset(host for one in members.robots if one.robot == self.robot for host in one.hosts)
+        self.foreign_hosts = members.hosts - planned
+        self.hosts = OwnHosts(planned, self.foreign_hosts, self.own_hosts)
         self.rules = callers(members, uri, self._is_here)
         port = int(self.listener.getsockname()[1])
         self.api = SlaveApi(uri, port, partial(self.loop.post, local_roscore.obey_shutdown), self._list_links)
@@ -214,11 +232,14 @@ class MasterBorder:
         if found is None:
             return  # its health is looked at elsewhere
         seen, claims = found
-        others = Others(claims, self.foreign_hosts)
-        topics, services = (list_own(table, seen.node_uris, NAME, others) for table in (seen.publishers, seen.services))
-        if (topics, services, seen) == (self.topics, self.services, self.seen) and self.seen is not NOTHING:
+        ours = OwnNodes(self.hosts, claims)
+        topics, services = (list_own(table, seen.node_uris, NAME, ours) for table in (seen.publishers, seen.services))
+        services = {name: at for name, at in services.items() if host_of(seen.service_uris.get(name, "")) in self.hosts}
+        last = self.topics, self.services, self.seen, self.claimed
+        if (topics, services, seen, claims) == last and self.seen is not NOTHING:
             return
-        self.seen, self.topics, self.services = seen, topics, services
+        self.topics, self.services, self.seen, self.claimed = topics, services, seen, claims
+        self._tell_unplanned(ours)
         for robot in self.peers:
             channels = [channel for channel in self.channels if channel.peer == robot]
             self.board.update(robot, list_offers(channels, topics, services, seen.types, NAME))
@@ -239,8 +260,27 @@ class MasterBorder:
         uri = f"rosrpc://{find_own_host()}:{self.api.port}"
         # A roscore keeps one provider: one of this robot is never replaced, so they have to be known.
         others = {} if self.seen is NOTHING else self.calls
-        wanted.update({(PROVIDER, service): uri for service in others if service not in self.services})
+        wanted.update({(PROVIDER, service): uri for service in others if not self._has_provider(service)})
         self.registrar.want(wanted)
+
+    def _has_provider(self, service: str) -> bool:
+        """True if something else than this node and master_sync provides it here, on whatever computer."""
+        uris = self.seen.node_uris
+        nodes = self.seen.services.get(service, ())
+        return any(node != NAME and (node, uris.get(node, "")) not in self.claimed for node in nodes)
+
+    def _tell_unplanned(self, ours: OwnNodes) -> None:
+        """Log whose topics and services stay here, since their computer is in no plan."""
+        unplanned = {
+            node: uri
+            for node, uri in self.seen.node_uris.items()
+            if not ours.have(node, uri) and (node, uri) not in ours.claims and host_of(uri) not in self.foreign_hosts
+        }
+        for kind, table in ((TOPIC, self.seen.publishers), (SERVICE, self.seen.services)):
+            for name, node in ((name, node) for name, nodes in table.items() for node in unplanned.keys() & nodes):
+                if any(channel.find_name(kind, name) for channel in self.channels):
+                    text = f"{quote(node)} is at {quote(unplanned[node])}, which is no computer of {self.robot} in the plan"
+                    self.limited.say("warning", f"unplanned {name}", f"{plain(name)} does not cross: {text}")
 
     # Other borders
 
@@ -395,7 +435,8 @@ class MasterBorder:
     def _aim_at_node(self, feed: Feed, topic: str, node: str, frames: Optional[Frames]) -> None:
         uri = self.seen.node_uris.get(node, "")
         change, own = None if frames is None else frames.add, self.accounts.find(self.robot)
-        feed.aim({uri: Origin(partial(dial_node, uri, NAME, topic), uri, self._ask(topic), own, change)})
+        dial = partial(dial_node, uri, NAME, topic, self.hosts)
+        feed.aim({uri: Origin(dial, uri, self._ask(topic), own, change)})
 
     def _list_channels(self, robot: str, address: str) -> List[Channel]:
         """List the channels to a robot, if it is its border that asks."""
@@ -427,7 +468,7 @@ class MasterBorder:
             service = channel.find_local(SERVICE, name)
             if service is not None and service in self.services:
                 uri = self.seen.service_uris.get(service, "")
-                return Provider(partial(dial_service, uri), uri, service)
+                return Provider(partial(dial_service, uri, self.hosts), uri, service)
         return None
 
     def _on_dialed(

@@ -11,7 +11,7 @@ from rosfleet_multimaster.border.core.channels import (
     TOPIC,
     Channel,
     Offer,
-    Others,
+    OwnNodes,
     find_taken,
     list_offers,
     list_own,
@@ -63,9 +63,9 @@ def test_what_the_border_and_other_robots_have_is_not_offered():
     publishers = {"/scan": ("/laser", "/master_border", "/foreign", "/unrecorded"), "/odom": ("/master_border",)}
     provided = {"/reset": ("/laser",), "/foreign/reset": ("/foreign",)}
     types = {"/scan": "sensor_msgs/LaserScan"}
-    uris = {"/foreign": "http://stranger:1/", "/unrecorded": "http://Station-PC:2/", "/laser": "http://kobuki1-pc:3/"}
-    others = Others({("/foreign", "http://stranger:1/")}, {"station-pc"})
-    topics, services = (list_own(table, uris, "/master_border", others) for table in (publishers, provided))
+    uris = {"/foreign": "http://kobuki1-pc:1/", "/unrecorded": "http://Station-PC:2/", "/laser": "http://Kobuki1-PC:3/"}
+    ours = OwnNodes({"kobuki1-pc"}, {("/foreign", "http://kobuki1-pc:1/")})
+    topics, services = (list_own(table, uris, "/master_border", ours) for table in (publishers, provided))
     assert topics == {"/scan": ("/laser",)} and services == {"/reset": ("/laser",)}
     offers = list_offers([channel(True)], topics, services, types, "/master_border")
     scan = Offer(TOPIC, "/kobuki1/scan", "sensor_msgs/LaserScan", ("/laser",))
@@ -75,6 +75,28 @@ def test_what_the_border_and_other_robots_have_is_not_offered():
     station = channel(False)
     taken = {(TOPIC, scan.name): (scan, station), (SERVICE, reset.name): (reset, station)}
     assert find_taken([station], read) == taken
+
+
+@pytest.mark.parametrize(
+    "uri",
+    [
+        *("http://10.0.0.9:1/", "http://167772161:1/", "http://10.1:1/", "http://0xa.1:1/", "http://012.0.0.1:1/"),
+        *(
+            "http://[::ffff:10.0.0.1]:1/",
+            "http://10.0.0.1.:1/",
+            "http://pc.:1/",
+            "http://pc@10.0.0.9:1/",
+            "http://[pc]:1/",
+        ),
+        *("http://10.0.0.1:1/x", "http://10.0.0.9\\@10.0.0.1:1/", "http://\uff11\uff10.0.0.1:1/", "http:///", "x", ""),
+    ],
+)
+def test_only_a_planned_host_in_its_own_spelling_is_own(uri):
+    ours = OwnNodes({"pc", "10.0.0.1"})
+    assert not list_own({"/scan": ["/laser"]}, {"/laser": uri}, "/master_border", ours)
+    assert not list_own({"/scan": ["/laser"]}, {}, "/master_border", ours)
+    for own in ("http://10.0.0.1:1/", "http://PC:1", "rosrpc://pc:1"):
+        assert list_own({"/scan": ["/laser"]}, {"/laser": own}, "/master_border", ours) == {"/scan": ("/laser",)}
 
 
 @pytest.mark.parametrize("others", [(), ("/fixed",), tuple(f"/n{number}" for number in range(50))])

@@ -7,13 +7,15 @@ To connect may block.
 
 import math
 import socket
-import urllib.parse
 from collections import Counter, deque
 from functools import partial
-from typing import Any, Deque, Dict, Optional, Tuple
+from typing import Any, Container, Deque, Dict, Optional, Tuple
 
+from ..edge.addresses import address_of
 from ..edge.loop import Done, Job, Workers
 from ..edge.rpc_client import SMALL, Rpc
+from ..protocol.members import is_address, place_of
+from ..protocol.plain_text import quote
 
 SECONDS = 5.0  # for each question and each connection
 AT_ONCE = 2  # connections that are being made to one place
@@ -75,9 +77,13 @@ class Dialers:
         done(connection, problem)
 
 
-def dial_node(uri: str, own: str, topic: str) -> socket.socket:
-    """Return a connection to a node that publishes a topic. Raises OSError or ValueError, and Fault where it refuses."""
-    rpc = Rpc(uri, SECONDS, SMALL)
+def dial_node(uri: str, own: str, topic: str, hosts: Container[str]) -> socket.socket:
+    """Return a connection to a node of this robot that publishes a topic. Raises OSError or ValueError, and Fault where it refuses.
+
+    `hosts`: of this robot. A node says itself where its messages are to be had.
+    """
+    host, port = place_of(uri)
+    rpc = Rpc(f"http://{_find_address(host, hosts)}:{port}/", SECONDS, SMALL)
     try:
         answer = rpc.call("requestTopic", own, topic, [["TCPROS"]])
     finally:
@@ -92,15 +98,27 @@ def dial_node(uri: str, own: str, topic: str) -> socket.socket:
         or not isinstance(protocol[2], int)
     ):
         raise ValueError(f"{uri} names no port")
-    return socket.create_connection((protocol[1], protocol[2]), SECONDS)
+    return _connect(*place_of(f"rosrpc://{protocol[1]}:{protocol[2]}"), hosts)
 
 
-def dial_service(uri: str) -> socket.socket:
-    """Return a connection to the provider of a service, at its URI. Raises OSError or ValueError."""
-    parsed = urllib.parse.urlsplit(uri)
-    if parsed.scheme != "rosrpc" or not parsed.hostname or not parsed.port:
-        raise ValueError(f"{uri} is no address of a service")
-    return socket.create_connection((parsed.hostname, parsed.port), SECONDS)
+def dial_service(uri: str, hosts: Container[str]) -> socket.socket:
+    """Return a connection to the provider of a service of this robot, at its URI. Raises OSError or ValueError. `hosts`: of this robot."""
+    host, port = place_of(uri)
+    if not uri.startswith("rosrpc:") or not port:
+        raise ValueError(f"{quote(uri)} is no address of a service")
+    return _connect(host, port, hosts)
+
+
+def _connect(host: str, port: int, hosts: Container[str]) -> socket.socket:
+    return socket.create_connection((_find_address(host, hosts), port), SECONDS)
+
+
+def _find_address(host: str, hosts: Container[str]) -> str:
+    """Return the address of a host of this robot, so that no name means another one a moment later. Raises OSError or ValueError."""
+    address = host if is_address(host) or host not in hosts else address_of(host)
+    if address not in hosts:
+        raise ValueError(f"{quote(host)} ({quote(address)}) is no computer of this robot")
+    return address
 
 
 def dial_border(place: Tuple[str, int]) -> socket.socket:

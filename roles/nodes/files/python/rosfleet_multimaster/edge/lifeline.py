@@ -3,9 +3,9 @@
 """A connection to another program on which nothing is said. The kernel ends it when that program ends. So no questions are needed."""
 
 import socket
-import urllib.parse
 from typing import Callable, Optional
 
+from ..protocol.members import place_of
 from .loop import Loop
 
 CONNECT = 2.0  # seconds
@@ -48,7 +48,6 @@ class Lifeline:
 def lifeline(uri: str) -> Optional[Socket]:
     """A connection to the program at a URI; None where there is none."""
     try:
-        parts = urllib.parse.urlsplit(uri)
-        return socket.create_connection((parts.hostname or "", parts.port or 0), CONNECT)
-    except (OSError, ValueError, UnicodeError):
+        return socket.create_connection(place_of(uri), CONNECT)
+    except (OSError, UnicodeError):
         return None

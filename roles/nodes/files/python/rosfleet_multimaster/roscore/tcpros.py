@@ -4,10 +4,10 @@
 
 import socket
 import struct
-import urllib.parse
 from typing import Dict
 
 from ..edge.clock import monotonic
+from ..protocol.members import place_of
 
 _MOST = 1 << 14  # bytes of a header
 
@@ -17,13 +17,13 @@ def provider(uri: str, service: str, timeout: float) -> str:
 
     `timeout`: seconds for connecting, and for the whole answer, however slowly its bytes come.
     """
-    parsed = urllib.parse.urlsplit(uri)
-    if parsed.scheme != "rosrpc" or not parsed.hostname or not parsed.port:
+    place = place_of(uri)
+    if not uri.startswith("rosrpc:") or not all(place):
         raise ValueError(f"{uri[:100]} is no address of a service")
     fields = {"callerid": "/master", "service": service, "md5sum": "*", "probe": "1"}
     parts = [f"{name}={value}".encode() for name, value in fields.items()]
     head = b"".join(struct.pack("<I", len(part)) + part for part in parts)
-    with socket.create_connection((parsed.hostname, parsed.port), timeout) as connection:
+    with socket.create_connection(place, timeout) as connection:
         deadline = monotonic() + timeout
         connection.sendall(struct.pack("<I", len(head)) + head)
         (size,) = struct.unpack("<I", _read(connection, 4, deadline))

@@ -98,24 +98,22 @@ class Channel(NamedTuple):
 Own = Dict[str, Tuple[str, ...]]  # topic or service -> nodes of this robot
 
 
-class Others(NamedTuple):
-    """The nodes of other robots at the own roscore: those that master_sync has recorded, and those on their computers."""
+class OwnNodes(NamedTuple):
+    """Tells the nodes of this robot from all others at its roscore: they are on its computers, and master_sync has not recorded them."""
 
+    hosts: Container[str]  # of this robot; multimaster_fkie's master_sync records nothing
     claims: Container[NodeKey] = ()
-    hosts: Container[str] = ()  # multimaster_fkie's master_sync records nothing
 
     def have(self, node: str, uri: str) -> bool:
-        """True for a node of another robot."""
-        return (node, uri) in self.claims or host_of(uri) in self.hosts
+        """True for a node of this robot."""
+        return (node, uri) not in self.claims and host_of(uri) in self.hosts
 
 
-def list_own(table: Mapping[str, Sequence[str]], uris: Mapping[str, str], own: str, others: Others) -> Own:
+def list_own(table: Mapping[str, Sequence[str]], uris: Mapping[str, str], own: str, ours: OwnNodes) -> Own:
     """Return the nodes of this robot of each topic or service. `uris`: of nodes; `own`: the border itself."""
     found = {}
     for name, nodes in table.items():
-        mine = tuple(
-            node for node in nodes if node != own and NAME.match(node) and not others.have(node, uris.get(node, ""))
-        )
+        mine = tuple(node for node in nodes if node != own and NAME.match(node) and ours.have(node, uris.get(node, "")))
         if mine:
             found[name] = mine[:MOST_NODES]
     return found

@@ -8,9 +8,9 @@ A peer is a sender of heartbeats: an address, a UDP port and an XML-RPC port.
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Any, Deque, Dict, NamedTuple, Optional, Tuple
-from urllib.parse import urlsplit
 
 from ...protocol.heartbeat import Heartbeat
+from ...protocol.members import host_of
 from ...protocol.messages import Master
 from ...protocol.plain_text import is_plain, quote
 
@@ -38,14 +38,14 @@ class Contact(NamedTuple):
         for text in (uri, name, discoverer):
             if not is_plain(text, MAX_NAME) or " " in text or '"' in text:
                 raise ValueError(f"a name that is none: {ascii(text[:40])}")
-        if not uri.startswith("http://") or not urlsplit(uri).hostname:
+        if not uri.startswith("http://") or not host_of(uri):
             raise ValueError(f"it calls its master {quote(uri)}")
         return cls(stamp, uri, name, discoverer)
 
     @property
     def host(self) -> str:
         """The host that the master calls its own."""
-        return urlsplit(self.uri).hostname or ""
+        return host_of(self.uri)
 
 
 def find_name_problem(contact: Contact, heard: str, address: str, there: Optional[Contact]) -> str:

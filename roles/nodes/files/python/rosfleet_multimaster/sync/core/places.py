@@ -9,13 +9,12 @@ second master on this computer has nodes here.
 """
 
 from typing import Container, Dict, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional, Set
-from urllib.parse import urlsplit
 
 from ...protocol.graph import State
-from ...protocol.members import LOWEST, Member, Members, host_of, is_address
+from ...protocol.members import LOWEST, Member, Members, host_of, is_address, place_of
 from ...protocol.plain_text import quote
 
-LOCAL_NAMES = ("", "localhost", "localhost.localdomain", "ip6-localhost")
+LOCAL_NAMES = ("localhost", "localhost.localdomain", "ip6-localhost")
 MAX_NAMES = 16  # hosts of one state that are looked up
 
 
@@ -44,14 +43,10 @@ class Places:
 
     def objection(self, uri: str) -> str:
         """The reason not to connect to this URI of a node or a service; empty where it is fine."""
-        try:
-            parts = urlsplit(uri)
-            host, port = (parts.hostname or "").lower(), parts.port
-        except ValueError:
-            return "it is no URI"
-        if parts.path not in ("", "/") or parts.query or parts.fragment or "@" in parts.netloc:
-            return "it is more than a host and a port"
-        if port is None or port < LOWEST:
+        host, port = place_of(uri)
+        if not host:
+            return "it is not just a port of a host, which is a name or an address in its usual spelling"
+        if port < LOWEST:
             return "its port is no node's"
         if self._member is not None and port in self._member.ports:
             return f"port {port} there is its roscore's or its discovery's"
@@ -63,8 +58,8 @@ class Places:
     def _find_host_objection(self, host: str) -> str:
         if self._member is not None and host in self._member.hosts:
             return ""
-        if ":" in host or (host.replace(".", "").isdigit() and not is_address(host)):
-            return "its host is neither a name nor an IPv4 address"  # 127.1 and ::ffff:127.0.0.1 are this computer
+        if ":" in host:
+            return "its host is neither a name nor an IPv4 address"
         address = host if is_address(host) else self._resolved.get(host, "")
         if host in LOCAL_NAMES or self._is_here(address):
             return "" if self._is_here(self._sender) else "it is on this computer itself"
@@ -90,8 +85,10 @@ def names_to_resolve(state: State, members: Members) -> List[str]:
         return []
     member = members.master(state.uri)
     known = member.hosts if member is not None else frozenset()
-    hosts: Set[str] = {host_of(uri).lower() for uri in uris(state)}
-    return sorted(host for host in hosts if host and host not in known and not is_address(host))[:MAX_NAMES]
+    hosts: Set[str] = {host_of(uri) for uri in uris(state)}
+    return sorted(host for host in hosts if host and host not in known and not is_address(host) and ":" not in host)[
+        :MAX_NAMES
+    ]
 
 
 def uris(state: State) -> Iterable[str]:
