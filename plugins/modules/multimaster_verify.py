@@ -1769,6 +1769,8 @@ services:
       age_s: 86400.5
       open_files: 18
       most_files: 1024
+      result: ""
+      status: null
   contains:
     name:
       description: The service.
@@ -1800,6 +1802,18 @@ services:
       returned: always
       type: int
       sample: 0
+    result:
+      description:
+        - How it ended last, where systemd has started it again, or it has failed. C(Result) of systemd, such as V(oom-kill), V(signal) or
+          V(exit-code), or V(watchdog) where multimaster-watchdog.service has ended it. Empty where nothing is known.
+      returned: always
+      type: str
+      sample: ""
+    status:
+      description: The exit status of its process then, or the number of the signal that ended it, or null.
+      returned: always
+      type: int
+      sample: null
     stopped:
       description: Whether its process is stopped by a signal or a debugger, so that it runs and does nothing.
       returned: always

@@ -3,9 +3,11 @@
 
 """The sandbox of the running services, and the watchdog of the nodes."""
 
+import shlex
 import time
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import unit_ends
 
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
 #: service -> the worst rating that it may have, and its capabilities: one has CAP_NET_ADMIN
@@ -72,6 +74,8 @@ def test_what_hangs_is_started_again_within_a_minute(watched):
         if "connections" not in unit:
             told = lab.run(FIRST, f"journalctl --unit {unit} --output cat --lines 2000")
             assert "Fatal Python error: Aborted" in told and "most recent call first" in told, "it says where it hung"
+    ended = unit_ends.read_ends(lab.run(FIRST, shlex.join(unit_ends.list_words(units))).splitlines(), units)
+    assert {unit: (end.result, end.status) for unit, end in ended.items()} == dict.fromkeys(units, ("watchdog", 6))
     masters = (
         "timeout 20 bash -c 'until rosservice call /master_discovery/list_masters | grep -q %s; do sleep 0.2; done'"
     )

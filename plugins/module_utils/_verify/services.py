@@ -7,7 +7,7 @@ import re
 import time
 import typing
 
-from .._machine import systemd
+from .._machine import systemd, unit_ends
 from .._module.regular_files import read_regular
 from .._process import commands, processes
 
@@ -25,6 +25,7 @@ _PROPERTIES = (
     "StatusText",
     "ActiveEnterTimestampMonotonic",
     "ControlGroup",
+    "Result",
 )
 _REFUSED = 50  # names that a node refuses, which are told
 
@@ -33,7 +34,10 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
     """Look at services of the collection: their state, and the variables that differ from the environment file."""
     found = []
     units = [f"multimaster-{name}.service" for name in names]
-    for name, unit, seen in zip(names, units, systemd.states(units, _PROPERTIES)):
+    states = systemd.states(units, _PROPERTIES)
+    ended = [unit for unit, seen in zip(units, states) if seen.get("NRestarts", "0") != "0" or _has_failed(seen)]
+    known = unit_ends.find_ends(ended) if ended else {}
+    for name, unit, seen in zip(names, units, states):
         pid = seen.get("MainPID", "0")
         entry: typing.Dict[str, typing.Any] = {
             "name": name,
@@ -48,6 +52,8 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             "since": seen.get("StateChangeTimestamp", ""),
             "refused": read_refusals(seen.get("StatusText", "")),
             "age_s": find_age(seen.get("ActiveEnterTimestampMonotonic", "")),
+            "result": known[unit].result if unit in known else seen.get("Result", "") if _has_failed(seen) else "",
+            "status": known[unit].status if unit in known else None,
         }
         entry["open_files"], entry["most_files"] = count_files(seen.get("ControlGroup", ""))
         if pid != "0" and seen.get("EnvironmentFiles"):  # a service without the file needs no ROS
@@ -59,6 +65,10 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             entry["drop_ins"] = [path for path in seen.get("DropInPaths", "").split() if sets_environment(path)]
         found.append(entry)
     return found
+
+
+def _has_failed(seen: systemd.Properties) -> bool:
+    return seen.get("ActiveState", "") in ("failed", "activating")
 
 
 def read_refusals(status: str) -> typing.List[str]:

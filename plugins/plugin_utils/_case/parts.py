@@ -724,7 +724,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         read=ALWAYS,
     ),
     ("service", "restarting"): Fault(
-        "on {place} {what} ended by itself and was started again",
+        "on {place} {what} ended and was started again",
         "see on {place}: journalctl -b -u {what}",
         hard=False,
         what="multimaster-*",

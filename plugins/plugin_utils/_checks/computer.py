@@ -89,8 +89,28 @@ def _was_started_again(case: Case, entry: Service) -> bool:
     return bool(entry.restarts) and entry.age_s is not None and 0 <= entry.age_s <= case.state.lately
 
 
+#: the Result of systemd -> who ended a service, and why
+_ENDS = {
+    "success": "it was told to end, or ended by itself without an error",
+    "watchdog": "the watchdog ended it, since it hung (Result=watchdog)",
+    "oom-kill": "the kernel ended it, since memory ran out (Result=oom-kill)",
+    "signal": "the signal {status} ended it, which systemd had not sent (Result=signal)",
+    "core-dump": "it crashed with the signal {status} (Result=core-dump)",
+    "exit-code": "it ended by itself with the status {status} (Result=exit-code)",
+    "timeout": "systemd ended it, since its start or its end took too long (Result=timeout)",
+    "start-limit-hit": "systemd starts it no more, since it ended too often (Result=start-limit-hit)",
+}
+
+
+def _describe_end(entry: Service) -> str:
+    """Say who ended a service last, and why; nothing where that is not known."""
+    text = _ENDS.get(entry.result, "").format(status="?" if entry.status is None else entry.status)
+    return f": {text}" if text else ""
+
+
 def _describe_state(entry: Service) -> str:
-    return "not there" if entry.load_state == "not-found" else f"{entry.active_state} ({entry.sub_state})"
+    state = "not there" if entry.load_state == "not-found" else f"{entry.active_state} ({entry.sub_state})"
+    return state + _describe_end(entry)
 
 
 def _inactive_parts(case: Case, service: str, entry: Service | None) -> Parts:
@@ -136,7 +156,9 @@ def _judge_services(case: Case) -> Judgement:
             broken.append(f"{entry.unit} has all of its {entry.most_files} files open")
             parts |= make_parts("service", case.observer.name, "full", what=unit)
         elif _was_started_again(case, entry):
-            restarted.append(f"{entry.unit} was started again {entry.age_s:.0f} s ago, {entry.restarts} in all")
+            restarted.append(
+                f"{entry.unit} was started again {entry.age_s:.0f} s ago, {entry.restarts} in all{_describe_end(entry)}"
+            )
             parts |= make_parts("service", case.observer.name, "restarting", what=unit)
     expected = f"{', '.join(case.observer.plan.services_with_routing)} active"
     if broken:

@@ -225,6 +225,8 @@ class Service:
     )
     open_files: int | None = None  # of its process with the fewest left; None where it could not be read
     most_files: int | None = None  # that this process may have open
+    result: str = ""  # how it ended last, where it was started again or has failed: the Result of systemd
+    status: int | None = None  # the exit status then, or the number of the signal
 
 
 @dataclass(frozen=True)

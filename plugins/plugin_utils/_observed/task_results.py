@@ -36,6 +36,9 @@ FORMS = {
     "how": re.compile(r"was (changed|started)"),
     "active_state": re.compile(r"active|inactive|failed|(de)?activating|reloading|maintenance"),
     "sub_state": re.compile(r"[a-z]+(-[a-z]+)*"),
+    "result": re.compile(
+        r"success|watchdog|oom-kill|signal|core-dump|exit-code|timeout|protocol|resources|start-limit-hit|exec-condition"
+    ),
     "load_state": re.compile(r"loaded|error|masked|not-found|bad-setting|merged|stub"),
     "state": re.compile(r"up|down|unknown|dormant|testing|lowerlayerdown|notpresent|new|established"),
     "direction": re.compile(r"in|out"),

@@ -47,7 +47,7 @@ from fleets import (
 
 
 def _service(**values):
-    return lambda seen: update(seen[ONE].probe.services[1], **values)
+    return lambda seen: update(of(seen[ONE].probe.services, "roscore"), **values)
 
 
 def _roscore(**values):
@@ -290,14 +290,14 @@ def test_of_two_restarts_the_last_one_stands_first(ages):
     fleet = plan()
     seen = observed(fleet)
     for computer, age in zip((ONE, TWO), ages, strict=True):
-        update(seen[computer].probe.services[1], restarts=4, age_s=age)
+        update(of(seen[computer].probe.services, "roscore"), restarts=4, age_s=age)
     told = [entry.part.place for entry in diagnose(fleet, seen).findings]
     assert told == sorted((ONE, TWO), key=lambda name: ages[(ONE, TWO).index(name)])
 
 
 def test_a_full_process_explains_what_it_does_not_answer():
     def change(seen):
-        _service(name="roscore", open_files=1024, most_files=1024)(seen)
+        _service(open_files=1024, most_files=1024)(seen)
         _silent_roscore("no answer within 5 s")(seen)
 
     assert parts(diagnosed(change)) == [("service", ONE, "full")]
@@ -305,6 +305,26 @@ def test_a_full_process_explains_what_it_does_not_answer():
 
 def test_a_service_with_room_for_files_is_well():
     assert not diagnosed(_service(open_files=62, most_files=64)).findings
+
+
+@pytest.mark.parametrize(
+    ("result", "status", "words"),
+    [
+        ("watchdog", 6, ": the watchdog ended it, since it hung (Result=watchdog)"),
+        ("oom-kill", 9, ": the kernel ended it, since memory ran out (Result=oom-kill)"),
+        ("signal", 9, ": the signal 9 ended it, which systemd had not sent (Result=signal)"),
+        ("exit-code", 1, ": it ended by itself with the status 1 (Result=exit-code)"),
+        ("core-dump", None, ": it crashed with the signal ? (Result=core-dump)"),
+        ('"made up"', 6, ""),
+        ("", None, ""),
+    ],
+)
+def test_a_finding_says_who_ended_a_service_and_why(result, status, words):
+    again = _service(restarts=4, age_s=599.0, result=result, status=status)
+    found = notable(evaluate(again))[("services", ONE, ONE)]
+    assert words in str(found)
+    ended = _service(active_state="failed", sub_state="failed", result=result, status=status)
+    assert words in str(notable(evaluate(ended))[("services", ONE, ONE)])
 
 
 def test_a_service_that_preflight_left_out_is_not_missed():

@@ -472,6 +472,6 @@ def test_what_is_lost_now_comes_before_what_was_started_again():
 
     def change(seen):
         _large_lost(seen)
-        update(seen[ONE].probe.services[1], restarts=3, age_s=100.0)
+        update(of(seen[ONE].probe.services, "roscore"), restarts=3, age_s=100.0)
 
     assert [kind for kind, *_place in parts(diagnosed(change))] == ["network", "service"]
