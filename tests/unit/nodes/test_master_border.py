@@ -449,6 +449,23 @@ def test_a_topic_that_is_gone_is_gone_on_both(robots):
 
 
 @pytest.mark.slow
+def test_a_listener_stays_where_a_topic_goes_and_comes(robots):
+    """As where a link is cut for long: nodes are told nothing of what the roscore learns too late."""
+    robot, station = robots
+    laser = Node(robot.roscore, "/laser", "/scan")
+    wait_for(lambda: station.published() == {"/robot/scan"})
+    listener = station.connect("/robot/scan")
+    before = laser.accept()
+    assert listener.header()
+    robot.roscore.register("unregisterPublisher", "/laser", "/scan", "")
+    wait_for(lambda: not station.published())
+    robot.roscore.register("registerPublisher", "/laser", "/scan", "std_msgs/String", laser.uri)
+    laser.accept().say(message(b"again"))
+    assert listener.next() == message(b"again"), "it has heard of nothing"
+    before.close()
+
+
+@pytest.mark.slow
 def test_the_reason_of_who_ends_the_border_is_quoted(tmp_path, capfd):
     robot = Robot(tmp_path, "robot")
     Node(robot.roscore, "/laser", "/scan")

@@ -195,7 +195,9 @@ class MasterBorder:
         before, self.slowed = self.slowed, self.accounts.list_slowed()
         for robot in sorted(set(self.slowed) - set(before)):
             program.LOG.warning("%s: %s", robot or OTHERS, SLOWED)
-        notify(f"STATUS={self._entries()[0].message}; {len(self.taken)} topics of others are here")
+        notify(
+            f"STATUS={self._entries()[0].message}; {len(self.taken.keys() & self.api.published.keys())} topics of others are here"
+        )
 
     def _end(self) -> None:
         program.leave_after(5.0)
@@ -338,8 +340,11 @@ class MasterBorder:
                         origin = Origin(dial, uri, question, self.accounts.find(peer), change)
                         sources.setdefault(local, {})[offer.name, node, place] = origin
         self.api.published = {**published, **own}
-        for topic in [topic for topic in self.taken if topic not in published]:
-            self.taken.pop(topic).end()
+        for topic, feed in list(self.taken.items()):
+            if topic not in published:
+                # Who listens keeps its connection: a node hears nothing of a topic that is away only for a moment.
+                feed.aim({})
+                self._forget_idle(topic, feed)
         for topic in published:
             if topic not in self.taken:
                 self.taken[topic] = self._make_feed(topic)
@@ -494,7 +499,13 @@ class MasterBorder:
         feed = self.wires.pop(wire, None)
         if feed is not None:
             feed.remove(wire)
+            self._forget_idle(feed.topic, feed)
             self._register()
+
+    def _forget_idle(self, topic: str, feed: Feed) -> None:
+        """Forget a topic of others that nobody publishes any more, as soon as nobody listens."""
+        if self.taken.get(topic) is feed and topic not in self.api.published and not feed.has_sinks:
+            del self.taken[topic]
 
 
 def _refuse(wire: Wire, why: str) -> None:
