@@ -45,19 +45,16 @@ options:
     type: dict
     required: true
   environment_digest:
-    description: The digest of the environment; a change of it restarts all services but C(address) and C(tunnel).
+    description: The digest of the environment; a change of it restarts C(roscore), C(discovery), C(sync) and C(border), which have it.
     type: str
     required: true
-  nodes_digest:
-    description: The digest of the nodes and their parameters; a change of it restarts all but C(address), C(tunnel) and C(roscore).
-    type: str
-    required: true
-  code_digest:
+  files:
     description:
-      - The digest of the code of the nodes without their parameters; a change of it restarts C(roscore), where O(programs) has its
-        lines. That one remembers what is registered.
-    type: str
-    default: ""
+      - The code and the parameters of the nodes, each with C(path) and C(sha256). A change of a file restarts the services that read it.
+      - C(roscore) reads some only where O(programs) has its lines. That one remembers what is registered.
+    type: list
+    elements: dict
+    required: true
   metrics_folder:
     description: The folder that node_exporter reads, for C(metrics), for example V(/var/lib/prometheus/node-exporter).
     type: str
@@ -75,7 +72,7 @@ EXAMPLES = r"""
     units: >-
       {{ ['address', 'roscore', 'discovery', 'sync'] | rosfleet.multimaster.service_units(
            robot='kobuki1', address='192.168.1.229', roscore_command='/usr/bin/roscore', roscore_port=11311,
-           programs=multimaster_plan.programs, environment_digest='4567', nodes_digest='0123') }}
+           programs=multimaster_plan.programs, environment_digest='4567', files=[]) }}
 """
 
 RETURN = r"""
@@ -111,8 +108,7 @@ def service_units(
     roscore_port: int,
     programs: Mapping[str, Mapping[str, str]],
     environment_digest: str,
-    nodes_digest: str,
-    code_digest: str = "",
+    files: Sequence[Mapping[str, str]],
     metrics_folder: str = "",
     tunnel_digest: str = "",
 ) -> list[dict[str, str]]:
@@ -133,8 +129,7 @@ def service_units(
             roscore_port=roscore_port,
             programs={name: UnitLines(lines["unit"], lines["service"]) for name, lines in programs.items()},
             environment_digest=environment_digest,
-            nodes_digest=nodes_digest,
-            code_digest=code_digest,
+            files={file["path"]: file["sha256"] for file in files},
             metrics_folder=metrics_folder,
             tunnel_digest=tunnel_digest,
         )

@@ -127,6 +127,30 @@ def test_all_clients_hear_again_after_an_end(lab, slack, host, program, end):
     assert gap <= LIMIT + away + slack(began), longest
 
 
+def find_processes(lab):
+    """The number of the process of each service, by computer."""
+    look = "systemctl show -P MainPID multimaster-$unit"
+    units = ("roscore", "discovery", "connections", "sync", "watchdog", "border")
+    return {(host, unit): lab.run(host, f"unit={unit}; {look}").strip() for host in (ROBOT, STATION) for unit in units}
+
+
+def test_a_change_of_a_rate_restarts_the_borders_alone(lab, tmp_path):
+    (tmp_path / "group_vars").mkdir()
+    changed = (INVENTORY / "group_vars/kobuki1.yml").read_text().replace("as: /kobuki1", "rate: 10, as: /kobuki1")
+    changed = changed.replace(", services: [/reset]", "")
+    assert "rate: 10" in changed
+    (tmp_path / "group_vars/kobuki1.yml").write_text(changed + "  - {services: [/reset], as: /kobuki1}\n")
+    (tmp_path / "hosts.yml").write_text("robots: {children: {kobuki1: {}}}\n")
+    before = find_processes(lab)
+    status, output = lab.play("site.yml", "--check", "-i", str(tmp_path / "hosts.yml"))
+    assert status == 0 and output.count("would restart multimaster-border, since its parameters change") == 2, output
+    assert output.count("would restart") == 2 and find_processes(lab) == before
+    status, output = lab.play("site.yml", "-i", str(tmp_path / "hosts.yml"))
+    assert status == 0 and output.count("restarted multimaster-border, since its parameters change") == 2, output
+    after = find_processes(lab)
+    assert {unit for (host, unit), process in after.items() if process != before[host, unit]} == {"border"}
+
+
 @pytest.mark.parametrize("words", [("kill", "--signal=KILL"), ("stop", "--time=10")], ids=["power_lost", "shut_down"])
 def test_clients_elsewhere_hear_again_after_a_boot(lab, slack, words):
     """The clients on another computer of the station. A computer that loses its power ends no connection."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import ipaddress
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from . import quotes
 from .model import UnitLines
@@ -213,6 +213,40 @@ NODES = {
 OTHERS = ("tunnel", "address", "watchdog", "roscore", "connections", "metrics")
 
 
+_CODE = f"{LIBRARY}/python/rosfleet_multimaster"
+_MESSAGES = (f"{LIBRARY}/python/fkie_multimaster_msgs", f"{LIBRARY}/share")
+
+#: service -> the files and folders of the nodes that it reads, beside those of which no service is said here: all read these
+READS: dict[str, tuple[str, ...]] = {
+    "tunnel": (),
+    "address": (),
+    "watchdog": (f"{_CODE}/end_hangs.py",),
+    "roscore": (f"{_CODE}/roscore",),
+    "connections": (f"{_CODE}/end_connections.py", f"{_CODE}/sync", f"{CONFIGURATION}/master_sync.json"),
+    "metrics": (f"{_CODE}/publish_metrics.py",),
+    "discovery": (
+        *(f"{_CODE}/master_discovery.py", f"{_CODE}/discovery"),
+        *_MESSAGES,
+        f"{CONFIGURATION}/master_discovery.json",
+    ),
+    "sync": (f"{_CODE}/master_sync.py", f"{_CODE}/sync", *_MESSAGES, f"{CONFIGURATION}/master_sync.json"),
+    "border": (
+        *(f"{_CODE}/master_border.py", f"{_CODE}/border", f"{_CODE}/discovery", f"{_CODE}/sync"),
+        f"{CONFIGURATION}/master_border.json",
+    ),
+}
+
+
+def is_in(path: str, places: Iterable[str]) -> bool:
+    """Return True for one of some files, or a file in one of some folders."""
+    return any(path == place or path.startswith(f"{place}/") for place in places)
+
+
+def reads(service: str, path: str) -> bool:
+    """Return True if a service reads a file of the nodes."""
+    return is_in(path, READS[service]) or not any(is_in(path, places) for places in READS.values())
+
+
 def render_services(
     names: Sequence[str],
     *,
@@ -222,20 +256,21 @@ def render_services(
     roscore_port: int,
     programs: Mapping[str, UnitLines],
     environment_digest: str,
-    nodes_digest: str,
-    code_digest: str = "",
+    files: Mapping[str, str],
     metrics_folder: str = "",
     tunnel_digest: str = "",
 ) -> list[Unit]:
     """The units of a computer's services (OTHERS and the keys of NODES), in the order of `names`.
 
-    A service restarts where one of its inputs changes: the environment, and the nodes with their parameters. Those of the
-    bundled roscore are the environment and the bundled code. It remembers, so a restart costs nothing. If the roscore of ROS
-    restarts, every node loses its registration, so that one depends on the environment alone.
+    `files`: those of the nodes, code and parameters, path -> digest. A service restarts where one of its inputs changes: the
+    environment, where it has one, and the files that it reads. The bundled roscore remembers, so a restart costs nothing. If
+    the roscore of ROS restarts, every node loses its registration, so that one depends on the environment alone.
     """
-    shared = {"robot": quotes.escape_text(robot), "inputs": _digest(environment_digest, nodes_digest)}
     units = []
     for name in names:
+        environment = environment_digest if name in ("roscore", *NODES) else ""
+        read = [f"{path} {digest}\n" for path, digest in sorted(files.items()) if reads(name, path)]
+        shared = {"robot": quotes.escape_text(robot), "inputs": _digest(environment, *read)}
         if name == "tunnel":
             values = {**shared, "inputs": quotes.escape_text(tunnel_digest)}
             text = _complete(_TUNNEL, **values)
@@ -250,9 +285,8 @@ def render_services(
             folder = quotes.check_program(metrics_folder)
             text = _complete(_METRICS, **shared, publish=_isolate("publish_metrics"), folder=folder)
         elif name == "roscore":
-            remembers = code_digest and "roscore" in programs
-            inputs = _digest(environment_digest, code_digest) if remembers else environment_digest
-            values = {**shared, "inputs": quotes.escape_text(inputs)}
+            inputs = shared["inputs"] if "roscore" in programs else quotes.escape_text(environment_digest)
+            values = {**shared, "inputs": inputs}
             text = _complete(_ROSCORE, **values, program=_roscore_lines(roscore_command, roscore_port, programs))
         else:
             text = _complete(_NODE, **shared, node=f"master_{name}", task=NODES[name][0], program=programs[name])

@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
+
+from .._plan.units import CONFIGURATION, LIBRARY, NODES, OTHERS, READS, reads
 
 #: the concerns of a computer, as people call them, in the order of a run
 CONCERNS = {
@@ -26,9 +28,13 @@ Result = Mapping[str, Any]
 def summarize(results: Mapping[str, Sequence[Result]], check: bool) -> list[str]:
     """Return a line for the fleet and one for each computer that changed or failed; `results` by the computer's name.
 
-    For example "kobuki: kernel settings, files" for two concerns that changed there.
+    For example "kobuki: kernel settings, files" for two concerns that changed there, and behind a semicolon the services that were
+    restarted, each with what changed for it.
     """
-    lines = {computer: describe(tasks) for computer, tasks in results.items()}
+    lines = {
+        computer: "; ".join(filter(None, (describe(tasks), *_tell_restarts(tasks, check))))
+        for computer, tasks in results.items()
+    }
     notes = [f"  {computer}: {line}" for computer, line in lines.items() if line]
     deed = "would change" if check else "changed"
     count = sum(any(result.get("changed") is True for result in tasks) for tasks in results.values())
@@ -42,6 +48,54 @@ def describe(results: Sequence[Result]) -> str:
     changed = [word for concern, word in CONCERNS.items() if any(has_changed(result, concern) for result in results)]
     failed = ["FAILED"] if any(is_failure(result) for result in results) else []
     return ", ".join(changed + failed)
+
+
+def _tell_restarts(results: Sequence[Result], check: bool) -> Iterator[str]:
+    """Yield which services restart, for each reason."""
+    written = {
+        file["path"]
+        for run in _list_runs(results, "managed_files")
+        for file in _list_records(run, "files")
+        if file.get("state") in ("written", "edited") and isinstance(file.get("path"), str)
+    }
+    reasons: dict[str, list[str]] = {}
+    restarted = {
+        unit.get("name")
+        for run in _list_runs(results, "managed_services")
+        for unit in _list_records(run, "units")
+        if isinstance(unit.get("name"), str) and unit.get("state") == "restarted"
+    }
+    for name in ("multicast-routing", *OTHERS, *NODES):
+        if f"multimaster-{name}.service" in restarted:
+            reasons.setdefault(_find_reason(name, written), []).append(f"multimaster-{name}")
+    deed = "would restart" if check else "restarted"
+    for reason, names in reasons.items():
+        yield f"{deed} {', '.join(names)}, since {reason}"
+
+
+def _find_reason(service: str, written: Collection[str]) -> str:
+    """Return what changed for a service, in words of ours."""
+    own = [path for path in written if service in READS and reads(service, path)]
+    if any(path.startswith(f"{CONFIGURATION}/master_") for path in own):
+        return "its parameters change"
+    if any(path.startswith(f"{LIBRARY}/") for path in own):
+        return "its code changes"
+    if f"{CONFIGURATION}/environment" in written and service in ("roscore", *NODES):
+        return "the environment changes"
+    return "its unit changes, or it ran with something old"
+
+
+def _list_runs(results: Sequence[Result], concern: str) -> Iterator[Result]:
+    """Yield what a concern returned in each of its runs. All of it is the robot's answer."""
+    for result in results:
+        concerns = result.get("concerns")
+        runs = concerns.get(concern) if isinstance(concerns, Mapping) else None
+        yield from (run for run in (runs if isinstance(runs, (list, tuple)) else ()) if isinstance(run, Mapping))
+
+
+def _list_records(run: Result, key: str) -> Iterator[Result]:
+    found = run.get(key)
+    yield from (one for one in (found if isinstance(found, (list, tuple)) else ()) if isinstance(one, Mapping))
 
 
 def has_changed(result: Result, concern: str) -> bool:

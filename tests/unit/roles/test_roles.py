@@ -53,7 +53,7 @@ def test_the_role_services_takes_every_service_of_a_plan():
 
 
 # What a role takes of another one: as the default of an option, so it can be seen.
-HANDED_ON = {"environment_digest", "nodes_digest", "nodes_code_digest", "tunnel_digest"}
+HANDED_ON = {"environment_digest", "nodes_sums", "tunnel_digest"}
 TOGETHER = "computer"  # this role hands over what the others have
 
 

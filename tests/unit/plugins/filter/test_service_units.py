@@ -8,6 +8,7 @@ import re
 import pytest
 from ansible.errors import AnsibleFilterError
 from ansible_collections.rosfleet.multimaster.plugins.filter.service_units import service_units
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import units
 
 PROGRAMS = {name: {"unit": f"# {name}", "service": f"ExecStart=/{name}"} for name in ("discovery", "sync")}
 
@@ -21,15 +22,15 @@ def made(names):
         roscore_port=11411,
         programs=PROGRAMS,
         environment_digest="4567",
-        nodes_digest="0123",
+        files=[],
     )
 
 
 def test_units():
-    units = made(["roscore", "sync"])
-    assert [unit["name"] for unit in units] == ["multimaster-roscore.service", "multimaster-sync.service"]
-    assert "run_plain /usr/bin/roscore -p 11411 " in units[0]["content"]
-    assert "\n# sync\n\n[Service]\n" in units[1]["content"] and "\nExecStart=/sync\n" in units[1]["content"]
+    found = made(["roscore", "sync"])
+    assert [unit["name"] for unit in found] == ["multimaster-roscore.service", "multimaster-sync.service"]
+    assert "run_plain /usr/bin/roscore -p 11411 " in found[0]["content"]
+    assert "\n# sync\n\n[Service]\n" in found[1]["content"] and "\nExecStart=/sync\n" in found[1]["content"]
 
 
 def test_changed_code_restarts_the_bundled_roscore_alone():
@@ -42,8 +43,13 @@ def test_changed_code_restarts_the_bundled_roscore_alone():
             roscore_port=11411,
             programs=programs,
             environment_digest="4567",
-            nodes_digest="0123",
-            code_digest=code,
+            files=[
+                {
+                    "path": f"{units.LIBRARY}/python/rosfleet_multimaster/roscore/master.py",
+                    "sha256": code,
+                    "mode": "0644",
+                }
+            ],
         )
         return re.findall("ROSFLEET_INPUTS=(.*)", unit["content"])
 
@@ -71,7 +77,7 @@ def test_a_path_that_fits_into_no_unit_is_an_error_of_the_filter():
             roscore_port=11311,
             programs=PROGRAMS,
             environment_digest="",
-            nodes_digest="",
+            files=[],
         )
 
 
@@ -79,7 +85,7 @@ def test_a_path_that_fits_into_no_unit_is_an_error_of_the_filter():
     ("options", "told"),
     [
         ({"robt": "tibi"}, r"got an unexpected keyword argument 'robt'"),
-        ({}, r"missing 7 required .* 'robot', 'address', .* and 'nodes_digest'$"),
+        ({}, r"missing 7 required .* 'robot', 'address', .* and 'files'$"),
     ],
 )
 def test_a_wrong_option_is_told_as_one_of_the_filter(options, told):

@@ -127,11 +127,11 @@ def rendered(found):
         roscore_port=found.roscore_port,
         programs=found.programs,
         environment_digest="4567",
-        nodes_digest="0123",
+        files={},
     )
-    made = [
-        {**unit, "content": unit["content"].replace(hashlib.sha256(b"45670123").hexdigest(), "0123")} for unit in made
-    ]
+    digests = (hashlib.sha256(text).hexdigest() for text in (b"4567", b""))
+    for digest in digests:
+        made = [{**unit, "content": unit["content"].replace(digest, "0123")} for unit in made]
     files = {unit["name"]: unit["content"] for unit in made}
     for name in ("discovery", "sync"):
         files[f"master_{name}.json"] = json.dumps(getattr(found, name), indent=4, sort_keys=True) + "\n"

@@ -192,7 +192,7 @@ def test_the_controller_and_the_computer_mean_the_same():
         roscore_port=11311,
         programs={},
         environment_digest="",
-        nodes_digest="",
+        files={},
     )
     assert f"wg-quick up {tunnel.CONFIGURATION}\n" in unit["content"]
     assert f"delete dev {tunnel.INTERFACE}\n" in unit["content"]

@@ -3,13 +3,12 @@
 
 """The units: order and digests; their whole texts are in golden/providers and golden/multicast_routing."""
 
-import hashlib
+import ast
 import pathlib
 import re
 import subprocess
 
 import pytest
-import yaml
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quotes, units
 
 GOLDEN = pathlib.Path(__file__).resolve().parents[3] / "golden/multicast_routing"
@@ -20,7 +19,7 @@ OPTIONS = {
     "roscore_command": "/usr/bin/roscore",
     "roscore_port": 11311,
     "environment_digest": "environment",
-    "nodes_digest": "nodes",
+    "files": {},
 }
 INTERFACES = ["eth1", "eth0"]
 
@@ -38,41 +37,89 @@ def test_the_units_have_the_order_of_the_services():
     assert list(made(names)) == [f"multimaster-{name}.service" for name in names]
 
 
-@pytest.mark.parametrize(
-    ("digest", "untouched"),
-    [("environment_digest", ["address", "tunnel"]), ("nodes_digest", ["address", "roscore", "tunnel"])],
-)
-def test_an_option_says_which_services_its_digest_leaves(digest, untouched):
+def find_changed(**options):
+    """The services whose units differ between two values of an option."""
     names = [*units.OTHERS, *units.NODES]
-    old, new = (made(names, metrics_folder="/var/lib/m", **{digest: text}) for text in ("old", "new"))
-    assert (
-        sorted(name for name in names if new[f"multimaster-{name}.service"] == old[f"multimaster-{name}.service"])
-        == untouched
-    )
-    root = pathlib.Path(__file__).resolve().parents[5]
-    options = yaml.safe_load((root / "roles/services/meta/argument_specs.yml").read_text())["argument_specs"]["main"][
-        "options"
-    ]
-    said = options[f"services_{digest}"]["description"][0].partition(" but ")[2]
-    assert sorted(re.findall(r"C\((\w+)\)", said)) == untouched
+    (option, values), *_rest = options.items()
+    old, new = (made(names, metrics_folder="/var/lib/m", **{option: value}) for value in values)
+    return {name for name in names if new[f"multimaster-{name}.service"] != old[f"multimaster-{name}.service"]}
+
+
+def test_the_environment_restarts_the_services_that_have_it():
+    found = find_changed(environment_digest=("old", "new"))
+    assert found == {"roscore", *units.NODES}
+    names = [*units.OTHERS, *units.NODES]
+    texts = made(names, metrics_folder="/var/lib/m")
+    assert found == {name for name in names if "EnvironmentFile=" in texts[f"multimaster-{name}.service"]}
+
+
+CODE = f"{units.LIBRARY}/python/rosfleet_multimaster"
+
+
+@pytest.mark.parametrize(
+    ("path", "restarted"),
+    [
+        (f"{units.CONFIGURATION}/master_border.json", {"border"}),
+        (f"{units.CONFIGURATION}/master_discovery.json", {"discovery"}),
+        (f"{units.CONFIGURATION}/master_sync.json", {"sync", "connections"}),
+        (f"{CODE}/border/feed.py", {"border"}),
+        (f"{CODE}/roscore/core/feed.py", {"roscore"}),
+        (f"{CODE}/end_hangs.py", {"watchdog"}),
+        (f"{CODE}/edge/loop.py", {"watchdog", "roscore", "connections", "metrics", *units.NODES}),
+        (f"{CODE}/new/room.py", {"watchdog", "roscore", "connections", "metrics", *units.NODES}),
+    ],
+)
+def test_a_file_restarts_the_services_that_read_it(path, restarted):
+    found = find_changed(files=({path: "old"}, {path: "new"}))
+    assert found == restarted
+    added = find_changed(files=({}, {path: "new"}))
+    assert added == restarted
+
+
+def find_imports(file, root):
+    """All files of the nodes that a program imports, itself among them, as Python finds them."""
+    found, due = set(), [file]
+    while due:
+        one = due.pop()
+        if one in found:
+            continue
+        found.add(one)
+        for node in ast.walk(ast.parse(one.read_text())):
+            if not isinstance(node, ast.ImportFrom) or not node.level and "multimaster" not in str(node.module):
+                continue
+            base = one.parents[node.level - 1] if node.level else root
+            place = base.joinpath(*(node.module or "").split("."))
+            places = [place, *(place / alias.name for alias in node.names)]
+            due += [
+                path for each in places for path in (each.with_suffix(".py"), each / "__init__.py") if path.is_file()
+            ]
+    return found
+
+
+PROGRAMS = {
+    **{
+        "roscore": "roscore/__main__",
+        "connections": "end_connections",
+        "metrics": "publish_metrics",
+        "watchdog": "end_hangs",
+    },
+    **{name: f"master_{name}" for name in units.NODES},
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_service_is_said_to_read_what_its_program_imports(name):
+    root = pathlib.Path(__file__).resolve().parents[5] / "roles/nodes/files/python"
+    imported = find_imports(root / f"rosfleet_multimaster/{PROGRAMS[name]}.py", root)
+    assert len(imported) > 3
+    paths = {f"{units.LIBRARY}/python/{file.relative_to(root)}" for file in imported}
+    assert not {path for path in paths if not units.reads(name, path)}
 
 
 def test_the_roscore_of_ros_depends_on_the_environment_alone():
-    old, new = (made(["roscore", "sync"], nodes_digest=nodes) for nodes in ("old", "new"))
-    assert old["multimaster-roscore.service"] == new["multimaster-roscore.service"]
-    assert old["multimaster-sync.service"] != new["multimaster-sync.service"]
-    digest = hashlib.sha256(b"environmentnew").hexdigest()
-    assert f"Environment=ROSFLEET_INPUTS={digest}\n" in new["multimaster-sync.service"]
-    assert "Environment=ROSFLEET_INPUTS=environment\n" in new["multimaster-roscore.service"]
-
-
-def test_the_bundled_roscore_restarts_for_its_own_code_alone():
-    of = {
-        (nodes, code): made(["roscore"], nodes_digest=nodes, code_digest=code)
-        for nodes in ("a", "b")
-        for code in ("old", "new")
-    }
-    assert of["a", "old"] == of["b", "old"] and of["a", "new"] == of["b", "new"] and of["a", "old"] != of["a", "new"]
+    programs = units.render_programs("fkie_apt", "/usr/bin/python3", {}, 11311)
+    old, new = (made(["roscore"], programs=programs, files={f"{CODE}/edge/loop.py": text}) for text in ("old", "new"))
+    assert old == new and "Environment=ROSFLEET_INPUTS=environment\n" in new["multimaster-roscore.service"]
 
 
 def test_a_unit_ends_with_a_newline():

@@ -31,6 +31,54 @@ def test_each_concern_is_named_once_in_the_order_of_a_run():
     ]
 
 
+def restarting(units, files):
+    runs = {
+        "managed_services": [{"changed": True, "units": units}],
+        "managed_files": [{"changed": True, "files": files}],
+    }
+    return {"changed": True, "concerns": runs}
+
+
+def unit(name, state="restarted"):
+    return {"name": f"multimaster-{name}.service", "state": state}
+
+
+def written(path, state="written"):
+    return {"path": path, "state": state}
+
+
+def test_services_that_restart_are_told_with_the_reason():
+    code = "/usr/local/lib/rosfleet-multimaster/python/rosfleet_multimaster"
+    border = restarting(
+        [unit("roscore", "unchanged"), unit("border")], [written("/etc/rosfleet-multimaster/master_border.json")]
+    )
+    several = restarting(
+        [
+            unit("border"),
+            unit("sync"),
+            unit("connections"),
+            unit("address"),
+            unit("discovery", "started"),
+            unit("evil"),
+        ],
+        [
+            written(f"{code}/border/feed.py", "edited"),
+            written(f"{code}/discovery/udp.py", "unchanged"),
+            written("/etc/rosfleet-multimaster/master_sync.json"),
+        ],
+    )
+    environment = restarting([unit("roscore")], [written("/etc/rosfleet-multimaster/environment")])
+    assert summary.summarize({"a": [border], "b": [several], "c": [environment]}, True)[1:] == [
+        "  a: files, services; would restart multimaster-border, since its parameters change",
+        "  b: files, services; would restart multimaster-address, since its unit changes, or it ran with something old; "
+        "would restart multimaster-connections, multimaster-sync, since its parameters change; "
+        "would restart multimaster-border, since its code changes",
+        "  c: files, services; would restart multimaster-roscore, since the environment changes",
+    ]
+    (line,) = summary.summarize({"a": [border]}, False)[1:]
+    assert line.endswith("; restarted multimaster-border, since its parameters change")
+
+
 def test_a_failure_is_told_beside_what_changed_before():
     failed = {**ended(sysctl=[True]), "failed": True}
     failed["concerns"]["routes"] = [{"changed": True, "failed": True}]
