@@ -110,6 +110,23 @@ def test_an_allowed_stranger_has_its_own_address_and_networks(uri, said):
     assert bool(said) == bool(objection(uri, STRANGER, "10.0.0.9", {**MEMBERS, "strangers": "allow"}))
 
 
+@pytest.mark.parametrize("master", [URI, STRANGER])
+@pytest.mark.parametrize("host", ["10.9.0.1", "10.9.0.2"])
+def test_who_is_allowed_is_not_at_another_robot(master, host):
+    """An allowed network with robots in it: what is said to be at one of them would have own nodes connect there."""
+    third = {
+        **TIBI,
+        "robot": "third",
+        "name": "third",
+        "uris": [],
+        "addresses": ["10.9.0.1"],
+        "hosts": ["third", "10.9.0.1"],
+    }
+    wide = {"members": [TIBI, third], "strangers": "allow", "allow": ["10.9.0.0/16"]}
+    said = objection(f"http://{host}:40000/", master, "192.168.1.201" if master == URI else "10.9.0.3", wide)
+    assert bool(said) == (host == "10.9.0.1") and (not said or " computer of " in said)
+
+
 def test_odd_uris_are_refused_without_a_fleet():
     for uri in ("http://10.0.0.10:40000/", "http://unknown:40000/", "http://192.168.1.88:40000/"):
         assert objection(uri, STRANGER, "10.0.0.9", {}) == ""

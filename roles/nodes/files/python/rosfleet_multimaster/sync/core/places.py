@@ -63,10 +63,16 @@ class Places:
         address = host if is_address(host) else self._resolved.get(host, "")
         if host in LOCAL_NAMES or self._is_here(address):
             return "" if self._is_here(self._sender) else "it is on this computer itself"
-        if address and address in self._members.allow:
+        if self._member is not None and address in self._member.hosts:
+            return ""
+        # An allowed network may have robots in it: to be allowed is not to be everybody's.
+        is_of_robot = address in self._members.hosts and address != self._sender
+        if address in self._members.allow and not is_of_robot:
             return ""
         if self._member is not None:
-            return "" if address in self._member.hosts else f"{quote(host)} is no computer of {self._member.robot}"
+            return f"{quote(host)} is no computer of {self._member.robot}"
+        if is_of_robot:
+            return f"{quote(host)} is a computer of a robot of the fleet"
         return self._find_stranger_objection(host, address)
 
     def _find_stranger_objection(self, host: str, address: str) -> str:
