@@ -76,6 +76,24 @@ def test_what_is_meant_for_one_robot_comes_to_it_alone(lab):
     wait_until(lambda: "/cmd_vel" not in published(lab, ONE), 20, "nobody publishes it any more")
 
 
+def test_what_is_played_again_at_the_station_stays_there(lab):
+    """As rosbag play does with a bag of the robot: old scans under the robot's names, an old map, and its own tree of frames."""
+    before = lab.run(ONE, "rostopic info /scan")
+    for number, (topic, kind) in enumerate(
+        {"scan": "std_msgs/String", "map": "std_msgs/String", "odom": "geometry_msgs/PoseStamped"}.items()
+    ):
+        lab.start(STATION, f"player{number}", f"rostopic pub -r 10 /kobuki1/{topic} {kind}")
+    lab.start(STATION, "player-tf", "rostopic pub -r 10 /tf tf2_msgs/TFMessage")
+    wait_until(lambda: "/rostopic_" in lab.run(STATION, "rostopic info /kobuki1/scan"), 30, "it is played")
+    assert set(hear(lab, "/scan", 40, ONE, 30)) == {f"scan of {ONE}"}
+    assert lab.run(ONE, "rostopic info /scan") == before and "/master_border" not in before
+    assert not published(lab, ONE) & {f"/kobuki1/{topic}" for topic in ("scan", "map", "odom")}
+    for topic in ("/tf", "/map", "/odom"):
+        assert "/master_border" not in lab.run(ONE, f"rostopic info {topic}").partition("Subscribers")[0]
+    for name in ("player0", "player1", "player2", "player-tf"):
+        lab.stop(STATION, name)
+
+
 def test_all_of_four_robots_is_told_apart(lab):
     results = list(tell_apart({robot: lab.computer(host) for robot, host in ALL.items()}, lab.computer(STATION)))
     assert len(results) == 8 * len(ALL) + 1 and all(result.ok for result in results), table(results)
@@ -214,7 +232,12 @@ def test_a_robot_has_another_name_from_now_on(lab, tmp_path):
     (tmp_path / "group_vars").mkdir()
     (tmp_path / "group_vars/kobuki2.yml").write_text("robot: scout\n")
     (tmp_path / "hosts.yml").write_text("robots: {children: {kobuki2: {}}}\n")
-    status, output = lab.play("site.yml", "-i", str(tmp_path / "hosts.yml"))
+    again = ("site.yml", "-i", str(tmp_path / "hosts.yml"))
+    status, output = lab.play(*again)
+    assert status != 0 and "that of station does not give /scout/cmd_vel to kobuki2" in output, output
+    given = (INVENTORY / "group_vars/station.yml").read_text().replace("/kobuki2/", "/scout/")
+    (tmp_path / "group_vars/station.yml").write_text(given)
+    status, output = lab.play(*again)
     assert status == 0, output
     wait_until(lambda: hear(lab, "/scout/map", seconds=5) == [f"map of {TWO}"], 60, "its map by the new name")
     wait_until(lambda: not any("/kobuki2/" in topic for topic in published(lab)), 30, "nothing has the old name")

@@ -14,7 +14,7 @@ from .._case.needs import Parts, make_parts
 from .._case.parts import Part
 from .._case.registrations import BORDER, TEST_NODES
 from .._fleet.filters import matches
-from .._fleet.flows import find_inner_name, find_outer_name
+from .._fleet.flows import find_inner_name, find_outer_name, list_names
 from .._fleet.sentences import shorten_list
 from .engine import FAILED, MASTER, Check, Judgement, judge_fault
 
@@ -34,7 +34,7 @@ def _find_names(case: Case, kind: str, name: str) -> Iterator[str]:
     """Yield the observer's name of a topic or service of the target's robot; none where it does not cross."""
     for channel in _list_channels(case):
         inner = find_inner_name(channel, name) if channel["inner"] else name
-        if inner is not None and matches(channel[KINDS[kind]], inner):
+        if inner is not None and matches(list_names(channel, KINDS[kind], given=False), inner):
             yield inner if channel["inner"] else find_outer_name(channel, inner)
 
 
@@ -88,7 +88,7 @@ def _is_of(case: Case, kind: str, name: str) -> bool:
     names = [
         find_outer_name(channel, topic)
         for channel in _list_channels(case)
-        for topic in channel[KINDS[kind]]
+        for topic in list_names(channel, KINDS[kind], given=False)
         if channel["as"] and not channel["inner"]
     ]
     return matches(names, name)

@@ -27,7 +27,7 @@ from .exports import (
     topics_of,
 )
 from .filters import BUILT_IN, SYNC, WHITE_LISTS, Filters, matches, usable
-from .flows import BORDER_PORT, Channel, list_givers, make_flows
+from .flows import BORDER_PORT, Channel, gives, list_givers, make_flows
 from .model import Fleet, Inventory, Robot, Values
 from .sentences import nearest, shorten_list
 from .variables import FleetVariables
@@ -43,6 +43,7 @@ def find_contradictions(fleet: Fleet, inventory: Inventory) -> Iterator[str]:
     yield from _find_collisions(parties, list(robots))
     yield from _find_crossing_parameters(parties, list(robots))
     yield from _find_meeting_names(declarers, list(robots))
+    yield from _find_wrong_ways_back(parties)
     yield from _find_second_white_lists(declarers)
     yield from _find_filtered_exports(parties)
     yield from find_excluded_strangers(fleet.variables)
@@ -192,7 +193,7 @@ def find_wrong_frames(fleet: Fleet) -> list[str]:
     """Return a sentence for each robot whose frames do not hang together with those of others, or cannot be told from them."""
     problems = {}
     for robot, channels in _list_renamed(fleet):
-        crossing = [name for name in _TREE if any(matches(channel.entry.topic_names, name) for channel in channels)]
+        crossing = [name for name in _TREE if any(matches(channel.entry.given_topics, name) for channel in channels)]
         prefixes = list(dict.fromkeys(channel.entry.frames for channel in channels))
         other = channels[0].other
         if crossing and robot.variables.frames is None:
@@ -276,7 +277,7 @@ def _find_built_in_names(party: Robot) -> list[str]:
         f"{party.host}: multimaster_exports has the {KINDS[key]} {name}, which is never exchanged, since it belongs to the "
         f"roscore or to the exchange itself; expected names of the robot's own nodes: remove it in {party.file}."
         for key, name in dict.fromkeys(item for entry in party.entries for item in entry.names())
-        if matches(BUILT_IN.get(f"ignore_{key}", ()), name)
+        if matches(BUILT_IN.get(f"ignore_{'topics' if key == 'back' else key}", ()), name)
     ]
 
 
@@ -351,11 +352,35 @@ def _pair_renamed(parties: Sequence[Robot], receiver: str) -> Iterator[tuple[Giv
 
 def _list_meeting(one: Export, other: Export) -> list[str]:
     """Return the names on the receiver that two entries have in common."""
-    names, others = (
-        [entry.rename(name) for name in (*entry.topics, *topics_of(entry.actions, FROM_SERVER), *entry.services)]
-        for entry in (one, other)
-    )
+    names, others = ([entry.rename(name) for name in (*entry.given_topics, *entry.services)] for entry in (one, other))
     return [name for name in names if any(matches([name], second) or matches([second], name) for second in others)]
+
+
+def _find_wrong_ways_back(parties: Mapping[str, Robot]) -> Iterator[str]:
+    """Yield a sentence for what is to come back from a certain robot that does not give it, and for what would come by two ways."""
+    for party in parties.values():
+        for other in (
+            parties[name] for name in dict.fromkeys(_list_receivers(party)) if name in parties.keys() - {party.name}
+        ):
+            ways = [(entry, name) for entry in party.entries for name in entry.back if other.name in entry.to]
+            for entry, name in ways:
+                outer = entry.rename(name)
+                if not gives(other.variables.exports, party.name, outer):
+                    yield (
+                        f"{party.host}: multimaster_exports has {name} at 'back' for {other.name}, but that of {other.name} does not give {outer} "
+                        f"to {party.name}; expected a robot that gives it: add {{topics: [{outer}], to: [{party.name}]}} to multimaster_exports "
+                        f"in {other.file}, or take it out of 'back' in {party.file}."
+                    )
+            for (_entry, name), (_other, second) in itertools.combinations(ways, 2):
+                if matches([name], second) or matches([second], name):
+                    yield (
+                        f"{party.host}: multimaster_exports has {second} at 'back' for {other.name} in two entries; expected it in one, since "
+                        f"one name of {other.name} would be lost: take it out of the other in {party.file}."
+                    )
+
+
+def _list_receivers(party: Robot) -> Iterator[str]:
+    return (name for entry in party.entries for name in entry.to)
 
 
 def _find_crossing_parameters(parties: Mapping[str, Robot], robots: Sequence[str]) -> list[str]:

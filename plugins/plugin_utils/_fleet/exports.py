@@ -17,7 +17,7 @@ from .filters import CROSSING, HOSTS, NAMES, NEVER_CROSSING, Filters, InvalidPat
 from .sentences import UnexpectedValue, nearest
 
 # The keys of an entry, and the word for one of its names.
-KINDS = {"topics": "topic", "services": "service", "actions": "action", "parameters": "parameter"}
+KINDS = {"topics": "topic", "services": "service", "actions": "action", "parameters": "parameter", "back": "topic"}
 
 # actionlib: the five topics of an action NAME (section 2 of the report), by who publishes them.
 FROM_CLIENT = ("goal", "cancel")
@@ -57,6 +57,7 @@ class Export:
     services: tuple[str, ...] = ()
     actions: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
+    back: tuple[str, ...] = ()  # topics that come from the receivers
     to: tuple[str, ...] = ()
     namespace: str = ""  # below which the receivers have the names, or the receivers' name of the only one: 'as'
     base: str = ""  # the beginning of the names that it replaces
@@ -68,12 +69,17 @@ class Export:
     def crosses_border(self) -> bool:
         """True if its topics, services and actions cross by the borders."""
         is_changed = self.namespace or self.rate or self.newest or self.frames
-        return bool(is_changed and (self.topics or self.services or self.actions))
+        return bool(is_changed and (self.topics or self.services or self.actions or self.back))
+
+    @property
+    def given_topics(self) -> tuple[str, ...]:
+        """The topics that go to the receivers, also those of its actions."""
+        return self.topics + topics_of(self.actions, FROM_SERVER)
 
     @property
     def topic_names(self) -> tuple[str, ...]:
-        """Its topics, also those of its actions."""
-        return self.topics + topics_of(self.actions, FROM_CLIENT + FROM_SERVER)
+        """Its topics of both ways, also those of its actions."""
+        return self.given_topics + self.back + topics_of(self.actions, FROM_CLIENT)
 
     def __repr__(self) -> str:
         words = {"namespace": "as"}
@@ -122,6 +128,7 @@ def read_exports(value: Any) -> tuple[Export, ...]:
         if content in contents:
             raise UnexpectedValue(f"each entry once, but {entry} is there twice")
         contents.add(content)
+        _check_way_back(entry)
     _check_size([item for entry in entries for item in entry.names()])
     _check_parameters({(entry.rename(name), name) for entry in entries for name in entry.parameters})
     _check_white_lists(entries)
@@ -221,6 +228,17 @@ def _check_kinds(export: Export) -> None:
         )
 
 
+def _check_way_back(export: Export) -> None:
+    """Raise UnexpectedValue where a way back is named that no border has."""
+    if export.back and not export.crosses_border:
+        raise UnexpectedValue(
+            f"'back' beside 'as', 'rate', 'newest' or 'frames', but it has {export.back[0]} alone: without these the other robot gives it "
+            "by its own multimaster_exports"
+        )
+    if DIAGNOSTICS in export.back:
+        raise UnexpectedValue(f"no {DIAGNOSTICS} at 'back', since each border publishes it itself")
+
+
 def _read_border(entry: Mapping[Any, Any]) -> dict[str, Any]:
     """Read what makes an entry one of the border."""
     namespace, rate, newest = entry.get("as", ""), entry.get("rate", 0), entry.get("newest", False)
@@ -266,6 +284,7 @@ _SUCH_AS = {
     "services": "[/tibi/reset]",
     "actions": "[/tibi/dock]",
     "parameters": "[/robot_description]",
+    "back": "[/cmd_vel]",
     "to": "[dabo]",
 }
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .exports import FROM_CLIENT, FROM_SERVER, Export, topics_of
+from .filters import matches
 
 # The topics of the verification while it runs. They cross wherever any topic does.
 VERIFICATION_TOPICS = "/multimaster_verify/*"
@@ -60,7 +61,7 @@ def make_flows(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Flow, ..
 
 @dataclass(frozen=True)
 class Channel:
-    """Topics and services that cross between a robot and one other, both ways, by the borders of the two.
+    """Topics and services that go from a robot to one other by the borders of the two, and topics that come back.
 
     What the robot calls /scan, the other one calls /kobuki1/scan, with the namespace /kobuki1, which replaces the base.
     """
@@ -68,6 +69,7 @@ class Channel:
     robot: str
     other: str
     entry: Export  # of the robot's declaration
+    back: tuple[str, ...]  # what comes back: that the other robot gives, and the goals of actions
 
 
 def find_outer_name(channel: Mapping[str, Any], name: str) -> str:
@@ -82,15 +84,36 @@ def find_inner_name(channel: Mapping[str, Any], name: str) -> str | None:
     return (channel["base"] + rest or None) if inside else None
 
 
+def list_names(channel: Mapping[str, Any], kind: str, *, given: bool) -> list[str]:
+    """Return the inner names of topics or services that the robot of a border gives by a channel, or those that it takes."""
+    if channel["inner"] == given:
+        return list(channel[kind])
+    return list(channel["back"]) if kind == "topics" else []
+
+
+def gives(entries: Sequence[Export] | None, robot: str, topic: str) -> bool:
+    """Say if a declaration gives a topic, or all topics of a pattern, to a robot by its own name. None: nothing is declared."""
+    reaching = (entry for entry in entries or () if not entry.to or robot in entry.to)
+    return entries is None or any(matches(entry.topics, topic) for entry in reaching if not entry.crosses_border)
+
+
 def make_channels(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Channel, ...]:
     """Make the channels of a fleet of the declaration of each robot."""
     return tuple(
-        Channel(robot, other, entry)
+        Channel(robot, other, entry, _list_back(robot, entry, exports.get(other)))
         for robot, entries in exports.items()
         for entry in entries or ()
         if entry.crosses_border
         for other in entry.to or exports
         if other != robot
+    )
+
+
+def _list_back(robot: str, entry: Export, others: Sequence[Export] | None) -> tuple[str, ...]:
+    """List the topics that come back from a robot with this declaration. Who may call an action has its goals taken."""
+    return (
+        *(name for name in entry.back if gives(others, robot, entry.rename(name))),
+        *topics_of(entry.actions, FROM_CLIENT),
     )
 
 

@@ -15,7 +15,7 @@ from .._checks.table import CHECKS
 from .._data.plain import to_plain
 from .._diagnosis.diagnosis import Diagnosis
 from .._fleet.filters import matches
-from .._fleet.flows import find_outer_name
+from .._fleet.flows import find_outer_name, list_names
 from .._observed.observations import Exchange, Import, Observation, Probe, SentTopic
 from .._observed.uris import normalise_uri
 from .._plan.model import FleetPlan
@@ -89,7 +89,11 @@ def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> li
                     for flow in fleet.flows
                     if robot in flow.givers
                 ]
-                + [{"to": [entry["peer"]], **_name_crossing(entry, outer=entry["inner"])} for entry in channels],
+                + [
+                    {"to": [entry["peer"]], **names}
+                    for entry in channels
+                    if any((names := _name_crossing(entry, given=True)).values())
+                ],
                 "read": exchange is not None,
                 **_list_registrations(exchange, by_uri, channels),
             }
@@ -97,10 +101,13 @@ def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> li
     return robots
 
 
-def _name_crossing(channel: Mapping[str, Any], *, outer: bool) -> dict[str, list[str]]:
-    """Name what crosses by a border, as the robot with the inner names has it, or as the other one has."""
+def _name_crossing(channel: Mapping[str, Any], *, given: bool) -> dict[str, list[str]]:
+    """Name what the robot of a border gives, or what it takes, as the robot has it that gets it."""
     return {
-        kind: [find_outer_name(channel, name) if outer else name for name in channel[kind]]
+        kind: [
+            find_outer_name(channel, name) if channel["inner"] == given else name
+            for name in list_names(channel, kind, given=given)
+        ]
         for kind in ("topics", "services")
     }
 
@@ -128,7 +135,7 @@ def _name_registrations(part: Exchange | Import) -> dict[str, list[str]]:
 
 def _list_crossed(exchange: Exchange, channel: Mapping[str, Any]) -> dict[str, Any]:
     """List what a border has of another robot."""
-    names = _name_crossing(channel, outer=not channel["inner"])
+    names = _name_crossing(channel, given=False)
     topics = (topic.name for topic in exchange.topics if BORDER in topic.publishers)
     services = (service.name for service in exchange.services if service.node == BORDER)
     return {

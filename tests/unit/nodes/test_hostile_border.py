@@ -74,7 +74,7 @@ class Peer:
 
     def channel(self):
         empty = dict.fromkeys(("base", "frames", "world", "root"), "")
-        names = {"topics": ["/*"], "services": ["/*"], "as": f"/{self.name}"}
+        names = {"topics": ["/*"], "services": ["/*"], "back": [], "as": f"/{self.name}"}
         place = {"peer": self.name, "hosts": [self.address], "port": self.server.server_address[1]}
         return {**place, **names, **empty, "inner": False, "rate": 0, "newest": False}
 

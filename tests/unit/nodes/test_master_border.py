@@ -104,8 +104,9 @@ class Robot:
             "peer": peer.name,
             "hosts": ["127.0.0.1"],
             "port": peer.port,
-            "topics": ["/scan", "/cmd_vel"],
+            "topics": ["/scan"],
             "services": ["/reset"],
+            "back": ["/cmd_vel"],
             "as": "/robot",
             "base": "",
             "inner": inner,
@@ -181,7 +182,7 @@ def robots(pair):
 
 
 @pytest.mark.slow
-def test_topics_cross_both_ways_under_their_names(robots):
+def test_topics_cross_under_their_names_each_one_way(robots):
     robot, station = robots
     laser, joystick = (
         Node(robot.roscore, "/laser", "/scan", "/odom"),
@@ -215,6 +216,47 @@ def test_topics_cross_both_ways_under_their_names(robots):
             node.server.accept()
 
 
+@pytest.mark.slow
+def test_what_is_played_again_at_the_station_stays_there(robots, tmp_path):
+    """The publisher of a bag has the robot's names there. Neither border lets it cross, whatever the other one does."""
+    robot, station = robots
+    laser, player = (
+        Node(robot.roscore, "/laser", "/scan"),
+        Node(station.roscore, "/play", "/robot/scan", "/robot/cmd_vel"),
+    )
+    robot.roscore.register("registerSubscriber", "/planner", "/scan", "*", laser.uri)
+    Node(robot.roscore, "/teleop", "/cmd_vel")
+    wait_for(lambda: station.published() == {"/robot/scan"} and robot.published() == {"/cmd_vel"})
+    told = {one: {name for _kind, name, _type, _nodes in ask(one, other)[2]} for one, other in (robots, robots[::-1])}
+    assert told == {robot: {"/robot/scan"}, station: {"/robot/cmd_vel"}}
+    port = ask(station, robot)[1]
+    for fields in ({"rosfleet_border": "robot", "rosfleet_publisher": "/play"}, {"rosfleet_border": "robot"}):
+        end = End(socket.create_connection(("127.0.0.1", port), 10))
+        end.say(encode_header({"callerid": "/master_border", "md5sum": "*", "topic": "/robot/scan", **fields}))
+        assert "is not published here" in end.header()["error"]
+    # A border that keeps to no direction: it offers all.
+    station.process.terminate()
+    station.process.wait()
+    station.start(robot, False, {"topics": ["/cmd_vel"], "services": [], "back": ["/scan", "/cmd_vel"]})
+    wait_for(lambda: answers(station, robot) == {"/robot/scan", "/robot/cmd_vel"})
+    time.sleep(2)
+    assert robot.published() == {"/cmd_vel"} and "/master_border" not in robot.roscore.tables["Publisher"]["/scan"]
+    player.server.settimeout(0.2)
+    with pytest.raises(TimeoutError):
+        player.accept()
+
+
+def ask(one, other):
+    """What a border tells another one."""
+    return xmlrpc.client.ServerProxy(f"http://127.0.0.1:{one.port}/").rosfleetOffers(other.name, "", 0.0)
+
+
+def answers(one, other):
+    """The names that a border tells another one; None where it does not answer."""
+    with contextlib.suppress(OSError, xmlrpc.client.Error):
+        return {name for _kind, name, _type, _nodes in ask(one, other)[2]}
+
+
 def as_tree():
     """The fields of a header for a tree of frames."""
     return {"type": STATIC_TYPE, "md5sum": MD5SUM, "message_definition": DEFINITION}
@@ -222,7 +264,14 @@ def as_tree():
 
 @pytest.mark.slow
 def test_a_tree_of_frames_crosses_with_its_root(pair):
-    frames = {"topics": ["/tf", "/tf_static", "/odom"], "as": "", "frames": "k/", "world": "world", "root": "map"}
+    frames = {
+        "topics": ["/tf", "/tf_static", "/odom"],
+        "back": ["/tf"],
+        "as": "",
+        "frames": "k/",
+        "world": "world",
+        "root": "map",
+    }
     robot, station = pair(frames)
     base = Node(robot.roscore, "/base", "/tf", "/odom")
     wait_for(lambda: station.published() == {"/tf", "/tf_static", "/odom"})
@@ -469,7 +518,7 @@ def test_a_listener_stays_where_a_topic_goes_and_comes(robots):
 def test_the_reason_of_who_ends_the_border_is_quoted(tmp_path, capfd):
     robot = Robot(tmp_path, "robot")
     Node(robot.roscore, "/laser", "/scan")
-    robot.start(robot, True)
+    robot.start(robot, True, {"back": ["/scan"]})
     assert robot.api.getPid("/other")[2] == robot.process.pid
     with contextlib.suppress(OSError, xmlrpc.client.Error):  # it may end before it has answered
         robot.api.shutdown("/other", "all is well")

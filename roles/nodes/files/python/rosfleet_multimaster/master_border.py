@@ -226,6 +226,7 @@ class MasterBorder:
             for kind, table in tables
             for name, users in table.items()
             if any(channel.find_name(kind, name) for channel in self.channels)
+            or (kind == SERVICE and any(channel.find_local(kind, name, given=False) for channel in self.channels))
         ]
         nodes = {node for _kind, _name, users in wanted for node in users}
         return sorted(nodes), sorted(name for kind, name, _users in wanted if kind == SERVICE)
@@ -420,7 +421,7 @@ class MasterBorder:
     def _find_given(self, wire: Wire, robot: str, name: str, node: str) -> Tuple[Optional[Feed], float]:
         """Return what another border wants, and its rate; None where it may not have it."""
         for channel in self._list_channels(robot, wire.address):
-            topic = channel.find_local(TOPIC, name)
+            topic = channel.find_local(TOPIC, name, given=True)
             its_own = node == NAME and topic == STATIC and channel.has_root
             if topic is not None and (its_own or node in self.topics.get(topic, ())):
                 frames = channel.inner_frames
@@ -470,7 +471,7 @@ class MasterBorder:
     def _find_provider(self, wire: Wire, robot: str, name: str) -> Optional[Provider]:
         """Return how the provider of a service is reached that another border wants."""
         for channel in self._list_channels(robot, wire.address):
-            service = channel.find_local(SERVICE, name)
+            service = channel.find_local(SERVICE, name, given=True)
             if service is not None and service in self.services:
                 uri = self.seen.service_uris.get(service, "")
                 return Provider(partial(dial_service, uri, self.hosts), uri, service)

@@ -23,40 +23,51 @@ from rosfleet_multimaster.protocol.filters import Pattern
 
 def channel(inner, namespace="/kobuki1", topics=("/scan", "/camera/*")):
     return Channel(
-        "other", ("10.0.0.1",), 11911, Pattern.from_items(topics), Pattern.from_items(["/reset"]), namespace, inner
+        *("other", ("10.0.0.1",), 11911, Pattern.from_items(topics), Pattern.from_items(["/reset"])),
+        *(Pattern.from_items(["/cmd_vel"]), namespace, inner),
     )
+
+
+def ways(one, kind, name):
+    """What a robot has of the borders' name: as a giver and as a taker."""
+    return one.find_local(kind, name, given=True), one.find_local(kind, name, given=False)
 
 
 def test_names_are_inner_ones_on_the_robot_alone():
     robot, station = channel(True), channel(False)
     for inner in ("/scan", "/camera/image_raw"):
         outer = "/kobuki1" + inner
-        assert robot.find_name(TOPIC, inner) == outer and robot.find_local(TOPIC, outer) == inner
-        assert station.find_name(TOPIC, outer) == outer and station.find_local(TOPIC, outer) == outer
+        assert robot.find_name(TOPIC, inner) == outer and ways(robot, TOPIC, outer) == (inner, None)
+        assert station.find_name(TOPIC, outer) is None and ways(station, TOPIC, outer) == (None, outer)
     for other in ("/odom", "/kobuki2/scan", "/kobuki1", "/kobuki1scan"):
-        assert (
-            robot.find_local(TOPIC, other)
-            is station.find_name(TOPIC, other)
-            is station.find_local(TOPIC, other)
-            is None
-        )
+        assert station.find_name(TOPIC, other) is None
+        assert ways(robot, TOPIC, other) == ways(station, TOPIC, other) == (None, None)
     assert robot.find_name(TOPIC, "/kobuki1/scan") is None
+
+
+def test_what_comes_back_goes_the_other_way_alone():
+    robot, station = channel(True), channel(False)
+    assert (
+        station.find_name(TOPIC, "/kobuki1/cmd_vel") == "/kobuki1/cmd_vel"
+        and robot.find_name(TOPIC, "/cmd_vel") is None
+    )
+    assert ways(robot, TOPIC, "/kobuki1/cmd_vel") == (None, "/cmd_vel")
+    assert ways(station, TOPIC, "/kobuki1/cmd_vel") == ("/kobuki1/cmd_vel", None)
+    assert ways(robot, SERVICE, "/kobuki1/cmd_vel") == ways(station, SERVICE, "/kobuki1/cmd_vel") == (None, None)
 
 
 def test_without_a_namespace_the_names_are_the_same():
     same = channel(True, namespace="")
-    assert (
-        same.find_name(TOPIC, "/scan") == "/scan" == same.find_local(TOPIC, "/scan")
-        and same.find_name(TOPIC, "/odom") is None
-    )
+    assert same.find_name(TOPIC, "/scan") == "/scan" and ways(same, TOPIC, "/scan") == ("/scan", None)
+    assert same.find_name(TOPIC, "/odom") is None
 
 
 def test_services_have_names_of_their_own():
-    robot = channel(True)
+    robot, station = channel(True), channel(False)
     assert robot.find_name(SERVICE, "/reset") == "/kobuki1/reset" and robot.find_name(TOPIC, "/reset") is None
-    assert (
-        robot.find_local(SERVICE, "/kobuki1/reset") == "/reset" and robot.find_local(SERVICE, "/kobuki1/scan") is None
-    )
+    assert ways(robot, SERVICE, "/kobuki1/reset") == ("/reset", None)
+    assert ways(station, SERVICE, "/kobuki1/reset") == (None, "/kobuki1/reset"), "its robot calls it"
+    assert ways(robot, SERVICE, "/kobuki1/scan") == (None, None)
 
 
 def test_what_the_border_and_other_robots_have_is_not_offered():

@@ -12,7 +12,10 @@ from fleets import diagnosed, plan, update
 
 ROBOT, STATION = "kobuki1computer", "kobuki2computer"
 SCAN, DRIVE = "sensor_msgs/LaserScan", "geometry_msgs/Twist"
-EXPORTS = {"kobuki1": [{"topics": ["/scan", "/cmd_vel"], "as": "/kobuki1"}], "kobuki2": []}
+EXPORTS = {
+    "kobuki1": [{"topics": ["/scan"], "back": ["/cmd_vel"], "as": "/kobuki1"}],
+    "kobuki2": [{"topics": ["/kobuki1/cmd_vel"]}],
+}
 
 
 def tell(robot=(), station=()):
@@ -41,6 +44,10 @@ def test_what_is_not_there_is_one_finding(side, number, lacking):
     changed = {**CROSSED, side: [row for row in CROSSED[side] if row is not CROSSED[side][number]]}
     (finding,) = tell(**changed).findings
     assert (finding.part.kind, finding.part.mode) == ("border", "lacking") and lacking in finding.sentence()
+
+
+def test_what_is_published_the_wrong_way_is_not_due():
+    assert not tell(robot=CROSSED["robot"], station=[*CROSSED["station"], ("/kobuki1/scan", SCAN, "/player")]).findings
 
 
 def test_what_the_border_says_of_the_frames_is_due():

@@ -843,6 +843,7 @@ def test_both_sides_of_a_channel_have_the_same_names():
     shared = {
         "topics": ["/scan", "/cmd_vel"],
         "services": ["/reset"],
+        "back": [],
         "as": "/kobuki1",
         "base": "",
         "rate": 0.0,
@@ -889,25 +890,103 @@ def test_each_name_may_have_another_one():
         crossing = [
             (name, flows_module.find_outer_name(entry, name))
             for entry in channels
-            for name in (*entry["topics"], *entry["services"])
+            for name in (*entry["topics"], *entry["services"], *entry["back"])
         ]
-        parts = [(f"/dock/{part}", f"/docking/{part}") for part in ("goal", "cancel", "status", "feedback", "result")]
+        parts = [(f"/dock/{part}", f"/docking/{part}") for part in ("status", "feedback", "result", "goal", "cancel")]
         assert crossing == [("/scan", "/front"), ("/reset", "/kobuki1/start"), *parts]
         node = [Channel.from_entry(entry) for entry in channels]
         for own, theirs in crossing:
             kind = SERVICE if own == "/reset" else TOPIC
-            assert theirs in {one.find_name(kind, own if inner else theirs) for one in node}
-            assert (own if inner else theirs) in {one.find_local(kind, theirs) for one in node}
+            local = own if inner else theirs
+            given = inner != own.endswith(("goal", "cancel"))
+            assert {one.find_name(kind, local) for one in node} - {None} == ({theirs} if given else set())
+            for way in (True, False):
+                found = {one.find_local(kind, theirs, given=way) for one in node} - {None}
+                assert found == ({local} if given == way else set())
             assert own in {flows_module.find_inner_name(entry, theirs) for entry in channels}
         for other in ("/front/scan", "/frontal", "/scan/front", "/dockings/goal", "/docking", ""):
-            assert {one.find_local(TOPIC, other) for one in node} == {None}
+            assert {one.find_local(TOPIC, other, given=way) for one in node for way in (True, False)} == {None}
+
+
+COMMANDS = {"topics": ["/scan"], "back": ["/cmd_vel", "/goal/*"], "as": "/kobuki1", "to": ["station"]}
+GIVEN = {"topics": ["/kobuki1/*"], "to": ["kobuki1"]}
+
+
+@pytest.mark.parametrize("station", [None, [GIVEN], [{"topics": ["*"]}]])
+def test_what_comes_back_is_named_and_given(station):
+    """Each of the two borders gives and takes that alone: the station publishes /kobuki1/scan as well."""
+    plan = plan_module.fleet_plan(identical(kobuki1=[COMMANDS], kobuki2=[], station=station))
+    robot, there = (
+        Channel.from_entry(plan.computers[f"{name}-pc"].border["channels"][0]) for name in ("kobuki1", "station")
+    )
+    for one, gives, takes in ((robot, ["/scan"], ["/cmd_vel", "/goal/x"]), (there, ["/cmd_vel", "/goal/x"], ["/scan"])):
+        local = (lambda name: name) if one is robot else (lambda name: f"/kobuki1{name}")
+        for names, way in ((gives, True), (takes, False)):
+            for name in names:
+                assert one.find_name(TOPIC, local(name)) == (f"/kobuki1{name}" if way else None)
+                assert one.find_local(TOPIC, f"/kobuki1{name}", given=way) == local(name)
+                assert one.find_local(TOPIC, f"/kobuki1{name}", given=not way) is None
+    # By the border, and not by sync as well.
+    assert {"/kobuki1/cmd_vel", "/kobuki1/goal/*"} <= set(
+        plan.computers["kobuki1-pc"].sync["station-pc"]["ignore_topics"]
+    )
+
+
+@pytest.mark.parametrize(
+    "station",
+    [
+        [],
+        [{"topics": ["/kobuki1/cmd_vel"], "to": ["kobuki1"]}],
+        [{"topics": ["/kobuki1/goal/*"], "to": ["kobuki2"]}],
+        [{"topics": ["/kobuki1/*"], "as": "/station"}],
+    ],
+)
+def test_a_robot_gives_back_what_it_declares_alone(station):
+    with pytest.raises(fleet_module.InventoryProblems) as found:
+        identical(kobuki1=[COMMANDS], kobuki2=[], station=station)
+    lacking = "/kobuki1/goal/*" if "cmd_vel" in str(station) else "/kobuki1/cmd_vel"
+    assert f"does not give {lacking} to kobuki1; expected" in found.value.problems[0]
+    to_all = [{**COMMANDS, "to": []}]
+    del to_all[0]["to"]
+    for channel in identical(kobuki1=to_all, kobuki2=[], station=station).channels:
+        assert not {name for name in channel.back if f"/kobuki1{name}" == lacking}
+        assert channel.other != "kobuki2" or not channel.back
+
+
+@pytest.mark.parametrize(
+    ("entries", "expected"),
+    [
+        ([{"topics": ["/scan"], "back": ["/cmd_vel"]}], "'back' beside 'as', 'rate', 'newest' or 'frames'"),
+        ([{"back": ["/diagnostics"], "as": "/k"}], "no /diagnostics at 'back'"),
+        ([{"back": ["cmd_vel"], "as": "/k"}], "absolute names of letters"),
+        ([{"back": "/cmd_vel", "as": "/k"}], "a list of names at 'back', such as [/cmd_vel]"),
+        ([{"back": ["/rosout"], "as": "/k"}], "has the topic /rosout, which is never exchanged"),
+        (
+            [{"back": ["/cmd_vel"], "as": name, "to": ["station"]} for name in ("/a", "/b")],
+            "has /cmd_vel at 'back' for station in two entries",
+        ),
+    ],
+)
+def test_a_wrong_way_back_is_one_sentence(entries, expected):
+    with pytest.raises(fleet_module.InventoryProblems) as found:
+        identical(kobuki1=entries, kobuki2=[], station=None)
+    assert len(found.value.problems) == 1 and expected in found.value.problems[0], found.value.problems
+
+
+def test_a_way_back_has_names_of_its_own():
+    names = {"/scan": "/front/scan", "/cmd_vel": "/drive"}
+    entry = {"topics": ["/scan"], "back": ["/cmd_vel"], "as": names, "to": ["station"]}
+    fleet = identical(kobuki1=[entry], kobuki2=[], station=[{"topics": ["/drive"], "to": ["kobuki1"]}])
+    assert [(c.entry.namespace, c.entry.given_topics, c.back) for c in fleet.channels] == [
+        ("/front/scan", ("/scan",), ()),
+        ("/drive", (), ("/cmd_vel",)),
+    ]
 
 
 def test_an_action_crosses_with_all_its_topics():
     (channel,) = identical(kobuki1=[{"actions": ["/dock"], "rate": 5, "to": ["station"]}], kobuki2=[]).channels
-    assert set(channel.entry.topic_names) == {
-        f"/dock/{part}" for part in ("goal", "cancel", "status", "feedback", "result")
-    }
+    assert channel.entry.given_topics == ("/dock/status", "/dock/feedback", "/dock/result")
+    assert channel.back == ("/dock/goal", "/dock/cancel"), "the station declares []: who may call it sends goals"
     assert channel.entry.rate == 5.0
 
 

@@ -24,7 +24,8 @@ def test_the_robots_of_a_document():
 
 
 def test_what_crosses_by_the_border_is_given_and_taken():
-    entry = {"topics": ["/scan", "/cmd_vel"], "services": ["/reset"], "as": "/kobuki1"}
+    entry = {"topics": ["/scan"], "back": ["/cmd_vel"], "services": ["/reset"], "as": "/kobuki1", "to": ["kobuki2"]}
+    commands = {"topics": ["/kobuki1/cmd_vel"], "to": ["kobuki1"]}
 
     def change(seen):
         own = (RegisteredTopic("/scan", "x/Scan", ("/laser",)), RegisteredTopic("/cmd_vel", "x/Twist", (BORDER,)))
@@ -34,11 +35,11 @@ def test_what_crosses_by_the_border_is_given_and_taken():
         service = (RegisteredService("/kobuki1/reset", BORDER),)
         update(seen[fleets.TWO].probe, exchange=Exchange(topics=there, services=service))
 
-    plan = fleets.plan(exports={"kobuki1": [entry], "kobuki2": []})
+    plan = fleets.plan(exports={"kobuki1": [entry], "kobuki2": [commands]})
     one, two = make_report(plan, change).document["robots"]
-    outer = {"topics": ["/kobuki1/scan", "/kobuki1/cmd_vel"], "services": ["/kobuki1/reset"]}
+    outer = {"topics": ["/kobuki1/scan"], "services": ["/kobuki1/reset"]}
     assert one["gives"] == [{"to": ["kobuki2"], **outer}]
-    assert two["gives"] == [{"to": ["kobuki1"], "topics": ["/scan", "/cmd_vel"], "services": ["/reset"]}]
+    assert two["gives"][1:] == [{"to": ["kobuki1"], "topics": ["/cmd_vel"], "services": []}]
     assert one["takes"] == [{"robot": "kobuki2", "topics": ["/cmd_vel"], "services": []}]
     assert two["takes"] == [{"robot": "kobuki1", "topics": ["/kobuki1/scan"], "services": ["/kobuki1/reset"]}]
 

@@ -237,6 +237,7 @@ _CHANNEL: Mapping[str, str] = {
     "port": "port",
     "topics": "texts",
     "services": "texts",
+    "back": "texts",  # topics that come from the peer to the robot with the inner names
     "as": "text",
     "base": "text",
     "inner": "flag",
@@ -259,7 +260,7 @@ def _check_channel(what: str, entry: Mapping[str, Any]) -> None:
         raise ParameterError(f"{what} has {entry['hosts']!r} as its hosts, but IPv4 addresses are expected")
     if entry["rate"] < 0:
         raise ParameterError(f"{what} has a rate of {entry['rate']}, but a number of at least 0 is expected")
-    for key in ("topics", "services"):
+    for key in ("topics", "services", "back"):
         _check_patterns(f"{what}, {key}", entry[key])
 
 

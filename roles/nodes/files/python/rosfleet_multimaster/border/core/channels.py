@@ -3,7 +3,8 @@
 """The channels of a border: which topics and services cross, to whom, by which names.
 
 On the robot that a channel is of, names are inner ones (/scan). Its peers have them below a namespace (/kobuki1/scan), and so
-have the two borders between them. Data cross both ways: what is published on the one name arrives on the other.
+have the two borders between them. What the robot has goes to the peer; topics that are named for it come back. Each border
+gives and takes by this itself, so no other one makes it do more.
 """
 
 from typing import Any, Container, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
@@ -36,6 +37,7 @@ class Channel(NamedTuple):
     port: int  # of its border
     topics: Pattern  # inner names
     services: Pattern
+    back: Pattern  # inner names of topics that come from the peer to the robot with the inner names
     namespace: str  # such as /kobuki1; empty: the names are the same on both
     inner: bool  # the inner names are those of this robot
     base: str = ""  # the beginning of inner names that the namespace replaces
@@ -52,6 +54,7 @@ class Channel(NamedTuple):
             port=entry["port"],
             topics=Pattern.from_items(entry["topics"], "topics"),
             services=Pattern.from_items(entry["services"], "services"),
+            back=Pattern.from_items(entry["back"], "back"),
             namespace=entry["as"],
             inner=entry["inner"],
             base=entry["base"],
@@ -68,17 +71,17 @@ class Channel(NamedTuple):
     @property
     def has_root(self) -> bool:
         """True if the border itself publishes how this robot's tree of frames hangs together with those of others."""
-        return self.inner_frames is not None and bool(self.inner_frames.world) and self._takes(TOPIC, STATIC)
+        return self.inner_frames is not None and bool(self.inner_frames.world) and self.topics.matches(STATIC)
 
     def find_name(self, kind: str, local: str) -> Optional[str]:
-        """Return the borders' name of a topic or service of this robot; None where it does not cross."""
+        """Return the borders' name of a topic or service that this robot gives; None where it does not cross."""
         inner = local if self.inner else self._strip(local)
-        return None if inner is None or not self._takes(kind, inner) else self.rename(inner)
+        return None if inner is None or not self._goes(kind, inner, given=True) else self.rename(inner)
 
-    def find_local(self, kind: str, name: str) -> Optional[str]:
-        """Return this robot's name of a topic or service that the borders name so; None where it does not cross."""
+    def find_local(self, kind: str, name: str, *, given: bool) -> Optional[str]:
+        """Return this robot's name of a topic or service that the borders name so, and that it gives or takes; None where it does not."""
         inner = self._strip(name)
-        if inner is None or not self._takes(kind, inner):
+        if inner is None or not self._goes(kind, inner, given):
             return None
         return inner if self.inner else name
 
@@ -86,8 +89,11 @@ class Channel(NamedTuple):
         """Return the borders' name of an inner one."""
         return self.namespace + inner[len(self.base) :]
 
-    def _takes(self, kind: str, inner: str) -> bool:
-        return (self.topics if kind == TOPIC else self.services).matches(inner)
+    def _goes(self, kind: str, inner: str, given: bool) -> bool:
+        """Say if this robot gives that, or takes it."""
+        if given == self.inner:
+            return (self.topics if kind == TOPIC else self.services).matches(inner)
+        return kind == TOPIC and self.back.matches(inner)
 
     def _strip(self, name: str) -> Optional[str]:
         rest = name[len(self.namespace) :]
@@ -169,7 +175,7 @@ def find_taken(channels: Sequence[Channel], offers: Iterable[Offer]) -> Dict[Tup
     taken: Dict[Tuple[str, str], Tuple[Offer, Channel]] = {}
     for offer in offers:
         for channel in channels:
-            local = channel.find_local(offer.kind, offer.name)
+            local = channel.find_local(offer.kind, offer.name, given=False)
             if local is not None:
                 taken.setdefault((offer.kind, local), (offer, channel))
     return taken
