@@ -1201,6 +1201,7 @@ exchange:
         services: []
     silent: []
     silences: []
+    announced: []
     connections:
       - {node: /base, topic: /goal, direction: in, peer: /planner, host: kobuki2computer, robot: kobuki2}
   contains:
@@ -1329,6 +1330,28 @@ exchange:
           returned: always
           type: str
           sample: refused
+    announced:
+      description: The robot's own nodes that announce another host than the planned names and addresses of their robot, 100 at most.
+      returned: always
+      type: list
+      elements: dict
+      sample: [{node: /odom_pub, host: 127.0.0.1, port: 41233}]
+      contains:
+        node:
+          description: The node.
+          returned: always
+          type: str
+          sample: /odom_pub
+        host:
+          description: The host in its URI.
+          returned: always
+          type: str
+          sample: 127.0.0.1
+        port:
+          description: The port in its URI, 0 without one.
+          returned: always
+          type: int
+          sample: 41233
     connections:
       description: The connections of the robot's own nodes with nodes of other robots, by C(getBusInfo).
       returned: always
@@ -1677,6 +1700,36 @@ container_names:
       type: list
       elements: str
       sample: [kobuki2computer]
+node_hosts:
+  description:
+    - Processes of ROS on this computer that announce another host than its planned name and addresses, 100 at most. A node announces
+      the host of C(ROS_HOSTNAME) or C(ROS_IP), or else the name of the computer.
+  returned: when O(action=collect)
+  type: list
+  elements: dict
+  sample: [{host: 127.0.0.1, source: ROS_IP, unit: session-4.scope, ports: [41233, 46011]}]
+  contains:
+    host:
+      description: The host.
+      returned: always
+      type: str
+      sample: 127.0.0.1
+    source:
+      description: The variable or argument that has decided it (C(ROS_HOSTNAME), C(ROS_IP), C(__hostname), C(__ip)), or C(hostname).
+      returned: always
+      type: str
+      sample: ROS_IP
+    unit:
+      description: The unit of systemd in which the process runs, or empty.
+      returned: always
+      type: str
+      sample: session-4.scope
+    ports:
+      description: The TCP ports on which the process listens.
+      returned: always
+      type: list
+      elements: int
+      sample: [41233, 46011]
 changes:
   description:
     - When files were changed and services were started that may decide names and packet filters. What a kernel was told by hand has no time.

@@ -23,6 +23,7 @@ from .._module.plain_text import plain
 from .._module.problem import tell_reason
 from .._process.deadlines import call_all
 from .._process.foreign import last_line
+from . import node_hosts
 
 TYPES = 20.0  # seconds for the classes of all types
 NODES = 20.0  # seconds for the connections of all nodes
@@ -39,6 +40,7 @@ NOTHING: typing.Dict[str, typing.Any] = {
     "imports": [],
     "silent": [],
     "silences": [],
+    "announced": [],
     "connections": [],
 }
 
@@ -65,6 +67,9 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
         topic["md5sum"] = sums.get(topic["type"], "")
     nodes = {node: uri for node, uri in uris.items() if node not in imported}
     named = {uri: node for node, uri in uris.items()}
+    robot = next((member["robot"] for member in members if member["name"] == own), "")
+    planned = node_hosts.list_hosts(members, lambda member: member["robot"] == robot)
+    found["announced"] = node_hosts.announced(nodes, planned)
     found["connections"], silent = _connections(nodes, named, Places(members), own)
     found["silent"] = _drop_ended(ros, sorted(silent), nodes)
     found["silences"] = [

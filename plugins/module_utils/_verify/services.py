@@ -31,13 +31,19 @@ _REFUSED = 50  # names that a node refuses, which are told
 
 
 def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typing.List[typing.Dict[str, typing.Any]]:
-    """Look at services of the collection: their state, and the variables that differ from the environment file."""
+    """Look at services of the collection: their state, and the variables that differ from the environment file.
+
+    Raises OSError where systemd does not answer: that says nothing of any service.
+    """
     found = []
     units = [f"multimaster-{name}.service" for name in names]
-    states = systemd.states(units, _PROPERTIES)
-    ended = [unit for unit, seen in zip(units, states) if seen.get("NRestarts", "0") != "0" or _has_failed(seen)]
+    answer = systemd.show(units, _PROPERTIES) if units else systemd.UnitProperties([])
+    if len(answer.units) != len(units):
+        raise OSError(f"systemd told nothing of the services ({answer.error or 'without a word'})")
+    pairs = list(zip(units, answer.units))
+    ended = [unit for unit, seen in pairs if seen.get("NRestarts", "0") != "0" or _has_failed(seen)]
     known = unit_ends.find_ends(ended) if ended else {}
-    for name, unit, seen in zip(names, units, states):
+    for name, (unit, seen) in zip(names, pairs):
         pid = seen.get("MainPID", "0")
         entry: typing.Dict[str, typing.Any] = {
             "name": name,

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 from .._observed.observations import Datagrams, Exchange, ForwardingInterface, Multicast, Observation, Probe, SeenMember
 from .._plan.model import COMMON, ComputerPlan, FleetPlan, Master
+from .announcements import find_misplaced
 from .packet_filters import ReadFilters
 from .registrations import Exchanges
 from .ways import Way, Ways
@@ -134,9 +135,12 @@ class FleetState:
             if name in observations
         }
         probes = {one.plan.robot: one.seen.probe for one in self.run.values() if one.plan.is_master}
+        # the nodes of each robot that announce a wrong host
+        self.misplaced = find_misplaced(fleet, {name: one.probe for name, one in self.run.items() if one.is_probed})
         self.exchanges = Exchanges(
             fleet,
             {robot: probe.exchange for robot, probe in probes.items() if probe and not probe.exchange.error},
+            self.misplaced,
         )
         self.usual = _find_usual_mtus(self.run.values())  # network -> the MTU of most computers there
         # the packet filters, by the rules that were read

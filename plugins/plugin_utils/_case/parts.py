@@ -98,6 +98,11 @@ class Part(NamedTuple):
 
 
 SITE = "run site.yml"
+START_AGAIN = (
+    "in the shell, launch file, unit or container that starts it: unset ROS_IP ROS_HOSTNAME; . /etc/profile.d/rosfleet-multimaster.sh; "
+    "then start it again"
+)
+NODE_HOSTS = "on {place}: echo $ROS_IP $ROS_HOSTNAME; rosnode list | xargs -n 1 rosnode info"
 RULES = "on {place}: nft list ruleset; iptables -S"
 FORWARDED = "on {place}: nft list ruleset; iptables -S FORWARD"
 ADDRESSES = "on {place}: ip -br address; ip -s link"
@@ -743,6 +748,28 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         cost=1.0,
         what="multimaster-*",
         read=READ,
+    ),
+    # Nodes of people
+    ("node", "loopback"): Fault(
+        "{what} ({place}), where no other computer reaches it",
+        START_AGAIN,
+        NODE_HOSTS,
+        what="a node announces 127.0.0.1",
+        read=ALWAYS,
+    ),
+    ("node", "address"): Fault(
+        "{what} ({place}), which is no planned address of its robot, so other robots do not take it",
+        f"{START_AGAIN}; the address of a laptop belongs into multimaster_allow",
+        NODE_HOSTS,
+        what="a node announces another address",
+        read=ALWAYS,
+    ),
+    ("node", "name"): Fault(
+        "{what} ({place}), which is no planned name of its robot, so other robots do not take it",
+        START_AGAIN,
+        NODE_HOSTS,
+        what="a node announces another name",
+        read=ALWAYS,
     ),
     # Registrations and their exchange
     ("registration", "ghost"): Fault(

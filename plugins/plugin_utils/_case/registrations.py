@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import islice
 from typing import NamedTuple, cast
@@ -202,8 +202,14 @@ def _items(part: Exchange | Import) -> Iterator[tuple[Item, str]]:
 class Exchanges:
     """The contents of all roscores of a run, beside the planned flows."""
 
-    def __init__(self, fleet: FleetPlan, seen: Mapping[str, Exchange]) -> None:
-        """Index the contents of the roscores, by robot; robots without content are left out."""
+    def __init__(
+        self, fleet: FleetPlan, seen: Mapping[str, Exchange], misplaced: Mapping[str, Collection[str]] | None = None
+    ) -> None:
+        """Index the contents of the roscores, by robot; robots without content are left out.
+
+        `misplaced` are the nodes of each robot that announce a wrong host, so that no other robot takes them.
+        """
+        self._misplaced = misplaced or {}
         self.flows = Flows(fleet)
         self.robots = {robot: RoscoreIndex.from_content(exchange) for robot, exchange in seen.items()}
         self._uris = {robot: [normalise_uri(uri) for uri in uris] for robot, uris in fleet.master_uris.items()}
@@ -238,7 +244,8 @@ class Exchanges:
         return sorted(
             item
             for item in absent
-            if ("node", item.node) not in clashes
+            if item.node not in self._misplaced.get(source, ())
+            and ("node", item.node) not in clashes
             and (item.name not in topics if item.kind != "service" else ("service", item.name) not in clashes)
         )
 

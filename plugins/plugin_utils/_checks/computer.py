@@ -142,6 +142,9 @@ def _service_down_parts(computer: str, service: str) -> Parts:
 )
 def _judge_services(case: Case) -> Judgement:
     states = {entry.name: entry for entry in case.probe.services}
+    if not states:
+        unasked = make_parts("computer", case.observer.name, "unmeasured")
+        return Judgement(UNKNOWN, "the state of the services", "systemd did not tell it", unasked)
     parts: Parts = frozenset()
     broken, restarted = [], []
     for name in case.observer.plan.services_with_routing:

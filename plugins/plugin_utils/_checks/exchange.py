@@ -24,6 +24,28 @@ NAMED = 4  # registrations, names or connections that a finding names
 MOST_PARTS = 100  # names or topics of two robots that are parts: hostile ones may have a hundred thousand in common
 
 
+# Hosts of nodes
+
+
+def _has_content(case: Case) -> bool:
+    return case.exchange is not None and not case.exchange.error
+
+
+@Check(
+    title="nodes announce a host where others reach them",
+    when=_has_content,
+)
+def _judge_node_hosts(case: Case) -> Judgement:
+    robot = case.observer.plan.robot
+    misplaced = case.state.misplaced.get(robot, {})
+    others = case.state.exchanges.robots.keys() - {robot}
+    given = {item.node for other in others for item in case.state.exchanges.find_due(robot, other)}
+    verdict = WARNING if given.isdisjoint(misplaced) else FAILED
+    found = shorten_list(map(str, misplaced.values()), NAMED)
+    parts = frozenset(one.part for one in misplaced.values())
+    return judge_fault(verdict, "planned names and addresses of the robot", found, "only such", parts)
+
+
 # Registered nodes
 
 
@@ -47,7 +69,8 @@ def _find_silent_parts(case: Case, exchange: Exchange) -> Parts:
     nodes = join_parts(
         make_parts(kind, case.observer.name, "hung") for node, kind in hung.items() if node in exchange.silent
     )
-    refused = [entry.node for entry in exchange.silences if _has_ended(case, entry)]
+    misplaced = case.state.misplaced.get(case.observer.plan.robot, {})
+    refused = [entry.node for entry in exchange.silences if entry.node not in misplaced and _has_ended(case, entry)]
     ended = make_parts("registration", case.observer.name, "ghost", what=shorten_list(refused, NAMED))
     return nodes | stages.find_mute_talkers(case) | (ended if refused else frozenset())
 
@@ -68,7 +91,9 @@ def _has_ended(case: Case, entry: SilentNode) -> bool:
 def _judge_nodes_answer(case: Case) -> Judgement | None:
     if case.exchange is None or case.exchange.error:
         return None
-    expected, silent = "every node that is registered answers", case.exchange.silent
+    misplaced = case.state.misplaced.get(case.observer.plan.robot, {})
+    expected = "every node that is registered answers"
+    silent = [node for node in case.exchange.silent if node not in misplaced]
     if not silent:
         return Judgement(OK, expected, "they answer")
     broken = _find_silent_parts(case, case.exchange)

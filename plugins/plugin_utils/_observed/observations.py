@@ -395,6 +395,16 @@ class FileLimit:
 
 
 @dataclass(frozen=True)
+class NodeHost:
+    """A process of ROS that announces a host which the plan does not have for its computer."""
+
+    host: str
+    source: str = ""  # the variable or argument that has decided it, or hostname
+    unit: str = ""  # of systemd, in which it runs
+    ports: tuple[int, ...] = ()  # on which it listens
+
+
+@dataclass(frozen=True)
 class ContainerNames:
     """A container whose /etc/hosts is older than the names of the fleet."""
 
@@ -414,6 +424,15 @@ class SilentNode:
 
 
 @dataclass(frozen=True)
+class AnnouncedHost:
+    """An own node of a robot that announces a host which the plan does not have for its robot."""
+
+    node: str
+    host: str = ""
+    port: int = 0
+
+
+@dataclass(frozen=True)
 class Exchange:
     """The content of a roscore: own registrations, those for other masters, and connections with other robots."""
 
@@ -424,6 +443,7 @@ class Exchange:
     imports: tuple[Import, ...] = ()
     silent: tuple[str, ...] = ()
     silences: tuple[SilentNode, ...] = ()  # the same nodes with their errors
+    announced: tuple[AnnouncedHost, ...] = ()
     connections: tuple[Connection, ...] = ()
 
 
@@ -492,6 +512,7 @@ class Probe:
     disks: tuple[Disk, ...] = ()
     file_limits: tuple[FileLimit, ...] = ()
     container_names: tuple[ContainerNames, ...] = ()
+    node_hosts: tuple[NodeHost, ...] = ()
     changes: tuple[Change, ...] = ()
     services: tuple[Service, ...] = ()
     next_boot: tuple[BootDeviation, ...] = ()

@@ -60,6 +60,8 @@ FORMS = {
     "destination": re.compile(r"default"),
     **dict.fromkeys(("device", "interface", "incoming", "leaving"), re.compile(r"lo")),
     **dict.fromkeys(("found", "expected"), re.compile(r"up|down|active|inactive|failed")),
+    "host": re.compile(r"localhost"),
+    "source": re.compile(r"hostname"),
     "hook": re.compile(r"input|forward|output"),
     "policy": re.compile(r"accept|drop"),
     "verdict": re.compile(r"accept|drop|reject"),

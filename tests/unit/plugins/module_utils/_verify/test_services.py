@@ -11,6 +11,7 @@ import sys
 import time
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.systemd import UnitProperties
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import services
 
 
@@ -25,7 +26,7 @@ def test_differing_names_what_the_process_lacks():
 )
 def test_a_service_without_the_environment_file_is_the_same(monkeypatch, files, differing):
     seen = {"ActiveState": "active", "MainPID": str(os.getpid()), "EnvironmentFiles": files}
-    monkeypatch.setattr(services.systemd, "states", lambda units, properties: [seen for unit in units])
+    monkeypatch.setattr(services.systemd, "show", lambda units, _properties: UnitProperties([seen for _unit in units]))
     assert services.services(["connections"], {"NOT_HERE": "1"})[0]["differing"] == differing
 
 
@@ -34,7 +35,7 @@ def test_a_drop_in_file_with_other_variables_is_named(monkeypatch, tmp_path):
         (tmp_path / f"{name}.conf").write_text(text)
     paths = " ".join(str(tmp_path / f"{name}.conf") for name in "abc")
     seen = {"MainPID": str(os.getpid()), "EnvironmentFiles": "one", "DropInPaths": paths}
-    monkeypatch.setattr(services.systemd, "states", lambda units, properties: [seen for unit in units])
+    monkeypatch.setattr(services.systemd, "show", lambda units, _properties: UnitProperties([seen for _unit in units]))
     assert services.services(["sync"], {"NOT_HERE": "1"})[0]["drop_ins"] == [str(tmp_path / "a.conf")]
     assert services.services(["sync"], {})[0]["drop_ins"] == []
 
@@ -76,7 +77,7 @@ def test_the_age_of_a_start_is_by_a_clock_that_nobody_steps():
 def test_a_process_that_is_stopped_is_seen(monkeypatch):
     process = subprocess.Popen(["sleep", "60"])
     seen = {"ActiveState": "active", "MainPID": str(process.pid)}
-    monkeypatch.setattr(services.systemd, "states", lambda units, properties: [seen for unit in units])
+    monkeypatch.setattr(services.systemd, "show", lambda units, _properties: UnitProperties([seen for _unit in units]))
     try:
         assert not services.services(["sync"], {})[0]["stopped"]
         process.send_signal(signal.SIGSTOP)
@@ -101,3 +102,11 @@ def test_a_process_that_is_stopped_is_seen(monkeypatch):
 )
 def test_refusals_are_read_from_the_status(status, names):
     assert services.read_refusals(status) == names
+
+
+def test_no_answer_of_systemd_is_no_state_of_a_service(monkeypatch):
+    monkeypatch.setattr(
+        services.systemd, "show", lambda units, _properties: UnitProperties([], "no answer within 60 s")
+    )
+    with pytest.raises(OSError, match="no answer within 60 s"):
+        services.services(["sync"], {})

@@ -383,3 +383,12 @@ def test_an_address_of_a_vpn_stands_alone():
 
 def test_a_router_that_tells_of_ros_costs_nobody_the_report():
     assert not notable(evaluate(lambda seen: update(seen["router"].probe, ros_missing=""), fig12()))
+
+
+def test_services_of_which_systemd_told_nothing_are_not_said_to_be_down():
+    def change(seen):
+        update(seen[ONE].probe, services=(), problems=("services could not be looked at: no answer within 60 s.",))
+
+    (finding,) = diagnosed(change).findings
+    assert (finding.part.kind, finding.part.mode) == ("computer", "unmeasured")
+    assert [row.verdict for row in evaluate(change) if (row.check, row.observer) == ("services", ONE)] == [UNKNOWN]

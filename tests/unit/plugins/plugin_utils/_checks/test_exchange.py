@@ -7,13 +7,17 @@ import time
 from collections import Counter
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.announcements import find_misplaced
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, UNKNOWN, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.exchange import MOST_PARTS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+    AnnouncedHost,
     Connection,
     CrossingParameter,
     Import,
+    NodeHost,
     RegisteredService,
+    SilentNode,
     Source,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
@@ -25,8 +29,10 @@ from fleets import (
     assert_told,
     diagnosed,
     evaluate,
+    fig12,
     no_answer,
     notable,
+    observed,
     of,
     parts,
     plan,
@@ -115,11 +121,33 @@ def _stranger_of_a_node(seen):
     update(part, connections=[*part.connections, stranger])
 
 
+def _announces(host, process=True, computer=TWO):
+    """The base of the second robot was started with a wrong host, so the first robot does not take it."""
+
+    def change(seen):
+        _refused(seen)
+        update(of(seen[ONE].probe.services, "sync"), refused=["/kobuki2/base"])
+        node = AnnouncedHost("/kobuki2/base", host, 41233)
+        silence = SilentNode("/kobuki2/base", host, "Connection refused", Outcome.REFUSED)
+        own = seen[TWO].probe.exchange
+        update(own, announced=[node], silent=["/kobuki2/base"], silences=[silence])
+        if process:
+            update(seen[computer].probe, node_hosts=[NodeHost(host, "ROS_IP", "session-4.scope", (41233, 46011))])
+
+    return change
+
+
 ROBOTS = "kobuki1 and kobuki2"
 
 # The change, a check that tells it, its verdict, and the part that is named.
 FAULTS = [
     (_exchange_of(ONE, silent=["/dead"]), "nodes_answer", WARNING, "registration", ONE, "ghost"),
+    (_announces("127.0.0.1"), "node_hosts", FAILED, "node", TWO, "loopback"),
+    (_announces("localhost"), "node_hosts", FAILED, "node", TWO, "loopback"),
+    (_announces("10.9.8.7"), "node_hosts", FAILED, "node", TWO, "address"),
+    (_announces("laptop7"), "node_hosts", FAILED, "node", TWO, "name"),
+    (_announces("kobuki1computer"), "node_hosts", FAILED, "node", TWO, "name"),
+    (_announces("127.0.0.1", process=False), "node_hosts", FAILED, "node", TWO, "loopback"),
     (_renamed, "names", FAILED, "registration", ROBOTS, "twin"),
     (_same_service, "names", FAILED, "registration", ROBOTS, "twin"),
     (_other_type(), "types", FAILED, "messages", ROBOTS, "differ"),
@@ -362,3 +390,35 @@ def test_thousands_of_common_names_are_told_in_seconds():
     named = [part for entry in found.findings for part in (entry.part, *entry.also)]
     kinds = Counter((part.kind, part.mode) for part in named)
     assert kinds["registration", "twin"] == kinds["messages", "differ"] == MOST_PARTS
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "10.9.8.7", "laptop7"])
+def test_a_node_with_a_wrong_host_is_the_one_finding(host):
+    """The refusal of the other robot, and the silence at the own one, follow from it."""
+    (finding,) = diagnosed(_announces(host)).findings
+    assert "/kobuki2/base announces" in finding.sentence() and "by ROS_IP, in session-4.scope" in finding.sentence()
+    assert host in finding.sentence() and TWO in finding.sentence()
+
+
+def test_the_node_of_a_guest_may_have_a_foreign_address():
+    fleet = plan(multimaster_allow=["10.9.8.0/24"])
+    seen = observed(fleet)
+    update(seen[TWO].probe.exchange, announced=[AnnouncedHost("/rviz", "10.9.8.7", 41233)])
+    assert find_misplaced(fleet, {name: one.probe for name, one in seen.items()}) == {}
+
+
+@pytest.mark.parametrize(
+    ("host", "silent", "place"),
+    [
+        ("127.0.0.1", (), "tibi-arm"),  # it answers the roscore's computer there
+        ("127.0.0.1", ("/odom",), "tibi"),  # on another computer of the robot
+        ("10.9.8.7", (), "tibi"),
+    ],
+)
+def test_a_node_without_a_process_is_on_the_computer_where_it_answers(host, silent, place):
+    fleet = fig12()
+    seen = observed(fleet)
+    master = next(name for name, one in fleet.computers.items() if one.robot == "tibi" and one.is_master)
+    update(seen[master].probe.exchange, announced=[AnnouncedHost("/odom", host, 41233)], silent=silent)
+    found = find_misplaced(fleet, {name: one.probe for name, one in seen.items()})
+    assert found["tibi"]["/odom"].computer == (master if place == "tibi-arm" else place)
