@@ -295,6 +295,42 @@ def test_a_tree_of_frames_crosses_with_its_root(pair):
         odometry.next()
 
 
+@pytest.mark.slow
+def test_a_rate_sends_the_newest_and_costs_no_goal(pair):
+    robot, station = pair({"topics": ["/scan", "/arm/*"], "rate": 5})
+    nodes = {topic: Node(robot.roscore, "/node" + topic, topic) for topic in ("/scan", "/arm/goal", "/arm/feedback")}
+    kinds = {"/arm/goal": "x/ArmActionGoal", "/arm/feedback": "x/ArmActionFeedback", "/scan": "x/Scan"}
+    wait_for(lambda: len(station.published()) == 3)
+    listeners = {topic: station.connect("/robot" + topic, type="*") for topic in nodes}
+    sources = {topic: node.accept(type=kinds[topic]) for topic, node in nodes.items()}
+    came = {topic: [] for topic in nodes}
+
+    def listen(topic):
+        with contextlib.suppress(EOFError, OSError):
+            assert listeners[topic].header()["type"] == kinds[topic]
+            while True:
+                (sent,) = struct.unpack("<d", listeners[topic].next()[4:])
+                came[topic].append(monotonic() - sent)
+
+    threads = [threading.Thread(target=listen, args=[topic]) for topic in nodes]
+    for thread in threads:
+        thread.start()
+    began = monotonic()
+    for number in range(60):
+        time.sleep(max(0.0, began + number / 10 - monotonic()))
+        for source in sources.values():
+            source.say(message(struct.pack("<d", monotonic())))
+    time.sleep(0.6)
+    for listener in listeners.values():
+        listener.connection.shutdown(socket.SHUT_RDWR)
+    for thread in threads:
+        thread.join()
+    counts = {topic: len(ages) for topic, ages in came.items()}
+    print(f"{counts}, of /scan {1000 * sorted(came['/scan'])[len(came['/scan']) // 2]:.1f} ms old in the middle")
+    assert counts["/arm/goal"] == 60 and counts["/scan"] == pytest.approx(30, abs=2) == counts["/arm/feedback"]
+    assert sorted(came["/scan"])[len(came["/scan"]) // 2] < 0.03
+
+
 def find_peak(robot):
     """The most memory that a border has had, in MiB."""
     status = pathlib.Path(f"/proc/{robot.process.pid}/status").read_text()

@@ -19,7 +19,7 @@ from rosfleet_multimaster.edge.clock import monotonic, processor_time
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.process.program import LimitedLog
 
-from tests.unit.nodes.border.ends import DEAR, DEEP, SUM, End, Publisher, message
+from tests.unit.nodes.border.ends import DEAR, DEEP, SUM, End, Publisher, free_port, message
 
 
 class Running:
@@ -304,6 +304,21 @@ def test_a_hostile_publisher_is_asked_again_later(running, what):
     source.say(message(b"fine"))
     assert listener.header()["md5sum"] == SUM and listener.next() == message(b"fine")
     hostile.server.accept()
+
+
+@pytest.mark.slow
+def test_a_publisher_that_was_away_for_long_is_heard_soon(running):
+    """At the same place: nothing else tells that it is back."""
+    publisher = Publisher()
+    publisher.server.close()
+    publisher.place = ("127.0.0.1", free_port())
+    running.aim(publisher)
+    listener = running.listen()
+    time.sleep(9)
+    publisher.server = socket.create_server(publisher.place)
+    publisher.server.settimeout(2)
+    publisher.accept().say(message(b"back"))
+    assert listener.header() and listener.next() == message(b"back")
 
 
 def test_what_a_publisher_says_is_quoted(running, monkeypatch):

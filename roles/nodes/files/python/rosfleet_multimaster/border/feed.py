@@ -21,7 +21,7 @@ from .core.rates import make_throttle
 from .dial import Dialers
 from .wire import PATIENCE, Wire
 
-AGAIN = (0.2, 5.0)  # seconds until a publisher that does not answer is asked again: at first, and at most
+AGAIN = (0.2, 1.5)  # seconds until a publisher that does not answer is asked again: at first, and at most
 
 Fields = Dict[str, str]
 Dial = Callable[[], Any]  # makes a connection to a publisher. It may block, and raises OSError or ValueError.
