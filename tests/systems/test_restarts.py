@@ -156,7 +156,6 @@ def test_clients_elsewhere_hear_again_after_a_boot(lab, slack, words):
     """The clients on another computer of the station. A computer that loses its power ends no connection."""
     lab.podman(*words, STATION)
     lab.podman("start", STATION)
-    lab.wait_until_up(STATION)
     began = time.monotonic()
     active = "systemctl show -P ActiveEnterTimestampMonotonic multimaster-border"
     back = int(wait_until(lambda: int(lab.run(STATION, active, check=False) or 0), 60, "the border runs")) / 1e6
