@@ -60,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     up.add_argument("--manager", choices=sorted(managers.MANAGERS), default="networkd", help="of all --machine")
     up.add_argument("--suite", metavar="[HOST=]SUITE", action="append", default=[], help="Debian's release")
     command("down", "remove a lab").add_argument("--all", action="store_true", help="all labs of machines")
-    command("run", "run a command as root over the serial line, which needs no network", "host", "line")
+    command("run", "run a command as root over a console, which needs no network", "host", "line")
     command("shell", "open a shell by ssh", "host")
     command("reboot", "reboot a machine and wait for it", "host")
     command("cut", "cut the power of a machine for a moment, and wait for its boot", "host")

@@ -36,21 +36,6 @@ if [ ! -e /var/lib/lab-files ]; then
 fi
 exec /lib/systemd/systemd "$@"
 """
-# A shell on the second serial line, whatever the network and its filters are.
-SHELL = """[Unit]
-Description=Shell for the lab
-
-[Service]
-ExecStart=/bin/sh -c 'stty raw -echo; exec bash --norc'
-StandardInput=tty
-StandardOutput=tty
-StandardError=journal
-TTYPath=/dev/ttyS1
-Restart=always
-
-[Install]
-WantedBy=multi-user.target
-"""
 _INITRD = {"conf.d/lab": "MODULES=list\n", "modules": "virtio_pci\nvirtio_blk\next4\n"}
 
 
@@ -63,9 +48,7 @@ def _write(path: str, text: str, mode: str = "644") -> str:
 SETUP_HOOKS = [_write(f"/etc/initramfs-tools/{name}", text) for name, text in _INITRD.items()]
 HOOKS = [
     _write("/usr/sbin/lab-init", INIT, "755"),
-    _write("/etc/systemd/system/lab-shell.service", SHELL),
-    'systemctl --root="$1" --quiet enable lab-shell.service',
-    'systemctl --root="$1" --quiet mask e2scrub_reap.service serial-getty@ttyS0.service serial-getty@ttyS1.service',
+    'systemctl --root="$1" --quiet mask e2scrub_reap.service serial-getty@ttyS0.service serial-getty@hvc0.service',
     'systemctl --root="$1" --quiet enable ssh.service',
 ]
 

@@ -4,7 +4,7 @@
 """Labs of virtual machines: a kernel and an udev of their own, carriers that can be lost, power that can be cut.
 
 The networks are bridges in a network namespace of the lab. Nothing leads out of it. The bridges have an address in each
-network, the last free one, by which ssh enters a machine. A shell on a serial line works without any network.
+network, the last free one, by which ssh enters a machine. A shell on a console of virtio works without any network.
 """
 
 from __future__ import annotations
@@ -41,6 +41,24 @@ MACHINE = f"""
 -M q35 -accel tcg,thread=multi,tb-size=128 -cpu max -smp 1 -m {MEMORY} -nodefaults -display none -daemonize
 -device virtio-rng-pci
 """.split()
+
+# A shell on a console, whatever the network and its filters are; and patience, where the machine is slow.
+UNIT = """[Unit]
+Description=Shell for the lab
+
+[Service]
+ExecStart=/bin/sh -c 'stty raw -echo; exec bash --norc'
+StandardInput=tty
+StandardOutput=tty
+StandardError=journal
+TTYPath=/dev/hvc0
+Restart=always
+"""
+OWN = {
+    "etc/systemd/system/lab-shell.service": UNIT,
+    "etc/systemd/system.conf.d/lab.conf": "[Manager]\nDefaultTimeoutStartSec=600\n",
+}
+LINKS = {"etc/systemd/system/multi-user.target.wants/lab-shell.service": "../lab-shell.service"}
 
 
 def namespace(lab: str) -> str:
@@ -116,15 +134,16 @@ def _start(lab: str, hosts: Sequence[Host], index: int) -> None:
     layer, files = folder / f"{host.name}.qcow2", folder / f"{host.name}.tar"
     if not layer.exists():
         _call("qemu-img", "create", "-q", "-f", "qcow2", "-F", "raw", "-b", str(parts / "root.ext4"), str(layer))
-        own = root_files.list_files(host, {"etc/hostname": f"{host.name}\n"})
-        files.write_bytes(root_files.pack(own, root_files.list_links(host)))
+        own = root_files.list_files(host, {**OWN, "etc/hostname": f"{host.name}\n"})
+        files.write_bytes(root_files.pack(own, {**LINKS, **root_files.list_links(host)}))
     words = [
         *("ip", "netns", "exec", namespace(lab), "qemu-system-x86_64", *MACHINE),
         *("-kernel", str(parts / "vmlinuz"), "-initrd", str(parts / "initrd.img")),
         *("-append", "root=/dev/vda rw net.ifnames=0 console=ttyS0 quiet init=/usr/sbin/lab-init"),
         *("-drive", f"file={layer},if=virtio,cache=unsafe", "-drive", f"file={files},if=virtio,format=raw,readonly=on"),
         *("-serial", f"file:{folder / host.name}.log"),
-        *("-serial", f"unix:{_socket(lab, host.name, 'shell')},server=on,wait=off"),
+        *("-chardev", f"socket,id=shell,path={_socket(lab, host.name, 'shell')},server=on,wait=off"),
+        *("-device", "virtio-serial-pci", "-device", "virtconsole,chardev=shell"),
         *("-qmp", f"unix:{_socket(lab, host.name, 'qmp')},server=on,wait=off"),
         *("-pidfile", str(_socket(lab, host.name, "pid"))),
     ]
@@ -157,7 +176,7 @@ def _check_name(lab: str, host: str) -> None:
 
 
 def run(lab: str, host: str, command: str, *, timeout: float = 120, check: bool = True) -> str:
-    """Run a shell command as root on a machine, over its serial line; return what it printed, errors included."""
+    """Run a shell command as root on a machine, over its console; return what it printed, errors included."""
     _check_name(lab, host)
     mark = secrets.token_hex(8)
     script = base64.b64encode(command.encode()).decode()
@@ -173,7 +192,7 @@ def run(lab: str, host: str, command: str, *, timeout: float = 120, check: bool 
             while not (found := whole.match(got)):
                 data = connection.recv(65536)
                 if not data:
-                    raise LabError(f"{host}: its serial line has ended.")
+                    raise LabError(f"{host}: its console has ended.")
                 got += data
         except OSError as problem:
             raise LabError(f"{host}: no answer of its shell to '{command}' ({problem}).") from problem

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Labs of virtual machines, as far as they need none: places, addresses, and the shell on a serial line."""
+"""Labs of virtual machines, as far as they need none: places, addresses, and the shell on a console."""
 
 import socket
 import subprocess
@@ -45,8 +45,8 @@ def test_a_disk_has_another_name_after_a_change(monkeypatch, table):
 
 
 @pytest.fixture
-def serial(tmp_path, monkeypatch):
-    """A shell behind a socket, as QEMU gives a serial line, with something left there of an earlier caller."""
+def console(tmp_path, monkeypatch):
+    """A shell behind a socket, as QEMU gives a console, with something left there of an earlier caller."""
     monkeypatch.setattr(virtual, "SOCKETS", tmp_path)
     virtual._sockets("a").mkdir()
     virtual._socket("a", "ana", "pid").touch()
@@ -63,13 +63,13 @@ def serial(tmp_path, monkeypatch):
         process.wait()
 
 
-def test_a_command_on_a_serial_line(serial):
-    assert serial("echo one; echo two >&2; printf three") == "one\ntwo\nthree"
+def test_a_command_on_a_console(console):
+    assert console("echo one; echo two >&2; printf three") == "one\ntwo\nthree"
 
 
-def test_a_command_that_fails_is_told(serial):
+def test_a_command_that_fails_is_told(console):
     with pytest.raises(LabError, match="ana: 'echo no; exit 3' ended with 3: no"):
-        serial("echo no; exit 3")
+        console("echo no; exit 3")
 
 
 def test_a_machine_that_is_not_there():
