@@ -48,7 +48,7 @@ def _write(path: str, text: str, mode: str = "644") -> str:
 SETUP_HOOKS = [_write(f"/etc/initramfs-tools/{name}", text) for name, text in _INITRD.items()]
 HOOKS = [
     _write("/usr/sbin/lab-init", INIT, "755"),
-    'systemctl --root="$1" --quiet mask e2scrub_reap.service serial-getty@ttyS0.service serial-getty@hvc0.service',
+    'systemctl --root="$1" --quiet mask e2scrub_reap.service serial-getty@ttyS0.service',
     'systemctl --root="$1" --quiet enable ssh.service',
 ]
 

@@ -58,7 +58,10 @@ OWN = {
     "etc/systemd/system/lab-shell.service": UNIT,
     "etc/systemd/system.conf.d/lab.conf": "[Manager]\nDefaultTimeoutStartSec=600\n",
 }
-LINKS = {"etc/systemd/system/multi-user.target.wants/lab-shell.service": "../lab-shell.service"}
+LINKS = {
+    "etc/systemd/system/multi-user.target.wants/lab-shell.service": "../lab-shell.service",
+    "etc/systemd/system/serial-getty@hvc0.service": "/dev/null",  # that of systemd 257 would take the console
+}
 
 
 def namespace(lab: str) -> str:

@@ -22,7 +22,11 @@ notes:
   - Routes of this module have C(proto static), as those of systemd-networkd and NetworkManager.
   - With C(ifupdown), the routes are in the hook C(/etc/network/if-up.d/rosfleet-multimaster), which C(ifup) runs.
   - With C(networkd), they are in a drop-in C(90-rosfleet-multimaster.conf) of the C(.network) file that configures the interface.
-    systemd-networkd is then restarted, which leaves addresses and routes as they are; C(networkctl reload) would take them away for a moment.
+    systemd-networkd is then restarted. By itself that would delete addresses, routes and rules of others, so files below C(/run/systemd)
+    tell it to leave alone what it finds (C(KeepConfiguration=static), C(ManageForeignRoutes=no), C(ManageForeignRoutingPolicyRules=no)).
+    They are in force until the next boot.
+  - Before systemd 249, and where an interface of systemd-networkd has an address by DHCP or router advertisements, or may get one,
+    systemd-networkd is not restarted. It reads the routes at the next boot, and a warning says so.
   - With C(networkmanager), they are added to the profile that is active on the interface, and with C(netplan) they are in
     C(/etc/netplan/90-rosfleet-multimaster.yaml).
   - Needs the command C(ip) (iproute2).

@@ -121,6 +121,12 @@ class Boot:
                 differences.append(mode_difference(place, self.modes[place], self.backends[name].mode))
         return differences
 
+    @property
+    def delays(self) -> typing.Dict[str, str]:
+        """The managers that are not told about changed places before the next boot: back end -> the reason."""
+        reasons = {name: self.backends[name].explain_delay() for name in self.changes}
+        return {name: reason for name, reason in reasons.items() if reason}
+
     def _find_missing_folders(self) -> typing.List[str]:
         """The missing folders of the wanted files, as the machine sees them, each outermost first."""
         files = [place for place in self.places if place.startswith("/")]

@@ -43,6 +43,11 @@ _SECOND_DEFAULT = (
     "Turn it off where it is made, or give the listed one a lower metric."
 )
 
+_DELAY = (
+    "{manager} reads the routes at the next boot, and is not told about them now, since {reason}: it might delete what others have made. "
+    "Until then, run this again where a link was down."
+)
+
 ROUTE = {
     "destination": {"type": "str", "required": True},
     "gateway": {"type": "str"},
@@ -204,8 +209,9 @@ class Run(ModuleRun):
 
     @property
     def warnings(self) -> typing.List[str]:
-        """The sentences about other default routes, and about routes that were not taken back as planned."""
+        """The sentences about other default routes, managers that are not told yet, and routes that were not taken back as planned."""
         sentences = [_SECOND_DEFAULT.format(text=quote(other["text"])) for other in self.foreign_defaults]
+        sentences += [_DELAY.format(manager=name, reason=reason) for name, reason in self.boot.delays.items()]
         return sentences + [_write_sentence(item) for item in self.taken_back if item["state"] in ("left", "lost")]
 
     @property

@@ -119,6 +119,10 @@ class BackEnd:
     def activate(self, places: typing.List[str]) -> None:
         """Tell the running manager about changed places. Every link stays up. Raises Problem."""
 
+    def explain_delay(self) -> str:
+        """The reason why `activate` does not tell the running manager, which reads the places at the next boot; "" where it does."""
+        return ""
+
     # For every back end to use
 
     def read_own_text(self, place: str) -> typing.Optional[str]:

@@ -168,28 +168,37 @@ class BackEnd(contract.BackEnd):
     def activate(self, places: typing.List[str]) -> None:
         """Run `netplan generate`, and let the manager behind netplan read the result.
 
-        Never `netplan apply`, which takes links down. Measured with netplan 0.106: `netplan generate` touches no interface.
-        networkd reads the routes when it is restarted (see networkd.py). NetworkManager loads the profile, and uses it when
-        it next activates it.
+        Never `netplan apply`, which takes links down, and lets networkd delete what others have made. `netplan generate`
+        touches no interface. networkd reads the routes when it is restarted as networkd.py does it; where it is not told, the
+        files are generated at the next boot: a reload by somebody else finds nothing new. NetworkManager loads the profile, and
+        uses it when it next activates it.
         """
         if not self.machine.booted:
+            return
+        files = [definition.file for definition in self._definitions.values()]
+        profiles = (
+            sorted(glob.glob(networkmanager.NETPLANS + "*")) if _any_below(files, networkmanager.NETPLANS) else []
+        )
+        if self.explain_delay() and not profiles:
             return
         answer = commands.run(["netplan", "generate"], limit=_LIMIT)
         if answer.status != 0:
             raise Problem(
                 f"routes: 'netplan generate' failed ({quote(_read_error(answer), LINE)}), expected it to work."
             )
-        files = [definition.file for definition in self._definitions.values()]
-        if any(file.startswith(networkmanager.NETPLANS) for file in files):
-            # A definition of a wifi has one profile per access point.
-            profiles = sorted(glob.glob(networkmanager.NETPLANS + "*"))
+        if profiles:  # a definition of a wifi has one profile per access point
             answer = networkmanager.nmcli("connection", "load", *profiles)
             if answer.status != 0:
                 raise Problem(
                     f"routes: NetworkManager cannot load what netplan has generated ({quote(_read_error(answer), LINE)}), expected it running."
                 )
-        if any(file.startswith(_GENERATED) for file in files):
+        if _any_below(files, _GENERATED):
             networkd.BackEnd(self.machine, {}).activate(places)
+
+    def explain_delay(self) -> str:
+        if not _any_below([definition.file for definition in self._definitions.values()], _GENERATED):
+            return ""
+        return networkd.BackEnd(self.machine, {}).explain_delay()
 
 
 def read_name(file: str, ssid: typing.Optional[str]) -> str:
@@ -208,6 +217,10 @@ def _unescape(text: str) -> str:
     return re.sub(
         r"\\(.)", lambda match: {"s": " ", "t": "\t", "n": "\n", "r": "\r"}.get(match.group(1), match.group(1)), text
     )
+
+
+def _any_below(files: typing.Iterable[str], first: str) -> bool:
+    return any(file.startswith(first) for file in files)
 
 
 def _read_setting(text: str, key: str) -> str:
