@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-lab setup-vm lab lab-vm lab-tests demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-faults test-interop test-matrix checkout docs format house readme lock copies build
+.PHONY: help setup setup-lab setup-vm lab lab-vm lab-tests demo rehearse lab-down check lint sanity unit molecule systems bench bench-site test test-long test-machines test-faults test-interop test-matrix checkout docs format house readme lock copies build
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -67,6 +67,9 @@ systems: lab-tests ## injected faults and the commands of the README, on real sy
 
 test-long: bench-site ## what takes too long for 'make test': losses of minutes, Debian 11, and the bench
 	@$(PYTHON) tools/test.py long
+
+test-machines: lab-vm ## what depends on a kernel and udev, in virtual machines of Debian 12 and 13 (half an hour; needs root, no KVM; nothing should run beside it)
+	@$(PYTHON) tools/test.py machines
 
 test-faults: lab-tests ## the catalogue of faults on real systems, and its table in docs/operate/verification.md (an hour); FUZZ=200 SEED=1: drawn ones
 	@$(if $(FUZZ),$(PYTHON) tests/faults/fuzz.py --number $(FUZZ) --seed $(or $(SEED),1) --labs 3,$(PYTHON) tools/test.py faults)

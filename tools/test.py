@@ -347,6 +347,7 @@ SUITES = [
         limit=LONG_LIMIT,
     ),
     cases("long", "site", "tests/site", seconds=90),  # the documentation
+    cases("machines", "pytest", "--verbose", "tests/machines", cores=CORES, limit=LONG_LIMIT),  # virtual ones
     cases("long", "unit", *UNIT, *THE_COSTLY),
     *(
         Suite(
@@ -373,7 +374,7 @@ SUITES = [
 ]
 
 #: Groups that run only when they are named: they take hours, or need what the project does not have.
-ON_REQUEST = {"faults", "interop", "long"}
+ON_REQUEST = {"faults", "interop", "long", "machines"}
 
 #: What one runs before every commit: files, types, most unit tests, and one pair of robots from nothing to messages.
 CHECK = ("lint", "unit:quick", "long:single_computer")

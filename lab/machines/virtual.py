@@ -183,8 +183,8 @@ def run(lab: str, host: str, command: str, *, timeout: float = 120, check: bool 
     _check_name(lab, host)
     mark = secrets.token_hex(8)
     script = base64.b64encode(command.encode()).decode()
-    inner = f'timeout -k 5 {timeout:.0f} bash -lc "$(echo {script} | base64 -d)" </dev/null 2>&1'
-    line = f'printf "\\n%s\\n" {mark}; {inner}; printf "\\n%s %s\\n" {mark} $?\n'
+    inner = f'timeout -k 5 {timeout:.0f} bash -lc "$(echo {script} | base64 -d)" </dev/null 2>&1 | cat'
+    line = f'printf "\\n%s\\n" {mark}; {inner}; printf "\\n%s %s\\n" {mark} ${{PIPESTATUS[0]}}\n'
     # Before it there may be what is left of an earlier command, and an echo of this one.
     got, whole = b"", re.compile(rf"(?s).*\n{mark}\r?\n(.*)\n{mark} ([0-9]+)\r?\n$".encode())
     with socket.socket(socket.AF_UNIX) as connection:

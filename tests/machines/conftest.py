@@ -1,0 +1,53 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Labs of virtual machines for the tests in this folder: with a kernel and udev of their own."""
+
+import contextlib
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "lab"), str(Path(__file__).parent)]
+
+from machines import virtual  # noqa: E402
+from subject import Lab  # noqa: E402
+
+
+class Machines(Lab):
+    """The machines of a lab, and playbooks and modules against them."""
+
+    def __init__(self, name, hosts, inventory=None):
+        """`inventory`: that of the hosts, where playbooks are run."""
+        self.name = name
+        virtual.bring_up(name, hosts)
+        self.connection = virtual.write_inventory(name, hosts)
+        self.inventory = inventory or self.connection
+
+    def run(self, host, command, check=True, stdin=None):
+        """Run a shell command as root over a console, and return what it printed."""
+        assert stdin is None
+        return virtual.run(self.name, host, command, check=check)
+
+    def set_carrier(self, host, interface, up):
+        """Plug a cable in, or pull it."""
+        virtual.set_carrier(self.name, host, interface, up)
+
+    def reboot(self, host):
+        """Let a machine reboot, and wait for it."""
+        virtual.reboot(self.name, host)
+
+
+@contextlib.contextmanager
+def machines_of(name, hosts, inventory=None):
+    """The machines of a lab until the end of the block."""
+    with virtual.remove_at_end(name):
+        yield Machines(name, hosts, inventory)
+
+
+@pytest.fixture(scope="session")
+def new_machines():
+    """What makes a lab by its name and hosts."""
+    return machines_of
