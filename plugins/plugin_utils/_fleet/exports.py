@@ -29,7 +29,7 @@ FILTERS: Mapping[str, str] = {
     **{f"{rule}_actions": f"{rule}_topics" for rule in ("ignore", "sync")},
 }
 
-# The nodes refuse patterns that take too long to match or to read (filters.py). These numbers are fine there.
+# Each name with a star is tried with each name of a robot, and more would not travel (wire_filters.py).
 MOST_STARS = 2  # in one name
 MOST_NAMES_WITH = {1: 500, 2: 40}  # stars -> names; an action is three
 MOST_TEXT = 32768  # characters of all names

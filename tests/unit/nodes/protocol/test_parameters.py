@@ -69,6 +69,22 @@ def test_a_wrong_value_is_a_sentence(table, given, words):
     assert words in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("table", "given"),
+    [
+        (SYNC, {"ignore_topics": ["/a[0-9]"]}),
+        (SYNC, {"robot2": {"sync_hosts": "robot.*"}}),
+        (DISCOVERY, {"hide_nodes": "(?:(?:){65000}){65000}x"}),
+        (DISCOVERY, {"exports": [{"to": ["*"], "topics": ["/a+"]}]}),
+    ],
+)
+def test_what_anybody_may_have_set_is_no_expression(table, given):
+    with pytest.raises(ParameterError, match="a name is expected"):
+        overlay(table, given, foreign=True)
+    if "exports" not in given and "hide_nodes" not in given:
+        assert overlay(table, given)[1] == []
+
+
 def test_the_interface_may_follow_the_group():
     assert overlay(DISCOVERY, {"mcast_group": "226.0.0.0@192.168.1.201"})[1] == []
     values, warnings = overlay(SYNC, {"robot2": {"ignore_topics": ["/a"]}})

@@ -31,6 +31,7 @@ from .edge.process.systemd import notify
 from .edge.roscore import Roscore
 from .protocol import metrics, parameters
 from .protocol.differences import Stamps
+from .protocol.filters import InvalidPattern, secret_names
 from .protocol.graph import Policy, State
 from .protocol.members import Members, Networks
 from .protocol.messages import Diagnosis, Master
@@ -254,6 +255,12 @@ class MasterDiscovery:
         if self.own.away and self.own.state is not None:
             program.LOG.info("the roscore answers again")
         self.own.state, self.own.away = state, ""
+        try:
+            secret_names(do_not_sync)
+        except InvalidPattern as problem:
+            self.limited.say(
+                "warning", "do_not_sync", f"other robots are told nothing until this is corrected: {problem}"
+            )
         self.changes.update(state, do_not_sync)
         if self.node is None or self.shown is None:
             self._show_own(monotonic())

@@ -158,7 +158,7 @@ def test_a_declaration_is_read():
         ([{"topics": ["/" + "a" * 40000]}], "at most 32768 characters"),
         (
             [{"topics": [f"/{n:03x}" for n in range(4096)] * 2}],
-            "fewer or shorter names, since sync_topics: all patterns",
+            "fewer or shorter names, since sync_topics is longer than 65536 characters",
         ),
         (
             [{"topics": ["/scan"], "as": "kobuki1"}],
@@ -313,10 +313,10 @@ WRONG = {
         {"tibi": exports({**POSE, "to": ["dabo"]}), "dabo": {"filters": {"sync_hosts": ["car"]}}},
         ["dabo-nav: multimaster_filters leaves out the topic /pose"],
     ),
-    "a master outside a white list that counts as a whole": (
+    "a master outside a white list": (
         {
             "tibi": exports({**POSE, "to": ["dabo"]}),
-            "dabo": {"filters": {"sync_hosts": ["(car)", r"(tib)(i)-vis\2o"]}},
+            "dabo": {"filters": {"sync_hosts": ["(car)", "dabo-*"]}},
         },
         ["dabo-nav: multimaster_filters leaves out the topic /pose"],
     ),

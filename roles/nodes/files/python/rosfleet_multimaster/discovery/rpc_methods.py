@@ -16,7 +16,7 @@ from ..edge.process.systemd import notify
 from ..edge.rpc_server import Callers, LongPoll, Method, PackedAnswer, PerCaller, RefusedCall, RpcServer
 from ..protocol import json_text
 from ..protocol.differences import DIFFERENCES, PACKED
-from ..protocol.filters import InvalidPattern, Pattern, Rules
+from ..protocol.filters import InvalidPattern, Rules, secret_names
 from ..protocol.graph import Policy, State, document, local_types, shareable_part, stamp_text
 from ..protocol.members import ALLOW, Members
 from ..protocol.messages import Master
@@ -182,7 +182,7 @@ class RpcMethods:
         if self._is_here(caller):
             return lambda state: self._policy.view(state, None)
         try:
-            secret = Rules(do_not_sync=Pattern.from_items(_to_list(self._do_not_sync()), "/do_not_sync"))
+            secret = Rules(do_not_sync=secret_names(self._do_not_sync()))
         except InvalidPattern as problem:  # the secret topics are not known, so nothing is told
             raise RefusedCall(str(problem)) from None
         return lambda state: self._policy.view(state, caller, [secret])
@@ -220,10 +220,6 @@ def serve(
                 logged = True
             notify(f"STATUS=waiting for TCP port {port}: {problem}", "EXTEND_TIMEOUT_USEC=30000000")
             sleep(1.0)
-
-
-def _to_list(value: Any) -> List[Any]:
-    return value if isinstance(value, list) else [value] if value else []
 
 
 def _user() -> str:

@@ -74,7 +74,7 @@ class StateFeed:
         return entry[0]
 
     def _remember(self, caller: str, epoch: str, rules: Rules) -> None:
-        size = sum(len(pattern.text) for pattern in vars(rules).values())
+        size = sum(len(item) for pattern in vars(rules).values() for item in pattern.items)
         with self._changed:
             self._filters[caller, epoch] = (rules, size)
             self._filters.move_to_end((caller, epoch))

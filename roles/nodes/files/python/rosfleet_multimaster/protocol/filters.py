@@ -5,8 +5,10 @@
 One file for the nodes and for the controller (plugins/plugin_utils/_fleet/filters.py imports it). It needs the standard
 library of Python 3.8 only.
 
-In a pattern `*` stands for any text. Everything else is a Python regular expression. A pattern matches a whole name, in
-upper or lower case: `/tf` matches only /tf, `/tf*` matches /tf_static too. (So `.*` means "at least one character".)
+In a pattern `*` stands for any text. It matches a whole name, in upper or lower case: `/tf` matches only /tf, `/tf*`
+matches /tf_static too. A match of such a pattern takes time in proportion to its length and that of the name, so anybody
+may write one. In the own configuration alone, everything else is a Python regular expression (so `.*` means "at least one
+character"), and one that could take long is refused there.
 
 `Rules` mean the same as upstream's, because they travel: they are the argument of masterInfoFiltered, and the other
 robot may run either implementation. `Filters` are the parameters of a node. They avoid upstream's traps.
@@ -16,18 +18,22 @@ import re
 import reprlib
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
-from typing import Any, Callable, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, FrozenSet, Iterable, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
 try:
-    from re import _compiler  # type: ignore[attr-defined]  # Python 3.11 and later, undocumented
+    from re import _parser  # type: ignore[attr-defined]  # Python 3.11 and later, undocumented
 except ImportError:
-    import sre_compile as _compiler
+    import sre_parse as _parser
 
-MAX_TEXT = 65536  # characters of all patterns of a request
+MAX_TEXT = 65536  # characters of all patterns of a filter, and of a request
+MAX_STARRED = 16384  # of those with `*` that others have written: each is tried with each name
 MAX_NAME = 255  # characters of a name; a longer one is not exchanged
+MAX_COST = (
+    40_000_000  # steps of the regular expressions of a filter with one name: about 0.1 s, in which nothing else runs
+)
 UNKNOWN_TYPES = ("", "*", "None")  # written by a master that does not know the type of a topic
-CACHED = 4096  # characters of a text that is kept compiled
 _NODE = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]{0,255}\Z")
+_SPECIAL = re.compile(r"[.^$+?{}\[\]\\|()]")  # makes a regular expression of what is a name with `*` else
 
 
 # Patterns
@@ -37,50 +43,156 @@ class InvalidPattern(ValueError):
     """The pattern is not usable; the text names it and says why."""
 
 
+NO_NAME = "(?!)"  # as people write it: a pattern that matches no name
+
+
 @dataclass(frozen=True)
 class Pattern:
-    """An alternation of patterns; the empty one matches nothing."""
+    """Some patterns, as people write them; the empty one matches nothing."""
 
-    text: str = ""
+    items: Tuple[str, ...] = ()
 
     @classmethod
     def from_items(cls, items: Iterable[str], what: str = "a pattern") -> "Pattern":
-        """Make the pattern of a list as people write it. Raises InvalidPattern, naming `what`."""
-        texts = []
-        for item in items:
-            if not isinstance(item, str):
-                raise InvalidPattern(f"{what}: {reprlib.repr(item)} is no text")
-            if item.strip():
-                text = expression(item)
-                check_pattern(text, f"{what}: the pattern {item.strip()!r}")
-                texts.append(rf"\A(?:{text})\Z" if "|" in text else rf"\A{text}\Z")
-                check_pattern(
-                    texts[-1], f"{what}: the pattern {item.strip()!r} in its anchors"
-                )  # (?i) may only come first
-        text = "|".join(texts)
-        check_pattern(text, f"{what}: all patterns together")  # a named group may only come once
-        return cls(text)
+        """Make the pattern of a list of the own configuration. Raises InvalidPattern, naming `what`."""
+        made, cost = cls(_strip(items, what)), 0
+        names: Set[str] = set()
+        for item in filter(is_expression, made.items):
+            try:
+                more, groups = _study(item)
+                cost += more
+                if groups & names:
+                    raise ValueError("a group of it is named as one of another pattern, and upstream joins them")
+                names |= groups
+                if cost <= MAX_COST:
+                    _compile(item)
+            except (re.error, ValueError, RecursionError, OverflowError) as problem:
+                raise InvalidPattern(
+                    f"{what}: the pattern {item[:200]!r} is no regular expression: {problem}"
+                ) from None
+            if cost > MAX_COST:
+                raise InvalidPattern(
+                    f"{what}: the pattern {item[:200]!r} would be too costly: it has too many repetitions, or one in another;"
+                    " names with '*' and nothing else may have any number"
+                )
+        return made
+
+    @classmethod
+    def from_foreign_items(cls, items: Iterable[str], what: str) -> "Pattern":
+        """Make the pattern of a list that anybody may have written: of names with `*` alone. Raises InvalidPattern."""
+        made = cls(_strip(items, what))
+        for item in filter(is_expression, made.items):
+            raise InvalidPattern(
+                f"{what} has {reprlib.repr(item)}, but a name is expected, in which '*' stands for any text: a regular"
+                " expression is taken of the node's own file alone"
+            )
+        if made.starred > MAX_STARRED:
+            raise InvalidPattern(f"{what} has more than {MAX_STARRED} characters in names with '*'")
+        return made
 
     def __bool__(self) -> bool:
-        return bool(self.text)
+        return bool(self.items)
+
+    @property
+    def starred(self) -> int:
+        """The characters of the names with `*`."""
+        return sum(len(item) for item in self.items if "*" in item)
 
     def matches(self, name: str) -> bool:
         """True where the whole name matches."""
-        return bool(self.text) and len(name) <= MAX_NAME and self._expression.match(name) is not None
+        if not self.items or len(name) > MAX_NAME:
+            return False
+        name, (whole, starred, expressions) = name.lower(), self._parts
+        return (
+            name in whole
+            or any(_is_match(name, parts) for parts in starred)
+            or any(expression.fullmatch(name) for expression in expressions)
+        )
 
     @cached_property
-    def _expression(self) -> "re.Pattern[str]":
-        return (_compile_once if len(self.text) <= CACHED else _compile)(self.text)
+    def _parts(self) -> Tuple[Any, Any, Any]:
+        """Whole names; names with `*`, each in its parts; regular expressions."""
+        plain = [item.lower() for item in self.items if item != NO_NAME and not is_expression(item)]
+        expressions = [_compile(item) for item in self.items if is_expression(item)]
+        return {*plain}, [item.split("*") for item in plain if "*" in item], expressions
 
 
-NO_NAME = "(?!)"  # as people write it: a pattern that matches no name
 #: The pattern that matches no name: a white list that admits nothing. An empty list would not do: to upstream it is none.
-NOTHING = Pattern(rf"\A{NO_NAME}\Z")
+NOTHING = Pattern((NO_NAME,))
 
 
-def expression(item: str) -> str:
-    """The regular expression of one pattern as people write it. It is meant for the whole name, in upper or lower case."""
-    return item.strip().replace("*", ".*")
+def _strip(items: Iterable[str], what: str) -> Tuple[str, ...]:
+    texts, size = [], 0
+    for item in items:
+        if not isinstance(item, str):
+            raise InvalidPattern(f"{what}: {reprlib.repr(item)} is no text")
+        texts.append(item.strip())
+        size += len(item) + item.count("*") + 5  # with its anchors, as it travels
+        if size > MAX_TEXT:
+            raise InvalidPattern(f"{what} is longer than {MAX_TEXT} characters")
+    return tuple(filter(None, texts))
+
+
+def is_expression(item: str) -> bool:
+    """True where a pattern is a regular expression, and no name with `*`."""
+    return bool(_SPECIAL.search(item)) and item != NO_NAME
+
+
+def _is_match(name: str, parts: List[str]) -> bool:
+    """True where a name is made of these parts, with any text between two of them. The first place of each part will do."""
+    head, tail = parts[0], parts[-1]
+    at, end = len(head), len(name) - len(tail)
+    if at > end or not name.startswith(head) or not name.endswith(tail):
+        return False
+    for part in parts[1:-1]:
+        found = name.find(part, at, end)
+        if found < 0:
+            return False
+        at = found + len(part)
+    return True
+
+
+@lru_cache(maxsize=512)
+def _compile(item: str) -> "re.Pattern[str]":
+    return re.compile(item.replace("*", ".*"), re.IGNORECASE)
+
+
+@lru_cache(maxsize=512)
+def _study(item: str) -> Tuple[int, FrozenSet[str]]:
+    """The steps of an expression, and the names of its groups."""
+    tree = _parser.parse(rf"\A(?:{item.replace('*', '.*')})\Z", re.IGNORECASE)  # (?i) may only come first
+    return _cost(tree)[1], frozenset(tree.state.groupdict)
+
+
+def _cost(tree: Any) -> Tuple[int, int]:
+    """(ways, steps) of an expression: in how many ways it can match a name, and the steps of trying all of them."""
+    ways, steps = 1, 1
+    for operation, argument in tree:
+        its_ways, its_steps = _cost_of_part(str(operation), argument)
+        steps = min(steps + ways * its_steps, MAX_COST + 1)
+        ways = min(ways * its_ways, MAX_COST + 1)
+    return ways, steps
+
+
+def _cost_of_part(operation: str, argument: Any) -> Tuple[int, int]:
+    if "REPEAT" in operation:
+        low, high, inner = argument
+        ways, steps = _cost(inner)
+        times = max(low, min(high, MAX_NAME))
+        if ways > 1:
+            return ways ** min(times + 1, 64), MAX_COST + 1 if times > 64 else steps * times * ways**times
+        return max(1, times - low + 1), steps * times
+    if operation == "BRANCH":
+        parts = [_cost(branch) for branch in argument[1]]
+        return sum(ways for ways, _steps in parts), sum(steps for _ways, steps in parts)
+    if operation in ("SUBPATTERN", "ATOMIC_GROUP", "ASSERT", "ASSERT_NOT"):
+        return _cost(argument if operation == "ATOMIC_GROUP" else argument[-1])
+    if operation == "IN":  # names are ASCII, and a wide range takes long to compile
+        is_wide = any(str(kind) == "RANGE" and value[1] > 0xFF for kind, value in argument)
+        return 1, MAX_COST + 1 if is_wide else len(argument)
+    if operation.startswith("GROUPREF"):
+        raise ValueError("it refers to a group, and upstream joins all patterns")
+    return 1, 1
 
 
 def matches(items: Iterable[str], name: str) -> bool:
@@ -88,15 +200,7 @@ def matches(items: Iterable[str], name: str) -> bool:
 
     Each pattern counts by itself, and an unusable one matches nothing. In `usable`, it would spoil the whole list.
     """
-    return any(_matches_alone(item, name) for item in items)
-
-
-@lru_cache(maxsize=65536)
-def _matches_alone(item: str, name: str) -> bool:
-    try:
-        return re.fullmatch(expression(item), name, re.IGNORECASE) is not None
-    except (re.error, ValueError, RecursionError, OverflowError):
-        return False
+    return any(_usable((item,)).matches(name) for item in items)
 
 
 def usable(items: Iterable[str]) -> Pattern:
@@ -112,31 +216,9 @@ def _usable(items: Tuple[str, ...]) -> Pattern:
         return NOTHING
 
 
-def _compile(text: str) -> "re.Pattern[str]":
-    compiled: re.Pattern[str] = _compiler.compile(text, re.IGNORECASE)  # re would keep hundreds, of whatever size
-    return compiled
-
-
-_compile_once = lru_cache(maxsize=64)(_compile)
-
-
-def check_pattern(text: str, what: str, limit: Callable[[str], Any] = str) -> None:
-    """Raise InvalidPattern where the text is too long, or no regular expression. `limit` may refuse it before it is compiled."""
-    if len(text) > MAX_TEXT:
-        raise InvalidPattern(f"{what} is longer than {MAX_TEXT} characters")
-    try:
-        limit(text)
-        (_can_be_compiled if len(text) <= CACHED else _compile)(text)
-    except InvalidPattern:
-        raise
-    except (re.error, ValueError, RecursionError, OverflowError) as problem:
-        raise InvalidPattern(f"{what} is no regular expression: {problem}") from None
-
-
-@lru_cache(maxsize=512)
-def _can_be_compiled(text: str) -> bool:
-    """Raise what `_compile` raises. Once for a text: twenty masters with the same filters cost a third of all computing."""
-    return _compile(text) is not None
+def secret_names(value: Any) -> Pattern:
+    """The names in /do_not_sync of a roscore, where every program may write, and it is remembered. Raises InvalidPattern."""
+    return Pattern.from_foreign_items(value if isinstance(value, list) else [value] if value else [], "/do_not_sync")
 
 
 # The rules for one master
@@ -261,11 +343,14 @@ class Filters:
     values: Mapping[str, Any] = field(default_factory=dict)
     lenient: bool = False  # unusable patterns match nothing, instead of raising InvalidPattern
 
-    def check(self) -> None:
-        """Raise InvalidPattern with a sentence that names the parameter, where a filter is not usable."""
+    def check(self, make: Callable[[Iterable[str], str], Pattern] = Pattern.from_items) -> None:
+        """Raise InvalidPattern with a sentence that names the parameter, where a filter is not usable.
+
+        `make`: Pattern.from_foreign_items, where anybody may have set them.
+        """
         hosts = {""}
         for what, _name, host, items in self._lists():
-            Pattern.from_items(items, what)
+            make(items, what)
             hosts.add(host or "")
         for host in hosts:
             self.wants_host(host)

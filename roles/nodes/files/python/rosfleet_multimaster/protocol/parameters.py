@@ -6,11 +6,12 @@ import difflib
 import ipaddress
 import re
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
 
 from .filters import HIDDEN, HOSTS, NAMES, Filters, InvalidPattern, Pattern
 from .members import ALLOW, IGNORE, is_address
 
+GUESSES = 20  # unknown names for which a known one is looked for
 SHORTEST = 2.0  # seconds of ~offline_after: less leaves no time to ask
 
 
@@ -149,8 +150,11 @@ WITHOUT_EFFECT: Mapping[str, str] = {
 }
 
 
-def overlay(table: Table, given: Mapping[str, Any]) -> Overlay:
-    """All parameters, and a warning for every name that is not known. Raises ParameterError."""
+def overlay(table: Table, given: Mapping[str, Any], foreign: bool = False) -> Overlay:
+    """All parameters, and a warning for every name that is not known. Raises ParameterError.
+
+    `foreign`: anybody may have set them, as those on a roscore. Then a pattern is a name with `*`, and no regular expression.
+    """
     values: Dict[str, Any] = {name: parameter.default for name, parameter in table.items()}
     warnings = []
     for name, value in given.items():
@@ -164,22 +168,23 @@ def overlay(table: Table, given: Mapping[str, Any]) -> Overlay:
         elif table is SYNC and isinstance(value, dict) and set(value) <= {*NAMES, *HOSTS}:
             values[name] = value  # the filters of one host
         else:
-            near = difflib.get_close_matches(name, table, n=1, cutoff=0.5)
+            guesses = len(warnings) < GUESSES and len(name) < 100  # one takes a third of a millisecond
+            near = difflib.get_close_matches(name, table, n=1, cutoff=0.5) if guesses else []
             warnings.append(
                 f"~{name} is no parameter of this node and is ignored" + (f"; did you mean ~{near[0]}?" if near else "")
             )
-    _check(table, values)
+    _check(table, values, Pattern.from_foreign_items if foreign else Pattern.from_items)
     return values, warnings
 
 
-def _check(table: Table, values: Mapping[str, Any]) -> None:
+def _check(table: Table, values: Mapping[str, Any], make: Callable[[Iterable[str], str], Pattern]) -> None:
     try:
-        Filters(values).check()
+        Filters(values).check(make)
+        for name in HIDDEN:
+            value = values.get(name) or []
+            make([value] if isinstance(value, str) else value, name)
     except InvalidPattern as problem:
         raise ParameterError(f"~{problem}") from None
-    for name in HIDDEN:
-        value = values.get(name) or []
-        _check_patterns(f"~{name}", [value] if isinstance(value, str) else value)
     if table is DISCOVERY:
         _check_group(values["mcast_group"])
         _check_patience(values["offline_after"])
@@ -190,9 +195,10 @@ def _check(table: Table, values: Mapping[str, Any]) -> None:
     _check_crossing(values.get("sync_parameters") or [])
 
 
-def _check_patterns(what: str, items: Sequence[str]) -> None:
+def _check_names(what: str, items: Sequence[str]) -> None:
+    """Check names with `*`, which are given to others: the plan has nothing else there."""
     try:
-        Pattern.from_items(items, what)
+        Pattern.from_foreign_items(items, what)
     except InvalidPattern as problem:
         raise ParameterError(str(problem)) from None
 
@@ -228,7 +234,7 @@ def _check_export(what: str, entry: Mapping[str, Any]) -> None:
         if address != "*" and not is_address(address):
             raise ParameterError(f"{what} is for {address!r}, but an IPv4 address or '*' is expected")
     for key in ("topics", "services"):
-        _check_patterns(f"{what}, {key}", entry.get(key, []))
+        _check_names(f"{what}, {key}", entry.get(key, []))
 
 
 _CHANNEL: Mapping[str, str] = {
@@ -261,7 +267,7 @@ def _check_channel(what: str, entry: Mapping[str, Any]) -> None:
     if entry["rate"] < 0:
         raise ParameterError(f"{what} has a rate of {entry['rate']}, but a number of at least 0 is expected")
     for key in ("topics", "services", "back"):
-        _check_patterns(f"{what}, {key}", entry[key])
+        _check_names(f"{what}, {key}", entry[key])
 
 
 def _check_member(what: str, entry: Any) -> None:

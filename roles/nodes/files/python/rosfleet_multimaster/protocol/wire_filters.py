@@ -1,102 +1,83 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules on their way to another computer: the list that masterInfoFiltered takes, and what its patterns may cost."""
+"""Rules on their way to another computer: the list that masterInfoFiltered takes.
 
-import re
+On the way each filter is the text of a regular expression, since upstream compiles it: its patterns, each anchored, as
+alternatives. Nothing of that is compiled here. A text of exactly the form that the patterns of names with `*` get, here and
+upstream, is read back into these: `\\A/tf.*\\Z|\\A/map\\Z` is `/tf*` and `/map`. Of any other text nothing is known, and it
+stands for no filter: who asks applies all of its rules itself to what it gets, so more travels, and nothing is lost. It is
+so for an ignore list, of which less is ignored then. White lists restrict each other's names (a name that is in one of them
+is wanted), so with one of them all are left out.
+"""
+
 import reprlib
-from functools import lru_cache
-from math import comb
-from typing import Any, List
+from typing import Any, Dict, List, Optional
 
-from .filters import CACHED, MAX_NAME, MAX_TEXT, NAMES, WHITE_LISTS, InvalidPattern, Pattern, Rules, check_pattern
+from .filters import MAX_STARRED, MAX_TEXT, NAMES, NO_NAME, WHITE_LISTS, InvalidPattern, Pattern, Rules, is_expression
 
-try:
-    from re import _parser  # type: ignore[attr-defined]  # Python 3.11 and later, undocumented
-except ImportError:
-    import sre_parse as _parser
-
-MAX_COST = 5_000_000  # steps of one match of a pattern from another computer: about 0.1 s, in which nothing else runs
 _ON_THE_WIRE = NAMES[:10]  # as upstream reads them; further ones apply here only
+_BEGIN, _END, _ANY = ("\\A", "^"), ("\\Z", "$"), ".*"  # an anchored pattern, and its `*`
 
 
 def write_rules(rules: Rules, sync_remote_nodes: bool) -> List[Any]:
     """The list that masterInfoFiltered takes.
 
-    The other master may refuse a costly pattern, so that one is left empty. All rules are applied again here.
+    It has the names with `*` alone, and not more than another computer takes of them. All rules are applied again here.
     """
-    texts = {name: getattr(rules, name).text for name in _ON_THE_WIRE}
-    costly = {name for name, text in texts.items() if len(text) > MAX_TEXT or not _is_cheap(text)}
-    if sum(map(len, texts.values())) > MAX_TEXT:
-        costly = set(_ON_THE_WIRE)
-    if costly.intersection(WHITE_LISTS):  # one of them without another would admit less
-        costly.update(WHITE_LISTS)
-    return [sync_remote_nodes, *("" if name in costly else text for name, text in texts.items())]
+    patterns: Dict[str, Optional[Pattern]] = {}
+    for name in _ON_THE_WIRE:
+        items = getattr(rules, name).items
+        patterns[name] = Pattern(tuple(item for item in items if not is_expression(item)))
+        if name in WHITE_LISTS and any(map(is_expression, items)):
+            patterns[name] = None
+    sent = _join(patterns)
+    return [sync_remote_nodes, *(_write(getattr(sent, name)) for name in _ON_THE_WIRE)]
 
 
 def read_rules(value: Any) -> Rules:
     """The rules of another computer: 8 to 11 elements, the first is sync_remote_nodes. Raises InvalidPattern."""
     if not isinstance(value, (list, tuple)) or not 8 <= len(value) <= 11:
         raise InvalidPattern("the filter is no array of 8 to 11 elements")
-    if sum(len(text) for text in value[1:] if isinstance(text, str)) > MAX_TEXT:
-        raise InvalidPattern(f"the patterns are longer than {MAX_TEXT} characters")
-    return Rules(**{name: read_pattern(text) for name, text in zip(_ON_THE_WIRE, value[1:])})
+    for text in value[1:]:
+        if not isinstance(text, str):
+            raise InvalidPattern(f"{reprlib.repr(text)} is no text")
+    return _join({name: read_pattern(text) for name, text in zip(_ON_THE_WIRE, value[1:])})
 
 
-def read_pattern(text: Any) -> Pattern:
-    """The pattern of another computer. Raises InvalidPattern, also where it would be too costly."""
-    if not isinstance(text, str):
-        raise InvalidPattern(f"{reprlib.repr(text)} is no text")
-    check_pattern(text, "the pattern", _limit_cost)
-    return Pattern(text)
+def read_pattern(text: str) -> Optional[Pattern]:
+    """The pattern that is written so; None for any other text. It takes one step for each character."""
+    if not text:
+        return Pattern()
+    if len(text) > MAX_TEXT:
+        return None
+    items = [_read_item(part) for part in text.split("|")]
+    return Pattern(tuple(filter(None, items))) if all(items) else None
 
 
-def _limit_cost(text: str) -> None:
-    if not _is_cheap(text):
-        raise InvalidPattern("the pattern would be too costly: it has too many repetitions, or one in another")
+def _read_item(part: str) -> str:
+    """The pattern in one alternative, "" where it has another form."""
+    begin = next(filter(part.startswith, _BEGIN), "")
+    end = next(filter(part.endswith, _END), "")
+    inner = part[len(begin) : len(part) - len(end)]
+    if not begin or not end or inner == NO_NAME:
+        return inner if begin and end else ""
+    pieces = inner.split(_ANY)
+    return "" if any("*" in piece or is_expression(piece) for piece in pieces) else "*".join(pieces)
 
 
-def _is_cheap(text: str) -> bool:
-    return (_is_cheap_once if len(text) <= CACHED else _is_cheap_once.__wrapped__)(text)
+def _write(pattern: Pattern) -> str:
+    return "|".join(rf"\A{item.replace('*', _ANY)}\Z" for item in pattern.items)
 
 
-@lru_cache(maxsize=64)
-def _is_cheap_once(text: str) -> bool:
-    return _cost(_parser.parse(text, re.IGNORECASE)) <= MAX_COST
-
-
-def _cost(tree: Any) -> int:
-    """Steps of the worst match: n choices one after the other can divide a name in so many ways.
-
-    The alternatives of the whole pattern are tried one after the other, so their costs add up.
-    """
-    parts = list(tree)
-    if parts and str(parts[-1][0]) == "BRANCH":  # what all alternatives begin with stands before them
-        return sum(_cost([*parts[:-1], *branch]) for branch in parts[-1][1][1])
-    choices = _choices(parts)
-    return comb(MAX_NAME + choices, choices) if choices < _MANY else MAX_COST + 1
-
-
-_MANY = 7  # choices that are too many in any case
-
-
-def _choices(tree: Any) -> int:
-    """Number of choices that follow each other in a pattern. A repeated one counts as often, or as too many."""
-    count = 0
-    for operation, argument in tree:
-        name = str(operation)
-        if "REPEAT" in name:
-            low, high, inner = argument
-            count += _choices(inner) * min(high, _MANY) + (1 if low != high else 0)
-        elif name == "BRANCH":
-            count += max(_choices(branch) for branch in argument[1]) + (len(argument[1]).bit_length() + 3) // 4
-        elif name == "SUBPATTERN":
-            count += _choices(argument[-1])
-        elif name == "ATOMIC_GROUP":
-            count += _choices(argument)
-        elif name in ("ASSERT", "ASSERT_NOT"):
-            count += _choices(argument[1])
-        elif name == "IN":  # names are ASCII, and a wide range takes long to compile
-            count += _MANY * any(str(kind) == "RANGE" and value[1] > 0xFF for kind, value in argument)
-        elif name in ("GROUPREF", "GROUPREF_EXISTS", "GROUPREF_IGNORE"):
-            count += _MANY
-    return count
+def _join(patterns: Dict[str, Optional[Pattern]]) -> Rules:
+    """The rules of these patterns. None: it is not known, so it restricts nothing, and so do patterns that are too many."""
+    known = {name: pattern for name, pattern in patterns.items() if pattern is not None}
+    sizes = [
+        sum(len(_write(pattern)) for pattern in known.values()),
+        sum(pattern.starred for pattern in known.values()),
+    ]
+    if sizes[0] > MAX_TEXT or sizes[1] > MAX_STARRED:
+        return Rules()
+    if any(name in patterns and name not in known for name in WHITE_LISTS):
+        known = {name: pattern for name, pattern in known.items() if name not in WHITE_LISTS}
+    return Rules(**known)

@@ -12,9 +12,10 @@ import sys
 import warnings
 import xmlrpc.client
 from functools import partial
-from typing import Any, Callable, Dict, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from ...protocol import parameters
+from ...protocol.filters import InvalidPattern, secret_names
 from .. import journal
 from ..clock import monotonic
 from ..loop import Loop, run_later
@@ -97,9 +98,19 @@ def read_parameters(description: str, table: parameters.Table) -> Optional[param
     return _overlay(table, given, path)
 
 
-def _overlay(table: parameters.Table, given: Mapping[str, Any], where: str) -> parameters.Overlay:
+def _read_secret_names(value: Any) -> Tuple[List[str], str]:
+    """The names in /do_not_sync. Any program may set it, and none may keep a node from starting: then nothing is exchanged."""
     try:
-        return parameters.overlay(table, given)
+        return list(secret_names(value).items), ""
+    except InvalidPattern as problem:
+        return ["*"], f"nothing is exchanged until this is corrected, and the node started again: {problem}"
+
+
+def _overlay(
+    table: parameters.Table, given: Mapping[str, Any], where: str, foreign: bool = False
+) -> parameters.Overlay:
+    try:
+        return parameters.overlay(table, given, foreign)
     except parameters.ParameterError as problem:
         raise Fatal(f"{where}: {problem}") from None
 
@@ -114,9 +125,12 @@ def settle_parameters(
     if read is None:
         given, do_not_sync = roscore.ask(("getParam", node), ("getParam", "/do_not_sync"))
         given = given if isinstance(given, dict) else {}
-        if do_not_sync and "do_not_sync" not in given:
-            given["do_not_sync"] = do_not_sync
-        read = _overlay(table, given, "the parameter server")
+        read = _overlay(table, given, "the parameter server", foreign=True)
+        problem = ""
+        if "do_not_sync" in table and "do_not_sync" not in given:
+            read[0]["do_not_sync"], problem = _read_secret_names(do_not_sync)
+        if problem:
+            read[1].append(problem)
     else:
         roscore.ask(("setParam", node, {name: value for name, value in read[0].items() if value is not None}))
     values, warnings = read
@@ -161,7 +175,7 @@ def give_up(reason: str) -> None:
 
 def run(main: Callable[[], int]) -> None:
     """Run a program, and end it with one sentence where it cannot go on."""
-    # Python would say something about each questionable pattern that a stranger sends.
+    # Python would say something about a questionable regular expression of the own filters; the check of them has said it.
     warnings.filterwarnings("ignore", "Possible (nested set|set )", FutureWarning)
     warnings.filterwarnings("ignore", "Flags not at the start", DeprecationWarning)
     memory.give_back()
