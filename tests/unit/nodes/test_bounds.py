@@ -24,6 +24,7 @@ from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.edge.rpc_server import RpcServer
+from rosfleet_multimaster.edge.throttle import Throttle
 from rosfleet_multimaster.protocol.graph import Policy, State, build
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.parameters import Settings
@@ -450,6 +451,46 @@ def test_costly_filters_in_parallel_do_not_stop_the_loop(server):
     assert int(asked.stdout) >= 12, "each caller has its answer"
     assert server.running.longest_pause() < 1.0
     assert server.answers()
+
+
+#: Eight connections that send a request again and again for some seconds: of a list of 60,000 texts, from 127.0.0.9.
+FLOOD = """
+import socket, sys, threading, time
+data, end = sys.stdin.buffer.read(), time.monotonic() + float(sys.argv[2])
+def flood():
+    while time.monotonic() < end:
+        try:
+            with socket.create_connection(("127.0.0.1", int(sys.argv[1])), 10, source_address=("127.0.0.9", 0)) as connection:
+                connection.sendall(data)
+                while connection.recv(65536):
+                    pass
+        except OSError:
+            time.sleep(0.01)
+for _count in range(8):
+    threading.Thread(target=flood).start()
+"""
+
+
+def test_a_flood_of_costly_requests_takes_its_share_and_a_friend_is_answered(server):
+    server.server.throttle = Throttle(0.2, 0.5, 0.2, 5.0)
+    seconds, slowest = 8.0, 0.0  # the latter in seconds of this process's processor time, as of Running
+    long_list = "<param><value><array><data>" + "<value></value>" * 60000 + "</data></array></value></param>"
+    words = [sys.executable, "-c", FLOOD, str(server.port), str(seconds)]
+    with subprocess.Popen(words, stdin=subprocess.PIPE) as flood:
+        flood.stdin.write(post(call(long_list)))
+        flood.stdin.close()
+        time.sleep(1.0)
+        spent, end = time.process_time(), monotonic() + seconds - 2.0
+        while monotonic() < end:
+            began = time.process_time()
+            with server.connect("127.0.0.10") as friend:
+                friend.sendall(post(CALL))
+                assert b"200 OK" in read_all(friend)
+            slowest = max(slowest, time.process_time() - began)
+            time.sleep(0.1)
+        spent = time.process_time() - spent
+    assert slowest < 1.0
+    assert spent < 0.6 * (seconds - 2.0), "it would be all of it"
 
 
 # The side that calls

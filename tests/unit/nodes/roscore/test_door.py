@@ -11,6 +11,8 @@ import time
 import xmlrpc.client
 
 import pytest
+from rosfleet_multimaster.edge import throttle
+from rosfleet_multimaster.edge.throttle import Throttle
 from rosfleet_multimaster.roscore import door
 from rosfleet_multimaster.roscore.core import bounds
 from rosfleet_multimaster.roscore.core.bounds import BOUNDS, Refusal
@@ -31,7 +33,12 @@ class Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
 
     def answer(self, name, arguments):
         if name == "system.multicall":
-            return door.multicall(self.answer, *arguments)
+            return door.multicall(self.answer, *arguments, self.calls.caller.pause)
+        if name == "work":
+            end = time.thread_time() + arguments[0]
+            while time.thread_time() < end:
+                pass
+            return [1, "", 0]
         if name == "echo":
             return [1, "", *arguments]
         if name == "many":
@@ -41,7 +48,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
         raise Exception(f'method "{name}" is not supported')
 
     def verify_request(self, request, client_address):
-        return self.door.connections.add(request, True)
+        return self.door.connections.add(request, client_address[0], True)
 
     def shutdown_request(self, request):
         self.door.connections.remove(request)
@@ -63,8 +70,10 @@ def bound(monkeypatch, name, most):
     monkeypatch.setitem(bounds.BOUNDS, name, bounds.Limit(most, BOUNDS[name].what))
 
 
-def post(server, body, headers=()):
-    connection = http.client.HTTPConnection("127.0.0.1", server.server_address[1], timeout=20)
+def post(server, body, headers=(), source="127.0.0.1"):
+    connection = http.client.HTTPConnection(
+        "127.0.0.1", server.server_address[1], timeout=20, source_address=(source, 0)
+    )
     connection.request("POST", "/RPC2", body, dict(headers))
     answer = connection.getresponse()
     data = answer.read()
@@ -219,15 +228,60 @@ def test_the_longest_idle_connection_ends_when_too_many(server, monkeypatch):
 
 
 def test_connections_of_other_computers_end_first():
-    connections, ends = door.Connections(2), [socket.socketpair() for _pair in range(3)]
-    assert (
-        connections.add(ends[0][0], True) and connections.add(ends[1][0], False) and connections.add(ends[2][0], True)
-    )
+    connections, ends = door.Connections(4), [socket.socketpair() for _pair in range(5)]
+    for (end, _other), (address, own) in zip(
+        ends, (("127.0.0.1", True), ("10.0.0.1", False), *[("127.0.0.1", True)] * 3)
+    ):
+        assert connections.add(end, address, own)
     ends[1][1].settimeout(5)
-    assert ends[1][1].recv(1) == b"" and set(connections._open) == {ends[0][0], ends[2][0]}
+    assert ends[1][1].recv(1) == b"" and set(connections._open) == {end for end, _other in ends} - {ends[1][0]}
     for end in list(connections._open):
         connections.mark(end, True)
-    assert not connections.add(ends[1][0], True), "all are busy"
+    assert not connections.add(ends[1][0], "127.0.0.1", True), "all are busy"
+
+
+def test_other_computers_leave_room_however_busy_they_are():
+    connections, made = door.Connections(40), []
+
+    def add(address, own=False):
+        end, other = socket.socketpair()
+        made.append((end, other))
+        there = connections.add(end, address, own)
+        connections.mark(end, True)
+        return there
+
+    assert [add("10.0.0.1") for _count in range(15)].count(True) == 10, "a quarter"
+    assert all(add("10.0.0.2") for _count in range(10))
+    assert [add(f"10.0.1.{number}") for number in range(15)].count(True) == 10, "three quarters of all others"
+    assert [add("127.0.0.1", True) for _count in range(15)].count(True) == 10
+    for ends in made:
+        for end in ends:
+            end.close()
+
+
+@pytest.fixture
+def stranger(monkeypatch):
+    """An address that counts as one of another computer."""
+    monkeypatch.setattr(door.Caller, "is_own", property(lambda caller: caller.address != "127.0.0.9"))
+    return "127.0.0.9"
+
+
+def test_another_computer_has_its_share_of_the_processor(server, stranger, monkeypatch):
+    """In one request, too: a system.multicall waits between its calls."""
+    slept = []
+    monkeypatch.setattr(throttle, "sleep", lambda seconds: slept.append(seconds) or time.sleep(seconds))
+    server.door.throttle = Throttle(0.05, 0.5, 0.05, 10.0)
+    calls = [{"methodName": "work", "params": [0.02]}] * 10
+    assert len(post(server, call("system.multicall", calls))) == 10 and not slept, "this computer does not wait"
+    began = time.monotonic()
+    assert len(post(server, call("system.multicall", calls), source=stranger)) == 10
+    assert slept and 0.2 < 0.05 + 0.02 + 0.05 * (time.monotonic() - began)
+    server.door.throttle = Throttle(0.01, 0.5, 0.0, 0.5)
+    assert post(server, call("system.multicall", calls[:3]), source=stranger)[0] == -1
+    assert server.refused == ["effort"]
+    with pytest.raises((OSError, http.client.HTTPException)):
+        post(server, call("echo", 1), source=stranger)
+    assert post(server, call("echo", 1)) == [1, "", 1]
 
 
 def test_others_have_half_of_the_memory(monkeypatch):

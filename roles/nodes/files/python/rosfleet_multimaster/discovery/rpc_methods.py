@@ -26,6 +26,7 @@ from .core.outsiders import Outsider
 from .state_feed import LONGEST_WAIT, CallerView, StateFeed
 
 NO_STATE = State("", "")
+HERE = "this computer"
 UNREAD = "its roscore has not been read yet"
 
 Viewer = Callable[[State], Tuple[State, List[Rules]]]
@@ -199,7 +200,11 @@ def callers(members: Members, own_uri: str, is_here: Callable[[str], bool]) -> C
             return f"{address} is no address of this computer in the plan"
         return "" if members.knows(caller) else "it is no computer of the fleet"
 
-    return Callers(find_objection, bool(members.robots), lambda address: is_here(address) or members.knows(address))
+    def find_robot(address: str) -> str:
+        return HERE if is_here(address) else members.robot_at(address)
+
+    known = bool(members.robots)
+    return Callers(find_objection, known, lambda address: is_here(address) or members.knows(address), find_robot)
 
 
 def serve(

@@ -10,13 +10,14 @@ import socketserver
 import threading
 import xmlrpc.client
 from http.server import BaseHTTPRequestHandler
-from typing import Any, Callable, Dict, Iterable, Mapping, NamedTuple, Tuple, Union
+from typing import Any, Callable, Dict, Iterable, Mapping, NamedTuple, Optional, Tuple, Union
 
 from ..protocol.plain_text import LINE, plain
 from ..protocol.xml_rpc import MAX_REQUEST, loads, unpack
-from .clock import monotonic
+from .clock import monotonic, processor_time
 from .loop import Count
 from .rpc_client import BoundedLines, cut
+from .throttle import Throttle
 
 _log = logging.getLogger("rosfleet.rpc_server")
 
@@ -26,6 +27,8 @@ _MAX_SECONDS = 15.0
 _KEPT, _KEPT_PER_ADDRESS = 256, 4  # connections with a long poll; they do not count above
 _KEPT_SECONDS = 60.0 + _MAX_SECONDS  # for a question on one of these
 _COMPRESS = 700  # bytes
+# Of the throttle, in seconds of a processor: a second of one robot, and of all together; ahead; and seconds to wait.
+_SHARE, _TOGETHER, _AHEAD, _PATIENCE = 0.2, 0.5, 1.0, 5.0
 
 
 class RefusedCall(Exception):
@@ -60,6 +63,7 @@ class Callers(NamedTuple):
     objection: Callable[[str, str], str] = lambda _caller, _here: ""  # (its address, ours) -> why not, "" for none
     reserved: bool = False  # half of the connections are for members
     is_member: Callable[[str], bool] = lambda _caller: True
+    robot: Callable[[str], str] = str  # who is at an address: all computers of a robot are one, and all strangers
 
 
 EVERYBODY = Callers()
@@ -94,6 +98,7 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         self.methods["system.methodSignature"] = lambda name: "signatures not supported"
         self.malformed, self._callers = malformed, callers
         self.sent = Count()  # bytes of answers
+        self.throttle = Throttle(_SHARE, _TOGETHER, _AHEAD, _PATIENCE)
         self._open: Dict[socket.socket, _Connection] = {}
         self._keeping = threading.Lock()
         super().__init__((address, port), _Handler)
@@ -126,6 +131,10 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
                 return False
             self._open[request] = _Connection(address, monotonic(), True)
             return True
+
+    def robot_at(self, address: str) -> str:
+        """Who pays for the requests of an address."""
+        return self._callers.robot(address)
 
     def service_actions(self) -> None:
         """End the connections that take too long."""
@@ -161,8 +170,10 @@ def _help(method: Any) -> str:
 
 
 class BoundedHandler(BaseHTTPRequestHandler):
-    """A connection whose heads are bounded: a longer one ends it."""
+    """A connection whose heads are bounded: a longer one ends it. Its requests wait until its robot may ask again."""
 
+    throttle: Throttle
+    robot: Optional[str] = None  # who pays for it; None: nobody
     head = 1 << 14  # bytes of all lines of a head; the standard library takes a hundred lines of 64 KiB
     wbufsize = -1
     disable_nagle_algorithm = True
@@ -172,11 +183,28 @@ class BoundedHandler(BaseHTTPRequestHandler):
         """Begin."""
         super().setup()
         self.rfile = BoundedLines(self.rfile, 0, ConnectionAbortedError)
+        self._counted = 0.0  # seconds of a processor: its thread began with the connection
 
     def handle_one_request(self) -> None:
         """A request."""
         self.rfile.left = self.head
-        super().handle_one_request()
+        if self.robot is not None and not self.throttle.wait(self.robot):
+            self.close_connection = True
+            self.on_throttled()
+            return
+        try:
+            super().handle_one_request()
+        finally:
+            self.count_effort()
+
+    def count_effort(self) -> None:
+        """Count what the thread of the connection has taken since the last time."""
+        before, self._counted = self._counted, processor_time()
+        if self.robot is not None:
+            self.throttle.spend(self.robot, self._counted - before)
+
+    def on_throttled(self) -> None:
+        """Note a connection that has ended since its robot has asked too much."""
 
 
 class _Handler(BoundedHandler):
@@ -185,6 +213,7 @@ class _Handler(BoundedHandler):
 
     def __init__(self, request: Any, client_address: Any, server: RpcServer) -> None:
         self._kept = False  # another request may follow on this connection
+        self.throttle, self.robot = server.throttle, server.robot_at(client_address[0])
         super().__init__(request, client_address, server)  # serves the connection until its end
 
     def do_POST(self) -> None:  # the name is the standard library's
@@ -209,6 +238,10 @@ class _Handler(BoundedHandler):
             self.server.malformed(self.client_address[0], text)
             body = _encode(xmlrpc.client.Fault(1, text))
         self._answer(body)
+
+    def on_throttled(self) -> None:
+        """Say it."""
+        self.server.malformed(self.client_address[0], "its robot has asked for more than its share of the processor")
 
     def _request(self) -> Tuple[str, Tuple[Any, ...]]:
         length = int(self.headers["Content-Length"] or "")

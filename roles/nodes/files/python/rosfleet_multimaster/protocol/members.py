@@ -69,6 +69,7 @@ class Members:
         self._by_uri = {uri: robot for robot in self.robots for uri in robot.uris}
         self._by_address = {address: robot for robot in self.robots for address in robot.addresses}
         self._names = {robot.name.lower() for robot in self.robots if robot.name}
+        self._by_host = {host: robot.robot for robot in self.robots for host in robot.hosts}
         self.hosts = frozenset(host for robot in self.robots for host in robot.hosts)
 
     @classmethod
@@ -97,6 +98,10 @@ class Members:
     def knows(self, address: str) -> bool:
         """True for a computer of the fleet, and for who is allowed by name."""
         return address in self.allow or address in self.hosts
+
+    def robot_at(self, address: str) -> str:
+        """The robot with a computer at this address; "" for all strangers together. Without robots, each address is one."""
+        return self._by_host.get(address, "") if self.robots else address
 
     def objection(self, uri: str, name: str, address: str) -> str:
         """Why the master that calls itself so, at this address, is none to exchange with; empty where it is one."""

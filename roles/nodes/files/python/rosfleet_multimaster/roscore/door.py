@@ -16,6 +16,7 @@ from typing import Any, Callable, ContextManager, Dict, Iterator, List, NamedTup
 from ..edge.clock import monotonic
 from ..edge.rpc_client import cut
 from ..edge.rpc_server import BoundedHandler
+from ..edge.throttle import Throttle
 from ..protocol.plain_text import LINE, plain
 from ..protocol.xml_rpc import Document, DocumentTooLarge, unpack
 from .core.bounds import BOUNDS, Refusal, refuse, weigh
@@ -29,6 +30,8 @@ _SMALL = 1 << 16  # bytes of a request or an answer that is not counted: there a
 _DISCARD = 1 << 28  # bytes of a too long request that are read, so that its sender comes to the answer
 _COMPRESS = 1400  # bytes of an answer
 _ANSWER, _PACKED = 2, 20  # times as much memory as its values count, and as a packed request has bytes
+#: Of the throttle, in seconds of a processor: a second of another computer, and of all others together; ahead; and to wait.
+_SHARE, _TOGETHER, _AHEAD = 0.25, 0.5, 5.0
 _PATHS = ("/", "/RPC2", "/pydoc.css")  # the paths of xmlrpc.server
 
 Socket = socket.socket
@@ -40,6 +43,7 @@ class Caller(NamedTuple):
     address: str = ""
     here: str = ""  # the own address that it called
     has_left: Callable[[], bool] = lambda: False
+    pause: Callable[[], None] = lambda: None  # waits where it has taken more than its share. Raises Refusal
     ends: Tuple[Tuple[str, int], Tuple[str, int]] = (("", 0), ("", 0))  # its connection: there, and here
 
     @property
@@ -83,27 +87,45 @@ class Budget:
 class _Connection:
     """An open connection."""
 
-    def __init__(self, own: bool) -> None:
-        self.own, self.busy, self.since = own, False, monotonic()
+    def __init__(self, address: str, own: bool) -> None:
+        self.address, self.own, self.busy, self.since = address, own, False, monotonic()
 
 
 class Connections:
-    """The open connections. Where they are too many, the one that was idle longest ends: of another computer first."""
+    """The open connections. Where they are too many, the one that was idle longest ends: of another computer first.
+
+    Another computer has a quarter of the places, and all others together have three quarters.
+    """
 
     def __init__(self, most: int) -> None:
         self._most = most
         self._open: Dict[Socket, _Connection] = {}
 
-    def add(self, connection: Socket, own: bool) -> bool:
-        """Add one. False where all places are taken by busy ones."""
-        if len(self._open) >= self._most:
-            idle = [(state.own, state.since, other) for other, state in list(self._open.items()) if not state.busy]
-            if not idle:
+    def add(self, connection: Socket, address: str, own: bool) -> bool:
+        """Add one of an address. False where all places are taken by busy ones."""
+        places = [(self._most, lambda _state: True)]
+        if not own:
+            places = [
+                (self._most // 4, lambda state: state.address == address),
+                (self._most // 4 * 3, lambda state: not state.own),
+                *places,
+            ]
+        for most, counts in places:
+            if len(self._open) >= most and not self._make_room(most, counts):
                 return False
-            longest = min(idle, key=lambda row: row[:2])[2]
-            self._open.pop(longest, None)
-            cut(longest)
-        self._open[connection] = _Connection(own)
+        self._open[connection] = _Connection(address, own)
+        return True
+
+    def _make_room(self, most: int, counts: Callable[[_Connection], bool]) -> bool:
+        found = [(state.own, state.since, other) for other, state in list(self._open.items()) if counts(state)]
+        if len(found) < most:
+            return True
+        idle = [row for row in found if not self._open[row[2]].busy]
+        if not idle:
+            return False
+        longest = min(idle, key=lambda row: row[:2])[2]
+        self._open.pop(longest, None)
+        cut(longest)
         return True
 
     def mark(self, connection: Socket, busy: bool) -> None:
@@ -130,6 +152,7 @@ class Door:
         self.dispatch, self.on_refusal, self.calls = dispatch, on_refusal, calls
         self.budget = Budget(BOUNDS["under way"].most)
         self.connections = Connections(BOUNDS["connections"].most)
+        self.throttle = Throttle(_SHARE, _TOGETHER, _AHEAD, PATIENCE)
 
 
 class Handler(BoundedHandler):
@@ -140,7 +163,8 @@ class Handler(BoundedHandler):
 
     def __init__(self, request: socket.socket, client_address: Any, server: Any) -> None:
         there, here = client_address[:2], request.getsockname()[:2]
-        self._caller = Caller(there[0], here[0], self._has_left, (there, here))
+        self._caller = Caller(there[0], here[0], self._has_left, self._pause, (there, here))
+        self.throttle, self.robot = self.door.throttle, None if self._caller.is_own else there[0]
         self._until = 0.0  # the body of a request is to be here by then
         super().__init__(request, client_address, server)  # serves the connection until its end
 
@@ -254,6 +278,11 @@ class Handler(BoundedHandler):
             if view and monotonic() > until:
                 raise ConnectionAbortedError("an answer that is not taken")
 
+    def _pause(self) -> None:
+        self.count_effort()
+        if self.robot is not None and not self.throttle.wait(self.robot):
+            raise refuse("effort", "what this computer asks for")
+
     def _has_left(self) -> bool:
         try:
             return not self.connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
@@ -283,8 +312,13 @@ def _to_xml(value: Any) -> bytes:
     return text.encode("utf-8", "xmlcharrefreplace")
 
 
-def multicall(dispatch: Callable[[str, Tuple[Any, ...]], Any], calls: Any) -> List[Any]:
-    """The results of several calls, each in a list of its own, or a mapping with its fault. Raises Refusal or ValueError."""
+def multicall(
+    dispatch: Callable[[str, Tuple[Any, ...]], Any], calls: Any, pause: Callable[[], None] = lambda: None
+) -> List[Any]:
+    """The results of several calls, each in a list of its own, or a mapping with its fault. Raises Refusal or ValueError.
+
+    `pause()` is called before each of them.
+    """
     if not isinstance(calls, list) or not all(isinstance(call, dict) for call in calls):
         raise ValueError("system.multicall takes a list of mappings")
     if len(calls) > BOUNDS["calls"].most:
@@ -292,6 +326,7 @@ def multicall(dispatch: Callable[[str, Tuple[Any, ...]], Any], calls: Any) -> Li
     results: List[Any] = []
     size = 0
     for call in calls:
+        pause()
         try:
             name, arguments = call["methodName"], call["params"]
             if name == "system.multicall" or not isinstance(name, str) or not isinstance(arguments, list):

@@ -11,7 +11,6 @@ import json
 import logging
 import sys
 import threading
-from functools import partial
 from itertools import chain, islice
 from socket import socket as Socket
 from typing import Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Set, Tuple
@@ -197,7 +196,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         self.callbacks, self.refusals = callbacks, refusals
         self.more: Dict[str, Callable[..., Any]] = {
             "system.listMethods": lambda: sorted([*self._known, *self.more]),
-            "system.multicall": partial(multicall, self.answer),
+            "system.multicall": lambda calls: multicall(self.answer, calls, self.caller().pause),
             TOGETHER: self._run_together,
         }
 
@@ -706,7 +705,7 @@ class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):  # type: ignore[misc]
     def verify_request(self, request: Socket, client_address: Any) -> bool:
         """True where there is room for this connection."""
         own = Caller(client_address[0], request.getsockname()[0]).is_own
-        return self.door.connections.add(request, own)
+        return self.door.connections.add(request, client_address[0], own)
 
     def shutdown_request(self, request: Socket) -> None:
         """Forget a connection that has ended."""
