@@ -214,6 +214,7 @@ COSTLY = {
         "exchanges",
         "existing",
         "fourth_robot",
+        "guard",
         "links",
         "multi_computer",
         "placement",

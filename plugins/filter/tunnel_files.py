@@ -11,8 +11,8 @@ name: tunnel_files
 short_description: The files of the tunnel on a computer
 version_added: "1.0.0"
 description:
-  - Renders the configuration of WireGuard without a private key, the rules against packets that come beside the tunnel, and the
-    drop-in that loads them again when nftables.service starts or stops.
+  - Renders the configuration of WireGuard without a private key. The rules against packets that come beside the tunnel are those of
+    the packet filter.
   - Without a plan there is nothing to render, so the list is empty.
 author:
   - rosfleet contributors (@rosfleet)

@@ -11,7 +11,7 @@ description:
     On a gateway or router it protects those of the O(networks) behind it in the same way.
   - Where C(ufw) or C(firewalld) is active, it speaks to that one. Otherwise it has a table of its own in C(nftables), which is
     replaced in one transaction, and a small unit that loads it at boot before the network is there. Rules of others stay.
-  - Ports below 1024, ICMP and IGMP are not touched, and neither are connections that are there already.
+  - Ports below 1024, ICMP and IGMP are not touched but by O(guards), and neither are connections that are there already.
     Ports of ssh are not touched either, so rules of others decide about them. These are the ports on which a server of ssh of
     root listens, the port of this connection and O(ssh_ports).
   - Rules of ours that somebody has removed come back. With empty O(members) everything of ours is removed.
@@ -39,6 +39,26 @@ options:
     type: list
     elements: str
     default: []
+  guards:
+    description:
+      - Networks whose addresses come in at one interface only, whoever is let in. Packets that come in elsewhere with such a source are
+        dropped, whether they are for this computer or to be passed on, and whatever their port and protocol are.
+      - They are in our table of C(nftables) with each O(backend), so C(nft) has to be there.
+    type: list
+    elements: dict
+    default: []
+    suboptions:
+      networks:
+        description:
+          - The networks, of IPv4 or IPv6, for example V([192.168.11.0/24]).
+        type: list
+        elements: str
+        required: true
+      interface:
+        description:
+          - The name of their interface, for example V(eth1). It need not be there yet.
+        type: str
+        required: true
   open_ports:
     description:
       - Ports that stay open to everybody, each with its protocol, for example V([51820/udp]).
@@ -84,6 +104,9 @@ EXAMPLES = r"""
   rosfleet.multimaster.firewall:
     members: [192.168.1.201, 192.168.11.100, 192.168.11.101]
     networks: [192.168.11.0/24]
+    guards:
+      - networks: [192.168.11.0/24]
+        interface: eth1
     confirm_within: 60
 
 - name: Take everything back
@@ -139,6 +162,33 @@ networks:
       type: str
       returned: always
       sample: changed
+guards:
+  description: What was found and done per guard.
+  returned: always, unless an option is wrong
+  type: list
+  elements: dict
+  contains:
+    networks:
+      description: The networks in normal form.
+      type: list
+      elements: str
+      returned: always
+      sample: [192.168.11.0/24]
+    interface:
+      description: The interface at which their addresses come in.
+      type: str
+      returned: always
+      sample: eth1
+    changed:
+      description: Whether the guards change.
+      type: bool
+      returned: always
+      sample: false
+    state:
+      description: V(ok) or V(changed).
+      type: str
+      returned: always
+      sample: ok
 open_ports:
   description: The ports from 1024 up that this module leaves open to all, those of ssh among them.
   returned: always, unless an option is wrong

@@ -1557,15 +1557,10 @@ tunnel:
   description: The tunnel of the collection on this computer, as WireGuard tells it. No private key is asked for.
   returned: when O(action=collect)
   type: dict
-  sample: {up: false, guarded: false, public_key: "", port: 0, time_s: 1764147600.0, mtu: 0, peers: []}
+  sample: {up: false, public_key: "", port: 0, time_s: 1764147600.0, mtu: 0, peers: []}
   contains:
     up:
       description: Whether there is one, or null where it was not looked at.
-      returned: always
-      type: bool
-      sample: true
-    guarded:
-      description: Whether its table of nftables drops what comes in the name of a robot beside the tunnel; null as before.
       returned: always
       type: bool
       sample: true

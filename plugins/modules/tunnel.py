@@ -66,7 +66,7 @@ removed:
   returned: success
   type: list
   elements: str
-  sample: [/etc/rosfleet-multimaster/multimaster0.nft]
+  sample: [/etc/rosfleet-multimaster/multimaster0.conf]
 unconfirmed:
   description: Whether the change waits for its confirmation, with O(confirm_within); the controller's result is never this one.
   returned: always, unless an option is wrong

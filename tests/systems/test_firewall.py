@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 import pytest
+from setups import forgery
 from setups.packet_filters import ECHO, STRANGER, make_filter_lab
 
 INVENTORY = Path(__file__).with_name("firewall")
@@ -47,6 +48,17 @@ def test_forged_packets_reach_a_port_only_without_the_filter(fleet):
         f"{here} > {there}" for here, there in packets
     )
     fleet.takes_nothing_in_its_own_name()
+
+
+def test_nothing_comes_in_while_nftables_service_flushes_all(fleet):
+    """A stranger sends each 5 ms, in its own name and in that of the robot."""
+    own = fleet.addresses["ana-pc"]
+    packets = [("192.168.20.99", own), (own, own)]
+    attack = forgery.Attack(STRANGER, "ana-pc", "ana-pc", packets, ("bob-pc", own))
+    deeds = ("start", "reload", "reload", "restart", "stop")
+    words = [f"systemctl {deed} nftables" for deed in deeds] + ["systemctl restart multimaster-firewall"]
+    found = forgery.count(fleet, attack, [lambda word=word: fleet.run("ana-pc", word) for word in words])
+    assert found.keys() == {"honest", "rounds"} and found["honest"] > 50 and found["rounds"] > 100, found
 
 
 def test_rules_of_an_earlier_version_are_replaced(fleet):

@@ -3,18 +3,23 @@
 
 """Sends datagrams, and beginnings of TCP connections, with any address as their source, of IPv4 or of IPv6.
 
-python3 forger.py INTERFACE MAC PORT      MAC is that of the receiver, or of the gateway to it
+python3 forger.py INTERFACE MAC PORT [SECONDS]      MAC is that of the receiver, or of the gateway to it
 
 Reads JSON from the standard input: a list of [protocol, source, destination]. A datagram's text is "source > destination".
+With SECONDS (120 at most) it sends the list each 5 ms for this time, or until SIGTERM, and prints how often.
 """
 
+import contextlib
 import json
+import signal
 import socket
 import struct
 import sys
+import time
 
 INTERFACE, MAC, PORT = sys.argv[1], bytes.fromhex(sys.argv[2].replace(":", "")), int(sys.argv[3])
 FROM = 40000
+PACE = 0.005  # seconds
 UDP, TCP = 17, 6
 
 
@@ -58,5 +63,16 @@ def frame(protocol, source, destination, own):
 
 with socket.socket(socket.AF_PACKET, socket.SOCK_RAW) as sock:
     sock.bind((INTERFACE, 0))
-    for words in json.load(sys.stdin):
-        sock.send(frame(*words, sock.getsockname()[4]))
+    frames = [frame(*words, sock.getsockname()[4]) for words in json.load(sys.stdin)]
+    now = start = time.monotonic()
+    end = start + min(120.0, float(sys.argv[4])) if sys.argv[4:] else start
+    rounds, asked = 0, []
+    signal.signal(signal.SIGTERM, lambda number, _frame: asked.append(number))
+    while rounds == 0 or (now < end and not asked):
+        rounds += 1
+        for data in frames:
+            with contextlib.suppress(OSError):  # the link of a computer that boots is away
+                sock.send(data)
+        time.sleep(max(0.0, start + rounds * PACE - time.monotonic()))
+        now = time.monotonic()
+    print(rounds)

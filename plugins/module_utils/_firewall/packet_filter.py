@@ -12,6 +12,8 @@ from .._module.problem import Problem
 FIRST, LAST = 1024, 65535  # the protected ports, of TCP and of UDP
 
 _PORT = re.compile(r"([0-9]{1,5})/(tcp|udp)")
+# A "*" at the end would mean many to nft; a kernel takes other characters, but no name of an interface needs them.
+_INTERFACE = re.compile(r"[A-Za-z0-9_.:@-]{1,15}")
 _Network = typing.Union[ipaddress.IPv4Network, ipaddress.IPv6Network]
 
 
@@ -22,6 +24,13 @@ class Port(typing.NamedTuple):
     number: int
 
 
+class Guard(typing.NamedTuple):
+    """Networks, and the one interface at which packets from their addresses come in."""
+
+    networks: typing.Tuple[str, ...]
+    interface: str
+
+
 class PacketFilter(typing.NamedTuple):
     """The filter of one computer: the senders that it lets in, and the networks that it protects."""
 
@@ -29,6 +38,7 @@ class PacketFilter(typing.NamedTuple):
     networks: typing.Tuple[str, ...]  # of IPv4; the computer itself is always protected
     open_ports: typing.Tuple[Port, ...]
     ssh: typing.Tuple[int, ...] = ()  # TCP ports that the filter does not touch: rules of others decide about them
+    guards: typing.Tuple[Guard, ...] = ()
 
     def list_members(self, version: int) -> typing.List[str]:
         """The members of IPv4 or of IPv6."""
@@ -51,14 +61,16 @@ def read_options(options: typing.Mapping[str, typing.Any], ssh: typing.Iterable[
     also = _parse_networks("also", options["also"])
     members = _parse_networks("members", options["members"] and [*options["members"], *also])
     networks = _parse_networks("networks", options["networks"])
+    guards = tuple(map(_parse_guard, options["guards"]))
     ports = {_parse_port(text) for text in options["open_ports"]}
     for number in options["ssh_ports"]:
         if not 0 < number <= LAST:
             raise Problem(f"ssh_ports has {number}, expected ports such as 2222: correct it.")
     if not members:
-        if networks:
+        if networks or guards:
             raise Problem(
-                f"networks has {networks[0]}, but members is empty; expected the computers that may reach it: name them, or leave networks empty."
+                f"{'networks' if networks else 'guards'} has {(networks or guards[0].networks)[0]}, but members is empty; expected the computers "
+                "that may reach this one: name them, or leave the other empty."
             )
         return None
     if any(":" in network for network in networks):
@@ -68,7 +80,14 @@ def read_options(options: typing.Mapping[str, typing.Any], ssh: typing.Iterable[
         )
     open_ports = tuple(sorted(port for port in ports if port.number >= FIRST))
     ssh_ports = tuple(sorted({number for number in [*ssh, *options["ssh_ports"]] if number >= FIRST}))
-    return PacketFilter(tuple(members), tuple(networks), open_ports, ssh_ports)
+    return PacketFilter(tuple(members), tuple(networks), open_ports, ssh_ports, guards)
+
+
+def _parse_guard(guard: typing.Mapping[str, typing.Any]) -> Guard:
+    """Read a guard. Raises Problem for a name that no interface of Linux can have, or that nft would read otherwise."""
+    if not _INTERFACE.fullmatch(guard["interface"]):
+        raise Problem(f"guards has the interface {guard['interface']!r}, expected a name such as eth0: correct it.")
+    return Guard(tuple(_parse_networks("guards", guard["networks"])), guard["interface"])
 
 
 def _parse_networks(option: str, texts: typing.Iterable[str]) -> typing.List[str]:

@@ -22,13 +22,18 @@ from .._module.plain_text import quote
 from .._module.problem import Problem
 from . import access
 from .backends.contract import BackEnd
-from .backends.table import AUTO, BACKENDS, CHOICES
-from .packet_filter import PacketFilter, read_options
+from .backends.table import AUTO, BACKENDS, CHOICES, GUARDING
+from .packet_filter import Guard, PacketFilter, read_options
 
+GUARD: typing.Dict[str, typing.Any] = {
+    "networks": {"type": "list", "elements": "str", "required": True},
+    "interface": {"type": "str", "required": True},
+}
 OPTIONS: typing.Dict[str, typing.Any] = {
     "members": {"type": "list", "elements": "str", "required": True},
     "also": {"type": "list", "elements": "str", "default": []},
     "networks": {"type": "list", "elements": "str", "default": []},
+    "guards": {"type": "list", "elements": "dict", "default": [], "options": GUARD},
     "open_ports": {"type": "list", "elements": "str", "default": []},
     "ssh_ports": {"type": "list", "elements": "int", "default": []},
     "backend": {"type": "str", "default": "auto", "choices": CHOICES},
@@ -51,13 +56,18 @@ class Run(ModuleRun):
         self.access = access.read_access()
         self.packet_filter = read_options(options, self.access.ssh)
         chosen = self._choose_back_end(options["backend"])
-        self.back_ends = [
-            kind(has_systemd(), self.packet_filter if kind is chosen else None) for kind in BACKENDS.values()
+        self.back_ends = [kind(has_systemd(), self._share(kind, chosen)) for kind in BACKENDS.values()]
+        self.back_end = next((back_end for back_end in self.back_ends if type(back_end) is chosen), None)
+        # Those with rules come first, and of them the one with the guards.
+        self.in_turn = sorted(
+            self.back_ends, key=lambda back_end: (back_end.packet_filter is None, back_end.name != GUARDING)
+        )
+        own_files = [
+            file
+            for back_end in self.in_turn
+            if back_end.packet_filter
+            for file in back_end.plan_files(back_end.packet_filter)
         ]
-        # The chosen one comes first.
-        self.in_turn = sorted(self.back_ends, key=lambda back_end: back_end.packet_filter is None)
-        self.back_end = self.in_turn[0] if chosen else None
-        own_files = self.back_end.plan_files(self.packet_filter) if self.back_end and self.packet_filter else []
         self.files = files.FileBundle("files", "firewall", options["records"], own_files).make_plan()
         self.record_after = self._plan_record()
         self.removed = [
@@ -84,9 +94,19 @@ class Run(ModuleRun):
             )
         return BACKENDS[name]
 
+    def _share(
+        self, kind: typing.Type[BackEnd], chosen: typing.Optional[typing.Type[BackEnd]]
+    ) -> typing.Optional[PacketFilter]:
+        """The part of the filter that a back end has: all of it, the guards alone beside another one, or nothing."""
+        if self.packet_filter is None or kind is chosen:
+            return self.packet_filter
+        guards = self.packet_filter.guards if kind.name == GUARDING else ()
+        return PacketFilter((), (), (), guards=guards) if guards else None
+
     def _plan_record(self) -> Data:
         """The record after the run, empty where nothing of ours is left."""
-        record = dict(self.files.after, back_ends=[self.back_end.name] if self.back_end else [])
+        names = [back_end.name for back_end in self.back_ends if back_end.packet_filter]
+        record = dict(self.files.after, back_ends=names)
         return record if any(record.values()) else {}
 
     # For the shell of the modules
@@ -115,6 +135,7 @@ class Run(ModuleRun):
             "backend": self.back_end.name if self.back_end else None,
             "members": [self._describe_address(member) for member in wanted.members],
             "networks": [self._describe_address(network) for network in wanted.networks],
+            "guards": [self._describe_guard(guard) for guard in wanted.guards],
             "open_ports": [f"{port}/{name}" for name in ("tcp", "udp") for port in wanted.list_open_ports(name)],
             "removed": self.removed,
             "notes": self._notes(),
@@ -126,11 +147,16 @@ class Run(ModuleRun):
         before = {word for line in lines for word in _WORDS.split(line)}
         return {"address": address, "changed": address not in before, "state": "ok" if address in before else "changed"}
 
+    def _describe_guard(self, guard: Guard) -> Fields:
+        """The result for a guard. It is "ok" where our rules do not change."""
+        changed = next(back_end.changes for back_end in self.back_ends if back_end.name == GUARDING)
+        fields = {"networks": list(guard.networks), "interface": guard.interface}
+        return {**fields, "changed": changed, "state": "changed" if changed else "ok"}
+
     def _notes(self) -> typing.List[str]:
-        back_end, notes = self.back_end, self.files.notes
-        if back_end and not back_end.before and back_end.name in self.files.remembered.get("back_ends", []):
-            return [f"Our rules in {back_end.name} had been removed by hand since.", *notes]
-        return notes
+        had = self.files.remembered.get("back_ends", [])
+        gone = [of.name for of in self.back_ends if of.packet_filter and not of.before and of.name in had]
+        return [*(f"Our rules in {name} had been removed by hand since." for name in gone), *self.files.notes]
 
     def summary(self, check_mode: bool) -> str:
         """The sentences of `msg`."""

@@ -201,7 +201,7 @@ PARTS = (
     Part(
         "tunnel",
         tunnel.look,
-        {"up": None, "guarded": None, "public_key": "", "port": 0, "time_s": None, "mtu": 0, "peers": []},
+        {"up": None, "public_key": "", "port": 0, "time_s": None, "mtu": 0, "peers": []},
     ),
     Part("changes", changes.changes, [], on_router=True),
     Part("disks", resources.disks, [], ("services",), on_router=True),

@@ -8,11 +8,9 @@ import time
 import typing
 
 from .._machine import network
-from .._process.commands import Answer, run, text
+from .._process.commands import run, text
 
 INTERFACE = "multimaster0"
-TABLE = "rosfleet_tunnel"  # of nftables: it drops what comes in the name of a robot beside the tunnel
-LISTING = ["nft", "list", "table", "inet", TABLE]
 MOST = 1000  # peers that are told
 LISTENS = 9.0  # seconds at most: three keepalives, or a handshake that is tried again after 5 s
 # Seconds that a session lasts without another handshake, and those after which its loss at the other end is noticed: 15 s, and a handshake.
@@ -22,7 +20,6 @@ _KEY = re.compile(r"[A-Za-z0-9+/]{43}=")
 _NETWORK = re.compile(r"\d{1,3}(?:\.\d{1,3}){3}/\d{1,2}")
 _ENDPOINT = re.compile(r"\d{1,3}(?:\.\d{1,3}){3}:\d{1,5}")
 _NUMBER = re.compile(r"\d{1,18}")
-_DROP = re.compile(r"\bdrop\s*$", re.M)  # the end of a rule (nft(8))
 
 
 def look() -> typing.Dict[str, typing.Any]:
@@ -46,18 +43,12 @@ def look() -> typing.Dict[str, typing.Any]:
     ]
     return {
         "up": _KEY.fullmatch(key) is not None,
-        "guarded": is_guard(run(LISTING)),
         "public_key": key if _KEY.fullmatch(key) else "",
         "port": int(port) if _NUMBER.fullmatch(port) else 0,
         "time_s": round(now, 1),
         "mtu": _read_mtu(INTERFACE),
         "peers": peers[:MOST],
     }
-
-
-def is_guard(listing: Answer) -> bool:
-    """Say if a listing of the table has a rule that drops. A table that somebody has flushed is still there."""
-    return listing.status == 0 and _DROP.search(listing.text) is not None
 
 
 def wait_for_sessions(before: typing.Mapping[str, int]) -> None:

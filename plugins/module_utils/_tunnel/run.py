@@ -22,7 +22,7 @@ from .._module.plain_text import LINE, quote
 from .._module.problem import Problem, explain_unreadable
 from .._process import commands
 from . import key
-from .probe import INTERFACE, LISTING, TABLE, is_guard
+from .probe import INTERFACE
 
 UNIT = "multimaster-tunnel.service"
 FOLDER = "/run/rosfleet-multimaster/tunnel-on-trial"
@@ -38,8 +38,6 @@ _TRIAL = (
     *("--property=KillMode=process", "wg-quick", "up"),
 )
 _END = ["ip", "link", "delete", "dev", INTERFACE]
-_OPEN = ["nft", "delete", "table", "inet", TABLE]
-_READ = "daemon-reload"  # pending in the record until systemd has read the drop-in of nftables.service
 _PORT = re.compile(r"^ListenPort = (\d+)$", re.M)
 _PUBLIC = re.compile(r"^# PublicKey = (\S+)$", re.M)  # in the configuration, of the computer itself
 
@@ -53,17 +51,11 @@ class Tunnel(file_bundle.ManagedFiles):
         self._left = [] if options["files"] else key.list_keys(key.KEY)
         self._waits = bool(options["files"]) and self._is_next_planned()
         self._lost = not self.changed and bool(options["files"]) and not confirms and self._has_lost()
-        self.runtime_changes = self.changed or bool(self._left) or self._waits or self._lost
-        # systemd is to read its units again: for this run, or for an earlier one that was killed before that.
-        self._is_unread = self.files.expect(_READ, lambda path: "/nftables.service.d/" in path)
-        self.changed = self.runtime_changes or self._is_unread
+        self.changed = self.runtime_changes = self.changed or bool(self._left) or self._waits or self._lost
 
     def _has_lost(self) -> bool:
-        """Say if somebody has taken the interface, or the rules that guard it, from under the unit."""
-        if not _runs():
-            return False
-        shown = commands.run(["ip", "link", "show", "dev", INTERFACE])
-        return shown.status != 0 or not is_guard(commands.run(LISTING))
+        """Say if somebody has taken the interface from under the unit."""
+        return _runs() and commands.run(["ip", "link", "show", "dev", INTERFACE]).status != 0
 
     def result(self) -> typing.Dict[str, typing.Any]:
         """The return values beside `changed`, `msg` and `diff`."""
@@ -71,13 +63,12 @@ class Tunnel(file_bundle.ManagedFiles):
 
     def undo_steps(self) -> typing.List[typing.List[str]]:
         """Return what brings the tunnel of before back: the unit by its own files, or none."""
-        return [_END, ["systemctl", "restart", UNIT] if _runs() else _OPEN, ["rm", "-rf", FOLDER]]
+        return [_END, *([["systemctl", "restart", UNIT]] if _runs() else []), ["rm", "-rf", FOLDER]]
 
     def apply_runtime(self) -> None:
         """Bring the tunnel up by the new files, or end it where there are none. Raises Problem."""
         commands.run(_END)  # there may be none
         if not self.options["files"]:
-            commands.run(_OPEN)
             return
         used = key.KEY + key.NEXT if self._waits else key.KEY
         with explain_unreadable("The tunnel is as it was before."):
@@ -104,10 +95,7 @@ class Tunnel(file_bundle.ManagedFiles):
         super().apply()
         if self.runtime_changes and not self.options["files"]:  # its unit cannot end it without them
             commands.run(_END)
-            commands.run(_OPEN)
         shutil.rmtree(FOLDER, ignore_errors=True)
-        if self._is_unread:
-            self._read_units()
 
     def make_other_steps(self) -> typing.List[Step]:
         """Return the steps that take the key that waits into use, or remove all keys with the last file."""
@@ -120,18 +108,6 @@ class Tunnel(file_bundle.ManagedFiles):
             )
             steps.insert(0, write)
         return steps
-
-    def _read_units(self) -> None:
-        """Let systemd read the drop-in. Until it has, the next run does it. Raises Problem."""
-        answer = commands.run(["systemctl", "daemon-reload"], limit=_LIMIT)
-        if answer.status != 0:
-            self.unread = True
-            reason = quote(answer.last_error, LINE) or f"status {answer.status}"
-            raise Problem(
-                f"The files of the tunnel are as planned, but systemd does not read its units again ({reason}), so a start of nftables.service "
-                "would leave the tunnel without its guard: look at what systemctl daemon-reload says, and run the play again."
-            )
-        self.files.forget_pending()
 
     def _is_next_planned(self) -> bool:
         """Say if the key that waits is the one of the new configuration. Raises Problem."""

@@ -515,13 +515,6 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         cost=2.0,
         read=READ,
     ),
-    ("tunnel", "open"): Fault(
-        "the tunnel of {place} is not guarded, so others on the network below it can send in the name of a robot",
-        f"{SITE}, or on {{place}}: systemctl restart multimaster-tunnel; it goes where somebody flushes the rules of nftables, as its service does",
-        "on {place}: nft list table inet rosfleet_tunnel",
-        cost=2.0,
-        read=READ,
-    ),
     ("tunnel", "peer"): Fault(
         "{place} has other peers in its tunnel than planned: {what}",
         f"{SITE}, which writes the peers of all computers",

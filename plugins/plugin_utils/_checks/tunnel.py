@@ -41,18 +41,6 @@ def _judge_own_tunnel(case: Case) -> Judgement | None:
     return judge_fault(FAILED, expected, found, "as planned", parts)
 
 
-@Check(
-    title="its tunnel is guarded",
-    needs=lambda case: make_parts("tunnel", case.observer.name, "open"),
-)
-def _judge_guard(case: Case) -> Judgement | None:
-    seen = case.probe.tunnel
-    if case.observer.plan.tunnel is None or not seen.up or seen.guarded is None:
-        return None
-    found, parts = "" if seen.guarded else "none", make_parts("tunnel", case.observer.name, "open")
-    return judge_fault(FAILED, "its table", found, "as planned", parts)
-
-
 # Between two computers
 
 LATE = 120.0  # seconds; more than from the first answer of a computer to the last

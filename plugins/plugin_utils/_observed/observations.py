@@ -338,7 +338,6 @@ class SeenTunnel:
     """The tunnel of a computer; `up` is None where it was not looked at."""
 
     up: bool | None = None
-    guarded: bool | None = None  # by its table of nftables
     public_key: str = ""
     port: int = 0
     time_s: float | None = None  # of its clock, since 1970

@@ -20,6 +20,8 @@ from .._fleet.model import Gateway, Router
 
 DEFAULT_ROUTE = IPv4Network("0.0.0.0/0")
 COMMON = "the common network"
+# The interfaces of a computer on the common network, and on that of its robot.
+COMMON_INTERFACE, OWN_INTERFACE = "{common}", "{own}"
 
 # Parameters of a node, in the words of the provider. The services get them as JSON.
 Parameters = Mapping[str, Any]
@@ -218,7 +220,6 @@ class Tunnel:
     peers: tuple[Peer, ...] = ()
     routes: tuple[Route, ...] = ()  # to the networks behind other computers
     hub: bool | None = field(default=None, metadata=notation(left_out=True))  # it passes packets on between its peers
-    behind: IPv4Network | None = field(default=None, metadata=notation(left_out=True))  # the own network of a gateway
 
     def find_carrier(self, address: IPv4Address) -> str:
         """Return the peer to which packets for an address go: the computer itself, or the hub. Empty for none."""
@@ -227,10 +228,19 @@ class Tunnel:
 
 
 @dataclass(frozen=True)
+class Guard:
+    """Networks whose addresses come in at one interface only. Its name is COMMON_INTERFACE or OWN_INTERFACE until preflight knows it."""
+
+    networks: tuple[IPv4Network, ...]
+    interface: str
+
+
+@dataclass(frozen=True)
 class Firewall:
     """The packet filter of a computer. FleetPlan.let_in has the sources that pass it."""
 
     networks: tuple[IPv4Network, ...] = ()  # behind the computer, and protected by it too
+    guards: tuple[Guard, ...] = ()
     also: tuple[IPv4Network, ...] = ()  # sources that pass on this computer alone
     open_ports: tuple[str, ...] = ()  # open to everybody
 
@@ -298,6 +308,9 @@ class ComputerPlan:
     # Multicast routing is planned, or an earlier plan left some behind.
     multicast_routing_due: bool | None = field(default=None, metadata=notation(left_out=True))
     firewall_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the packet filter
+    nft_missing: bool | None = field(
+        default=None, metadata=notation(left_out=True)
+    )  # it is needed, and to be installed first
     clock_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the clock
     tunnel_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the tunnel
 

@@ -287,7 +287,6 @@ def _tunnel(fleet: Fleet, robot: Robot, computer: Computer) -> model.Tunnel | No
         peers=tuple(_list_peers(fleet, computer)),
         routes=_network_routes(fleet, robot, computer),
         hub=computer == fleet.hub or None,
-        behind=next(iter(_list_behind(robot, computer)), None),
     )
 
 
@@ -325,7 +324,31 @@ def _firewall(fleet: Fleet, robot: Robot, computer: Computer, tunnel: model.Tunn
     networks = _networks_behind_router(fleet) if computer == fleet.hub else _list_behind(robot, computer)
     # Who comes by the tunnel has a key; to others its port does not answer.
     ports = (f"{tunnel.port}/udp",) if tunnel else ()
-    return model.Firewall(networks, computer.variables.firewall_also, (*computer.variables.firewall_ports, *ports))
+    return model.Firewall(
+        networks,
+        tuple(_list_guards(fleet, robot, computer)),
+        computer.variables.firewall_also,
+        (*computer.variables.firewall_ports, *ports),
+    )
+
+
+def _list_guards(fleet: Fleet, robot: Robot, computer: Computer) -> Iterator[model.Guard]:
+    """Yield the networks whose addresses come in at one interface of the computer only.
+
+    The own network of a robot is at the interface there. What is in the tunnel comes by it, and behind a gateway from the gateway.
+    Without a tunnel, the addresses of other robots are those of an ordinary network, which may lead to a computer in several ways.
+    """
+    own = (robot.network,) if robot.gateway else ()
+    common: list[IPv4Network] = []
+    if fleet.variables.tunnel != "none":
+        others = [other.network for other in fleet.robots if other.gateway and other != robot]
+        common = [fleet.variables.common_network, *others]
+    if computer.common_address is None:
+        own, common = (*own, *common), []
+    if common:
+        yield model.Guard(tuple(common), model.COMMON_INTERFACE)
+    if own:
+        yield model.Guard(own, model.OWN_INTERFACE)
 
 
 def _let_in(fleet: Fleet, belonging: model.Membership) -> tuple[IPv4Network, ...]:

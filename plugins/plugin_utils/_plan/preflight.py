@@ -17,7 +17,7 @@ from .._fleet import advice
 from .._fleet.flows import BORDER_PORT
 from .._fleet.plain_text import LINE, quote
 from . import clock, environment, providers, set_up, tunnel, units
-from .model import ComputerPlan, Interface, Port, Setting
+from .model import COMMON_INTERFACE, OWN_INTERFACE, ComputerPlan, Interface, Port, Setting
 
 # The units of the collection. They may hold the ports of the plan.
 OWN_UNITS = tuple(f"multimaster-{name}.service" for name in (*units.OTHERS, *units.NODES))
@@ -114,15 +114,25 @@ def _fill(plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4A
     routing = plan.multicast_routing
     if routing:
         routing = replace(routing, interfaces=tuple(interfaces[address] for address in routing.addresses))
+    names = {COMMON_INTERFACE: common, OWN_INTERFACE: interfaces.get(plan.address, "")}
+    planned = plan.firewall.guards if plan.firewall else ()
+    guards = tuple(replace(guard, interface=names[guard.interface]) for guard in planned)
     follows = clock.add_machine(plan.clock, info)
     return replace(
         plan,
         sysctl=sysctl,
         multicast_routing=routing,
         programs=units.NO_PROGRAMS,
-        packages=(*clock.list_clock_packages(follows), *tunnel.list_tunnel_packages(plan.tunnel, info)),
+        packages=(
+            *clock.list_clock_packages(follows),
+            *(("nftables",) if guards else ()),
+            *tunnel.list_tunnel_packages(plan.tunnel, info),
+        ),
+        firewall=replace(plan.firewall, guards=guards) if plan.firewall else None,
         multicast_routing_due=_is_due(plan.multicast_routing, "multicast_routing", info),
-        firewall_due=_is_due(plan.firewall, "firewall", info),
+        # Without the name of an interface, which a verification may have, there is nothing to compare.
+        firewall_due=_is_due(plan.firewall, "firewall", info) and all(of.interface for of in guards),
+        nft_missing=bool(guards) and not info["filters"]["readable"],
         clock=follows,
         clock_due=_is_due(plan.clock, "files-clock", info),
         tunnel_due=_is_due(plan.tunnel, "files-tunnel", info),

@@ -19,11 +19,8 @@ from .model import ComputerPlan, Tunnel
 
 INTERFACE = "multimaster0"
 CONFIGURATION = f"{units.CONFIGURATION}/{INTERFACE}.conf"
-FILTER = f"{units.CONFIGURATION}/{INTERFACE}.nft"
-GUARD = "/etc/systemd/system/nftables.service.d/rosfleet-multimaster-tunnel.conf"
 # Made by the module tunnel_key; a unit test compares the two.
 KEY = f"/etc/wireguard/{INTERFACE}.key"
-TABLE = "rosfleet_tunnel"
 MTU = 1420  # bytes; what wg-quick takes over a network of 1500
 # Seconds after which a computer that has changed its address is heard from its new one.
 KEEPALIVE = 3
@@ -39,10 +36,8 @@ _INTERFACE = """\
 Address = {tunnel.address}/{tunnel.network.prefixlen}
 ListenPort = {tunnel.port}
 {hub}Table = off
-PreUp = nft -f {filter}
 PostUp = wg set %i private-key {key}
-{routes}PostDown = nft delete table inet {table}
-"""
+{routes}"""
 # A computer that becomes the hub starts its tunnel again: the new interface sends no ICMP redirects (plan.NO_REDIRECTS).
 _HUB = "# The hub: it passes packets on between its peers.\n"
 _ROUTE = "PostUp = ip route replace {route.destination} via {route.gateway} dev %i\n"
@@ -53,27 +48,6 @@ PublicKey = {key}
 AllowedIPs = {networks}
 {endpoint}PersistentKeepalive = {keepalive}
 """
-# What is the tunnel's comes by the tunnel: nobody on the network below can send in the name of a robot.
-_FILTER = """\
-table inet {table} {{
-}}
-delete table inet {table}
-table inet {table} {{
-  chain prerouting {{
-    type filter hook prerouting priority raw; policy accept;
-    iifname != {{ "{interface}", "lo" }} ip saddr {{ {networks} }} drop
-{behind}  }}
-}}
-"""
-# nftables.service flushes all tables when it starts, reloads or stops. "-": nft(8) says why in the journal, and it goes on.
-_GUARD = """\
-[Service]
-ExecStartPost=-/usr/sbin/nft -f {filter}
-ExecReload=-/usr/sbin/nft -f {filter}
-ExecStopPost=-/usr/sbin/nft -f {filter}
-"""
-# Nor can it send in the name of a computer behind the gateway: those packets come in where the route to them leads.
-_BEHIND = '    iifname != {{ "{interface}", "lo" }} ip saddr {network} fib saddr . iif oif missing drop\n'
 
 
 def is_key(text: object) -> bool:
@@ -90,9 +64,7 @@ def render_tunnel(tunnel: Tunnel | None, keys: Mapping[str, str]) -> list[dict[s
         public=keys.get(tunnel.computer, "(made in this run)"),
         hub=_HUB if tunnel.hub else "",
         routes="".join(_ROUTE.format(route=route) for route in tunnel.routes),
-        filter=FILTER,
         key=KEY,
-        table=TABLE,
     )
     peers = "".join(
         _PEER.format(
@@ -105,14 +77,7 @@ def render_tunnel(tunnel: Tunnel | None, keys: Mapping[str, str]) -> list[dict[s
         for peer in tunnel.peers
         if is_key(keys.get(peer.computer))
     )
-    own = [IPv4Network(tunnel.address), *(network for peer in tunnel.peers for network in peer.networks)]
-    behind = _BEHIND.format(interface=INTERFACE, network=tunnel.behind) if tunnel.behind else ""
-    guard = _FILTER.format(table=TABLE, interface=INTERFACE, networks=", ".join(map(str, own)), behind=behind)
-    return [
-        {"path": FILTER, "content": _HEADER + guard, "mode": "0644"},
-        {"path": CONFIGURATION, "content": _HEADER + text + peers, "mode": "0600"},
-        {"path": GUARD, "content": _HEADER + _GUARD.format(filter=FILTER), "mode": "0644"},
-    ]
+    return [{"path": CONFIGURATION, "content": _HEADER + text + peers, "mode": "0600"}]
 
 
 def add_interface(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -135,7 +100,7 @@ def list_tunnel_packages(tunnel: Tunnel | None, info: Mapping[str, Any]) -> tupl
     """Return the packages that the tunnel needs."""
     if tunnel is None:
         return ()
-    return ("nftables", "wireguard-tools", *(() if info["tunnel"]["kernel"] else ("wireguard-go",)))
+    return ("wireguard-tools", *(() if info["tunnel"]["kernel"] else ("wireguard-go",)))
 
 
 def find_tunnel_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:

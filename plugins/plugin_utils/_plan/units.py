@@ -117,7 +117,7 @@ _TUNNEL = """\
 Description=Tunnel of this computer of {robot} to the other robots (WireGuard)
 Documentation=https://github.com/rosfleet/multimaster
 # Its address is there without a network, and so is its port: who comes back is heard from whatever address.
-After=network-pre.target nftables.service
+After=network-pre.target
 Before=multimaster-address.service multimaster-roscore.service multimaster-discovery.service multimaster-sync.service
 
 [Service]

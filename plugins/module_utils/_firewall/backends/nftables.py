@@ -3,6 +3,9 @@
 
 """nftables: a table of our own, replaced in one transaction, and loaded at boot by a unit of our own.
 
+It has the guards beside every back end: no way in which ufw, firewalld or the tunnel starts, stops or reloads touches this table. Only
+who flushes all rules does, as nftables.service. A drop-in lets that one flush and load ours in one transaction.
+
 Of TCP, only packets that begin a connection are dropped. So every connection that is there already stays, also where the
 kernel has not followed it from its beginning, or sees one direction of it only.
 
@@ -12,11 +15,13 @@ interface, and the copies of its own multicast. For these copies, `fib` names an
 """
 
 import os
+import re
 import typing
 
 from ..._machine import systemd
 from ..._module.plain_text import LINE, quote
 from ..._module.problem import Problem
+from ..._process.commands import text
 from ..packet_filter import FIRST, LAST, PacketFilter
 from . import contract
 
@@ -24,14 +29,15 @@ TABLE = "rosfleet_multimaster"
 UNIT = "multimaster-firewall.service"
 RULES_FILE = "/etc/rosfleet-multimaster/firewall.nft"
 UNIT_FILE = "/etc/systemd/system/" + UNIT
+FLUSHES = "nftables.service"
+DROP_IN = f"/etc/systemd/system/{FLUSHES}.d/rosfleet-multimaster.conf"
 
 # Both lines are needed: the first makes sure that there is a table to delete.
-_DELETE = f"table inet {TABLE}\ndelete table inet {TABLE}\n"
+DELETE = f"table inet {TABLE}\ndelete table inet {TABLE}\n"
 # A table without a name in use, to learn how nft writes rules on this computer, and whether its kernel takes them.
 _SCRATCH = f'nft "$1" && nft -s list table inet {TABLE}'
 
-# nftables.service flushes everything when it starts, reloads or stops, so this unit follows it: PartOf= for a stop, and the
-# second WantedBy= for the start after that.
+# Without an ExecStop=, the rules stay while the unit is started again.
 _UNIT = """\
 # {header}
 [Unit]
@@ -40,19 +46,42 @@ DefaultDependencies=no
 Wants=network-pre.target
 Before=network-pre.target
 After=local-fs.target nftables.service
-PartOf=nftables.service
-ReloadPropagatedFrom=nftables.service
 
 [Service]
 Type=oneshot
 RemainAfterExit=yes
 ExecStart={nft} -f {file}
 ExecReload={nft} -f {file}
-ExecStop={nft} delete table inet {table}
 
 [Install]
-WantedBy=sysinit.target nftables.service
+WantedBy=sysinit.target
 """
+
+# What Debian has nftables.service do, it does together with ours. With a wildcard, nft goes on where there is no such file. Rules of
+# others never depend on ours: if these are not taken, they are loaded without.
+_TOGETHER = """\
+ExecStart=
+ExecStart=/bin/sh -c '{nft} "$$1" || exec {nft} -f /etc/nftables.conf' sh 'include "/etc/nftables.conf"; include "{pattern}"'
+ExecReload=
+ExecReload=/bin/sh -c '{nft} "$$1" || exec {nft} -f /etc/nftables.conf' sh 'include "/etc/nftables.conf"; include "{pattern}"'
+ExecStop=
+ExecStop=/bin/sh -c '{nft} "$$1" || exec {nft} flush ruleset' sh 'flush ruleset; include "{pattern}"'
+"""
+_DEBIANS = [
+    ("ExecReload", "/usr/sbin/nft -f /etc/nftables.conf"),
+    ("ExecStart", "/usr/sbin/nft -f /etc/nftables.conf"),
+    ("ExecStop", "/usr/sbin/nft flush ruleset"),
+]
+# What somebody else has it do, it does as ever, and ours is loaded after that: for these milliseconds it is away.
+_DROP_IN = """\
+# {header}
+[Service]
+{together}ExecStartPost=-{nft} -f {file}
+ExecReload=-{nft} -f {file}
+ExecStopPost=-{nft} -f {file}
+"""
+_COMMAND = re.compile(r"^[ \t]*(Exec\w+)[ \t]*=[ \t]*(.*?)[ \t]*$", re.M)
+_NO_NFT = "There is no nft, expected it for the packet filter{reason}: install it (apt-get install nftables){instead}."
 
 
 class BackEnd(contract.BackEnd):
@@ -70,10 +99,10 @@ class BackEnd(contract.BackEnd):
 
     def plan_rules(self, packet_filter: PacketFilter) -> contract.Rules:
         if not contract.find_program("nft"):
-            raise Problem(
-                "There is no nft, expected it for the packet filter, since neither ufw nor firewalld is active: install it "
-                "(apt-get install nftables), or turn one of the two on."
-            )
+            if packet_filter.members:
+                neither = ", since neither ufw nor firewalld is active"
+                raise Problem(_NO_NFT.format(reason=neither, instead=", or turn one of the two on"))
+            return render_table(packet_filter).splitlines()  # it is to be installed before anything changes
         answer = contract.run_command(["unshare", "--net", "sh", "-c", _SCRATCH, "sh", render_table(packet_filter)])
         if answer.status != 0:
             raise Problem(_explain_failure(" ".join(answer.error.split())[:200]))
@@ -81,12 +110,21 @@ class BackEnd(contract.BackEnd):
 
     def plan_files(self, packet_filter: PacketFilter) -> typing.List[contract.File]:
         nft = contract.find_program("nft") or "/usr/sbin/nft"
-        unit = _UNIT.format(header=contract.HEADER, nft=nft, file=RULES_FILE, table=TABLE)
-        rules = f"# {contract.HEADER}\n{_DELETE}{render_table(packet_filter)}"
+        words = {"header": contract.HEADER, "nft": nft, "file": RULES_FILE}
+        together = _TOGETHER.format(nft=nft, pattern=RULES_FILE[:-1] + "[t]") if self._is_debians() else ""
+        rules = f"# {contract.HEADER}\n{DELETE}{render_table(packet_filter)}"
         return [
             {"path": RULES_FILE, "content": rules, "mode": "0644"},
-            {"path": UNIT_FILE, "content": unit, "mode": "0644"},
+            {"path": UNIT_FILE, "content": _UNIT.format(**words), "mode": "0644"},
+            {"path": DROP_IN, "content": _DROP_IN.format(together=together, **words), "mode": "0644"},
         ]
+
+    def _is_debians(self) -> bool:
+        """True where nftables.service does what Debian has it do, but for our drop-in."""
+        unit = systemd.states([FLUSHES], ["FragmentPath", "DropInPaths"])[0] if self.booted else {}
+        paths = [unit.get("FragmentPath", ""), *unit.get("DropInPaths", "").split()]
+        found = [pair for path in paths if path not in ("", DROP_IN) for pair in _COMMAND.findall(text(path))]
+        return sorted(found) == _DEBIANS
 
     def is_ready_for_boot(self) -> bool:
         if not self.booted:
@@ -95,7 +133,7 @@ class BackEnd(contract.BackEnd):
             return not os.path.lexists(UNIT_FILE)
         unit = systemd.show([UNIT], ["ActiveState", "UnitFileState", "NeedDaemonReload"]).units
         right = {"ActiveState": "active", "UnitFileState": "enabled", "NeedDaemonReload": "no"}
-        return unit == [right]
+        return unit == [right] and systemd.show([FLUSHES], ["NeedDaemonReload"]).units == [{"NeedDaemonReload": "no"}]
 
     def prepare(self) -> None:
         if self.booted and self.packet_filter is None and os.path.lexists(UNIT_FILE):
@@ -111,9 +149,9 @@ class BackEnd(contract.BackEnd):
                 contract.run_command(["systemctl", "reset-failed", UNIT])
 
     def try_out(self) -> None:
-        contract.run_or_fail(
-            ["nft", _DELETE + ("" if self.packet_filter is None else render_table(self.packet_filter))]
-        )
+        if self.packet_filter is not None and not contract.find_program("nft"):
+            raise Problem(_NO_NFT.format(reason=", beside every other one", instead=""))
+        contract.run_or_fail(["nft", DELETE + ("" if self.packet_filter is None else render_table(self.packet_filter))])
 
     def restore(self) -> None:
         if self.booted:
@@ -126,7 +164,7 @@ class BackEnd(contract.BackEnd):
             contract.run_or_fail(command)
 
     def undo_steps(self) -> typing.List[contract.Command]:
-        return [["nft", _DELETE + "\n".join(self.before)]]
+        return [["nft", DELETE + "\n".join(self.before)]]
 
 
 def _explain_failure(message: str) -> str:
@@ -156,7 +194,12 @@ def render_table(packet_filter: PacketFilter) -> str:
         ports = ", ".join(str(port) for port in packet_filter.list_open_ports(protocol))
         accepts += f"\t\t{protocol} dport {{ {ports} }} accept\n" if ports else ""
     accepts += "\t\tct state established,related accept\n"
-    chains = _render_chain("prerouting", _antispoof_rules())
+    chains = (
+        _render_chain("guard", _list_guard_rules(packet_filter), "prerouting", "raw") if packet_filter.guards else ""
+    )
+    if not packet_filter.members:  # another back end has the rest
+        return f"table inet {TABLE} {{\n{chains}}}\n"
+    chains += _render_chain("prerouting", _antispoof_rules())
     chains += _render_chain(
         "input", '\t\tiifname "lo" accept\n\t\tfib saddr type local accept\n' + accepts + _drop_rules("")
     )
@@ -167,8 +210,21 @@ def render_table(packet_filter: PacketFilter) -> str:
     return f"table inet {TABLE} {{\n{sets}{chains}}}\n"
 
 
-def _render_chain(hook: str, rules: str) -> str:
-    return f"\tchain {hook} {{\n\t\ttype filter hook {hook} priority 0; policy accept;\n{rules}\t}}\n"
+def _render_chain(name: str, rules: str, hook: str = "", priority: str = "0") -> str:
+    return f"\tchain {name} {{\n\t\ttype filter hook {hook or name} priority {priority}; policy accept;\n{rules}\t}}\n"
+
+
+def _list_guard_rules(packet_filter: PacketFilter) -> str:
+    """The rules that drop what comes in beside the interface of its network, whether it is for this computer or passed on.
+
+    They have names, no routes: a route goes with its interface, and then the default route would lead to the network.
+    """
+    rules = "\t\tip6 saddr ::ffff:0:0/96 drop\n"  # no wire has addresses of IPv4 within IPv6, and a socket of both takes them for those
+    for networks, interface in packet_filter.guards:
+        for kind, colon in (("ip", False), ("ip6", True)):
+            own = ", ".join(network for network in networks if (":" in network) == colon)
+            rules += f'\t\tiifname != {{ "lo", "{interface}" }} {kind} saddr {{ {own} }} drop\n' if own else ""
+    return rules
 
 
 def _antispoof_rules() -> str:

@@ -16,4 +16,5 @@ _ROWS = (
 
 BACKENDS: typing.Dict[str, typing.Type[contract.BackEnd]] = {row.name: row for row in _ROWS}
 AUTO = "auto"  # the first that is active
+GUARDING = nftables.BackEnd.name  # has the guards, whatever else filters packets
 CHOICES = [AUTO, *BACKENDS]

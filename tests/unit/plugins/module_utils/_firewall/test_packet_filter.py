@@ -7,7 +7,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import packet_filter
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
-NOTHING = {"members": [], "also": [], "networks": [], "open_ports": [], "ssh_ports": []}
+NOTHING = {"members": [], "also": [], "networks": [], "guards": [], "open_ports": [], "ssh_ports": []}
 
 
 def read(ssh=(), **options):

@@ -20,6 +20,7 @@ OPTIONS = {
     "members": [],
     "also": [],
     "networks": [],
+    "guards": [],
     "open_ports": [],
     "ssh_ports": [],
     "backend": "auto",
@@ -28,6 +29,7 @@ FLEET = {"members": ["192.168.1.229", "192.168.1.239"]}
 GATEWAY = {
     "members": ["192.168.1.201", "192.168.11.100", "fd00::/64"],
     "networks": ["192.168.11.0/24"],
+    "guards": [{"networks": ["192.168.11.0/24", "fd00:11::/64"], "interface": "eth1"}],
     "ssh_ports": [2222],
 }
 FOREIGN = "add table inet foreign { chain input { type filter hook input priority 0; tcp dport 9 drop; }; }"
@@ -54,6 +56,7 @@ run.has_systemd = lambda: False
 run.BACKENDS = {"nftables": nftables.BackEnd}
 nftables.RULES_FILE = root + "/etc/rosfleet-multimaster/firewall.nft"
 nftables.UNIT_FILE = root + "/etc/systemd/system/multimaster-firewall.service"
+nftables.DROP_IN = root + "/etc/systemd/system/nftables.service.d/rosfleet-multimaster.conf"
 for options, left, half in json.load(sys.stdin):
     if os.fork() == 0:
         made = run.Run(dict(options, records=root + "/var/records"))

@@ -10,19 +10,12 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.comm
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._tunnel import probe
 
 OWN, ONE, TWO = (letter * 43 + "=" for letter in "ABC")
-# As nft lists the table.
-HEAD = (
-    "table inet rosfleet_tunnel {\n\tchain prerouting {\n\t\ttype filter hook prerouting priority raw; policy accept;\n"
-)
-FLUSHED = HEAD + "\t}\n}"
 GOOD = {
     "public-key": OWN,
     "listen-port": "51820",
     "endpoints": f"{ONE}\t192.168.28.24:51820\n{TWO}\t(none)",
     "allowed-ips": f"{ONE}\t10.77.0.24/32 192.168.29.0/24\n{TWO}\t(none)",
     "latest-handshakes": f"{ONE}\t990\n{TWO}\t0",
-    probe.TABLE: HEAD
-    + '\t\tiifname != { "lo", "multimaster0" } ip saddr { 10.77.0.1,\n\t\t\t     10.77.0.24 } drop\n\t}\n}',
 }
 
 
@@ -54,7 +47,7 @@ def fixture_told(monkeypatch):
 def test_the_peers_are_told_with_what_was_heard(told):
     found = probe.look()
     one, two = found.pop("peers")
-    assert found == {"up": True, "guarded": True, "public_key": OWN, "port": 51820, "time_s": 1000.0, "mtu": 1420}
+    assert found == {"up": True, "public_key": OWN, "port": 51820, "time_s": 1000.0, "mtu": 1420}
     assert one == {
         "public_key": ONE,
         "endpoint": "192.168.28.24:51820",
@@ -112,17 +105,10 @@ def test_the_private_key_is_not_asked_for(told):
     assert not {"dump", "private-key", "preshared-keys"} & set(told[1])
 
 
-@pytest.mark.parametrize("listing", [FLUSHED, "table inet rosfleet_tunnel {\n}", None])
-def test_a_table_without_its_rules_is_no_guard(told, listing):
-    told[0][probe.TABLE] = listing
-    assert probe.look()["guarded"] is False
-
-
 def test_without_a_tunnel_there_is_nothing(told):
     told[0].clear()
     assert probe.look() == {
         "up": False,
-        "guarded": False,
         "public_key": "",
         "port": 0,
         "time_s": 1000.0,

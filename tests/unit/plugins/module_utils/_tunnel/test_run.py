@@ -12,8 +12,6 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.comm
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._tunnel import run as tunnel
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import tunnel as planned
 
-DROP_IN, READ = "nftables.service.d/x.conf", ["systemctl", "daemon-reload"]
-
 
 @pytest.fixture(name="make")
 def fixture_make(tmp_path, monkeypatch):
@@ -26,7 +24,7 @@ def fixture_make(tmp_path, monkeypatch):
             return Answer(0, b"public-of-" + _more["given"], "")
         if wrong & {argv[0], argv[-1]}:
             return Answer(1, b"", "RTNETLINK answers: no")
-        return Answer(0, make.listing if argv == tunnel.LISTING else b"", "")
+        return Answer(0, b"", "")
 
     monkeypatch.setattr(tunnel.commands, "run", answer)
     monkeypatch.setattr(tunnel, "FOLDER", str(tmp_path / "trial"))
@@ -35,14 +33,13 @@ def fixture_make(tmp_path, monkeypatch):
     monkeypatch.setattr(tunnel.systemd, "states", lambda units, properties: states)
 
     def make(*names, confirms=False, more=""):
-        text = f"PreUp = nft -f {tmp_path}/etc/x.nft\n{more}"
+        text = f"# {tmp_path}/etc/x\n{more}"
         files = [{"path": f"{tmp_path}/etc/{name}", "content": text, "mode": "0600"} for name in names]
         entries = [{**file, "owner": None, "group": None, "validate": []} for file in files]
         options = {"files": entries, "records": str(tmp_path / "records")}
         return tunnel.Tunnel(options, confirms)
 
     make.asked, make.wrong, make.states = asked, wrong, states
-    make.listing = b'\t\tiifname != { "lo", "multimaster0" } ip saddr { 10.77.0.1 } drop\n'
     return make
 
 
@@ -51,7 +48,7 @@ def test_on_trial_the_copies_are_up_and_no_file_is_written(make, tmp_path):
     assert run.runtime_changes
     run.apply_runtime()
     copy = tmp_path / "trial" / "multimaster0.conf"
-    assert copy.read_text() == f"PreUp = nft -f {tmp_path}/trial/x.nft\n" and copy.stat().st_mode & 0o777 == 0o600
+    assert copy.read_text() == f"# {tmp_path}/trial/x\n" and copy.stat().st_mode & 0o777 == 0o600
     assert make.asked[-1][-3:] == ["wg-quick", "up", str(copy)] and not (tmp_path / "etc").exists()
 
 
@@ -77,11 +74,11 @@ def test_a_new_key_is_in_use_only_when_it_was_confirmed(make, tmp_path):
     assert f"key {used}\n" in (tmp_path / "etc" / "multimaster0.conf").read_text()
 
 
-@pytest.mark.parametrize(("state", "back"), [("active", "restart"), ("inactive", "delete")])
+@pytest.mark.parametrize(("state", "back"), [("active", ["restart"]), ("inactive", [])])
 def test_the_way_back_is_the_unit_with_its_own_files(make, state, back):
     make.states[0]["ActiveState"] = state
-    first, second, last = make("multimaster0.conf").undo_steps()
-    assert first[:3] == ["ip", "link", "delete"] and back in second and last[0] == "rm"
+    first, *between, last = make("multimaster0.conf").undo_steps()
+    assert first[:3] == ["ip", "link", "delete"] and last[0] == "rm" and [words[1] for words in between] == back
 
 
 def test_a_run_that_ended_before_it_took_the_key_is_completed(make, tmp_path):
@@ -106,7 +103,7 @@ def test_without_files_the_tunnel_ends(make, tmp_path):
     make("multimaster0.conf").apply()
     make.asked.clear()
     make().apply_runtime()
-    assert [argv[0] for argv in make.asked] == ["ip", "nft"] and not (tmp_path / "trial").exists()
+    assert [argv[0] for argv in make.asked] == ["ip"] and not (tmp_path / "trial").exists()
 
 
 def test_the_end_of_a_tunnel_ends_all_of_it(make, tmp_path):
@@ -116,15 +113,14 @@ def test_the_end_of_a_tunnel_ends_all_of_it(make, tmp_path):
         (tmp_path / name).write_text("private\n")
     make.asked.clear()
     make(confirms=True).apply()
-    assert [argv[:3] for argv in make.asked] == [["ip", "link", "delete"], ["nft", "delete", "table"]]
+    assert [argv[:3] for argv in make.asked] == [["ip", "link", "delete"]]
     assert not list(tmp_path.glob("x.key*")) and not make().changed
 
 
-@pytest.mark.parametrize("gone", ["ip", "nft"])
-def test_what_somebody_has_removed_under_the_unit_is_made_again(make, gone):
+def test_an_interface_that_somebody_has_removed_is_made_again(make):
     make("multimaster0.conf").apply()
     assert not make("multimaster0.conf").changed
-    make.wrong.add(gone)
+    make.wrong.add("ip")
     run = make("multimaster0.conf")
     assert run.changed and run.runtime_changes
     make.asked.clear()
@@ -132,55 +128,6 @@ def test_what_somebody_has_removed_under_the_unit_is_made_again(make, gone):
     assert ["systemctl", "restart", "multimaster-tunnel.service"] in make.asked
     make.states[0]["ActiveState"] = "inactive"
     assert not make("multimaster0.conf").changed  # its service is started anyway
-
-
-def test_a_table_that_somebody_has_flushed_is_made_again(make):
-    make("multimaster0.conf").apply()
-    assert not make("multimaster0.conf").changed
-    make.listing = b"table inet rosfleet_tunnel {\n\tchain prerouting {\n\t}\n}\n"
-    assert make("multimaster0.conf").runtime_changes
-
-
-def test_systemd_reads_the_drop_in_when_it_comes_and_goes(make):
-    for names, told in (((DROP_IN,), True), ((DROP_IN,), False), ((), True)):
-        make.asked.clear()
-        make(*names).apply()
-        assert (READ in make.asked) == told
-
-
-@pytest.mark.parametrize("names", [(DROP_IN,), ()])
-def test_a_reading_that_fails_is_made_up_for_by_the_next_run(make, names, tmp_path):
-    if not names:
-        make(DROP_IN).apply()
-    make.wrong.add("daemon-reload")
-    run = make(*names)
-    with pytest.raises(Problem, match=r"does not read its units again .* run the play again") as problem:
-        run.apply()
-    assert run.failure(problem.value) == {"changed": True}
-    make.wrong.clear()
-    again = make(*names)
-    assert again.changed and not again.runtime_changes  # the tunnel itself goes on
-    make.asked.clear()
-    again.apply()
-    assert READ in make.asked and not make(*names).changed
-    assert names or not (tmp_path / "records").exists()
-
-
-def test_a_run_that_is_killed_before_the_reading_is_completed(make, monkeypatch):
-    class Killed(BaseException):
-        pass
-
-    def kill(tree, ignore_errors):
-        raise Killed
-
-    with monkeypatch.context() as patch, pytest.raises(Killed):
-        patch.setattr(tunnel.shutil, "rmtree", kill)
-        make(DROP_IN).apply()
-    assert READ not in make.asked
-    again = make(DROP_IN)
-    assert again.changed and not again.files.writes
-    again.apply()
-    assert READ in make.asked and not make(DROP_IN).changed
 
 
 def test_a_tunnel_that_does_not_come_up_is_a_sentence(make):
@@ -199,4 +146,4 @@ def test_who_has_the_port_of_the_tunnel_is_named(make):
 
 
 def test_it_means_the_planned_tunnel():
-    assert (tunnel.INTERFACE, tunnel.TABLE) == (planned.INTERFACE, planned.TABLE)
+    assert tunnel.INTERFACE == planned.INTERFACE

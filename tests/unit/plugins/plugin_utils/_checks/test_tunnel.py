@@ -20,7 +20,6 @@ def tunnels(fleet):
     return {
         name: SeenTunnel(
             up=True,
-            guarded=True,
             public_key=name,
             port=51820,
             time_s=5000.0,
@@ -134,10 +133,6 @@ def killed(seen):
         update(peer(seen, name, TWO), heard=False)
 
 
-def flush(seen):
-    update(seen[TWO].probe.tunnel, guarded=False)
-
-
 @pytest.mark.parametrize(
     ("change", "part"),
     [
@@ -154,7 +149,6 @@ def flush(seen):
         (without_peer, ("tunnel", ONE, "peer")),
         (ended, ("tunnel", TWO, "ended")),
         (killed, ("tunnel", TWO, "ended")),
-        (flush, ("tunnel", TWO, "open")),
     ],
 )
 def test_each_fault_of_a_tunnel_is_named_once(change, part):

@@ -452,6 +452,7 @@ def test_what_one_computer_lets_in_besides_is_its_own():
     found = computers(change)
     assert found["tibi-nav"]["firewall"] == {
         "networks": [],
+        "guards": [{"networks": ["192.168.11.0/24"], "interface": "{own}"}],
         "also": ["192.168.2.201/32"],
         "open_ports": ["51820/udp"],
     }

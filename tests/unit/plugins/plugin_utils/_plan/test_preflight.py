@@ -110,6 +110,7 @@ def test_a_machine_like_its_plan():
         packages=(),
         multicast_routing_due=False,
         firewall_due=False,
+        nft_missing=False,
         clock_due=False,
         tunnel_due=False,
     )
@@ -622,6 +623,24 @@ def test_old_releases_hide_nothing():
 def test_a_packet_filter_is_due_when_planned_or_left_over():
     assert compare(firewall={"networks": []}).plan.firewall_due
     assert compare(lambda info: info.update(owned=["files-firewall", "routes"])).plan.firewall_due
+
+
+def guarded(readable=True, address="192.168.1.229"):
+    def change(info):
+        info["filters"] = {"readable": readable, "chains": [], "arp": []}
+        info["interfaces"][1]["addresses"][0]["address"] = address
+
+    return compare(change, firewall={"guards": [{"networks": ["10.77.0.0/24"], "interface": "{own}"}]}).plan
+
+
+def test_a_guard_has_the_name_of_its_interface():
+    assert [guard.interface for guard in guarded().firewall.guards] == ["eth0"]
+    assert guarded().firewall_due and guarded().packages == ("nftables",)
+    assert not guarded(address="192.168.1.9").firewall_due  # it has no name now, so there is nothing to compare
+
+
+def test_nft_is_installed_before_a_guard_where_it_is_missing():
+    assert guarded(readable=False).nft_missing and not guarded().nft_missing
 
 
 def test_a_folder_of_metrics_that_is_not_there_is_one_sentence():

@@ -102,7 +102,7 @@ def test_who_has_no_endpoint_is_reached_through_the_hub():
     settings = {setting.name: setting.value for setting in hub.sysctl}
     assert settings["net.ipv4.ip_forward"] == "1" and settings["net.ipv4.conf.all.send_redirects"] == "0"
     assert {"10.77.0.22/32", "10.77.0.24/32", "192.168.29.0/24"} <= {*map(str, hub.firewall.networks)}
-    assert "# The hub:" in tunnel.render_tunnel(hub.tunnel, KEYS)[1]["content"]
+    assert "# The hub:" in tunnel.render_tunnel(hub.tunnel, KEYS)[0]["content"]
     assert other.tunnel.find_carrier(plans[GATE].common_address) == ANA
 
 
@@ -122,20 +122,37 @@ def test_with_a_hub_two_with_endpoints_are_still_neighbours():
 
 def test_the_files_have_the_peers_of_the_plan_and_no_private_key():
     files = texts(ANA)
-    text, guard = files[tunnel.CONFIGURATION], files[tunnel.FILTER]
+    text = files[tunnel.CONFIGURATION]
     assert text.count("[Peer]") == 2 and "PrivateKey" not in text and "private-key /etc/wireguard/" in text
     assert "AllowedIPs = 10.77.0.24/32, 192.168.29.0/24\nEndpoint = 192.168.28.24:51820\n" in text
     assert f"PublicKey = {KEYS[BOB]}\nAllowedIPs = 10.77.0.22/32\nPersistentKeepalive = 3\n" in text
     assert "ip route replace 192.168.29.0/24 via 10.77.0.24 dev %i" in text
-    assert "ip saddr { 10.77.0.21/32, 10.77.0.22/32, 10.77.0.24/32, 192.168.29.0/24 } drop" in guard
-    (own,) = [line for line in texts(GATE)[tunnel.FILTER].splitlines() if "192.168.29.0/24" in line]
-    assert own.endswith(
-        "ip saddr 192.168.29.0/24 fib saddr . iif oif missing drop"
-    )  # its own, which comes from behind it
-    assert "fib" not in guard
     assert tunnel_files(to_plain(fleet().computers[ANA].tunnel), KEYS) == tunnel.render_tunnel(
         fleet().computers[ANA].tunnel, KEYS
     )
+
+
+def guards_of(plans, computer):
+    found = plans[computer].firewall.guards
+    return {guard.interface: [str(network) for network in guard.networks] for guard in found}
+
+
+def test_each_network_comes_in_at_one_interface():
+    """The whole network of the tunnel, so who is allowed there is, too; behind a gateway all comes from the gateway."""
+    plans = fleet(multimaster_allow=["10.77.0.99"]).computers
+    assert guards_of(plans, ANA) == {"{common}": ["10.77.0.0/24", "192.168.29.0/24"]}
+    assert guards_of(plans, GATE) == {"{common}": ["10.77.0.0/24"], "{own}": ["192.168.29.0/24"]}
+    assert guards_of(plans, ARM) == {"{own}": ["192.168.29.0/24", "10.77.0.0/24"]}
+    more, by_hub = {BOB: {"multimaster_endpoint": "192.168.28.22"}}, fleet(multimaster_tunnel_hub=ANA).computers
+    assert (
+        guards_of(fleet(more).computers, ANA) == guards_of(by_hub, ANA) == guards_of(plans, ANA)
+    )  # peers are not in it
+
+
+def test_without_a_tunnel_only_the_own_network_has_a_place():
+    plans = fleet(multimaster_tunnel="none", multimaster_transport="both").computers
+    assert guards_of(plans, GATE) == guards_of(plans, ARM) == {"{own}": ["192.168.29.0/24"]}
+    assert guards_of(plans, ANA) == {}
 
 
 def test_who_has_no_key_yet_is_no_peer():
@@ -178,7 +195,7 @@ def test_what_a_tunnel_cannot_be_together_with(changes, shared, words):
 def test_a_new_own_key_is_a_change_of_the_file():
     """Its peers stay, and the tunnel has to be started again."""
     before, after = texts(ANA), texts(ANA, {**KEYS, ANA: key(9)})
-    assert before[tunnel.CONFIGURATION] != after[tunnel.CONFIGURATION] and before[tunnel.FILTER] == after[tunnel.FILTER]
+    assert before[tunnel.CONFIGURATION] != after[tunnel.CONFIGURATION]
     assert "(made in this run)" in texts(ANA, {BOB: KEYS[BOB]})[tunnel.CONFIGURATION]
 
 

@@ -18,7 +18,11 @@ from pathlib import Path
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract, nftables
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import PacketFilter, Port
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.packet_filter import (
+    Guard,
+    PacketFilter,
+    Port,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
 
@@ -36,12 +40,57 @@ WANTED = PacketFilter((VICTIM, MEMBER, "10.8.0.1", INNER), ("10.8.0.0/24",), ())
 
 
 SMALL = PacketFilter(("10.5.0.1",), (), ())
+# Members whose addresses come in at one interface only: at one that is not there, or at the inner one.
+GUARDS = (Guard(("10.7.0.0/24", "fd00:7::/64"), "tun0"), Guard(("10.8.0.0/24",), "in"))
+GUARDED = PacketFilter(("10.7.0.0/24", "fd00:7::/64", "10.8.0.0/24", MEMBER), ("10.8.0.0/24",), (), guards=GUARDS)
 
 
 def test_a_computer_without_nft(monkeypatch):
     monkeypatch.setattr(contract, "find_program", lambda _name: "")
     with pytest.raises(Problem, match=r"^There is no nft, expected it .* install it \(apt-get install nftables\)"):
         nftables.BackEnd(False, SMALL)
+
+
+def test_guards_beside_another_back_end_wait_for_nft(monkeypatch):
+    """It is installed between the look at all computers and the change."""
+    monkeypatch.setattr(contract, "find_program", lambda _name: "")
+    back_end = nftables.BackEnd(False, GUARDED._replace(members=()))
+    assert back_end.changes and any("10.7.0.0/24" in line for line in back_end.after)
+    with pytest.raises(Problem, match=r"^There is no nft, expected it .* install it \(apt-get install nftables\)\.$"):
+        back_end.try_out()
+
+
+FLUSHES = """
+[Service]
+ExecStart=/usr/sbin/nft -f /etc/nftables.conf
+ ExecReload = /usr/sbin/nft -f /etc/nftables.conf
+ExecStop=/usr/sbin/nft flush ruleset
+"""
+
+
+@pytest.mark.parametrize(
+    ("fragment", "drop_in", "together"),
+    [
+        (FLUSHES, "[Unit]\nAfter=my.service", True),
+        (FLUSHES, "[Service]\nExecStartPost=/usr/local/sbin/more-rules", False),
+        (FLUSHES.replace("/etc/nftables.conf", "/etc/mine.conf"), "", False),
+        ("", "", False),
+    ],
+    ids=["debian", "drop-in", "fragment", "none"],
+)
+def test_only_what_debian_has_nftables_service_do_is_replaced(monkeypatch, fragment, drop_in, together):
+    texts = {"/lib/x.service": fragment, "/etc/x.conf": drop_in, nftables.DROP_IN: "ExecStart=\nExecStart=ours"}
+    paths = {"FragmentPath": "/lib/x.service", "DropInPaths": f"{nftables.DROP_IN} /etc/x.conf"}
+    monkeypatch.setattr(nftables, "text", texts.get)
+    monkeypatch.setattr(nftables.systemd, "states", lambda units, properties: [paths])
+    back_end = nftables.BackEnd(False, None)
+    back_end.booted = True
+    (content,) = [file["content"] for file in back_end.plan_files(SMALL) if file["path"] == nftables.DROP_IN]
+    lines = content.splitlines()
+    assert ("ExecStart=" in lines) is together
+    assert lines[-3:] == [
+        f"{name}=-/usr/sbin/nft -f {nftables.RULES_FILE}" for name in ("ExecStartPost", "ExecReload", "ExecStopPost")
+    ]
 
 
 def test_a_kernel_without_nftables(monkeypatch):
@@ -240,6 +289,46 @@ def test_a_gateway_passes_on_no_forged_packet_in_its_own_name(wires):
     with filtered(wires[1]), inner.hearing("in") as heard:
         send(wires, member, *forged, ("udp", STRANGER, INNER))
     assert heard == [f"{MEMBER} > {INNER}"]
+
+
+@pytest.mark.parametrize("wanted", [GUARDED, GUARDED._replace(members=(), networks=())], ids=["whole", "beside"])
+def test_an_address_comes_in_at_its_interface_alone(wires, wanted):
+    """To the computer and through it, of IPv4 and IPv6; also the guards alone, beside another back end."""
+    stranger, victim, inner = wires
+    forged = [("10.7.0.5", VICTIM), ("10.8.0.9", VICTIM), ("fd00:7::5", GLOBAL["victim"])]
+    forged.append(("::ffff:10.7.0.5", GLOBAL["victim"]))  # a socket of IPv6 has such names for senders of IPv4
+    passed_on = [("10.7.0.5", INNER), ("10.8.0.77", INNER)]
+    mac = json.loads(victim("ip -j link show dev in"))[0]["address"]
+    own = json.dumps([("udp", "10.8.0.9", VICTIM), ("udp", "10.7.0.5", VICTIM)])
+    for rules, heard_forged in ((contextlib.nullcontext(), True), (filtered(victim, wanted), False)):
+        with rules, victim.hearing("out") as heard, inner.hearing("in") as behind:
+            send(wires, *(("udp", *packet) for packet in (*forged, *passed_on)), ("udp", MEMBER, VICTIM))
+            inner(f"{sys.executable} {NODES / 'hostile/forger.py'} in {mac} {PORT}", own)
+        expected = [f"{source} > {place}" for source, place in forged] * heard_forged
+        expected += [f"{MEMBER} > {VICTIM}", f"10.8.0.9 > {VICTIM}"] + [f"10.7.0.5 > {VICTIM}"] * heard_forged
+        assert sorted(heard) == sorted(expected)
+        assert sorted(behind) == sorted([f"{source} > {place}" for source, place in passed_on] * heard_forged)
+
+
+def test_no_packet_passes_while_all_rules_are_loaded_anew(wires, tmp_path):
+    """As nftables.service does it with our drop-in, hundreds of times beside packets each 5 ms."""
+    stranger, victim, _inner = wires
+    others, ours = tmp_path / "nftables.conf", tmp_path / "firewall.nft"
+    others.write_text("flush ruleset\ntable inet foreign {\n}\n")
+    ours.write_text(nftables.DELETE + nftables.render_table(GUARDED))
+    mac = json.loads(victim("ip -j link show dev out"))[0]["address"]
+    together = [f'include "{others}"; include "{str(ours)[:-1]}[t]"', f'flush ruleset; include "{str(ours)[:-1]}[t]"']
+    words = json.dumps([("udp", "10.7.0.5", VICTIM), ("udp", MEMBER, VICTIM)])
+    with filtered(victim, GUARDED), victim.hearing("out") as heard:
+        command = stranger.words(sys.executable, str(NODES / "hostile/forger.py"), "out", mac, str(PORT), "2")
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as sender:
+            sender.stdin.write(words)
+            sender.stdin.close()
+            times = 0
+            while sender.poll() is None:
+                subprocess.run(victim.words("nft", together[times % 2]), check=True)
+                times += 1
+    assert times > 5 and set(heard) == {f"{MEMBER} > {VICTIM}"}
 
 
 @pytest.mark.parametrize("seed", range(6))
