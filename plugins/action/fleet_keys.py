@@ -35,7 +35,7 @@ class ActionModule(FleetAction):
             kept = tunnel.read_keys(before)
             told = _read_told(task_vars, str(args["told"]), kept)
             rotate = boolean(args.get("rotate", False))
-            keys = tunnel.join_keys(kept, told, fleet.computers, rotate)
+            keys, refused = tunnel.join_keys(kept, told, fleet.computers, rotate)
             after = tunnel.write_keys(keys)
             if after != before and not self._task.check_mode:
                 _replace(path, after)
@@ -51,6 +51,7 @@ class ActionModule(FleetAction):
             "changed": after != before,
             "keys_by_computer": keys,
             "diff": {"before_header": str(path), "after_header": str(path), "before": before, "after": after},
+            "refused": {name: plain(f"The keys of the tunnel: {text}.", LINE) for name, text in refused.items()},
             "warnings": [] if self._task.check_mode else warnings,
             "msg": f"{len(keys)} computers have a key.",
         }

@@ -9,7 +9,8 @@ version_added: "1.0.0"
 description:
   - Takes what each computer told of its own key by its own connection, and the keys that are kept in a file beside the inventory. So a run
     with C(--limit), and one without a robot that is lost, know the keys of all.
-  - A key that has changed is refused, unless that was asked for. A computer that is no longer in the plan loses its place.
+  - A key that has changed is refused, unless that was asked for, and so is one that is none, or another computer's. That costs the computer
+    that told it, and no other one. A computer that is no longer in the plan loses its place.
   - Runs on the controller and connects to no host, so it is run once. Nothing in the file is secret.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.info
@@ -51,7 +52,14 @@ EXAMPLES = r"""
     fleet: "{{ planned }}"
     told: own_key
     path: inventory/multimaster_tunnel_keys.txt
+  register: gathered
   run_once: true
+
+- name: Refuse a computer whose key is not believed
+  ansible.builtin.assert:
+    that: inventory_hostname not in gathered.refused
+    fail_msg: "{{ gathered.refused[inventory_hostname] }}"
+    quiet: true
 """
 
 RETURN = r"""
@@ -60,6 +68,11 @@ keys_by_computer:
   returned: success
   type: dict
   sample: {kobuki1computer: gkP4R9BW/LAS3o72Pgyd9RV5/Y+44cDLYXHuIXhbnQY=}
+refused:
+  description: A sentence for each computer whose key is not believed. The others have the one of it that is kept, or none.
+  returned: success
+  type: dict
+  sample: {}
 msg:
   description: One sentence on what was done, or on what prevents it.
   returned: always

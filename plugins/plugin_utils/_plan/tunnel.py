@@ -158,9 +158,9 @@ def read_keys(text: str) -> dict[str, str]:
         words = line.partition("#")[0].split()
         if not words:
             continue
-        if len(words) != 2 or not is_key(words[1]) or words[0] in keys:
+        if len(words) != 2 or not is_key(words[1]) or words[0] in keys or words[1] in keys.values():
             raise WrongKeys(
-                f"line {number} is {quote(line, LINE)}; expected the name of a computer and its public key, each computer once"
+                f"line {number} is {quote(line, LINE)}; expected the name of a computer and its public key, each computer and each key once"
             )
         keys[words[0]] = words[1]
     return keys
@@ -174,30 +174,35 @@ def write_keys(keys: Mapping[str, str]) -> str:
 
 def join_keys(
     kept: Mapping[str, str], told: Mapping[str, object], computers: Mapping[str, ComputerPlan], rotate: bool
-) -> dict[str, str]:
-    """Join the kept keys with those that computers have told of themselves. Raises WrongKeys.
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Join the kept keys with those that computers have told of themselves. Return them, and a sentence for each computer that is refused.
 
-    A computer that is no longer in the plan loses its place. A key that has changed is believed only where that was asked for.
+    What one tells costs itself alone: it has the kept key then, or none. A computer that is no longer in the plan loses its place. A
+    key that has changed is believed only where that was asked for, and never where it is the kept one of another computer.
     """
     inside = {name for name, plan in computers.items() if plan.tunnel}
     keys = {computer: key for computer, key in kept.items() if computer in inside}
-    for computer, key in told.items():
-        if computer not in inside or key == "":  # in check mode there may be none yet
-            continue
+    owners = {key: computer for computer, key in keys.items()}
+    new = {
+        computer: key for computer, key in told.items() if computer in inside and key not in ("", keys.get(computer))
+    }
+    refused: dict[str, str] = {}
+    for computer, key in new.items():
+        twins = [other for other, one in new.items() if one == key and other != computer]
         if not is_key(key):
-            raise WrongKeys(f"{computer}: its public key is {quote(key, LINE)}; expected 32 bytes in base64")
-        if keys.get(computer, key) != key and not rotate:
-            raise WrongKeys(
-                f"{computer}: its public key is {key}, and was {keys[computer]} before; expected the same: if you have set it up anew, run "
-                "site.yml with -e tunnel_rotate=true, and else find out who answers there"
+            refused[computer] = (
+                f"its public key is {quote(key, LINE)}; expected 32 bytes in base64: find out who answers there"
             )
-        keys[computer] = str(key)
-    owners: dict[str, str] = {}
-    for computer, key in sorted(keys.items()):
-        first = owners.setdefault(key, computer)
-        if first != computer:
-            raise WrongKeys(
-                f"{computer}: its public key is that of {first}, too; expected a key of its own: one of them is a copy of the other, so run "
-                "site.yml with -e tunnel_rotate=true"
+        elif owners.get(str(key)) or twins:
+            first = owners.get(str(key)) or twins[0]
+            refused[computer] = (
+                f"its public key is that of {first}, too; expected a key of its own: one of them is a copy of the other, so run site.yml with "
+                "-e tunnel_rotate=true"
             )
-    return keys
+        elif computer in keys and not rotate:
+            refused[computer] = (
+                f"its public key is {key}, and was {keys[computer]} before; expected the same: if you have set it up anew, run site.yml with "
+                "-e tunnel_rotate=true, and else find out who answers there"
+            )
+    keys.update({computer: str(key) for computer, key in new.items() if computer not in refused})
+    return keys, {computer: f"{computer}: {reason}" for computer, reason in refused.items()}

@@ -64,10 +64,10 @@ def test_check_mode_writes_nothing(gather):
 def test_a_changed_key_leaves_the_file_as_it_was(gather):
     gather({ONE: {"public_key": key(1)}, TWO: {"public_key": key(2)}})
     before = gather.path.read_text()
-    found = gather({ONE: {"public_key": key(3)}})
-    assert (
-        found["failed"] and f"{ONE}: its public key is {key(3)}" in found["msg"] and gather.path.read_text() == before
-    )
+    found = gather({ONE: {"public_key": key(3)}, TWO: {"public_key": key(2)}})
+    assert not found.get("failed") and gather.path.read_text() == before, "the others go on"
+    assert list(found["refused"]) == [ONE] and f"{ONE}: its public key is {key(3)}" in found["refused"][ONE]
+    assert found["keys_by_computer"] == {ONE: key(1), TWO: key(2)}
     assert gather({ONE: {"public_key": key(3)}}, rotate=True)["keys_by_computer"][ONE] == key(3)
 
 
@@ -84,7 +84,7 @@ def test_a_key_that_waits_counts_where_it_is_the_kept_one(gather):
     gather({ONE: {"public_key": key(2), "waiting_key": ""}})
     found = gather({ONE: {"public_key": key(1), "waiting_key": key(2)}})
     assert not found["changed"] and found["keys_by_computer"][ONE] == key(2)
-    assert gather({ONE: {"public_key": key(1), "waiting_key": key(3)}})["failed"]
+    assert gather({ONE: {"public_key": key(1), "waiting_key": key(3)}})["refused"]
 
 
 def test_several_inventories_have_one_place_for_keys(gather, tmp_path):
