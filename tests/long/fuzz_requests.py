@@ -24,6 +24,7 @@ system.methodHelp system.methodSignature system.multicall shutdown __init__ getP
 FILTERS = [
     r"\A/tf\Z", ".*" * 6 + "x", "(a+)+b", "(a|aa)*b", ".*.*.*x|" * 500 + "y", "(?:a|" * 400 + "b" + ")" * 400, "(" * 3000, "[", "(?P<a>a)(?P=a)",
     "(?i)a", "a{1000}{1000}", "[[a]-b&&c]", "x" * 70000, "|".join(f"/t{n}" for n in range(6000)), "[\\0-\\U0010ffff]" * 500, "\\", "*", "",
+    "(?:(?:){65000}){65000}x", r"\A(?:(?:){65000}){65000}x\Z", r"\A(a+)+b\Z", "|".join(r"\A/a.*b\Z" for _n in range(1500)),
 ]  # fmt: skip
 
 
@@ -95,7 +96,24 @@ def laughs(rng):
     return text.encode(rng.choice(["utf-8", "utf-16", "utf-16-be"]))
 
 
+def costly(rng):
+    """Many small values: a request of 1 MB that takes as long to read as any."""
+    part = rng.choice(
+        [b"<value/>", b"<value><nil/></value>", b"<value><struct/></value>", b"<value><array><data/></array></value>"]
+    )
+    inside = b"<value><array><data>" + part * rng.randrange(1000, 900_000 // len(part)) + b"</data></array></value>"
+    method = rng.choice([b"masterInfoFiltered", b"getTopicsMd5sum", b"rosfleetDifferences"])
+    return (
+        b"<methodCall><methodName>"
+        + method
+        + b"</methodName><params><param>"
+        + inside
+        + b"</param></params></methodCall>"
+    )
+
+
 BODIES = [
+    costly,
     lambda rng: rng.randbytes(rng.randrange(1, 3000)),
     valid,
     valid,
