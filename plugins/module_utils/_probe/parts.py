@@ -7,6 +7,7 @@ import time
 import typing
 from itertools import chain
 
+from .._client import node_hosts
 from .._client import ros as ros_commands
 from .._client.ros import Ros
 from .._machine import time_sources
@@ -22,7 +23,6 @@ from .._verify import (
     exchange,
     masters,
     network,
-    node_hosts,
     parameters,
     resources,
     services,

@@ -11,7 +11,7 @@ import time
 import typing
 import xmlrpc.client
 
-from .._client import message_types, node_services, tcpros
+from .._client import message_types, node_hosts, node_services, tcpros
 from .._client.documents import NODE, STATE
 from .._client.facts import IMPORTS
 from .._client.node_services import read_host
@@ -23,7 +23,6 @@ from .._module.plain_text import plain
 from .._module.problem import tell_reason
 from .._process.deadlines import call_all
 from .._process.foreign import last_line
-from . import node_hosts
 
 TYPES = 20.0  # seconds for the classes of all types
 NODES = 20.0  # seconds for the connections of all nodes

@@ -8,7 +8,7 @@ import subprocess
 import sys
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import node_hosts
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node_hosts
 
 MEMBERS = [
     {"name": "here-pc", "robot": "one", "address": "192.168.11.2", "discovery_address": "192.168.1.2"},

@@ -7,11 +7,11 @@ import os
 import socket
 import typing
 
-from .._client.node_services import read_host
 from .._machine import ports
 from .._module.plain_text import LINE, plain
 from .._process import processes
 from .._process.commands import text
+from .node_services import read_host
 
 MOST = 100  # nodes and processes that are reported
 #: what decides the host that a node announces, the first before the others (rosgraph.network, ros::network::init)
