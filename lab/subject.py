@@ -23,6 +23,8 @@ THREE_ROBOTS = ROOT / "tests" / "systems" / "three_robots"
 class Lab:
     """The computers of the lab, and the playbooks against them."""
 
+    patience = 300  # seconds for a playbook
+
     def __init__(self, name, inventory, extras=None):
         """`extras`: computers beside those of the inventory, and more for those of it; see layout.Extra."""
         self.name, self.extras = name, extras
@@ -138,7 +140,7 @@ class Lab:
             },
             capture_output=True,
             text=True,
-            timeout=300,
+            timeout=self.patience,
             check=False,
         )
         return done.returncode, " ".join((done.stdout + done.stderr).split())

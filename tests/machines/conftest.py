@@ -19,6 +19,8 @@ from subject import Lab  # noqa: E402
 class Machines(Lab):
     """The machines of a lab, and playbooks and modules against them."""
 
+    patience = 1800  # a machine without KVM is slow
+
     def __init__(self, name, hosts, inventory=None):
         """`inventory`: that of the hosts, where playbooks are run."""
         self.name = name

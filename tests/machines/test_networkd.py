@@ -72,6 +72,6 @@ def test_a_removal_deletes_ours_alone(lab):
 
 def test_the_routes_are_there_after_a_boot(lab):
     lab.reboot("ana")
-    assert has_ours(lab)
+    wait_until(lambda: has_ours(lab), 60, "the route is there again")
     assert lab.run("ana", "find /run/systemd -name '*rosfleet*'") == ""
     assert "0 of 1 routes changed" in change(lab, FIRST)
