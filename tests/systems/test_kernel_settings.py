@@ -47,3 +47,36 @@ def test_a_failure_brings_back_an_interface_that_was_set_by_hand(lab):
     assert status != 0 and "the kernel refuses the value 9 1" in output, output
     assert values(lab, *names) == ["0", "0", "1", "0"]
     assert lab.run(HOST, f"ls -d {PLACES['drop_in']} {PLACES['records']} 2>/dev/null", check=False) == ""
+
+
+OFF = {"name": "net.ipv6.conf.all.disable_ipv6", "value": True}
+REFUSED = {"name": "net.ipv4.ip_local_port_range", "value": "9 1"}
+LOOK = "ip -6 rule; ip -6 route show table all | grep -v 'proto kernel'; ip -6 address show dev eth0 scope global"
+
+
+def test_what_others_made_comes_back_with_ipv6(lab):
+    """The kernel removes all addresses and routes of IPv6 where it is turned off."""
+    lab.run(
+        HOST,
+        "sysctl -qw net.ipv6.conf.eth0.disable_ipv6=0; ip address add fd00:77::9/64 dev eth0 nodad; ip -6 route add fd00:78::/64 via fd00:77::1; "
+        "ip -6 route add default via fd00:77::1 table 100; ip -6 rule add from fd00:77::/64 lookup 100",
+    )
+    before = lab.run(HOST, LOOK)
+    assert before.count("fd00:77::1") == 2
+    status, output = settings(lab, OFF, REFUSED)
+    assert status != 0 and "and so are the addresses and routes of IPv6 that the kernel removed" in output, output
+    assert lab.run(HOST, LOOK) == before
+
+    # The machine takes it back by itself; the run that confirms too late looks, and puts back what the script cannot know.
+    switch = {"confirm_within": 2, "confirmation": "test"}
+    status, output = lab.module(HOST, "sysctl", {"settings": [OFF], **PLACES, **switch})
+    assert status == 0, output
+    assert "fd00:77" not in lab.run(HOST, "ip -6 address; ip -6 route show table all")
+    lab.run(
+        HOST,
+        "for i in $(seq 200); do test -e /run/rosfleet-multimaster/rollback-sysctl/rolled_back && break; sleep 0.1; done",
+    )
+    status, output = lab.module(HOST, "sysctl", {"settings": [OFF], **PLACES, "confirmation": "test"})
+    assert status != 0 and "has taken them back and is as it was before" in output, output
+    assert lab.run(HOST, LOOK) == before
+    lab.run(HOST, "ip -6 rule del from fd00:77::/64 lookup 100; ip address del fd00:77::9/64 dev eth0")

@@ -22,7 +22,8 @@ from .._module import ends
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem, explain_unreadable, sentence
 from .._process import commands, processes
-from . import atomic
+from . import atomic, network_state
+from .transaction import explain_state
 
 FOLDER = "/run/rosfleet-multimaster"
 OPTIONS = {
@@ -113,11 +114,18 @@ class Switch:
         self.folder = os.path.join(self.base, f"rollback-{name}")
         self.timer = timer or Timer()
 
-    def arm(self, token: str, seconds: int, undo: typing.Iterable[UndoStep], memory: typing.Any = None) -> None:
+    def arm(
+        self,
+        token: str,
+        seconds: int,
+        undo: typing.Iterable[UndoStep],
+        memory: typing.Any = None,
+        network: typing.Any = None,
+    ) -> None:
         """Start the timer: `undo` happens in so many seconds, unless the switch is released.
 
         The steps of `undo` go in their order, each even if an earlier one fails. `memory` is data for JSON: all that
-        the confirming run has to know of the state before.
+        the confirming run has to know of the state before; `network` the network state, to compare with after a rollback.
         Raises Problem where the switch cannot be armed; then there is none.
         """
         try:
@@ -130,7 +138,13 @@ class Switch:
                 folder=shlex.quote(self.folder),
                 steps="".join(" ".join(shlex.quote(word) for word in step) + "\n" for step in steps),
             )
-            state = {"token": token, "seconds": seconds, "connection": connection(), "memory": memory}
+            state = {
+                "token": token,
+                "seconds": seconds,
+                "connection": connection(),
+                "memory": memory,
+                "network": network,
+            }
             self._write("undo.sh", text.encode("utf-8", "surrogateescape"))
             self._write("state.json", json.dumps(state).encode("utf-8"))
             self._write("armed", b"")
@@ -261,6 +275,7 @@ class Guard:
         self.token = module.params["confirmation"]
         self.state = "none"
         self.unconfirmed = self.rolled_back = self.changed = False
+        self.lost: typing.List[str] = []  # the sentences on the network state after a rollback
 
     def begin(self) -> typing.Any:
         """Finish or roll back an earlier run; returns the memory of the run that is to be confirmed, or None.
@@ -286,7 +301,7 @@ class Guard:
         return state.get("memory") if self.changed else None
 
     def apply(self, run: typing.Any) -> None:
-        """Apply the plan as far as this run may. Raises Problem; then the machine is as it was before the first run."""
+        """Apply the plan as far as this run may. Raises Problem, which says what is not as it was before the first run."""
         if self.state == "armed":
             if not self.switch.release():
                 self.switch.look(self.token)
@@ -296,7 +311,7 @@ class Guard:
         elif run.runtime_changes and self.token and self.state == "none":
             raise Problem(
                 f"The change of the {self.what} can no longer be confirmed: the machine has been restarted meanwhile, a run "
-                "of another play has taken it back, or the first run never got as far. It is as it was before: run the play again."
+                "of another play has taken it back, or the first run never got as far. It is not in force: run the play again."
             )
         run.apply()
         with contextlib.suppress(OSError):  # the change is complete: the next run removes what is left of the switch
@@ -304,40 +319,55 @@ class Guard:
         return None
 
     def _try_out(self, run: typing.Any) -> None:
-        self.switch.arm(self.token, self.seconds, run.undo_steps(), run.memory)
+        watch = getattr(run, "watch", None)
+        network = watch.begin().to_json() if watch else None
+        self.switch.arm(self.token, self.seconds, run.undo_steps(), run.memory, network)
         try:
             run.apply_runtime()
-            if not self.switch.waits():
-                raise RolledBack(
-                    f"The change of the {self.what} took longer than the {self.seconds} s of confirm_within, so the machine has "
-                    "taken it back and is as it was before: give confirm_within more time."
-                )
-        except Problem as problem:
-            self.switch.rearm()  # its timer may have rung while the change went on, and missed the rest of it
-            self._roll_back()  # as the run has done already; its sentence has the failures
-            self.rolled_back = isinstance(problem, RolledBack)
+            late = not self.switch.waits()
+        except Problem:
+            self._undo_again()  # as the run has done already; its sentence has the failures
             raise
+        if late:
+            self._undo_again()
+            self.rolled_back = True
+            raise RolledBack(
+                f"The change of the {self.what} took longer than the {self.seconds} s of confirm_within, so the machine has "
+                f"taken it back{_describe_state(self.lost)}: give confirm_within more time."
+            )
         self.unconfirmed = True
 
+    def _undo_again(self) -> None:
+        self.switch.rearm()  # its timer may have rung while the change went on, and missed the rest of it
+        self._roll_back()
+
     def _roll_back(self) -> typing.List[str]:
-        """Roll back at once and remove the switch; returns the failures."""
+        """Roll back at once and remove the switch; returns the failures. `lost` has the sentences on the network state then."""
         try:
+            before = self.switch.state().get("network")
             self.switch.roll_back_now()
             failures = self.switch.failures()
             self.switch.clear()
         except (OSError, Problem) as problem:
             return [sentence(problem)]
+        self._look(before)
         return failures
+
+    def _look(self, before: typing.Any) -> None:
+        """Compare the network state with that of before, and put back what is gone."""
+        if before and not self.module.check_mode:
+            self.lost = network_state.put_back(network_state.from_json(before), lambda item: False)[1]
 
     def _report_rollback(self, state: typing.Mapping[str, typing.Any]) -> typing.NoReturn:
         failures = self.switch.failures()
         self.rolled_back, self.changed = True, False
         if not self.module.check_mode:
             self.switch.clear()
+        self._look(state.get("network"))
         end = (
             f", but these commands of it failed: {', '.join(failures)}: correct them by hand."
             if failures
-            else " and is as it was before: correct what is planned for this host, or reach it by a way that does not "
+            else f"{_describe_state(self.lost)}: correct what is planned for this host, or reach it by a way that does not "
             "depend on it."
         )
         raise RolledBack(
@@ -358,6 +388,9 @@ class Guard:
                     f"The {self.what} of an earlier run, not confirmed, could not be taken back; these commands "
                     f"failed: {', '.join(failures)}: correct them by hand."
                 )
+            self._look(state.get("network"))
+            for text in self.lost:
+                ends.warn(self.module, text)
         self.changed = waits
         were = "would be" if waits and self.module.check_mode else "were"
         ends.warn(
@@ -372,23 +405,30 @@ class Guard:
         if isinstance(problem, FormerConnection):
             return {"changed": False, "unconfirmed": True, "same_connection": True, "msg": text}
         if not self.module.check_mode and self.state == "armed" and not self.rolled_back:
-            text += f" {self._take_back(', and the machine is as it was before.')}"
+            text += f" {self._take_back()}"
         return dict(result, failed=True, msg=text, unconfirmed=False, rolled_back=self.rolled_back)
 
     def give_up(self) -> str:
         """Take back what waits for a confirmation with this token, or was taken back; returns a sentence where there is any."""
         if not self.token or self.module.check_mode or self.switch.look(self.token) not in ("armed", "rolled_back"):
             return ""
-        return self._take_back(", too.")
+        return self._take_back(", too")
 
-    def _take_back(self, end: str) -> str:
-        """Roll back, and say so; `end` ends the sentence where nothing failed."""
+    def _take_back(self, too: str = "") -> str:
+        """Roll back, and say so."""
         failures = self._roll_back()
         self.rolled_back = not failures
         if failures:
-            return f"Taking the {self.what} back failed, too: {', '.join(failures)}"
-        return f"So the {self.what} were taken back{end}"
+            return " ".join([f"Taking the {self.what} back failed, too: {', '.join(failures)}", *self.lost])
+        if too and not self.lost:
+            return f"So the {self.what} were taken back{too}."
+        return f"So the {self.what} were taken back{too}{_describe_state(self.lost, ', and the machine is as it was before')}."
 
     def success(self, changed: bool, **result: typing.Any) -> typing.Dict[str, typing.Any]:
         """Return the result of a module."""
         return dict(result, changed=changed or self.changed, unconfirmed=self.unconfirmed)
+
+
+def _describe_state(lost: typing.Sequence[str], good: str = " and is as it was before") -> str:
+    """The end of a clause on a rollback: that all is well, or what is not."""
+    return f" ({explain_state(lost, '')})" if lost else good

@@ -14,6 +14,8 @@ from .._module import ends
 from .._module.module import Module
 from .._module.problem import Problem, explain_unreadable, sentence
 from . import deadman, lock
+from .network_state import Watch
+from .transaction import Step
 
 Fields = typing.Dict[str, typing.Any]
 
@@ -25,6 +27,8 @@ class ModuleRun:
     changed = runtime_changes = False
     #: all that the run has to know which confirms a change at run time, for JSON
     memory: Fields = {}
+    #: the network state over the change, where it may lose something of others; its step is in `watch_steps`
+    watch: typing.Optional[Watch] = None
 
     @property
     def refusals(self) -> typing.List[str]:
@@ -47,6 +51,10 @@ class ModuleRun:
     def difference(self) -> typing.Any:
         """The value of `diff`, None where `result` has it."""
         return None
+
+    def watch_steps(self) -> typing.List[Step]:
+        """The first steps of a change: its undo ends with a look at the network state."""
+        return [self.watch.step] if self.watch else []
 
     def result(self) -> Fields:
         """The other return values of the module; asked for after `apply`."""
@@ -152,7 +160,8 @@ def _carry_out(module: typing.Any, run: ModuleRun, guard: typing.Any, unlocked: 
     _warn(module, [*warnings, *(unlocked if run.changed else ())])
     if not module.check_mode:
         guard.apply(run)
-        _warn(module, [sentence for sentence in run.warnings if sentence not in warnings])
+        lost = run.watch.finish() if run.watch else []
+        _warn(module, [*(sentence for sentence in run.warnings if sentence not in warnings), *lost])
 
 
 def _warn(module: typing.Any, sentences: typing.Iterable[str]) -> None:

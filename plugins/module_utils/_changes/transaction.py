@@ -48,10 +48,28 @@ class StepFailure(Problem):
 Explain = typing.Callable[[Exception, typing.List[str]], str]
 
 
+class Sentence(str):
+    """A text on something that could not be undone, as a whole sentence."""
+
+
+class Unseen(Sentence):
+    """A sentence on something that could not be looked at, so nobody knows."""
+
+
 def explain_failure(cause: Exception, left: typing.List[str]) -> str:
     """Return the sentence of the cause, followed by what was undone."""
-    end = f"Not put back: {', '.join(left).rstrip('.')}." if left else "Everything is as it was before."
-    return f"{sentence(cause)} {end}"
+    return f"{sentence(cause)} {explain_state(left, 'Everything is as it was before.')}"
+
+
+def explain_state(left: typing.Sequence[str], good: str) -> str:
+    """Return the sentences on the state after an undo; `good` where nothing is left."""
+    names = [text for text in left if not isinstance(text, Sentence)]
+    sentences = [f"Not put back: {', '.join(names).rstrip('.')}."] if names else []
+    sentences += [text for text in left if isinstance(text, Sentence) and not isinstance(text, Unseen)]
+    unseen: typing.List[str] = [text for text in left if isinstance(text, Unseen)]
+    if unseen and not sentences:
+        sentences = ["What could be looked at is as it was before."]
+    return " ".join(sentences + unseen) or good
 
 
 def carry_out(steps: typing.Iterable[Step], explain: Explain = explain_failure) -> None:

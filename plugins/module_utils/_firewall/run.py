@@ -12,7 +12,7 @@ import os
 import re
 import typing
 
-from .._changes import files, writable
+from .._changes import files, network_state, writable
 from .._changes.deadman import UndoStep
 from .._changes.module import Concern, Fields, ModuleRun
 from .._changes.record import RECORDS
@@ -75,6 +75,7 @@ class Run(ModuleRun):
         ]
         ready_for_boot = all(back_end.is_ready_for_boot() for back_end in self.back_ends)
         self.runtime_changes = any(back_end.changes for back_end in self.back_ends)
+        self.watch = network_state.Watch()
         self.changed = bool(
             self.runtime_changes
             or self.files.changed
@@ -177,13 +178,14 @@ class Run(ModuleRun):
         return [step for back_end in self.in_turn if back_end.changes for step in back_end.undo_steps()]
 
     def apply_runtime(self) -> None:
-        """Change the rules at run time alone. Raises Problem, with everything as it was before."""
-        carry_out([_make_step(back_end, back_end.try_out) for back_end in self.in_turn if back_end.changes])
+        """Change the rules at run time alone. Raises Problem, which says what is not as it was before."""
+        steps = [_make_step(back_end, back_end.try_out) for back_end in self.in_turn if back_end.changes]
+        carry_out([*self.watch_steps(), *steps])
 
     # The change
 
     def apply(self) -> None:
-        """Make everything as planned. Raises Problem, with everything as it was before."""
+        """Make everything as planned. Raises Problem, which says what is not as it was before."""
         record, remembered = self.files.record, self.files.remembered
         if not self.changed:
             if not remembered:
@@ -195,7 +197,7 @@ class Run(ModuleRun):
             for back_end in self.in_turn
             if back_end.packet_filter or back_end.changes or back_end.name in remembered.get("back_ends", [])
         ]
-        steps = [intent(record, dict(self.files.intent, back_ends=sorted(names)), remembered)]
+        steps = [*self.watch_steps(), intent(record, dict(self.files.intent, back_ends=sorted(names)), remembered)]
         # These steps do nothing. They are undone last, when the files are as before.
         steps += [_make_step(back_end, do_nothing) for back_end in touched]
         steps += [Step(back_end.name, back_end.prepare) for back_end in touched]

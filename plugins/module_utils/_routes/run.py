@@ -10,7 +10,7 @@ on disk before both: after a killed run, the next run knows our routes and repai
 import os
 import typing
 
-from .._changes import writable
+from .._changes import network_state, writable
 from .._changes.module import Concern, ModuleRun
 from .._changes.record import RECORDS, Record, check_absolute
 from .._changes.transaction import Step, carry_out, intent, outcome
@@ -86,9 +86,8 @@ class Run(ModuleRun):
         check_absolute(options, "root", "records")
         self.machine = contract.read_machine(options["root"])
         self.overrides = _check_overrides(options["backends"] or {}, self.machine.interfaces)
-        requests = route_options.parse_routes(
-            options["routes"], self.machine.interfaces, read_tables(options["root"]), _read_main_table
-        )
+        self.tables = read_tables(options["root"])
+        requests = route_options.parse_routes(options["routes"], self.machine.interfaces, self.tables, _read_main_table)
         self.routes = [item.route for item in requests]
         self.record = Record("routes", options["records"], record.SHAPE)
         self.stored = self.record.load()
@@ -103,6 +102,7 @@ class Run(ModuleRun):
         self.items = self._plan_boot([self._choose_boot_device(item, requests) for item in requests])
         self.runtime_changes = bool(self.plan.changes)
         self.changed = self.runtime_changes or bool(self.boot.changes)
+        self.watch = network_state.Watch(self._is_planned_to_go)
         # The record as it must be while the change of the kernel is on its way.
         self.memory = self.recorded._replace(entries=self.plan.interim).to_json()
 
@@ -263,16 +263,17 @@ class Run(ModuleRun):
         return [plan.build_undo_command(change) for change in self.plan.undo]
 
     def apply_runtime(self) -> None:
-        """Change the kernel's routes alone. Raises Problem, with everything as it was before."""
-        carry_out([self._kernel_step()])
+        """Change the kernel's routes alone. Raises Problem, which says what is not as it was before."""
+        carry_out([*self.watch_steps(), self._kernel_step()])
 
     # The change
 
     def apply(self) -> None:
-        """Make everything as planned. Raises Problem, with everything as it was before."""
+        """Make everything as planned. Raises Problem, which says what is not as it was before."""
         # Where something is left of a change of the kernel, the next run needs the record of the change to repair it.
         planned = self.memory if self.plan.changes else self.stored
-        steps = [intent(self.record, planned, self.stored, "the record {what} ({reason})"), self._kernel_step()]
+        steps = self.watch_steps() if self.changed else []
+        steps += [intent(self.record, planned, self.stored, "the record {what} ({reason})"), self._kernel_step()]
         if self.boot.changes:
             before: plan.Current = {}
             steps += [
@@ -281,6 +282,14 @@ class Run(ModuleRun):
                 Step("the boot part", do=lambda: self._change_boot(before), undo=self.boot.undo),
             ]
         carry_out([*steps, outcome(self.record, self.boot.final_record(self.plan.final).to_json())])
+
+    def _is_planned_to_go(self, item: network_state.Item) -> bool:
+        """True for a route of a key that this run changes."""
+        if item.kind != "route":
+            return False
+        table = network_state.find_word(item.text.split(), "table")
+        number = int(table) if table.isdigit() else self.tables.get(table, kernel.MAIN)
+        return kernel.parse_route(item.text, item.version, number).route.key in self.plan.after
 
     def _kernel_step(self) -> Step:
         return Step(RUN_TIME, do=self._change_kernel, undo=self._restore_kernel)

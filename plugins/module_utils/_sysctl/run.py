@@ -12,7 +12,7 @@ import os
 import re
 import typing
 
-from .._changes import atomic, transaction, writable
+from .._changes import atomic, network_state, transaction, writable
 from .._changes.module import Concern, ModuleRun
 from .._changes.record import RECORDS, Record, check_absolute
 from .._module.difference import difference, difference_of_lines, mode_difference
@@ -85,6 +85,8 @@ class Run(ModuleRun):
         self.items = self._items()
         self.wrong_mode = self._wrong_mode()
         self.runtime_changes = bool(self.plan.writes)
+        on_kernel = self.kernel.proc == kernel.PROC and self.runtime_changes
+        self.watch = network_state.Watch(self._is_planned_to_go) if on_kernel else None
         self.memory = self.plan.interim.plain()  # the record while the change is on its way
         # Anything to do: in the kernel, in the drop-ins, or in the record.
         files = self.texts_before != self.texts_after or self.wrong_mode is not None
@@ -298,7 +300,7 @@ class Run(ModuleRun):
 
     def apply_runtime(self) -> None:
         """Write the kernel's values alone. Raises Problem as `apply`."""
-        transaction.carry_out([self._kernel_step()], self._explain_failure)
+        transaction.carry_out([*self.watch_steps(), self._kernel_step()], self._explain_failure)
 
     # The change
 
@@ -307,6 +309,7 @@ class Run(ModuleRun):
         steps = [transaction.Step("leftovers of a killed run", lambda: atomic.remove_leftovers(self.file))]
         if self.changed:
             steps += [
+                *self.watch_steps(),
                 transaction.intent(self.record, self.memory, self.stored),
                 self._kernel_step(),
                 transaction.Step(
@@ -317,6 +320,11 @@ class Run(ModuleRun):
             ]
         steps.append(transaction.outcome(self.record, self.plan.final.plain()))
         transaction.carry_out(steps, self._explain_failure)
+
+    def _is_planned_to_go(self, item: network_state.Item) -> bool:
+        """True for what the kernel removes where IPv6 is turned off."""
+        off = any(write.key.endswith("/disable_ipv6") and write.value != "0" for write in self.plan.writes)
+        return off and item.version == 6
 
     def _kernel_step(self) -> transaction.Step:
         what = f"the values in {self.kernel.proc}"
@@ -354,8 +362,11 @@ class Run(ModuleRun):
     def _explain_failure(self, cause: Exception, left: typing.List[str]) -> str:
         if not self.lost or left:
             return transaction.explain_failure(cause, left)
-        end = "not the addresses and routes of IPv6 that the kernel removed with"
-        return f"{sentence(cause)} The values are as they were before, but {end} {', '.join(self.lost)}."
+        if self.watch is None:
+            end = "not the addresses and routes of IPv6 that the kernel removed with"
+            return f"{sentence(cause)} The values are as they were before, but {end} {', '.join(self.lost)}."
+        end = "and so are the addresses and routes of IPv6 that the kernel removed with"
+        return f"{sentence(cause)} The values are as they were before, {end} {', '.join(self.lost)}."
 
     def _write_texts(self, texts: typing.Mapping[str, typing.Optional[str]]) -> None:
         """Give drop-ins these texts, None for no file; without our drop-in, its folders go where we made them."""

@@ -13,7 +13,7 @@ import re
 import shutil
 import typing
 
-from .._changes import atomic, file_bundle, files
+from .._changes import atomic, file_bundle, files, network_state
 from .._changes.module import Concern
 from .._changes.record import RECORDS
 from .._changes.transaction import Step
@@ -50,6 +50,8 @@ class Tunnel(file_bundle.ManagedFiles):
         super().__init__({**options, "bundle": "tunnel", "brief": []})
         self._left = [] if options["files"] else key.list_keys(key.KEY)
         self._waits = bool(options["files"]) and self._is_next_planned()
+        # What goes by the interface comes and goes with it.
+        self.watch = network_state.Watch(lambda item: item.device == INTERFACE)
         self._lost = not self.changed and bool(options["files"]) and not confirms and self._has_lost()
         self.changed = self.runtime_changes = self.changed or bool(self._left) or self._waits or self._lost
 
@@ -67,8 +69,8 @@ class Tunnel(file_bundle.ManagedFiles):
 
     def apply_runtime(self) -> None:
         """Bring the tunnel up by the new files, or end it where there are none. Raises Problem."""
-        commands.run(_END)  # there may be none
         if not self.options["files"]:
+            commands.run(_END)  # there may be none
             return
         used = key.KEY + key.NEXT if self._waits else key.KEY
         with explain_unreadable("The tunnel is as it was before."):
@@ -77,11 +79,16 @@ class Tunnel(file_bundle.ManagedFiles):
                 here, name = os.path.split(entry["path"])
                 text = entry["content"].replace(f"{here}/", f"{FOLDER}/").replace(key.KEY, used)
                 atomic.write_by_rename(os.path.join(FOLDER, name), text.encode(), 0o600)
+        way_back = self.undo_steps()
+        commands.run(_END)
         answer = commands.run([*_TRIAL, f"{FOLDER}/{INTERFACE}.conf"], limit=_LIMIT)
         if answer.status != 0:
             reason = quote(answer.last_error, LINE) or f"status {answer.status}"
             remedy = "".join(map(_free, self._find_holders())) or "look at what wg-quick says."
-            raise Problem(f"The tunnel does not come up ({reason}), and is as it was before: {remedy}")
+            for command in way_back:
+                commands.run(command, limit=_LIMIT)
+            state = "cannot be brought back" if self._has_lost() else "is as it was before"
+            raise Problem(f"The tunnel does not come up ({reason}), and {state}: {remedy}")
 
     def _find_holders(self) -> typing.List[typing.Dict[str, typing.Any]]:
         """Find who else has the port of the tunnel."""
