@@ -104,6 +104,24 @@ def test_who_is_allowed_is_let_in_by_the_next_run(fleet):
         assert ECHO in found["tcp"] and ECHO in found["udp"]
 
 
+BY_HAND = """
+iptables -N ENGINE; iptables -A FORWARD -j ENGINE; iptables -I INPUT -p tcp --dport 9 -j DROP
+iptables -t nat -A POSTROUTING -s 172.17.0.0/16 -j MASQUERADE; ip6tables -A INPUT -p tcp --dport 9 -j DROP
+nft add table inet own; nft 'add chain inet own c { type filter hook input priority 5; }'; nft add rule inet own c tcp dport 9 drop
+"""
+SEEN = "iptables-save | grep -e ENGINE -e 9 -e 172.17; ip6tables-save | grep 'dport 9'; nft list table inet own"
+
+
+def test_rules_that_others_made_by_hand_stay(fleet):
+    """As those of a container engine: also where firewalld reads its files again."""
+    for host in FILTERS:
+        fleet.run(host, BY_HAND)
+    before = {host: fleet.run(host, f"{SEEN} | grep -v '^[:#]'") for host in FILTERS}
+    assert all(text.count("172.17.0.0/16") == 1 and text.count("9") > 3 for text in before.values()), before
+    fleet.play_filter(multimaster_allow=["192.168.20.98"])
+    assert {host: fleet.run(host, f"{SEEN} | grep -v '^[:#]'") for host in FILTERS} == before
+
+
 def nothing_is_left(lab):
     lab.has_nothing_of_ours()
     assert "8080/tcp" in lab.shows("bob-pc")

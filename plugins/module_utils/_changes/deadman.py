@@ -22,7 +22,8 @@ from .._module import ends
 from .._module.plain_text import LINE, quote
 from .._module.problem import Problem, explain_unreadable, sentence
 from .._process import commands, processes
-from . import atomic, network_state
+from . import atomic
+from .network import state as network_state
 from .transaction import explain_state
 
 FOLDER = "/run/rosfleet-multimaster"

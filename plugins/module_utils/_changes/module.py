@@ -14,7 +14,7 @@ from .._module import ends
 from .._module.module import Module
 from .._module.problem import Problem, explain_unreadable, sentence
 from . import deadman, lock
-from .network_state import Watch
+from .network.state import Watch
 from .transaction import Step
 
 Fields = typing.Dict[str, typing.Any]

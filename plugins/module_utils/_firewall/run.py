@@ -12,9 +12,10 @@ import os
 import re
 import typing
 
-from .._changes import files, network_state, writable
+from .._changes import files, writable
 from .._changes.deadman import UndoStep
 from .._changes.module import Concern, Fields, ModuleRun
+from .._changes.network import state as network_state
 from .._changes.record import RECORDS
 from .._changes.transaction import Data, Step, carry_out, do_nothing, intent, outcome
 from .._module.difference import difference_of_lines
@@ -75,7 +76,7 @@ class Run(ModuleRun):
         ]
         ready_for_boot = all(back_end.is_ready_for_boot() for back_end in self.back_ends)
         self.runtime_changes = any(back_end.changes for back_end in self.back_ends)
-        self.watch = network_state.Watch()
+        self.watch = network_state.Watch(filtered=True)
         self.changed = bool(
             self.runtime_changes
             or self.files.changed

@@ -10,8 +10,9 @@ on disk before both: after a killed run, the next run knows our routes and repai
 import os
 import typing
 
-from .._changes import network_state, writable
+from .._changes import writable
 from .._changes.module import Concern, ModuleRun
+from .._changes.network import state as network_state
 from .._changes.record import RECORDS, Record, check_absolute
 from .._changes.transaction import Step, carry_out, intent, outcome
 from .._module.difference import difference_of_lines

@@ -12,8 +12,9 @@ import os
 import re
 import typing
 
-from .._changes import atomic, network_state, transaction, writable
+from .._changes import atomic, transaction, writable
 from .._changes.module import Concern, ModuleRun
+from .._changes.network import state as network_state
 from .._changes.record import RECORDS, Record, check_absolute
 from .._module.difference import difference, difference_of_lines, mode_difference
 from .._module.plain_text import quote

@@ -13,8 +13,9 @@ import re
 import shutil
 import typing
 
-from .._changes import atomic, file_bundle, files, network_state
+from .._changes import atomic, file_bundle, files
 from .._changes.module import Concern
+from .._changes.network import state as network_state
 from .._changes.record import RECORDS
 from .._changes.transaction import Step
 from .._machine import ports, systemd
@@ -51,7 +52,7 @@ class Tunnel(file_bundle.ManagedFiles):
         self._left = [] if options["files"] else key.list_keys(key.KEY)
         self._waits = bool(options["files"]) and self._is_next_planned()
         # What goes by the interface comes and goes with it.
-        self.watch = network_state.Watch(lambda item: item.device == INTERFACE)
+        self.watch = network_state.Watch(lambda item: item.device == INTERFACE, filtered=True)
         self._lost = not self.changed and bool(options["files"]) and not confirms and self._has_lost()
         self.changed = self.runtime_changes = self.changed or bool(self._left) or self._waits or self._lost
 

@@ -4,7 +4,8 @@
 """firewalld: two policies of our own, which apply before every zone (firewalld.policy(5)). Zones stay as they are.
 
 firewalld takes a new policy only from its files, by a reload. A reload forgets changes of the run time alone, so the module
-refuses where there is such a change.
+refuses where there is such a change. A reload also empties the tables of iptables (firewalld 1.3 with its back end for nftables),
+and with them the chains of container engines and of persons: they are taken over.
 """
 
 import os
@@ -12,17 +13,34 @@ import re
 import typing
 
 from ..._changes.deadman import FileBefore, UndoStep
-from ..._module.plain_text import quote
+from ..._module.plain_text import LINE, quote
+from ..._module.problem import Problem
 from ..packet_filter import FIRST, LAST, PacketFilter
 from . import contract
 
 FOLDER = "/etc/firewalld/policies"
 INPUT, FORWARD = "rosfleet-input", "rosfleet-forward"  # firewalld takes 17 letters at most
+_COMPARED = (
+    ("--list-all-zones",),
+    ("--list-all-policies",),
+    *(("--direct", f"--get-all-{what}") for what in ("chains", "rules", "passthroughs")),
+)
 _EGRESS = {INPUT: "HOST", FORWARD: "ANY"}
 _PRIORITY = -14000  # after firewalld's own policy for IPv6, before every zone
 _ACCEPT, _DROP = -2, -1  # priorities of our rules: those that accept come first
 _RANGE = f"{FIRST}-{LAST}"
-_RELOAD = ["firewall-cmd", "--reload"]
+# With its back end for iptables, its own rules are among those, so nothing can be taken over.
+_RELOAD_SCRIPT = """
+kept=$(mktemp -d) || exit 1
+grep -qi '^[[:space:]]*FirewallBackend=iptables' /etc/firewalld/firewalld.conf ||
+    for tool in iptables ip6tables; do "$tool-save" -c >"$kept/$tool" 2>/dev/null; done
+firewall-cmd --reload
+status=$?
+for tool in iptables ip6tables; do [ ! -s "$kept/$tool" ] || "$tool-restore" -w -c <"$kept/$tool" || status=1; done
+rm -rf "$kept"
+exit $status
+"""
+_RELOAD = ["sh", "-c", _RELOAD_SCRIPT, "firewall-cmd"]
 # An interface may be bound to a zone at run time, for example by NetworkManager; a reload keeps that.
 _BOUND = re.compile(r"(?m)^  interfaces:.*$|[ ]\((?:default, )?active\)$|[ ]\(default\)$")
 
@@ -109,9 +127,9 @@ class BackEnd(contract.BackEnd):
                 f"firewalld has no {FOLDER}, expected firewalld 0.9 or later, which has policies: stop it for good (systemctl "
                 "disable --now firewalld), or set multimaster_firewall to none."
             )
-        for option in ("--list-all-zones", "--list-all-policies"):
+        for option in _COMPARED:
             runtime, permanent = (
-                _strip_own_policies(contract.run_or_fail(["firewall-cmd", *place, option]))
+                _strip_own_policies(contract.run_or_fail(["firewall-cmd", *place, *option]))
                 for place in ((), ("--permanent",))
             )
             if runtime != permanent:
@@ -124,7 +142,7 @@ class BackEnd(contract.BackEnd):
 
     def load(self) -> None:
         if self.is_active() and self.read_rules() != self.after:
-            contract.run_or_fail(_RELOAD)
+            _reload()
 
     def try_out(self) -> None:
         """Reload with the files of the plan. Then restore the former files, for the next boot."""
@@ -133,14 +151,24 @@ class BackEnd(contract.BackEnd):
         planned = {file["path"]: file["content"].encode("utf-8") for file in files}
         with contract.keep_files(before):
             contract.write_files(file._replace(content=planned.get(file.path)) for file in before)
-            contract.run_or_fail(_RELOAD)
+            _reload()
 
     def restore(self) -> None:
         if self.is_active() and self.read_rules() != self.before:
-            contract.run_or_fail(_RELOAD)
+            _reload()
 
     def undo_steps(self) -> typing.List[UndoStep]:
         return [*_read_policies(), _RELOAD]
+
+
+def _reload() -> None:
+    """Let firewalld read its files. Raises Problem."""
+    answer = contract.run_command(_RELOAD)
+    if answer.status != 0:
+        message = quote(answer.error, LINE) or f"status {answer.status}"
+        raise Problem(
+            f"'firewall-cmd --reload' failed ({message}), expected it to read the policies: see what it says."
+        )
 
 
 def plan_policies(packet_filter: PacketFilter) -> typing.Dict[str, typing.List[RichRule]]:

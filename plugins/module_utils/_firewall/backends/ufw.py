@@ -24,6 +24,9 @@ ANYBODY = {4: "0.0.0.0/0", 6: "::/0"}
 _TUPLE = re.compile(r"^### tuple ### (.*)$", re.MULTILINE)
 _COMMENT = " comment=" + contract.MARK.encode().hex()
 _RANGE = f"{FIRST}:{LAST}"
+# What ufw itself does for each of its commands: $1: iptables or ip6tables, $2: the beginning of its chains, $3: the file with its rules.
+# The file names the chains of these rules, which empties them; all of it is one step of the kernel.
+_READ_AGAIN = '"$1" -w -nL "$2-user-input" >/dev/null 2>&1 || exit 0; "$1-restore" -w -n <"$3"'
 
 
 class UfwRule(typing.NamedTuple):
@@ -117,7 +120,12 @@ class BackEnd(contract.BackEnd):
             self.load()
 
     def undo_steps(self) -> typing.List[UndoStep]:
-        return [*contract.read_files(FILES.values()), ["ufw", "reload"]]
+        files = contract.read_files(FILES.values())
+        if any(file.content is None for file in files):
+            return [*files, ["ufw", "reload"]]
+        # A reload of ufw lets everything in for a moment, and loses rules that others have put into its other chains.
+        names = ((4, "iptables", "ufw"), (6, "ip6tables", "ufw6"))
+        return [*files, *(["sh", "-c", _READ_AGAIN, "sh", *words, FILES[version]] for version, *words in names)]
 
     # The files of ufw
 

@@ -6,6 +6,7 @@
 tests/long/test_firewall.py has the real firewalld.
 """
 
+import subprocess
 import xml.etree.ElementTree as ET
 
 import pytest
@@ -107,4 +108,45 @@ def test_a_firewalld_without_policies_is_named(monkeypatch, tmp_path):
         firewalld.BackEnd(False, None)
         .refusal()
         .startswith(f"firewalld has no {tmp_path}/policies, expected firewalld 0.9")
+    )
+
+
+TOOL = """#!/bin/sh
+case $0 in
+*-save) cat "$STATE/${0##*/}" 2>/dev/null ;;
+*-restore) cat >"$STATE/${0##*/}" ;;
+*) echo "$@" >>"$STATE/calls"; exit $(cat "$STATE/status" 2>/dev/null || echo 0) ;;
+esac
+"""
+
+
+@pytest.mark.parametrize("status", [0, 1])
+def test_a_reload_takes_the_tables_of_iptables_over(tmp_path, status):
+    """The script, with tools that keep what they are given."""
+    for name in (
+        "firewall-cmd",
+        *(f"{tool}-{end}" for tool in ("iptables", "ip6tables") for end in ("save", "restore")),
+    ):
+        (tmp_path / name).write_text(TOOL)
+        (tmp_path / name).chmod(0o755)
+    (tmp_path / "iptables-save").with_name("state").mkdir()
+    state = tmp_path / "state"
+    (state / "iptables-save").write_text("*nat\n-A POSTROUTING -j MASQUERADE\nCOMMIT\n")
+    (state / "status").write_text(str(status))
+    environment = {"PATH": f"{tmp_path}:/usr/bin:/bin", "STATE": str(state)}
+    assert subprocess.run(firewalld._RELOAD, env=environment, check=False).returncode == status
+    assert (state / "calls").read_text() == "--reload\n"
+    assert (state / "iptables-restore").read_text() == (state / "iptables-save").read_text()
+    assert not (state / "ip6tables-restore").exists()  # it has none
+
+
+def test_a_direct_rule_of_the_run_time_alone_is_named(monkeypatch, tmp_path):
+    monkeypatch.setattr(firewalld, "FOLDER", str(tmp_path))
+    monkeypatch.setattr(firewalld.BackEnd, "is_active", lambda _self: True)
+    direct = "ipv4 filter INPUT 0 -p tcp --dport 82 -j DROP"
+    monkeypatch.setattr(
+        contract, "run_or_fail", lambda argv: direct if argv[1:] == ["--direct", "--get-all-rules"] else ""
+    )
+    assert (
+        f"differs at run time from its files ({direct!r}".replace("'", '"') in firewalld.BackEnd(False, None).refusal()
     )

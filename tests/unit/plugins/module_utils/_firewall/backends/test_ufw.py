@@ -147,3 +147,14 @@ def test_a_file_that_was_not_there_goes_again(machine, tmp_path, monkeypatch):
     monkeypatch.setattr(contract, "run_or_fail", lambda _argv: new.write_text("new"))
     end.try_out()
     assert not new.exists()
+
+
+def test_the_way_back_reloads_nothing_of_others(machine, tmp_path):
+    machine(OTHERS)
+    (tmp_path / "user6.rules").write_text("*filter\nCOMMIT\n")
+    steps = ufw.BackEnd(False, PacketFilter(("10.5.0.1",), (), ())).undo_steps()
+    assert [step[4:] for step in steps[2:]] == [
+        ["iptables", "ufw", str(tmp_path / "user.rules")],
+        ["ip6tables", "ufw6", str(tmp_path / "user6.rules")],
+    ]
+    assert ["ufw", "reload"] not in steps

@@ -1,23 +1,25 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The addresses, routes and rules of this computer before and after a change, of whomever they are.
+"""The addresses, routes, rules and the packet filter of this computer before and after a change, of whomever they are.
 
 A change tells programs to read their files again, and they may drop what others have made. So a sentence such as "as it was before"
 follows a look: what is gone and was not to go is put back, and what cannot be put back is said.
 
 Left out is what comes back by itself: what the kernel makes for an address, and what DHCP and router advertisements bring.
+Of the packet filter, what is gone is said alone: where a rule stands among others counts, and is not known afterwards.
 """
 
 import json
 import re
+import shutil
 import typing
 
-from .._module.plain_text import LINE, quote
-from .._process import commands
-from .transaction import Sentence, Step, Unseen
+from ..._module.plain_text import LINE, quote
+from ..._process import commands
+from ..transaction import Sentence, Step, Unseen
 
-KINDS = ("address", "route", "rule")  # in the order in which they are put back: each needs the ones before
+KINDS = ("address", "route", "rule", "filter")  # in the order in which they are put back: each needs the ones before
 _RETURNING = ("kernel", "redirect", "ra", "dhcp")
 _DAEMONS = ("babel", "bgp", "bird", "eigrp", "gated", "isis", "mrt", "openr", "ospf", "rip", "zebra")
 _PROTOCOL = re.compile(r" proto (\S+)")
@@ -31,21 +33,24 @@ _MARKS = re.compile(
     r" (?:linkdown|dead|pervasive|offload|offload_failed|trap|rt_offload|rt_trap|rt_offload_failed|notify|unresolved"
     r"|error -?\d+|expires -?\d+sec|\[detached\]|\[unresolved\])(?= |$)"
 )
+# What firewalld makes anew from its files, ufw from its own, and tables of ours.
+_MANAGED = re.compile(r"inet rosfleet_\w+ |(?:inet|ip6?) firewalld(?:_\w+)? |ip6? filter ufw6?-user-")
+_NOUNS = {"filter": "part of the packet filter"}
 _WITHOUT_INPUT = {"[l3mdev-table]": "l3mdev"}
 
 
 class Item(typing.NamedTuple):
-    """An address, a route or a rule."""
+    """An address, a route or a rule; or a rule of the packet filter, or a chain of it that drops by default."""
 
     kind: str  # of KINDS
-    version: int  # of IP
-    text: str  # the words behind `ip -VERSION KIND add`
+    version: int  # of IP; 0 for both
+    text: str  # the words behind `ip -VERSION KIND add`, or `nft add`
 
     @property
     def device(self) -> str:
         """The interface that it needs, "" for none or several. A rule stays without its interface."""
         words = self.text.split()
-        return words[words.index("dev") + 1] if self.kind != "rule" and words.count("dev") == 1 else ""
+        return words[words.index("dev") + 1] if self.kind in ("address", "route") and words.count("dev") == 1 else ""
 
     @property
     def key(self) -> typing.Tuple[str, ...]:
@@ -58,7 +63,7 @@ class Item(typing.NamedTuple):
     @property
     def command(self) -> str:
         """The command that makes it again."""
-        return f"ip -{self.version} {self.kind} add {self.text}"
+        return f"nft add {self.text}" if self.kind == "filter" else f"ip -{self.version} {self.kind} add {self.text}"
 
 
 def find_word(words: typing.Sequence[str], name: str) -> str:
@@ -72,6 +77,7 @@ class Snapshot(typing.NamedTuple):
     items: typing.List[Item]
     links: typing.List[str]  # the names of the interfaces
     unseen: typing.Dict[str, str]  # a sentence for each part that could not be looked at, such as "route 4"
+    filtered: bool = False  # the packet filter was looked at, too
 
     def to_json(self) -> typing.Dict[str, typing.Any]:
         """The snapshot as plain data."""
@@ -80,16 +86,16 @@ class Snapshot(typing.NamedTuple):
 
 def from_json(data: typing.Mapping[str, typing.Any]) -> Snapshot:
     """The snapshot in plain data of `to_json`."""
-    return Snapshot([Item(*item) for item in data["items"]], data["links"], data["unseen"])
+    return Snapshot([Item(*item) for item in data["items"]], data["links"], data["unseen"], data["filtered"])
 
 
 # Reading
 
 
-def read(most: typing.Optional[int] = None) -> Snapshot:
-    """Read this computer's network state, of it at most so many routes of each version."""
-    snapshot = Snapshot([], [], {})
-    text = _ask(snapshot, "address 4", "The addresses", ["-json", "address"])
+def read(most: typing.Optional[int] = None, filtered: bool = False) -> Snapshot:
+    """Read this computer's network state, of it at most so many routes of each version, and the packet filter if asked for."""
+    snapshot = Snapshot([], [], {}, filtered)
+    text = _ask(snapshot, "address 4", "The addresses", ["ip", "-json", "address"])
     try:
         links, items = parse_addresses(json.loads(text or "[]"))
         snapshot.links.extend(links)
@@ -103,13 +109,18 @@ def read(most: typing.Optional[int] = None) -> Snapshot:
                 f"Of {len(routes)} routes of IPv{version}, {most} were looked at."
             )
         snapshot.items.extend(routes[:most])
-        rules = _ask(snapshot, f"rule {version}", f"The rules of IPv{version}", [f"-{version}", "rule", "show"])
+        rules = _ask(snapshot, f"rule {version}", f"The rules of IPv{version}", ["ip", f"-{version}", "rule", "show"])
         snapshot.items.extend(parse_rules(rules.split("\n"), version))
+    if filtered and shutil.which("nft", path=commands.BASE_PATH):
+        text = _ask(snapshot, "filter 0", "The packet filter", ["nft", "-s", "list", "ruleset"])
+        if len(text) >= commands.MOST:
+            snapshot.unseen["filter 0"] = "The packet filter could not be looked at, since it has too many rules."
+        snapshot.items.extend(parse_filter(text.split("\n")))
     return snapshot
 
 
 def _read_routes(snapshot: Snapshot, version: int) -> typing.List[Item]:
-    show = ["-oneline", "-details", f"-{version}", "route", "show", "table", "all"]
+    show = ["ip", "-oneline", "-details", f"-{version}", "route", "show", "table", "all"]
     part, what = f"route {version}", f"The routes of IPv{version}"
     text = _ask(snapshot, part, what, show)
     if len(text) >= commands.MOST:
@@ -123,8 +134,8 @@ def _read_routes(snapshot: Snapshot, version: int) -> typing.List[Item]:
 
 
 def _ask(snapshot: Snapshot, part: str, what: str, words: typing.List[str]) -> str:
-    """The output of ip, "" where there is none; what could not be looked at is noted."""
-    answer = commands.run(["ip", *words], limit=_LIMIT)
+    """The output of a command, "" where there is none; what could not be looked at is noted."""
+    answer = commands.run(words, limit=_LIMIT)
     if answer.status != 0 and "Address family not supported" not in answer.error:
         reason = quote(answer.last_error, LINE) or f"status {answer.status}"
         snapshot.unseen[part] = f"{what} could not be looked at ({reason})."
@@ -175,6 +186,26 @@ def parse_rules(lines: typing.Iterable[str], version: int) -> typing.List[Item]:
     return items
 
 
+def parse_filter(lines: typing.Iterable[str]) -> typing.List[Item]:
+    """The rules of others in lines of `nft -s list ruleset`, and the chains that drop by default; no elements of sets."""
+    items, table, place = [], "", ""  # place: that of a chain, "" in anything else
+    for line in lines:
+        words = line.split()
+        if words[:1] == ["table"]:
+            table = " ".join(words[1:3])
+        elif words[-1:] == ["{"]:
+            place = f"{table} {words[1]}" if words[0] == "chain" else ""
+        elif words == ["}"]:
+            place = ""
+        elif place and words and words[0] != "#" and not _MANAGED.match(place + " "):
+            text = " ".join(words)
+            if words[0] != "type":
+                items.append(Item("filter", 0, f"rule {place} {text}"))
+            elif "policy drop" in text:
+                items.append(Item("filter", 0, f"chain {place} {{ {text} }}"))
+    return items
+
+
 # Comparing
 
 
@@ -207,6 +238,8 @@ def plan_batches(missing: typing.Iterable[Item], before: Snapshot) -> typing.Dic
         numbers[key] = numbers.get(key, 0) + 1
     batches: typing.Dict[typing.Tuple[str, int], str] = {}
     for item in missing:
+        if item.kind == "filter":
+            continue
         several = item.kind == "route" and numbers[(item.kind, str(item.version), *item.key)] > 1
         line = f"{item.kind} {'append' if several else 'add'} {item.text}\n"
         batches[(item.kind, item.version)] = batches.get((item.kind, item.version), "") + line
@@ -217,7 +250,7 @@ def list_sentences(left: typing.Sequence[Item]) -> typing.List[str]:
     """The sentences on what could not be put back."""
     sentences: typing.List[str] = [
         Sentence(
-            f"The {item.kind} {quote(item.text, LINE)} was there before this change and is gone: "
+            f"The {_NOUNS.get(item.kind, item.kind)} {quote(item.text, LINE)} was there before this change and is gone: "
             f"put it back by {quote(item.command, LINE)}."
         )
         for item in left[:_MOST_SAID]
@@ -237,13 +270,13 @@ def put_back(
 
     Returns what was put back, and the sentences on what is still gone and on what could not be looked at.
     """
-    now = read()
+    now = read(filtered=before.filtered)
     missing = [item for item in find_missing(before, now) if not planned(item)]
     left = missing
     if missing:
         for (_kind, version), lines in plan_batches(missing, before).items():
             commands.run(["ip", f"-{version}", "-force", "-batch", "-"], limit=_LIMIT, given=lines.encode("utf-8"))
-        now = read()
+        now = read(filtered=before.filtered)
         left = [item for item in find_missing(before, now) if not planned(item)]
     unseen = dict.fromkeys([*before.unseen.values(), *now.unseen.values()])
     return [item for item in missing if item not in left], [*list_sentences(left), *map(Unseen, unseen)]
@@ -252,14 +285,14 @@ def put_back(
 class Watch:
     """The network state of before, over one change."""
 
-    def __init__(self, planned: typing.Callable[[Item], bool] = lambda item: False) -> None:
-        """`planned`: is it to go by the change?"""
-        self.planned = planned
+    def __init__(self, planned: typing.Callable[[Item], bool] = lambda item: False, filtered: bool = False) -> None:
+        """`planned`: is it to go by the change? `filtered`: the packet filter counts, too."""
+        self.planned, self.filtered = planned, filtered
         self.before: typing.Optional[Snapshot] = None
 
     def begin(self) -> Snapshot:
         """Look, once; returns what was there."""
-        self.before = self.before or read(MOST)
+        self.before = self.before or read(MOST, self.filtered)
         return self.before
 
     @property

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import ansible_collections
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import network_state, transaction
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.network_state import Item, Snapshot
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import transaction
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.network import state as network_state
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.network.state import Item, Snapshot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
 
 COLLECTIONS = Path(next(iter(ansible_collections.__path__))).parent
@@ -111,7 +112,7 @@ LOSING = """
 STATE = "ip -4 rule; ip -6 rule; for v in 4 6; do ip -$v route show table all | sort; done; ip -o address | grep -v fe80 | sort"
 PROGRAM = """
 import os, subprocess, sys
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import network_state
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes.network import state as network_state
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
 commands.MOST = int(sys.argv[2])
 before = network_state.from_json(network_state.read(network_state.MOST).to_json())
@@ -154,3 +155,38 @@ def test_very_many_routes_are_compared_in_part_and_it_is_said():
     assert "those of the protocols boot and static were looked at" in said
     gone = set(before.splitlines()) - set(after.splitlines())
     assert len(gone) == 1 and "proto bird" in gone.pop()
+
+
+RULESET = """
+table inet rosfleet_multimaster {
+    chain input {
+        type filter hook input priority filter; policy accept;
+        udp dport 9 drop
+    }
+}
+table ip filter {
+    set known {
+        type ipv4_addr
+        elements = { 10.0.0.1,
+                 10.0.0.2 }
+    }
+    chain ufw-user-input {
+        tcp dport 7 counter accept
+    }
+    chain INPUT {
+        type filter hook input priority filter; policy drop;
+        ip saddr @known tcp dport { 22, 80 } accept
+    }
+}
+"""
+
+
+def test_of_the_packet_filter_the_rules_of_others_are_read():
+    items = network_state.parse_filter(RULESET.split("\n"))
+    assert [item.command for item in items] == [
+        "nft add chain ip filter INPUT { type filter hook input priority filter; policy drop; }",
+        "nft add rule ip filter INPUT ip saddr @known tcp dport { 22, 80 } accept",
+    ]
+    assert network_state.plan_batches(items, snapshot(*items)) == {}
+    assert network_state.find_missing(snapshot(*items), snapshot(items[0], links=[])) == items[1:]
+    assert "put it back by" in network_state.list_sentences(items)[0]
