@@ -22,13 +22,14 @@ from .._observed.task_results import list_plan_names, quote_texts
 from .._plan.model import FleetPlan
 from .anonymous import Anonymous
 from .archive import Unreadable
-from .secrets import Secrets
+from .secrets import ROOM, Secrets, list_texts
 
 FORMAT = 1
 ABOUT, PLAN, OBSERVATIONS = "about.json", "plan.json", "observations.json"
 JUDGED = (ABOUT, PLAN, OBSERVATIONS)  # the files that are read again
 COMPUTERS = 2000
-LOGS = 4_000_000  # letters of all logs
+LOGS = 2_000_000  # letters of all logs
+ANSWERS = 4_000_000  # letters of different texts in the answers of all computers; secrets.ROOM of one
 LOG = 60_000  # of one computer
 README = """\
 This is what `verify` of the Ansible collection rosfleet.multimaster {collection} has seen of a fleet, {time}.
@@ -49,13 +50,22 @@ REPLACED = "Names of robots and computers, users and addresses were replaced by 
 
 
 def remove_secrets(run: Run, secrets: Secrets) -> Run:
-    """Return a run without secrets."""
-    logs = {name: secrets.text(text) for name, text in run.logs.items()}
+    """Return a run without secrets. What it costs is bounded, whatever computers answer: bounds come first."""
+    # Twice as much is looked at as is kept: a name may stand before its secret.
+    logs = {name: secrets.text(text) for name, text in _cut_logs(run.logs, 2).items()}
+    fleet = secrets.data(run.fleet)
+    answers = {name: (seen, run.machines.get(name, {})) for name, seen in run.observations.items()}
+    sizes = {name: sum(map(len, list_texts(to_plain(list(answer))))) for name, answer in answers.items()}
+    clean, left = {}, ANSWERS
+    for done, name in enumerate(sorted(sizes, key=lambda name: sizes[name])):  # who says little has room for all of it
+        share = secrets.room = min(ROOM, left // (len(sizes) - done))
+        clean[name] = secrets.data(answers[name])
+        left -= share - secrets.room
     return dataclasses.replace(
         run,
-        fleet=secrets.data(run.fleet),
-        observations={name: secrets.data(seen) for name, seen in run.observations.items()},
-        machines=secrets.data(run.machines),
+        fleet=fleet,
+        observations={name: clean[name][0] for name in run.observations},
+        machines={name: clean[name][1] for name in run.machines if name in clean},
         logs=_cut_logs(logs),
     )
 
@@ -94,9 +104,9 @@ def _json(value: Any) -> str:
     return json.dumps(value, indent=1, ensure_ascii=False) + "\n"
 
 
-def _cut_logs(logs: Mapping[str, str]) -> dict[str, str]:
-    """Cut logs to their last lines, so that all logs have room."""
-    most = min(LOG, LOGS // max(1, len(logs)))
+def _cut_logs(logs: Mapping[str, str], times: int = 1) -> dict[str, str]:
+    """Cut logs to their last lines, so that all logs have room; to so many times as much as is kept of them."""
+    most = times * min(LOG, LOGS // max(1, len(logs)))
     return {name: text if len(text) <= most else _share_room(text, most) for name, text in logs.items()}
 
 

@@ -12,7 +12,6 @@ that of any variable of the inventory that is not the collection's own. Rather o
 from __future__ import annotations
 
 import dataclasses
-import functools
 import ipaddress
 import re
 from collections.abc import Iterable, Mapping
@@ -24,7 +23,7 @@ REMOVED = "(removed)"
 SHORTEST = 4  # letters of a value that is searched
 LONGEST = 4096
 MOST = 5000  # values
-_SHORT = 200  # letters of a text whose result is kept
+ROOM = 1_000_000  # letters of different texts in data: one takes up to 15 microseconds
 
 # Names of secrets, and their ends: `db_password`, `PGPASSWORD`. A phrase may follow the first ones, up to the end of its line;
 # the others have one word.
@@ -92,6 +91,11 @@ FORMS = {
     "the rest of a private key": rf"(?s)\A.*-----END {_PEM}",
     "a line of a key": (
         rf"(?<![A-Za-z0-9+/=_.-])(?!/){_UPPER}{_LOWER}{_DIGIT}[A-Za-z0-9+/]{{60,}}={{0,2}}(?![A-Za-z0-9+=_.-])"
+    ),
+    # A key of WireGuard, also its public half: nobody sees which of the two it is.
+    "32 bytes in base64": r"(?<![A-Za-z0-9+/])[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=(?![A-Za-z0-9+/=])",
+    "bytes in base64, filled up": (
+        rf"(?<![A-Za-z0-9+/=_.-]){_UPPER}{_LOWER}{_DIGIT}[A-Za-z0-9+/]{{20,}}={{1,2}}(?![A-Za-z0-9+/=_.-])"
     ),
     "a text of ansible-vault": r"\$ANSIBLE_VAULT;[^\n]*(?:\s+(?:\S{1,40} ){0,3}[0-9a-f]{20,})*",
     "a key of age or PuTTY": r"\bAGE-SECRET-KEY-1[A-Z0-9]+|Private-Lines:[^\n]*(?:\n[A-Za-z0-9+/=]{20,})*",
@@ -281,22 +285,24 @@ class Secrets:
         self._known = _compile_values(known, names)
         self._foreign = _compile_values(foreign, names)
         self._digests: dict[str, str] = {}
+        self.room = ROOM  # letters that are still looked at in data; what is beyond is taken out unread
+        self._seen: dict[str, str] = {}  # most texts of data are there many times
 
     def text(self, text: str) -> str:
         """Return a text, of any number of lines, without secrets."""
         text = self._foreign.sub(REMOVED, self._known.sub(REMOVED, text))
-        return _RANDOM.sub(_replace_random, _remove_forms(text))
+        return _RANDOM.sub(_replace_random, _clean(text))
 
     def word(self, text: str) -> str:
         """Return a value of data, such as a name or an address, without secrets."""
-        return _remove_forms(self._known.sub(REMOVED, text))
+        return _clean(self._known.sub(REMOVED, text))
 
     def data(self, value: Any) -> Any:
         """Return plain data or dataclasses without secrets."""
         if isinstance(value, str):
             if len(value) < SHORTEST:
                 return value
-            return self.text(value) if " " in value else self.word(value)
+            return self._look(value)
         if isinstance(value, Mapping):
             return {key: self._clean_value(str(key), part) for key, part in value.items()}
         if isinstance(value, (list, tuple)):
@@ -304,6 +310,14 @@ class Secrets:
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             return self._record(value)
         return value
+
+    def _look(self, text: str) -> str:
+        if text not in self._seen:
+            if len(text) > self.room:
+                return REMOVED
+            self.room -= len(text)
+            self._seen[text] = self.text(text) if " " in text else self.word(text)
+        return self._seen[text]
 
     def _clean_value(self, name: str, value: Any) -> Any:
         if is_secret(name) and name.lower() not in self._kept and value not in (None, "", 0, True, False):
@@ -313,7 +327,13 @@ class Secrets:
     def _record(self, value: T) -> T:
         """Return a dataclass without secrets. If its `name` is that of a secret, its other texts are removed too."""
         fields = dataclasses.fields(value)  # type: ignore[arg-type]
-        parts = {field.name: self.data(getattr(value, field.name)) for field in fields}
+        # A public key in data is known by its place: the judgement compares it.
+        parts = {
+            field.name: self.data(getattr(value, field.name))
+            if field.name != "public_key"
+            else getattr(value, field.name)
+            for field in fields
+        }
         if isinstance(parts.get("environment"), Mapping):
             variables = parts["environment"].items()
             parts["environment"] = {name: text if _LISTED.fullmatch(name) else REMOVED for name, text in variables}
@@ -338,17 +358,10 @@ def list_words(words: Iterable[str], most: int | None = None) -> str:
     return "|".join(map(re.escape, longest)) or r"(?!)"
 
 
-def _remove_forms(text: str) -> str:
-    return _clean_short(text) if len(text) < _SHORT else _clean(text)
-
-
 def _clean(text: str) -> str:
     for pattern in _PATTERNS:
         text = pattern.sub(r"\1" + REMOVED if pattern.groups else REMOVED, text)
     return text
-
-
-_clean_short = functools.lru_cache(maxsize=20_000)(_clean)  # most texts of data are there many times
 
 
 def _replace_random(match: re.Match[str]) -> str:

@@ -4,12 +4,13 @@
 """A bundle: what is read again is judged as before; what somebody changed in it is refused in a sentence."""
 
 import json
+import time
 
 import fleets
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import bundle as bundles
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import Unreadable
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import Secrets
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import REMOVED, Secrets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge_run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run
 
@@ -70,6 +71,38 @@ def test_a_service_that_writes_much_takes_no_room_from_others():
     log = bundles.remove_secrets(bundle, Secrets()).logs["kobuki1computer"]
     assert log.startswith(quiet + "== sync\nsynchronised\n") and log.endswith("the last\n== discovery\nready\n")
     assert bundles.LOG - 100 < len(log) <= bundles.LOG
+
+
+@pytest.mark.parametrize("piece", ["x", "= \\\"'", "token a", "echo -n "])
+def test_the_cost_of_a_log_is_that_of_what_is_kept(piece):
+    """Ten million letters in lines of anybody took minutes of the controller."""
+    line = (piece * 1000)[:1000]
+    logs = {"kobuki1computer": f"== sync\n{(line + chr(10)) * 10_000}the last\n"}
+    began = time.process_time()
+    found = bundles.remove_secrets(bundled(fleets.plan(2), logs=logs), Secrets()).logs["kobuki1computer"]
+    assert time.process_time() - began < 10 and found.endswith("the last\n") and len(found) <= bundles.LOG
+
+
+def test_the_cost_of_an_answer_is_bounded_and_others_lose_nothing(monkeypatch):
+    monkeypatch.setattr(bundles, "ROOM", 50_000)
+    run = bundled(fleets.plan(2))
+    long = {f"text{number}": f"{number} password: {'x' * 400}" for number in range(10_000)}
+    machines = {"kobuki1computer": long, "kobuki2computer": {"system": "Debian 12"}}
+    began = time.process_time()
+    clean = bundles.remove_secrets(bundles.dataclasses.replace(run, machines=machines), Secrets())
+    assert time.process_time() - began < 10
+    assert clean.machines["kobuki2computer"] == machines["kobuki2computer"]
+    assert clean.observations["kobuki2computer"] == run.observations["kobuki2computer"]
+    texts = list(clean.machines["kobuki1computer"].values())
+    assert texts[0] == f"0 password: {REMOVED}" and texts[-1] == REMOVED and "xxx" not in str(texts)
+
+
+def test_a_name_before_the_kept_part_tells_its_secret(monkeypatch):
+    """The log is cut between the name and its value."""
+    monkeypatch.setattr(bundles, "LOG", 100)
+    log = "line\n" * 100 + "password:\nswordfish\n" + "line\n" * 16
+    found = bundles.remove_secrets(bundled(fleets.plan(2), logs={"kobuki1computer": log}), Secrets())
+    assert "swordfish" not in found.logs["kobuki1computer"] and REMOVED in found.logs["kobuki1computer"]
 
 
 def test_the_name_of_a_computer_is_no_path():
