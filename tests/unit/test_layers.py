@@ -78,7 +78,7 @@ ROOMS = {
         "": {"border", "discovery", "edge", "protocol", "roscore", "sync"},
     },
 }
-MOST_FILES = 15  # beside each other
+MOST_FILES = 18  # beside each other
 COLLECTION = "ansible_collections.rosfleet.multimaster."
 
 INPUT_AND_OUTPUT = set(
