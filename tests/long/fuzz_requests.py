@@ -4,6 +4,8 @@
 """Sends XML-RPC requests that nobody should send, and counts what is answered.
 
 fuzz_requests.py VICTIM SEED COUNT : runs on a computer of the lab and prints JSON.
+
+tests/unit/nodes/running_attacks.py draws from here, too: requests to each of the nodes, and answers, that are dear for their size.
 """
 
 import collections
@@ -17,7 +19,6 @@ import threading
 import time
 import xmlrpc.client
 
-victim, seed, count = sys.argv[1:]
 PORT, THREADS = 11611, 6
 METHODS = """masterContacts masterInfo masterInfoFiltered masterErrors getCurrentTime setTime getTopicsMd5sum getUser system.listMethods
 system.methodHelp system.methodSignature system.multicall shutdown __init__ getPid publisherUpdate""".split()
@@ -82,13 +83,7 @@ def mutated(rng):
 
 
 def deep(rng):
-    levels = rng.randrange(20000)
-    inside = b"<value><array><data>" * levels + b"</data></array></value>" * levels
-    return (
-        b"<methodCall><methodName>masterInfoFiltered</methodName><params><param>"
-        + inside
-        + b"</param></params></methodCall>"
-    )
+    return call_of("masterInfoFiltered", [deep_value(rng)])
 
 
 def laughs(rng):
@@ -96,20 +91,91 @@ def laughs(rng):
     return text.encode(rng.choice(["utf-8", "utf-16", "utf-16-be"]))
 
 
-def costly(rng):
+# What is dear for its size, as XML. A node takes at most 1 MB.
+
+SIZE = 900_000
+
+
+def patterns(rng):
+    """A filter with a regular expression that takes long: repetitions of repetitions, mostly of what has no length."""
+    text, times = (
+        rng.choice(["", "", "", "^", "(?=/)", "a|aa"]),
+        rng.choice(["{65000}", "{65000}", "{60000,65000}", "*"]),
+    )
+    for _level in range(rng.randint(2, 4)):
+        text = f"(?:{text}){times}"
+    found = [False, *[""] * 10]
+    found[rng.randrange(1, 11)] = rng.choice(["{}x", r"\A{}x\Z", r"\A{}/\Z|x", "{}|y"]).format(text)
+    return xml(found)
+
+
+def many_names(rng):
+    """Names with '*': as filters on their way, or as a list."""
+    word = "a" * rng.choice([1, 10, 100])
+    names = [f"/{word}*{word}{number}*{word}" for number in range(SIZE // 12 // (3 * len(word) + 30))]
+    text = "|".join(rf"\A{name.replace('*', '.*')}\Z" for name in names)
+    return xml(rng.choice([[False, *[text] * 10], names, dict.fromkeys(names, "*")]))
+
+
+def small_values(rng):
     """Many small values: a request of 1 MB that takes as long to read as any."""
     part = rng.choice(
         [b"<value/>", b"<value><nil/></value>", b"<value><struct/></value>", b"<value><array><data/></array></value>"]
     )
-    inside = b"<value><array><data>" + part * rng.randrange(1000, 900_000 // len(part)) + b"</data></array></value>"
-    method = rng.choice([b"masterInfoFiltered", b"getTopicsMd5sum", b"rosfleetDifferences"])
-    return (
-        b"<methodCall><methodName>"
-        + method
-        + b"</methodName><params><param>"
-        + inside
-        + b"</param></params></methodCall>"
-    )
+    return b"<value><array><data>" + part * rng.randrange(1000, SIZE // len(part)) + b"</data></array></value>"
+
+
+def deep_value(rng):
+    """A value in very many lists."""
+    levels = rng.randrange(20000)
+    return b"<value><array><data>" * levels + b"</data></array></value>" * levels
+
+
+def long_number(rng):
+    """A number with very many digits: int() takes the square of them."""
+    kind, digits = rng.choice([b"int", b"i8", b"double"]), rng.choice([b"1", b"9"]) * rng.randrange(1000, SIZE)
+    return b"<value><" + kind + b">" + digits + b"</" + kind + b"></value>"
+
+
+COSTS = [patterns, many_names, patterns, small_values, patterns, deep_value, patterns, long_number]
+#: Of each node: its methods with an argument of any form, what stands before it, and behind it.
+TAKE_ANYTHING = {
+    "discovery": [("masterInfoFiltered", (), ()), ("getTopicsMd5sum", (), ()), ("rosfleetDifferences", (), ("", 0, 0.0))],
+    "border": [("rosfleetOffers", (), ("", 0.0)), ("rosfleetOffers", ("bad",), (0.0,)), ("rosfleetOffers", ("bad", ""), ())],
+    "roscore": [
+        ("setParam", ("/bad", "/do_not_sync"), ()),
+        ("setParam", ("/bad", "/bad"), ()),
+        ("getParam", ("/bad",), ()),
+        ("registerPublisher", ("/bad",), ("x/Y", "http://127.0.0.2:1/")),
+        ("rosfleetChanges", ("/bad",), (0, 0.0, True)),
+        ("system.multicall", (), ()),
+    ],
+}  # fmt: skip
+
+
+def xml(value):
+    """A value as XML-RPC has it."""
+    return xmlrpc.client.dumps((value,), allow_none=True).encode().split(b"<param>")[1].split(b"</param>")[0]
+
+
+def call_of(method, values):
+    """A request with these values, which are XML."""
+    params = b"".join(b"<param>" + value + b"</param>" for value in values)
+    return b"<methodCall><methodName>" + method.encode() + b"</methodName><params>" + params + b"</params></methodCall>"
+
+
+def costly(rng, node="discovery", costs=COSTS):
+    """A request to a node with something dear in it."""
+    method, before, after = rng.choice(TAKE_ANYTHING[node])
+    return call_of(method, [*map(xml, before), rng.choice(costs)(rng), *map(xml, after)])
+
+
+def costly_answer(rng, uri, costs=COSTS):
+    """The answer of a discovery with something dear in it, for a sync."""
+    parts = [xml(part) for part in ("2.0", "2.0", uri, "bad", [], [], [], [], [], [])]
+    parts[rng.randrange(len(parts))] = rng.choice(costs)(rng)
+    whole = b"<value><array><data>" + b"".join(parts) + b"</data></array></value>"
+    return b"<methodResponse><params><param>" + whole + b"</param></params></methodResponse>"
 
 
 BODIES = [
@@ -139,7 +205,7 @@ def request(rng):
     return f"{method} {path} HTTP/1.{rng.randrange(2)}\r\nContent-Length: {length}\r\n{more}\r\n".encode() + body
 
 
-def answer(data):
+def answer(victim, data):
     with socket.create_connection((victim, PORT), 30) as connection:
         try:
             connection.sendall(data)
@@ -161,38 +227,34 @@ def answer(data):
         )
 
 
-counts, slowest, todo = collections.Counter(), [0.0], queue.SimpleQueue()
-for number in range(int(count)):
-    todo.put(number)
+def main():
+    victim, seed, count = sys.argv[1:]
+    counts, slowest, todo = collections.Counter(), [0.0], queue.SimpleQueue()
+    for number in range(int(count)):
+        todo.put(number)
+
+    def work():
+        while True:
+            try:
+                data = request(random.Random(f"{seed} {todo.get_nowait()}"))
+            except queue.Empty:
+                return
+            begun = time.monotonic()
+            try:
+                counts[answer(victim, data)] += 1
+            except OSError as problem:
+                counts[str(problem)] += 1
+            slowest[0] = max(slowest[0], time.monotonic() - begun)
+
+    started = time.monotonic()
+    threads = [threading.Thread(target=work) for _number in range(THREADS)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    took, longest = round(time.monotonic() - started, 1), round(slowest[0], 2)
+    print(json.dumps({"sent": sum(counts.values()), "seconds": took, "slowest": longest, "answers": counts}))
 
 
-def work():
-    while True:
-        try:
-            data = request(random.Random(f"{seed} {todo.get_nowait()}"))
-        except queue.Empty:
-            return
-        begun = time.monotonic()
-        try:
-            counts[answer(data)] += 1
-        except OSError as problem:
-            counts[str(problem)] += 1
-        slowest[0] = max(slowest[0], time.monotonic() - begun)
-
-
-started = time.monotonic()
-threads = [threading.Thread(target=work) for _number in range(THREADS)]
-for thread in threads:
-    thread.start()
-for thread in threads:
-    thread.join()
-print(
-    json.dumps(
-        {
-            "sent": sum(counts.values()),
-            "seconds": round(time.monotonic() - started, 1),
-            "slowest": round(slowest[0], 2),
-            "answers": counts,
-        }
-    )
-)
+if __name__ == "__main__":
+    main()

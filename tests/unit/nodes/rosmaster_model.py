@@ -185,6 +185,9 @@ class ROSMasterHandler:
         except KeyError:
             return -1, "not set", 0
 
+    def hasParam(self, caller, key):
+        return 1, key, self.getParam(caller, key)[0] == 1
+
     def subscribeParam(self, caller, api, key):
         found = self.getParam(caller, key)
         self.reg_manager._register(self.param_subscribers, key.rstrip("/") + "/", caller, api)
