@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..plugin_utils._changes.confirmation import GuardedAction, Result
+from ..plugin_utils._robot_io.confirmation import GuardedAction, Result
 
 # The names by which an inventory has the port of ssh.
 PORTS = ("ansible_port", "ansible_ssh_port")

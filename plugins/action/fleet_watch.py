@@ -11,12 +11,12 @@ from typing import Any
 
 from ansible.utils.display import Display
 
-from ..plugin_utils._changes.refusal import FleetAction, Refusal
-from ..plugin_utils._data.plain import Mismatch, from_plain
-from ..plugin_utils._fleet.plain_text import LINE, plain, plain_data, plain_lines, quote
-from ..plugin_utils._observed import task_results
-from ..plugin_utils._watch import progress
-from ..plugin_utils._watch.progress import Event, LostValue, WatchAnswer
+from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
+from ..plugin_utils._base.plain import Mismatch, from_plain
+from ..plugin_utils._base.plain_text import LINE, plain, plain_data, plain_lines, quote
+from ..plugin_utils._verify.observe import task_results
+from ..plugin_utils._verify.watch import progress
+from ..plugin_utils._verify.watch.progress import Event, LostValue, WatchAnswer
 
 OPTIONS = ("watched", "duration", "known")
 

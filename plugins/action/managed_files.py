@@ -7,8 +7,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..plugin_utils._changes import trees
-from ..plugin_utils._changes.robot_action import Result, RobotAction
+from ..plugin_utils._robot_io import trees
+from ..plugin_utils._robot_io.robot_action import Result, RobotAction
 
 
 class ActionModule(RobotAction):

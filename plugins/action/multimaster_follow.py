@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from ..plugin_utils._changes.robot_action import RobotAction
+from ..plugin_utils._robot_io.robot_action import RobotAction
 
 
 class ActionModule(RobotAction):

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from ..plugin_utils._changes.confirmation import GuardedAction
+from ..plugin_utils._robot_io.confirmation import GuardedAction
 
 
 class ActionModule(GuardedAction):

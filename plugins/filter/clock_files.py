@@ -43,7 +43,7 @@ from typing import Any
 
 from ansible.errors import AnsibleFilterError
 
-from ..plugin_utils._data.plain import from_plain
+from ..plugin_utils._base.plain import from_plain
 from ..plugin_utils._plan import clock
 from ..plugin_utils._plan.model import Clock
 

@@ -54,7 +54,7 @@ from typing import Any
 
 from ansible.errors import AnsibleFilterError
 
-from ..plugin_utils._case.pairs import ALL, AUTO, choose_pairs
+from ..plugin_utils._verify.context.pairs import ALL, AUTO, choose_pairs
 
 
 def computers_tried(fleet: Mapping[str, Any], observer: str, pairs: str = AUTO) -> list[str]:

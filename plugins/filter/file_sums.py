@@ -50,8 +50,8 @@ from typing import Any
 
 from ansible.errors import AnsibleFilterError
 
-from ..module_utils._changes import files
-from ..module_utils._module.problem import Problem
+from ..module_utils._apply.transaction import files
+from ..module_utils._base.problem import Problem
 
 
 def file_sums(planned: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -73,7 +73,7 @@ from typing import Any
 
 from ansible.errors import AnsibleFilterError
 
-from ..plugin_utils._data.plain import Mismatch, from_plain
+from ..plugin_utils._base.plain import Mismatch, from_plain
 from ..plugin_utils._plan import router_config as router_config_module
 from ..plugin_utils._plan.dialects import DIALECTS
 from ..plugin_utils._plan.model import FleetPlan

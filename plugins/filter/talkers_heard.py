@@ -58,7 +58,7 @@ _value:
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..plugin_utils._data.plain import from_plain
+from ..plugin_utils._base.plain import from_plain
 from ..plugin_utils._plan.model import FleetPlan
 
 

@@ -55,7 +55,7 @@ from typing import Any
 
 from ansible.errors import AnsibleFilterError
 
-from ..plugin_utils._case import pairs as tried
+from ..plugin_utils._verify.context import pairs as tried
 
 MOST = 1_000_000  # Mbit/s
 

@@ -47,7 +47,7 @@ from typing import Any
 
 from ansible.errors import AnsibleFilterError
 
-from ..plugin_utils._data.plain import Mismatch, from_plain
+from ..plugin_utils._base.plain import Mismatch, from_plain
 from ..plugin_utils._plan import tunnel
 from ..plugin_utils._plan.model import Tunnel
 

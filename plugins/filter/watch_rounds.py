@@ -40,7 +40,7 @@ from typing import Any
 
 from ansible.errors import AnsibleFilterError
 
-from ..plugin_utils._watch.progress import Unreadable, plan_rounds
+from ..plugin_utils._verify.watch.progress import Unreadable, plan_rounds
 
 
 def watch_rounds(duration: Any) -> dict[str, Any]:

@@ -79,7 +79,7 @@ from typing import Any
 
 from ansible.plugins.lookup import LookupBase
 
-from ..plugin_utils._changes.trees import COLLECTION, read_tree
+from ..plugin_utils._robot_io.trees import COLLECTION, read_tree
 
 
 class LookupModule(LookupBase):

@@ -183,8 +183,8 @@ msg:
   sample: 2 files of the bundle nodes were written, 1 was removed and 31 were right.
 """
 
-from ..module_utils._changes.file_bundle import CONCERN
-from ..module_utils._changes.module import run_module
+from ..module_utils._apply.transaction.file_bundle import CONCERN
+from ..module_utils._apply.transaction.module import run_module
 
 
 def main() -> None:

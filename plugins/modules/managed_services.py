@@ -223,8 +223,8 @@ msg:
   sample: "multimaster-sync.service was restarted (its text changed); 2 other units were right."
 """
 
-from ..module_utils._changes.module import run_module
-from ..module_utils._changes.service_bundle import CONCERN
+from ..module_utils._apply.transaction.module import run_module
+from ..module_utils._apply.transaction.service_bundle import CONCERN
 
 
 def main() -> None:

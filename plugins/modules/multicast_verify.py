@@ -493,10 +493,10 @@ msg:
   sample: Every other computer (1) is heard on the group and hears this one.
 """
 
-from ..module_utils._module import ends
-from ..module_utils._module.module import Module
-from ..module_utils._module.problem import Problem
-from ..module_utils._multicast import multicast
+from ..module_utils._base import ends
+from ..module_utils._base.module import Module
+from ..module_utils._base.problem import Problem
+from ..module_utils._probe.multicast import multicast
 
 
 def main() -> None:

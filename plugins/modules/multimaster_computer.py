@@ -160,9 +160,9 @@ msg:
   sample: "1 of 1 routes changed. /etc/hosts: 1 added."
 """
 
-from ..module_utils._computer.concerns import OPTIONS, select_concerns
-from ..module_utils._computer.run import SHELLS, carry_out
-from ..module_utils._module.module import Module
+from ..module_utils._apply.computer.concerns import OPTIONS, select_concerns
+from ..module_utils._apply.computer.run import SHELLS, carry_out
+from ..module_utils._base.module import Module
 
 
 def main() -> None:

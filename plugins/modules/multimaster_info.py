@@ -1198,9 +1198,9 @@ problems:
   sample: []
 """
 
-from ..module_utils._look import machine
-from ..module_utils._module import ends
-from ..module_utils._module.module import Module
+from ..module_utils._probe.facts import machine
+from ..module_utils._base import ends
+from ..module_utils._base.module import Module
 
 
 def main() -> None:

@@ -51,9 +51,9 @@ problems:
 
 import re
 
-from ..module_utils._module import ends
-from ..module_utils._module.module import Module
-from ..module_utils._verify.logs import MOST, last_lines
+from ..module_utils._base import ends
+from ..module_utils._base.module import Module
+from ..module_utils._probe.measure.logs import MOST, last_lines
 
 ARGUMENTS = {
     "services": {"type": "list", "elements": "str", "required": True},

@@ -1991,8 +1991,8 @@ msg:
   sample: Looked at 2 computers in 2.3 s.
 """
 
-from ..module_utils._module import actions
-from ..module_utils._module.module import Module
+from ..module_utils._base import actions
+from ..module_utils._base.module import Module
 from ..module_utils._probe.options import find_wrong_option
 from ..module_utils._probe.run import ACTIONS
 

@@ -94,8 +94,8 @@ msg:
   sample: 2 files of the bundle tunnel were written, 0 removed and 0 were right.
 """
 
-from ..module_utils._changes.module import run_module
-from ..module_utils._tunnel.run import CONCERN
+from ..module_utils._apply.transaction.module import run_module
+from ..module_utils._apply.tunnel.run import CONCERN
 
 
 def main() -> None:

@@ -60,8 +60,8 @@ msg:
   sample: The key was made.
 """
 
-from ..module_utils._changes.module import run_module
-from ..module_utils._tunnel.key import CONCERN
+from ..module_utils._apply.transaction.module import run_module
+from ..module_utils._apply.tunnel.key import CONCERN
 
 
 def main() -> None:

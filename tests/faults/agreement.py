@@ -14,9 +14,9 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from ansible_collections.rosfleet.multimaster.plugins.action.fleet_predict import machines
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world import prediction
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._predict import prediction
 
 Way = tuple[str, str, str]  # traffic, observer, target
 

@@ -32,7 +32,7 @@ class Draw:
     title: str
     inject: str
     undo: str
-    parts: tuple[str, ...]  # kinds of plugin_utils/_case/parts.py
+    parts: tuple[str, ...]  # kinds of plugin_utils/_verify/components/parts.py
 
 
 class Place:

@@ -17,13 +17,13 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1] / "lab")]
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import OK  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import (  # noqa: E402
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import OK  # noqa: E402
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import (
     Judgement,
     judge_run,
     make_document,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run, gather_run  # noqa: E402
+)  # noqa: E402
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.run import Run, gather_run  # noqa: E402
 from catalogue import Fault  # noqa: E402
 from fuzz import grade  # noqa: E402
 from judge import named  # noqa: E402

@@ -41,9 +41,9 @@ OPTIONS = {
 # One run that is ended, as by kill -9, before its command or change of a file of this number.
 KILLED = """
 import json, os, signal, sys
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import run
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall import run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall.backends import contract
 options, left = json.loads(sys.argv[1]), int(sys.argv[2])
 def until(step):
     def counted(*arguments, **more):

@@ -14,9 +14,9 @@ from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.registrations import Flows, Item
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import Flows, Item
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import COMMON
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import (
     DROP,
     FORWARD,
     IN,

@@ -12,9 +12,9 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field, replace
 from random import Random
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import OK, Verification
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import explain_rows
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import OK, Verification
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import explain_rows
 
 from tests.simulator import faults, inventories
 from tests.simulator.observe import observe

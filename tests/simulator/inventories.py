@@ -3,7 +3,7 @@
 
 """Random inventories: both layouts of the report and mixtures, and all variables that change what packets and nodes do."""
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import (
     Inventory,
     InventoryProblems,
     read_fleet,

@@ -10,7 +10,7 @@ from dataclasses import replace
 from ipaddress import IPv4Address
 from typing import NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import (
     FORWARD,
     IN,
     OUT,
@@ -20,7 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model 
     Packet,
     World,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import masquerades
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.packets import masquerades
 
 from tests.simulator.state import ports
 

@@ -10,10 +10,10 @@ from dataclasses import fields, replace
 from functools import lru_cache
 from ipaddress import AddressValueError, IPv4Address
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import observations as seen
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import NO_WAY, OUT, Packet, World
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import observations as seen
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import NO_WAY, OUT, Packet, World
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.packets import (
     APART,
     CIRCLE,
     CLOSED,

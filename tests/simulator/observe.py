@@ -5,12 +5,12 @@
 
 from __future__ import annotations
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed import observations as seen
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import observations as seen
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.facts import HOOKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import ACCEPT
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_rules
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.facts import HOOKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import ACCEPT
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_rules
 
 from tests.simulator.network import CONNECTED, Network
 from tests.simulator.ros import Ros

@@ -12,15 +12,15 @@ from itertools import pairwise
 from typing import Any
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import (
     Interface,
     Link,
     Machine,
     World,
     kernel_routes,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.packets import Echo, Trace
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_world
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.packets import Echo, Trace
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
 
 RUNS, DEAD, HUNG = "runs", "dead", "hung"  # hung: it has its port, and answers nothing
 

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/browser")]
 
 import chromium  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import variables  # noqa: E402
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import variables  # noqa: E402
 
 from tools.docsite import build  # noqa: E402
 

@@ -309,8 +309,8 @@ def test_a_broken_off_run_is_taken_back_by_the_next_one(fleet):
 
 KILLED = """
 import os, signal, subprocess
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import deadman
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import run as routes
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import deadman
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import run as routes
 options = {"routes": [%(route)s], "backends": {}, "on_conflict": "replace", "root": "/", "records": "/var/lib/rosfleet-multimaster"}
 run = routes.Run(options)
 deadman.Switch("routes").arm("word", %(within)d, run.undo_steps(), run.memory)

@@ -13,7 +13,7 @@ import shlex
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import is_plain, quote
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import is_plain, quote
 from setups.links import wait_until
 from subject import NODES
 

@@ -14,15 +14,15 @@ import sys
 from unittest.mock import MagicMock, patch
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import ends
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case.parts import Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import FAILED, Row
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis.diagnosis import Diagnosis, Finding
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data, plain_lines
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.sentences import number_problems
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import Judgement
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.summary import summarise
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import terminal
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import ends
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, Row
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import Diagnosis, Finding
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import plain_data, plain_lines
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.sentences import number_problems
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import Judgement
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.summary import summarise
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import terminal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -43,13 +43,13 @@ from rosfleet_multimaster.protocol.plain_text import is_plain  # noqa: E402
 #: a way out -> the only files that use it, by tree
 DOORS = {
     "plugins": {
-        "exit_json": {"module_utils/_module/ends.py"},
-        "fail_json": {"module_utils/_module/ends.py"},
-        "warn": {"module_utils/_module/ends.py"},
+        "exit_json": {"module_utils/_base/ends.py"},
+        "fail_json": {"module_utils/_base/ends.py"},
+        "warn": {"module_utils/_base/ends.py"},
         "deprecate": set(),
         "print": set(),
         "write to a standard stream": {  # JSON for the module that runs them, which reads and ends with it
-            "module_utils/_client/message_types.py",
+            "module_utils/_probe/ros_client/message_types.py",
             "module_utils/_machine/home_files.py",
         },
         "display": {
@@ -58,7 +58,7 @@ DOORS = {
             "action/fleet_report.py",
             "action/fleet_summary.py",
             "action/fleet_watch.py",
-            "plugin_utils/_changes/refusal.py",
+            "plugin_utils/_robot_io/refusal.py",
         },
         "warning": set(),
     },

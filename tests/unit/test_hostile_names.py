@@ -13,24 +13,28 @@ import types
 from pathlib import Path
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files, systemctl, units
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall import access, packet_filter
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._firewall.backends import contract, nftables, ufw
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._hosts import run as hosts_run
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import files, systemctl, units
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall import access, packet_filter
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall.backends import (
+    contract,
+    nftables,
+    ufw,
+)
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts import run as hosts_run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.facts import machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network, ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import problem, trust
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.plain_text import VALUE, plain
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast import multicast
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import kernel
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import options as route_options
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import plan as routes_plan
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes import run as routes_run
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._routes.managers import networkmanager
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._sysctl import run as sysctl_run
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import topics
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import is_plain, quote
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import problem, trust
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.plain_text import VALUE, plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast import multicast
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import kernel
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import options as route_options
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import plan as routes_plan
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import run as routes_run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import networkmanager
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl import run as sysctl_run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import topics
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import is_plain, quote
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight
 
 from tests.unit.test_hostile_texts import FRAGMENTS, MARK, masked

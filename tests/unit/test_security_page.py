@@ -13,12 +13,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import documents, node, xml_rpc
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import documents, node, xml_rpc
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import trust
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands, foreign
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._answers import answer
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._changes import robot_action
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import trust
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands, foreign
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import answer
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import robot_action
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))

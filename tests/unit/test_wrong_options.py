@@ -20,7 +20,7 @@ import pytest
 import yaml
 
 from tests.unit import module_server
-from tests.unit.plugins.module_utils._routes.test_run import why_not
+from tests.unit.plugins.module_utils._apply.routes.test_run import why_not
 
 MODULES = Path(next(iter(ansible_collections.__path__))) / "rosfleet/multimaster/plugins/modules"
 PARTS = ("sysctl", "routes", "hosts_entries", "managed_files", "managed_services", "tunnel")

@@ -16,9 +16,9 @@ from typing import Any
 from ansible.errors import AnsibleError
 from ansible.plugins.action import ActionBase
 from ansible_collections.rosfleet.multimaster.plugins.action.fleet_plan import read_inventory
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import plain_data
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import InventoryProblems, read_fleet
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import plain_data
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import InventoryProblems, read_fleet
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 
 

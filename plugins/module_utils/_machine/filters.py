@@ -10,7 +10,7 @@ import ipaddress
 import json
 import typing
 
-from .._process.commands import run
+from .._base.commands import run
 
 HOOKS = ("input", "output", "forward", "postrouting")
 OWN = "rosfleet_multimaster"  # the collection's own table, which the plan has

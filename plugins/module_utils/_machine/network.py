@@ -4,7 +4,7 @@
 """The network of this machine: its interfaces with their addresses, and the routes that the kernel takes.
 
 This file alone reads the output of `ip address`, `ip link`, `ip route get` and `ip route show default`.
-(`_routes/kernel.py` reads whole routing tables, because it must be able to make each route again.)
+(`_apply/routes/kernel.py` reads whole routing tables, because it must be able to make each route again.)
 """
 
 import contextlib
@@ -14,8 +14,8 @@ import re
 import socket
 import typing
 
-from .._module.plain_text import quote
-from .._process.commands import run, text
+from .._base.plain_text import quote
+from .._base.commands import run, text
 
 WITH_PORTS = ("bridge", "bond", "team")  # kinds of interfaces whose packets come and go by their ports (ip-link(8))
 PERMANENT = 0x4  # the flag of a neighbour set by hand or by a program (ATF_PERM)

@@ -11,7 +11,7 @@ import typing
 
 
 class Outcome(enum.Enum):
-    """The outcome of a probe. The controller has the same words (plugins/plugin_utils/_observed/outcomes.py)."""
+    """The outcome of a probe. The controller has the same words (plugins/plugin_utils/_verify/observe/outcomes.py)."""
 
     NOT_TRIED = "not_tried"
     ANSWERED = "answered"  # an echo reply came from the address itself

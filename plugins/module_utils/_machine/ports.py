@@ -10,8 +10,8 @@ import socket
 import struct
 import typing
 
-from .._module.plain_text import plain
-from .._process.commands import text
+from .._base.plain_text import plain
+from .._base.commands import text
 
 ESTABLISHED, LISTEN = "01", "0A"  # include/net/tcp_states.h
 _UNIT = re.compile(r"[^/]+\.(?:service|scope|socket)")

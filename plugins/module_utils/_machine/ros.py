@@ -14,12 +14,12 @@ import shlex
 import shutil
 import typing
 
-from .._module import trust
-from .._module.plain_text import is_plain, plain, quote
-from .._module.problem import Problem
-from .._process import processes
-from .._process.commands import BASE_PATH, CLEAN, find_nobody, run
-from .._process.foreign import foreign, last_line
+from .._base import trust
+from .._base.plain_text import is_plain, plain, quote
+from .._base.problem import Problem
+from .._base import processes
+from .._base.commands import BASE_PATH, CLEAN, find_nobody, run
+from .._base.foreign import foreign, last_line
 from . import fkie, set_up
 
 PYTHON = "/usr/bin/python3"  # what Debian's packages and most of ROS on Python 3 are built for

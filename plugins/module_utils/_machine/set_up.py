@@ -6,7 +6,7 @@
 import re
 import typing
 
-from .._module.trust import A_GROUP, EVERYBODY, Doubt, Look, account
+from .._base.trust import A_GROUP, EVERYBODY, Doubt, Look, account
 
 # Lists of folders in which programs look for code. A relative entry would depend on the current folder.
 _LISTS = re.compile(

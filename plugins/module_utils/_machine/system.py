@@ -9,7 +9,7 @@ import re
 import shlex
 import typing
 
-from .._process.commands import run, text
+from .._base.commands import run, text
 
 
 def system(root: str = "/") -> typing.Dict[str, typing.Any]:

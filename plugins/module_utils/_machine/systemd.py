@@ -6,7 +6,7 @@
 import time
 import typing
 
-from .._process import commands
+from .._base import commands
 
 _LIMIT = 60.0  # seconds; it answers in hundredths, and with a hundred busy processes within half a minute
 

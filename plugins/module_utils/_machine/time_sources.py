@@ -8,7 +8,7 @@ import re
 import time
 import typing
 
-from .._process.commands import run
+from .._base.commands import run
 
 _PAUSE = 1.0  # seconds
 LAST = 0b1111  # the bits of the last four requests

@@ -7,7 +7,7 @@ import json
 import re
 import typing
 
-from .._process import commands
+from .._base import commands
 
 WATCHDOG = "multimaster-watchdog.service"
 # What systemd tells of a unit: its catalog of messages, /usr/lib/systemd/catalog.

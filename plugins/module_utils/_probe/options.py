@@ -6,8 +6,8 @@
 import typing
 
 from .._machine.network import is_address
-from .._process.background import find_wrong_value
-from .._verify.network import is_network
+from .._base.background import find_wrong_value
+from .measure.network import is_network
 
 Params = typing.Dict[str, typing.Any]
 

@@ -7,17 +7,17 @@ import time
 import typing
 from itertools import chain
 
-from .._client import node_hosts
-from .._client import ros as ros_commands
-from .._client.ros import Ros
+from .ros_client import node_hosts
+from .ros_client import ros as ros_commands
+from .ros_client.ros import Ros
 from .._machine import time_sources
 from .._machine.outcomes import Outcome
-from .._module.module import validate_options
-from .._module.plain_text import LINE, quote
-from .._module.problem import Problem
-from .._process.deadlines import call_all
-from .._tunnel import probe as tunnel
-from .._verify import (
+from .._base.module import validate_options
+from .._base.plain_text import LINE, quote
+from .._base.problem import Problem
+from .._base.deadlines import call_all
+from .._apply.tunnel import probe as tunnel
+from .measure import (
     changes,
     claims,
     exchange,
@@ -123,7 +123,7 @@ def look_topics(params: Params, ros: Ros, deadline: float) -> typing.List[Result
 
 
 def look_next_boot(services_here: typing.List[str], planned: typing.Optional[Params]) -> typing.List[Result]:
-    from .._boot import next_boot
+    from .facts import next_boot
 
     return [] if planned is None else next_boot.differences(services_here, planned)
 
@@ -132,7 +132,7 @@ def group(params: Params, action: str) -> typing.Optional[Result]:
     """Return what multicast_verify returns for this action, also an obstacle; None where nothing is measured on the group."""
     if params["multicast"] is None:
         return None
-    from .._multicast import multicast
+    from .multicast import multicast
 
     try:
         own = {name: value for name, value in params["multicast"].items() if name != "state"}  # the alias of action

@@ -5,11 +5,11 @@
 
 import typing
 
-from .._client.ros import Ros
-from .._module.module import validate_options
-from .._module.problem import Problem
-from .._tunnel import probe as tunnel
-from .._verify import network, talker
+from .ros_client.ros import Ros
+from .._base.module import validate_options
+from .._base.problem import Problem
+from .._apply.tunnel import probe as tunnel
+from .measure import network, talker
 from . import ghosts
 from .options import Params
 from .parts import Result, group, list_members, list_talkers, look
@@ -31,7 +31,7 @@ def look_at_machine(params: Params) -> typing.Optional[Result]:
     """Return what multimaster_info returns; None where it is not asked for. Raises Problem."""
     if params["look"] is None:
         return None
-    from .._look import machine
+    from .facts import machine
 
     options = validate_options("look", params["look"], machine.OPTIONS)
     error = machine.wrong(options)
@@ -98,7 +98,7 @@ def stream_to_talkers(params: Params, check_mode: bool) -> Result:
     """Send to the talkers of the others, one after the other."""
     if check_mode or params["is_router"]:
         return {"msg": "Nothing was sent.", "streams": []}
-    from .._verify import streams
+    from .measure import streams
 
     ros = Ros(params["environment_file"], params["environment"])
     results = (

@@ -15,9 +15,9 @@ from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import Any
 from urllib.parse import urlsplit
 
-from .._fleet import kinds
-from .._fleet.plain_text import plain, quote
-from .._fleet.sentences import UnexpectedValue
+from .._inventory import kinds
+from .._base.plain_text import plain, quote
+from .._base.sentences import UnexpectedValue
 
 Info = Mapping[str, Any]
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from .._fleet.model import Inventory
-from .._fleet.variables import PREFIX
+from .._inventory.model import Inventory
+from .._inventory.variables import PREFIX
 
 Value = str | int | list[str]
 

@@ -18,8 +18,8 @@ from typing import Any
 
 import yaml
 
-from .._fleet.plain_text import LINE, plain
-from .._fleet.variables import PREFIX
+from .._base.plain_text import LINE, plain
+from .._inventory.variables import PREFIX
 from .proposal import Choices, Computer, Proposal
 
 WIDTH = 120

@@ -14,11 +14,11 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from .._data.plain import Mismatch, from_plain, to_plain
-from .._fleet.plain_text import LINE, plain, plain_data
-from .._judgement.run import Run
-from .._observed.observations import Observation
-from .._observed.task_results import list_plan_names, quote_texts
+from .._base.plain import Mismatch, from_plain, to_plain
+from .._base.plain_text import LINE, plain, plain_data
+from .._verify.report.run import Run
+from .._verify.observe.observations import Observation
+from .._verify.observe.task_results import list_plan_names, quote_texts
 from .._plan.model import FleetPlan
 from .anonymous import Anonymous
 from .archive import Unreadable
@@ -154,7 +154,7 @@ def read_bundle(texts: Mapping[str, str]) -> Run:
 
 
 def quote_run(run: Run) -> Run:
-    """Return a run whose texts may stand in sentences, as `_observed/task_results.py` makes them for robots."""
+    """Return a run whose texts may stand in sentences, as `_verify/observe/task_results.py` makes them for robots."""
     names = list_plan_names(run.fleet)
     quoted = {name: quote_texts(to_plain(entry), names=names) for name, entry in run.observations.items()}
     return dataclasses.replace(

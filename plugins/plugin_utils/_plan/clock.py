@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from .._fleet.plain_text import LINE, plain, quote
+from .._base.plain_text import LINE, plain, quote
 from .model import Clock, ComputerPlan
 
 PACKAGE = "chrony"

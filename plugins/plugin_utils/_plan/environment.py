@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from .._fleet.plain_text import quote
+from .._base.plain_text import quote
 from .units import CONFIGURATION, LIBRARY
 
 # Lists of folders. Ours come first, those of a person stay.

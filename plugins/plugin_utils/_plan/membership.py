@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from ipaddress import IPv4Address
 
-from .._fleet.model import Computer, Fleet, Robot
+from .._inventory.model import Computer, Fleet, Robot
 from .model import KnownRobot, Membership
 
 

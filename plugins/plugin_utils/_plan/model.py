@@ -15,8 +15,8 @@ from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
-from .._data.plain import notation
-from .._fleet.model import Gateway, Router
+from .._base.plain import notation
+from .._inventory.model import Gateway, Router
 
 DEFAULT_ROUTE = IPv4Network("0.0.0.0/0")
 COMMON = "the common network"

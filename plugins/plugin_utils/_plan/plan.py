@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from ipaddress import IPv4Network
 
-from .._fleet.model import Computer, Fleet, Robot, Router
+from .._inventory.model import Computer, Fleet, Robot, Router
 from . import membership, model, parameters, providers
 
 # The parts of multimaster_info that preflight needs: of every computer, and of those with ROS.

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 from ipaddress import IPv4Address
 from typing import Any
 
-from .._fleet import advice
-from .._fleet.flows import BORDER_PORT
-from .._fleet.plain_text import LINE, quote
+from .._base import advice
+from .._inventory.flows import BORDER_PORT
+from .._base.plain_text import LINE, quote
 from . import clock, environment, providers, set_up, tunnel, units
 from .model import COMMON_INTERFACE, OWN_INTERFACE, ComputerPlan, Interface, Port, Setting
 

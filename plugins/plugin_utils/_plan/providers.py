@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from .._fleet.plain_text import quote
+from .._base.plain_text import quote
 from . import quotes
 from .model import ComputerPlan, Node
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from .._fleet.plain_text import quote
+from .._base.plain_text import quote
 
 
 def list_warnings(host: str, chosen: Mapping[str, Any], shells: str = "all") -> Iterator[str]:

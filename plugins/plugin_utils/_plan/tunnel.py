@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from ipaddress import IPv4Network
 from typing import Any
 
-from .._fleet.plain_text import LINE, plain, quote
+from .._base.plain_text import LINE, plain, quote
 from . import units
 from .model import ComputerPlan, Tunnel
 

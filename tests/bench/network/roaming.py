@@ -23,10 +23,7 @@ from tempfile import TemporaryDirectory
 ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT / ".work/collections"), str(ROOT / "lab")]
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import (  # noqa: E402
-    Inventory,
-    read_fleet,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import Inventory, read_fleet  # noqa: E402
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import tunnel  # noqa: E402
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan  # noqa: E402
 from machines.layout import read_inventory  # noqa: E402

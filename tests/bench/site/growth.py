@@ -87,8 +87,8 @@ def functions(robots: int) -> dict[str, float]:
     """Seconds of a processor for the plan of so many robots, and for the judgement of their verification."""
     sys.path[:0] = [str(ROOT / ".work/collections"), str(ROOT / "tests/unit/plugins/plugin_utils")]
     import fleets
-    from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
-    from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge
+    from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+    from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge
 
     plan, planned = spent(lambda: fleets.plan(robots, OF_A_ROBOT))
     _data, written = spent(lambda: to_plain(plan))

@@ -10,9 +10,9 @@ ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT / "tests" / "faults"), str(ROOT / "tests" / "unit" / "plugins" / "plugin_utils" / "_world")]
 
 from agreement import agreement  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Rule  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_world  # noqa: E402
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain  # noqa: E402
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule  # noqa: E402
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world  # noqa: E402
 from worlds import change, fig12, info_of  # noqa: E402
 
 PLAN = fig12()

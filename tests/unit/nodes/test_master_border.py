@@ -17,7 +17,7 @@ import time
 import xmlrpc.client
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify import exchange, traffic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import exchange, traffic
 from rosfleet_multimaster.border.core.frames import DEFINITION, MD5SUM, STATIC_TYPE
 from rosfleet_multimaster.border.core.header import encode_header
 from rosfleet_multimaster.edge.clock import monotonic

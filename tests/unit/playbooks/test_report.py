@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import archive
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import write_files
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.run import Run
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 sys.path.insert(0, str(ROOT / "tests/unit/plugins/plugin_utils"))

@@ -11,14 +11,10 @@ from collections import Counter
 from random import Random
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import (
-    FAILED,
-    OK,
-    Verification,
-)
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain, to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import Observation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, OK, Verification
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain, to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import Observation
 
 from tests.simulator import faults, harness, inventories
 from tests.simulator.observe import observe

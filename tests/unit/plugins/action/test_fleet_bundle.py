@@ -16,7 +16,7 @@ import zipfile
 import pytest
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_bundle, fleet_report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
 
 UNIT = pathlib.Path(__file__).parents[1] / "plugin_utils"
 sys.path[:0] = [str(UNIT), str(UNIT / "_bundle")]

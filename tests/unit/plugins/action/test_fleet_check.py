@@ -7,7 +7,7 @@ import types
 
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action.fleet_check import ActionModule
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain, to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Interface
 
 ROUTER = {

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_keys
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
 from fleets import plan
 
 ONE, TWO = "kobuki1computer", "kobuki2computer"

@@ -10,9 +10,9 @@ import types
 import pytest
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_predict
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.model import Rule
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_world
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "plugin_utils" / "_world"))
 from worlds import change, fig12, info_of  # noqa: E402

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import pytest
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_report
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "plugin_utils"))
 import fleets  # noqa: E402

@@ -10,7 +10,7 @@ import types
 import pytest
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_watch
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import is_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import is_plain
 
 from tests.unit.test_hostile_texts import MARK, hostile, masked
 

@@ -6,7 +6,7 @@
 import pytest
 from ansible.errors import AnsibleFilterError
 from ansible_collections.rosfleet.multimaster.plugins.filter.file_sums import file_sums
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._changes import files
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import files
 
 PLANNED = [
     {"path": "/etc/b", "content": "ä\r\n", "mode": "0755"},

@@ -4,8 +4,8 @@
 """The filter talkers_heard: a robot hears who gives it something, as far as talkers run."""
 
 from ansible_collections.rosfleet.multimaster.plugins.filter.talkers_heard import talkers_heard
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan
 
 ADDRESSES = {"a-pc": "192.168.1.1", "b-pc": "192.168.1.2", "c-pc": "192.168.1.3"}

@@ -11,7 +11,7 @@ import threading
 import xmlrpc.server
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.ros import Ros
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent))  # the modules `provider` and `talking`
 

@@ -12,7 +12,7 @@ import time
 import xmlrpc.client
 import xmlrpc.server
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client import node
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import node
 
 
 class Roscore:

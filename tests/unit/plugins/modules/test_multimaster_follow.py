@@ -10,10 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import namespaces
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._follow import place
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._follow.place import Stage
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.second_look import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace import place
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import Stage
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.second_look import (
     Capture,
     FollowedProbe,
     SecondLook,
@@ -169,8 +169,8 @@ def test_a_listener_ends_by_itself_and_says_so(three):
 TAGGED_PINGS = """
 import socket, struct, sys
 sys.path[:0] = sys.argv[1].split(":")
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._follow.capture import Tag
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._multicast.packets import checksum, echo_request
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.trace.capture import Tag
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast.packets import checksum, echo_request
 own, its = (bytes.fromhex(mac.replace(":", "")) for mac in sys.argv[2:4])
 ends = b"".join(map(socket.inet_aton, sys.argv[4:6]))
 link = socket.socket(socket.AF_PACKET, socket.SOCK_RAW)

@@ -9,14 +9,14 @@ A test changes some observations with `update` and looks at the findings that ar
 import zlib
 from dataclasses import replace
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import registrations
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._case import ways as ways_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import engine
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.engine import OK
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._diagnosis import diagnosis
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read as fleet_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context import registrations
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context import ways as ways_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import engine
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import OK
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose import diagnosis
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import read as fleet_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     Caller,
     Claim,
     Clock,
@@ -52,7 +52,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.obs
     Source,
     Talker,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 

@@ -7,14 +7,14 @@ import pathlib
 from typing import NamedTuple
 
 import fleets
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks import engine
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement import content, matrices
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._report import page
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import engine
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content, matrices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import page
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
-TEMPLATE = (ROOT / "plugins/plugin_utils/_report/page.html.j2").read_text(encoding="utf-8")
+TEMPLATE = (ROOT / "plugins/plugin_utils/_verify/report/page.html.j2").read_text(encoding="utf-8")
 
 
 class Report(NamedTuple):

@@ -81,5 +81,7 @@ def test_what_a_master_has_of_others_takes_no_room_from_its_own():
 
 
 def test_the_verification_knows_the_same_number():
-    text = (pathlib.Path(__file__).parents[5] / "plugins/plugin_utils/_checks/exchange.py").read_text(encoding="utf-8")
+    text = (pathlib.Path(__file__).parents[5] / "plugins/plugin_utils/_verify/checks/exchange.py").read_text(
+        encoding="utf-8"
+    )
     assert f"\nMOST_REGISTRATIONS = {MOST} " in text

@@ -5,7 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import clock, time_sources
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -8,7 +8,7 @@ import subprocess
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import filters
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 
 HEAD = "add table ip t; "
 CHAIN = "add chain ip t c { type filter hook forward priority 0; policy drop; }; "

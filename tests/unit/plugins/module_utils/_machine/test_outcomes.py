@@ -11,7 +11,7 @@ import struct
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import outcomes
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.outcomes import Outcome as Observed
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome as Observed
 
 
 def test_the_controller_has_the_same_words():

@@ -11,7 +11,7 @@ import tempfile
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ros, set_up
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module import trust
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import trust
 
 NOBODY = pwd.getpwnam("nobody")
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file to somebody else")

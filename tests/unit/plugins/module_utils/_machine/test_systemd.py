@@ -4,7 +4,7 @@
 """The reader of `systemctl show`."""
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._process import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
 from hypothesis import given
 from hypothesis import strategies as st
 

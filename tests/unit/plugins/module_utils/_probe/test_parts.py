@@ -5,8 +5,8 @@
 
 import pytest
 import yaml
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._client.ros import Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._look import machine
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.ros import Ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.facts import machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe import parts
 from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_info, multimaster_verify
 

@@ -4,7 +4,7 @@
 """The states: the variables of ROS, and the options of other modules."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._module.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe import parts, run
 
 CHOSEN = {"chosen": {"environment": {"PATH": "/opt/ros/noetic/bin", "ROS_HOSTNAME": "old"}}}

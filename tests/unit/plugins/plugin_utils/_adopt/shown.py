@@ -7,8 +7,8 @@ import pathlib
 import sys
 
 import yaml
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import Inventory
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._world.plan_world import make_world
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import Inventory
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "_world"))
 from worlds import info_of  # noqa: E402

@@ -10,7 +10,7 @@ import sys
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import facts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.infer import propose
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import (
     Inventory,
     InventoryProblems,
     read_fleet,

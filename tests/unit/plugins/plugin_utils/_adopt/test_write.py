@@ -12,7 +12,7 @@ import pytest
 import yaml
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import facts, write
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.infer import propose
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import read_fleet
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import read_fleet
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent))

@@ -11,8 +11,8 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import bundle as bundles
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import Unreadable
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import REMOVED, Secrets
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.judgement import judge_run
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._judgement.run import Run
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge_run
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.run import Run
 
 ABOUT = {"time": "2026-11-22 14:02:00", "collection": "0.1.0", "ansible": "2.19.0", "pairs": "all"}
 

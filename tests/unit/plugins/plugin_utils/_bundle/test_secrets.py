@@ -9,7 +9,7 @@ import time
 
 import fleets
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._verify.parameters import digest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure.parameters import digest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import (
     REMOVED,
     Secrets,
@@ -17,8 +17,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secre
     collect_values,
     is_secret,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.plain_text import LINE
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._observed.observations import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import LINE
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     CrossingParameter,
     ParameterDifference,
 )

@@ -6,8 +6,8 @@
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.filter.clock_files import clock_files
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import clock as machine
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import InventoryProblems
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import InventoryProblems
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import clock
 from fleets import fig12, plan, sealed
 

@@ -3,8 +3,8 @@
 
 """Who belongs to the fleet: addresses and URIs of each robot, on gateways and behind them."""
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 
 TIBI = {

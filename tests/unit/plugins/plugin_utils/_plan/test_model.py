@@ -6,8 +6,8 @@
 import json
 from ipaddress import IPv4Network
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain, to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain, to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, FleetPlan
 

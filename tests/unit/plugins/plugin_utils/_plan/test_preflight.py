@@ -13,7 +13,7 @@ import subprocess
 import sys
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers, units
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Setting
 

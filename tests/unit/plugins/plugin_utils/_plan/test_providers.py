@@ -15,8 +15,8 @@ import re
 import sys
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain, to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet import read
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain, to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import parameters as parameters_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers, units

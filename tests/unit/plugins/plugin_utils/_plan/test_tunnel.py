@@ -8,10 +8,10 @@ import random
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.filter.tunnel_files import tunnel_files
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._tunnel import key as made
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._tunnel import probe
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._data.plain import from_plain, to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._fleet.read import (
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.tunnel import key as made
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.tunnel import probe
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain, to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import (
     Inventory,
     InventoryProblems,
     read_fleet,

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Filters of the exchange: patterns, the names of all filters, and the rules for one master.
 
-One file for the nodes and for the controller (plugins/plugin_utils/_fleet/filters.py imports it). It needs the standard
+One file for the nodes and for the controller (plugins/plugin_utils/_inventory/filters.py imports it). It needs the standard
 library of Python 3.8 only.
 
 In a pattern `*` stands for any text. It matches a whole name, in upper or lower case: `/tf` matches only /tf, `/tf*`

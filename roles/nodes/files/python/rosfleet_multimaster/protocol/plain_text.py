@@ -3,8 +3,8 @@
 
 """Text of others, made plain: what strangers write must not steer a terminal, a journal or systemd.
 
-One file for three trees: the controller imports it (plugins/plugin_utils/_fleet/plain_text.py), the modules have a copy
-(plugins/module_utils/_module/plain_text.py; `make copies`). So it runs on Python 3.6 and needs nothing.
+One file for three trees: the controller imports it (plugins/plugin_utils/_base/plain_text.py), the modules have a copy
+(plugins/module_utils/_base/plain_text.py; `make copies`). So it runs on Python 3.6 and needs nothing.
 """
 
 import re

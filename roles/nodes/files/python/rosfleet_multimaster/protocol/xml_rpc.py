@@ -3,7 +3,7 @@
 
 """XML-RPC documents from strangers, read with bounds: bytes, unpacked bytes, nesting, memory.
 
-Both sides of a call use this. The modules have a copy (plugins/module_utils/_client/documents.py, tools/copies.py), so it runs
+Both sides of a call use this. The modules have a copy (plugins/module_utils/_probe/ros_client/documents.py, tools/copies.py), so it runs
 on Python 3.6 and needs nothing.
 """
 

@@ -1,0 +1,163 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The look at a machine before it becomes a computer of the fleet: its parts, the options, and how each part is read."""
+
+import re
+import typing
+
+from ..._apply.transaction import record
+from ..._machine import clock, filters, fkie, network, ports, ros, shells, system
+from ..._base.plain_text import LINE, quote
+from ..._base import deadlines
+from ..._apply.routes.kernel import MAIN, read_routes
+from ..._apply.routes.tables import read_tables
+from ..measure.network import NO_FORWARDING, forwarding
+
+MOST_TABLES = 32  # other tables of routes that are read
+
+
+def routing() -> typing.Dict[str, typing.Any]:
+    """Read the main table, the rules that lead to other tables, and these tables."""
+    rules = network.policy_rules()
+    asked = sorted({match.group(1) for match in re.finditer(r"\blookup (\S+)", "\n".join(rules))} - {"main", "local"})
+    numbers = read_tables() if asked else {}
+    known = ((name, int(name) if name.isdigit() else numbers.get(name)) for name in asked[:MOST_TABLES])
+    others = [{"table": name, "routes": table(number)} for name, number in known if number is not None]
+    return {"routes": table(MAIN), "rules": rules, "tables": others}
+
+
+def table(number: int) -> typing.List[typing.Dict[str, typing.Any]]:
+    """List the routes of a table as plain data."""
+    names = ("destination", "gateway", "device", "metric", "source", "type")
+    held = [entry.route._asdict() for entry in read_routes(4, number)]
+    return [{name: route[name] for name in names} for route in held]
+
+
+def masters(wanted: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[typing.Dict[str, typing.Any]]:
+    """Describe the roscores; what speaks with them is imported here alone, since the start of a module is its imports."""
+    from ..ros_client import facts
+
+    return facts.masters(wanted)
+
+
+class Part(typing.NamedTuple):
+    """A part of the machine: its name, the function that looks, its limit, and the value where it cannot look."""
+
+    name: str
+    look: typing.Callable[..., typing.Any]
+    limit: float  # seconds
+    nothing: typing.Any
+    options: typing.Tuple[str, ...] = ()  # the arguments of `look`
+
+
+NO_SYSTEM = {
+    "hostname": "",
+    "python": "",
+    "kernel": "",
+    "os": {"id": "", "version": "", "name": ""},
+    "systemd": {"running": False, "version": 0, "net_admin": True},
+}
+NO_CLOCK: typing.Dict[str, typing.Any] = {
+    "chronyd": "",
+    "enabled": False,
+    "settable": True,
+    "others": [],
+    "restart_due": False,
+    "sources": [],
+}
+NO_ROS: typing.Dict[str, typing.Any] = {"found": [], "chosen": None, "problem": "ROS could not be looked for."}
+NO_SSHD = {
+    "installed": False,
+    "includes_drop_ins": False,
+    "other_setenv": [],
+    "match_setenv": True,
+    "path": "",
+    "service": "",
+    "reload_due": False,
+}
+
+PARTS = (
+    Part("system", system.system, 10, NO_SYSTEM),
+    Part("owned", record.records, 5, []),
+    Part("interfaces", lambda: [interface.plain() for interface in network.interfaces()], 15, []),
+    Part(
+        "ways", lambda wanted: [network.route_to(place).plain() for place in wanted], 15, [], options=("destinations",)
+    ),
+    Part("routing", routing, 15, {"routes": [], "rules": [], "tables": []}),
+    Part("forwarding", forwarding, 10, NO_FORWARDING),
+    Part("filters", filters.filters, 15, filters.NOTHING),
+    Part("multicast_routing", system.multicast_routing, 10, {"smcrouted": "", "others": []}),
+    Part("ros", ros.find, 180, NO_ROS, options=("ros_setup", "nodes")),
+    Part("packages", fkie.packages, 30, [], options=("packages",)),
+    Part("clock", clock.clock, 10, NO_CLOCK),
+    Part("tunnel", system.tunnel, 5, {"kernel": True, "device": True}),
+    Part("folders", system.folders, 5, [], options=("folders",)),
+    Part("ports", ports.holders, 15, [], options=("ports",)),
+    Part("masters", masters, 60, [], options=("ports",)),
+    Part("exports", shells.exports, 30, []),
+    Part("sshd", shells.sshd, 10, NO_SSHD),
+    Part("environment", shells.probe, 20, dict(shells.NOTHING_SEEN)),
+)
+
+
+def look(parameters: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
+    """Look at the wanted parts; one that cannot be looked at is a sentence in `problems` and an empty value.
+
+    `parameters` are those of OPTIONS.
+    """
+    result: typing.Dict[str, typing.Any] = {"problems": []}
+    for part in PARTS:
+        if part.name not in parameters["parts"]:
+            continue
+        try:
+            value = deadlines.call_within(part.limit, part.look, *[parameters[option] for option in part.options])
+        except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
+            value = part.nothing
+            result["problems"].append(
+                f"The part {part.name} of the machine could not be read: {quote(str(problem).rstrip('.'), LINE)}."
+            )
+        result.update(value if part.name == "system" else {part.name: value})
+    return result
+
+
+def wrong(parameters: typing.Dict[str, typing.Any]) -> str:
+    """Say in one sentence which option cannot be used; empty where all can."""
+    ports_of_none = [str(entry["port"]) for entry in parameters["ports"] if not 1 <= entry["port"] <= 65535]
+    return (
+        f"The option ports has {', '.join(ports_of_none)}; expected numbers from 1 to 65535." if ports_of_none else ""
+    )
+
+
+NODE = {
+    "package": {"type": "str", "required": True},
+    "executable": {"type": "str", "required": True},
+    "modules": {"type": "list", "elements": "str", "default": []},
+    "programs": {"type": "list", "elements": "str", "default": []},
+    "environment": {"type": "dict", "default": {}},
+}
+PORT = {
+    "protocol": {"type": "str", "choices": ["tcp", "udp"], "required": True},
+    "port": {"type": "int", "required": True},
+}
+# Those of roscore, of discovery and of synchronisation.
+_USUAL_PORTS = [
+    {"protocol": "tcp", "port": 11311},
+    {"protocol": "udp", "port": 11511},
+    {"protocol": "tcp", "port": 11611},
+]
+_NAMES = [part.name for part in PARTS]
+OPTIONS: typing.Dict[str, typing.Any] = {
+    "ros_setup": {"type": "str", "default": "auto"},
+    "destinations": {"type": "list", "elements": "str", "default": []},
+    "nodes": {"type": "list", "elements": "dict", "default": [], "options": NODE},
+    "packages": {"type": "list", "elements": "str", "default": []},
+    "folders": {"type": "list", "elements": "str", "default": []},
+    "ports": {"type": "list", "elements": "dict", "default": _USUAL_PORTS, "options": PORT},
+    "parts": {
+        "type": "list",
+        "elements": "str",
+        "choices": _NAMES,
+        "default": [name for name in _NAMES if name != "masters"],
+    },
+}

@@ -1,0 +1,235 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The content of a robot's roscore: own registrations, those for other masters, and connections with other robots."""
+
+import collections
+import inspect
+import json
+import re
+import time
+import typing
+import xmlrpc.client
+
+from ..ros_client import message_types, node_hosts, node_services, tcpros
+from ..ros_client.documents import NODE, STATE
+from ..ros_client.facts import IMPORTS
+from ..ros_client.node_services import read_host
+from ..ros_client.ros import CALLER, Ros
+from ..ros_client.xml_rpc import server
+from ..._machine import network
+from ..._machine.outcomes import Outcome, classify_error
+from ..._base.plain_text import plain
+from ..._base.problem import tell_reason
+from ..._base.deadlines import call_all
+from ..._base.foreign import last_line
+
+TYPES = 20.0  # seconds for the classes of all types
+NODES = 20.0  # seconds for the connections of all nodes
+NAMES = 5.0  # seconds for the addresses of all hosts
+# The host and the port at the other end of a connection; without bounds a long text of a stranger would be read for an hour.
+OTHER_END = re.compile(r" to \[(.{1,255}):\d{1,5} on socket")
+
+Names = typing.Dict[str, typing.List[str]]  # topic or service -> nodes
+NOTHING: typing.Dict[str, typing.Any] = {
+    "error": "",
+    "types_error": "",
+    "topics": [],
+    "services": [],
+    "imports": [],
+    "silent": [],
+    "silences": [],
+    "announced": [],
+    "connections": [],
+}
+
+
+def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: str) -> typing.Dict[str, typing.Any]:
+    """Read the roscore, split by the robot of each registration, and the connections of own nodes with other robots."""
+    try:
+        tables = ros.read_state()  # publishers, subscribers, services
+        types = {str(topic): str(kind) for topic, kind in ros.ask("getTopicTypes")}
+        uris = node_uris(ros, *tables)
+        claims = _claims(ros, tables[2])
+    except (OSError, TypeError, ValueError) as problem:  # or types that are none
+        return dict(NOTHING, error=str(problem))
+    imported = {
+        node: master for master, nodes in claims.items() for node, uri in nodes.items() if uris.get(node) == uri
+    }
+    found = dict(NOTHING)
+    parts = _parts(tables, types, imported)
+    found.update(parts.pop("", {"topics": [], "services": []}))
+    found["imports"] = [dict(part, master=master) for master, part in sorted(parts.items())]
+    types_in_use = sorted({topic["type"] for topic in found["topics"] if "/" in topic["type"]})
+    sums, found["types_error"] = _md5sums(ros, types_in_use)
+    for topic in found["topics"]:
+        topic["md5sum"] = sums.get(topic["type"], "")
+    nodes = {node: uri for node, uri in uris.items() if node not in imported}
+    named = {uri: node for node, uri in uris.items()}
+    robot = next((member["robot"] for member in members if member["name"] == own), "")
+    planned = node_hosts.list_hosts(members, lambda member: member["robot"] == robot)
+    found["announced"] = node_hosts.announced(nodes, planned)
+    found["connections"], silent = _connections(nodes, named, Places(members), own)
+    found["silent"] = _drop_ended(ros, sorted(silent), nodes)
+    found["silences"] = [
+        {"node": node, "host": read_host(nodes[node]), "error": silent[node][0], "outcome": silent[node][1].value}
+        for node in found["silent"]
+    ]
+    return found
+
+
+def node_uris(ros: Ros, *tables: Names) -> typing.Dict[str, str]:
+    """Ask for the URIs of all nodes in one request. Raises OSError."""
+    nodes = sorted({node for table in tables for users in table.values() for node in users})
+    calls = [{"methodName": "lookupNode", "params": [CALLER, node]} for node in nodes]
+    try:
+        answers = server(ros.uri, STATE).system.multicall(calls)
+        return {node: str(answer[0][2]) for node, answer in zip(nodes, answers) if answer[0][0] == 1}
+    except (OSError, xmlrpc.client.Error, LookupError, TypeError) as problem:
+        raise OSError(f"{ros.uri}: {tell_reason(problem)}") from problem
+
+
+def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]]:
+    """Read the nodes that master_sync has registered: {URI of a master: {node: URI}}. Raises OSError without an answer."""
+    try:
+        # Any program may set a parameter. A number of some millions of digits would keep a processor for minutes as an int.
+        value = json.loads(ros.ask("getParam", IMPORTS), parse_int=float)["imports"]
+        if isinstance(value, dict) and all(map(_are_texts, value.values())):
+            return value
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        pass  # another implementation
+    own = node_services.find_own(ros.uri, CALLER, services, node_services.SYNC_INFO)
+    if not own:
+        raise OSError(f"{ros.uri}: no master_sync tells what it has registered")
+    found: typing.Dict[str, typing.Dict[str, str]] = {}
+    for host in tcpros.call_by_name(ros.uri, own[0], tcpros.GET_SYNC_INFO, CALLER)[0]:
+        nodes = found.setdefault(host["masteruri"], {})
+        for entry in host["publisher"] + host["subscriber"] + host["services"]:
+            nodes[entry["node"]] = entry["nodeuri"]
+    return found
+
+
+def _md5sums(ros: Ros, types: typing.List[str]) -> typing.Tuple[typing.Dict[str, str], str]:
+    """Ask the Python of ROS for the md5 sums of message types; return {type: md5 sum}, and an error or ''."""
+    try:
+        output, error = ros.run_python(inspect.getsource(message_types), TYPES, json.dumps(types))
+    except OSError as problem:
+        return {}, plain(tell_reason(problem))
+    sums = last_line(output.encode())
+    return sums if _are_texts(sums) else {}, error
+
+
+def _are_texts(value: typing.Any) -> bool:
+    """Return True for {text: text}."""
+    return isinstance(value, dict) and all(isinstance(text, str) for text in value.values())
+
+
+def _parts(
+    tables: typing.List[Names], types: typing.Dict[str, str], imported: typing.Dict[str, str]
+) -> typing.Dict[str, typing.Dict[str, typing.Any]]:
+    """Split the registrations: {URI of a master, or '' for the own one: its topics and services}."""
+    parts: typing.Dict[str, typing.Any] = collections.defaultdict(lambda: {"topics": {}, "services": []})
+    for kind, table in zip(("publishers", "subscribers"), tables):
+        for name, nodes in sorted(table.items()):
+            topic = {"name": name, "type": types.get(name, "")}
+            for node in sorted(nodes):
+                topics = parts[imported.get(node, "")]["topics"]
+                topics.setdefault(name, dict(topic, publishers=[], subscribers=[]))[kind].append(node)
+    for name, nodes in sorted(tables[2].items()):
+        for node in nodes:
+            parts[imported.get(node, "")]["services"].append({"name": name, "node": node})
+    return {master: dict(part, topics=list(part["topics"].values())) for master, part in parts.items()}
+
+
+# Connections
+
+
+def _connections(
+    nodes: typing.Dict[str, str], named: typing.Dict[str, str], places: "Places", own: str
+) -> typing.Tuple[typing.List[typing.Dict[str, str]], typing.Dict[str, typing.Tuple[str, Outcome]]]:
+    """Ask own nodes ({node: URI}) for connections with nodes of other robots; return those, and {silent node: why, outcome}.
+
+    A node of this roscore that runs on another robot's computer, as an operator's tool does, is an own one.
+    """
+    robot = places.robot(own.lower())
+    found, silent = [], {}
+    lengths: typing.Counter[str] = collections.Counter()  # robot -> characters of the connections with it
+    answers = call_all(_bus_info, sorted(nodes.items()), NODES, lambda node: ([], "", Outcome.NOT_TRIED))
+    told = [links(answer) for answer, _error, _outcome in answers]
+    places.look_up([*map(read_host, nodes.values()), *(link["host"] for each in told for link in each)])
+    for node, (_answer, error, outcome), each in zip(sorted(nodes), answers, told):
+        if error:
+            silent[node] = error, outcome
+        for link in each:
+            peer = named.get(link["peer"], link["peer"])
+            other = places.robot(link["host"])
+            if other in ("", robot) or (peer in nodes and places.robot(read_host(nodes[peer])) == other):
+                continue
+            del link["number"]
+            link.update(peer=peer, node=node, robot=other)
+            lengths[other] += len(json.dumps(link))
+            if lengths[other] <= NODE:  # else a robot with many long names would have the whole answer refused
+                found.append(link)
+    return found, silent
+
+
+def _bus_info(item: typing.Tuple[str, str]) -> typing.Tuple[typing.Any, str, Outcome]:
+    """Ask a node for its connections; return them, and why it does not answer."""
+    try:
+        return server(item[1], NODE).getBusInfo(CALLER)[2], "", Outcome.ANSWERED
+    except OSError as problem:
+        return [], problem.strerror or str(problem) or type(problem).__name__, classify_error(problem)[0]
+    except Exception as problem:  # any kind, raised by what a strange node answers
+        return [], plain(str(problem)) or type(problem).__name__, Outcome.FAILED
+
+
+def _drop_ended(ros: Ros, silent: typing.List[str], nodes: typing.Dict[str, str]) -> typing.List[str]:
+    """Leave out the nodes that have ended properly meanwhile."""
+    if not silent:
+        return []
+    time.sleep(1.0)
+    try:
+        now = node_uris(ros, {"": silent})
+    except OSError:
+        return silent
+    return [node for node in silent if now.get(node) == nodes[node]]
+
+
+class Places:
+    """The robots of hosts, as hosts stand in URIs."""
+
+    def __init__(self, members: typing.List[typing.Dict[str, typing.Any]]) -> None:
+        self._robots: typing.Dict[str, str] = {}
+        for member in members:
+            for text in (member["name"].lower(), member["address"], member["discovery_address"]):
+                if text:
+                    self._robots[text] = member["robot"]
+
+    def robot(self, host: str) -> str:
+        """Return the robot of a host, or empty. The name of no known computer is looked up, once."""
+        self.look_up([host])
+        return self._robots.get(host, "")
+
+    def look_up(self, hosts: typing.Iterable[str]) -> None:
+        """Look up the names of no known computers, all at once: without a name server each takes seconds, and any node may name many."""
+        unknown = sorted({host for host in hosts if host and host not in self._robots})
+        for host, (addresses, _error) in zip(unknown, call_all(network.resolve, unknown, NAMES, lambda name: ([], ""))):
+            self._robots[host] = next((self._robots[found] for found in addresses if found in self._robots), "")
+
+
+def links(entries: typing.Any) -> typing.List[typing.Dict[str, typing.Any]]:
+    """Read the connections in an answer to getBusInfo (ROS Slave API); the last element, a text, is missing before kinetic.
+
+    Each has the node's number of it, its direction ("in" from a publisher), topic, peer (the publisher's URI, or the subscriber's name), and the peer's host.
+    """
+    found = []
+    for entry in entries if isinstance(entries, list) else []:
+        if not isinstance(entry, list) or len(entry) < 5 or not all(isinstance(text, str) for text in entry[1:5]):
+            continue
+        peer, inward = entry[1], entry[2] == "i"
+        text = entry[6] if len(entry) > 6 else ""
+        end = OTHER_END.search(text if isinstance(text, str) else "")
+        place = end.group(1).lower() if end else read_host(peer if inward else "")
+        direction = "in" if inward else "out"
+        found.append({"number": entry[0], "direction": direction, "topic": entry[4], "peer": peer, "host": place})
+    return found

@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The parameters of discovery and sync on the roscore, compared with those of the plan; and the digests of those that cross."""
+
+import hashlib
+import json
+import typing
+
+from ..ros_client.ros import Ros
+from ..._base.plain_text import plain
+
+FILTERS = ("ignore_", "sync_", "hide_", "do_not_sync")  # how the names of filters begin
+MOST = 50  # parameters that are told
+LONGEST = 200  # characters of a value: they are for people
+# The same nodes of fkie_mas, where somebody has started them by hand.
+SUCCESSOR = {"master_discovery": "mas_discovery", "master_sync": "mas_sync"}
+Plan = typing.Dict[str, typing.Dict[str, typing.Any]]  # node -> its parameters
+NOTHING: typing.Dict[str, typing.Any] = {"nodes": [], "differing": [], "crossing": [], "error": ""}
+
+
+def parameters(
+    ros: Ros, planned: typing.Optional[Plan], crossing: typing.Iterable[str] = ()
+) -> typing.Dict[str, typing.Any]:
+    """Compare the namespace of each node with what is planned; its units write all of it there when the node starts.
+
+    `crossing`: names of parameters whose digests are wanted, since two robots are to have the same.
+    """
+    found: typing.Dict[str, typing.Any] = {"nodes": [], "differing": [], "crossing": [], "error": ""}
+    for node, wanted in sorted((planned or {}).items()):
+        if not wanted:
+            continue
+        try:
+            there = _read(ros, node)
+        except OSError as problem:
+            found["error"] = str(problem)
+            continue
+        if isinstance(there, dict):
+            found["nodes"].append(node)
+            found["differing"] += compare(node, wanted, there)
+    try:
+        found["crossing"] = [{"name": name, "digest": _read_digest(ros, name)} for name in crossing]
+    except OSError as problem:
+        found["error"] = str(problem)
+    return found
+
+
+def _read_digest(ros: Ros, name: str) -> str:
+    """Read the digest of a parameter, empty where it is not set. Raises OSError where the roscore does not answer."""
+    if not ros.ask("hasParam", name):
+        return ""
+    value = ros.ask("getParam", name)
+    return "" if value == {} else digest(value)
+
+
+def digest(value: typing.Any) -> str:
+    """Return what two values have in common that are the same. The ends of lines are as XML has them."""
+    try:
+        text = json.dumps(value, sort_keys=True, default=repr)
+    except (ValueError, TypeError, RecursionError):
+        text = "?"
+    return hashlib.sha256(text.replace("\\r\\n", "\\n").replace("\\r", "\\n").encode()).hexdigest()
+
+
+def _read(ros: Ros, node: str) -> typing.Any:
+    """Read the namespace of a node. Raises OSError with the sentence about the usual name where neither is there."""
+    try:
+        return ros.ask("getParam", "/" + node)
+    except OSError:
+        try:
+            return ros.ask("getParam", "/" + SUCCESSOR[node])
+        except (OSError, KeyError):
+            pass
+        raise
+
+
+def compare(
+    node: str, wanted: typing.Dict[str, typing.Any], there: typing.Dict[str, typing.Any]
+) -> typing.List[typing.Dict[str, str]]:
+    """List the parameters with another value; None is one that is not set.
+
+    Of what the plan does not have only filters count: nodes read more than the collection sets, and write their defaults.
+    """
+    both = dict({name: None for name, value in there.items() if _filters(name, value)}, **wanted)
+    return [
+        {"node": node, "name": plain(name)[:LONGEST], "expected": _text(value), "found": _text(there.get(name))}
+        for name, value in sorted(both.items())
+        if there.get(name) != value
+    ][:MOST]
+
+
+def _filters(name: str, value: typing.Any) -> bool:
+    """Return True for a parameter, or the section of a master, by which a node keeps something back."""
+    return name == "exports" or isinstance(value, dict) or (name.startswith(FILTERS) and bool(value))
+
+
+def _text(value: typing.Any) -> str:
+    """A value for people: a roscore takes anything from any program."""
+    try:
+        return "not set" if value is None else plain(json.dumps(value, sort_keys=True, default=str))[:LONGEST]
+    except (ValueError, RecursionError):
+        return "a value that cannot be written"

@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The services of the collection on this computer: their state, and the environment of their processes."""
+
+import re
+import time
+import typing
+
+from ..._machine import systemd, unit_ends
+from ..._base.regular_files import read_regular
+from ..._base import commands, processes
+
+_MOST = 65536  # bytes of a drop-in file
+_MOST_PROCESSES = 32  # of a service
+_PROPERTIES = (
+    "LoadState",
+    "ActiveState",
+    "SubState",
+    "NRestarts",
+    "MainPID",
+    "EnvironmentFiles",
+    "DropInPaths",
+    "StateChangeTimestamp",
+    "StatusText",
+    "ActiveEnterTimestampMonotonic",
+    "ControlGroup",
+    "Result",
+)
+_REFUSED = 50  # names that a node refuses, which are told
+
+
+def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typing.List[typing.Dict[str, typing.Any]]:
+    """Look at services of the collection: their state, and the variables that differ from the environment file.
+
+    Raises OSError where systemd does not answer: that says nothing of any service.
+    """
+    found = []
+    units = [f"multimaster-{name}.service" for name in names]
+    answer = systemd.show(units, _PROPERTIES) if units else systemd.UnitProperties([])
+    if len(answer.units) != len(units):
+        raise OSError(f"systemd told nothing of the services ({answer.error or 'without a word'})")
+    pairs = list(zip(units, answer.units))
+    ended = [unit for unit, seen in pairs if seen.get("NRestarts", "0") != "0" or _has_failed(seen)]
+    known = unit_ends.find_ends(ended) if ended else {}
+    for name, (unit, seen) in zip(names, pairs):
+        pid = seen.get("MainPID", "0")
+        entry: typing.Dict[str, typing.Any] = {
+            "name": name,
+            "unit": unit,
+            "load_state": seen.get("LoadState", ""),
+            "active_state": seen.get("ActiveState", ""),
+            "sub_state": seen.get("SubState", ""),
+            "restarts": int(seen.get("NRestarts") or 0),
+            "stopped": processes.is_stopped(pid),
+            "differing": [],
+            "drop_ins": [],
+            "since": seen.get("StateChangeTimestamp", ""),
+            "refused": read_refusals(seen.get("StatusText", "")),
+            "age_s": find_age(seen.get("ActiveEnterTimestampMonotonic", "")),
+            "result": known[unit].result if unit in known else seen.get("Result", "") if _has_failed(seen) else "",
+            "status": known[unit].status if unit in known else None,
+        }
+        entry["open_files"], entry["most_files"] = count_files(seen.get("ControlGroup", ""))
+        if pid != "0" and seen.get("EnvironmentFiles"):  # a service without the file needs no ROS
+            try:
+                entry["differing"] = find_changed(processes.environment(pid), variables)
+            except OSError:
+                entry["differing"] = None  # it ended since, or is not ours to look at
+        if entry["differing"]:
+            entry["drop_ins"] = [path for path in seen.get("DropInPaths", "").split() if sets_environment(path)]
+        found.append(entry)
+    return found
+
+
+def _has_failed(seen: systemd.Properties) -> bool:
+    return seen.get("ActiveState", "") in ("failed", "activating")
+
+
+def read_refusals(status: str) -> typing.List[str]:
+    """List the names that master_sync refuses, as it tells systemd: what has not the form of a name is in quotes."""
+    told = status.rpartition("; refused: ")[2] if "; refused: " in status else ""
+    return re.findall(r'"[^"]+"|[^", ]+', told.partition("; not all of ")[0])[:_REFUSED]
+
+
+def find_age(entered: str) -> typing.Optional[float]:
+    """Return the seconds since a service was started last, by a clock that nobody steps; `entered` is systemd's time in microseconds."""
+    return round(time.monotonic() - int(entered) / 1e6, 1) if entered.isdigit() and int(entered) else None
+
+
+def count_files(
+    group: str, cgroups: str = "/sys/fs/cgroup"
+) -> typing.Tuple[typing.Optional[int], typing.Optional[int]]:
+    """Count the open files of the process of a control group that has the fewest left, and return its limit; two None where none is seen."""
+    lists = [commands.text(f"{cgroups}{version}{group}/cgroup.procs") for version in ("", "/systemd")] if group else []
+    pids = " ".join(lists).split()[:_MOST_PROCESSES]
+    counted = [files for files in map(processes.count_files, pids) if files]
+    return min(counted, key=lambda files: files[1] - files[0], default=(None, None))
+
+
+def sets_environment(path: str) -> bool:
+    """Say if a drop-in file of a unit has variables; systemctl show writes a blank in a path otherwise, so it is not found."""
+    try:
+        lines = read_regular(path, _MOST).splitlines()
+    except OSError:
+        return False
+    return any(line.lstrip().startswith(b"Environment") for line in lines)
+
+
+def find_changed(process: typing.Dict[str, str], wanted: typing.Dict[str, str]) -> typing.List[str]:
+    """Name the wanted variables that have another value, or none, in the environment of a process."""
+    return sorted(name for name, value in wanted.items() if process.get(name) != value)

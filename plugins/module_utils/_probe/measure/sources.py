@@ -1,0 +1,123 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""Topics on their way between two roscores: what the discovery nodes have of those that did not arrive.
+
+Upstream's nodes and the bundled ones have the methods: `masterInfo` for the own one, `masterInfoFiltered` for another, as a
+sync node asks it. Where nothing is missing, no other computer is asked.
+"""
+
+import time
+import typing
+import xmlrpc.client
+
+from ..ros_client.documents import NODE, STATE
+from ..ros_client.ros import Ros
+from ..ros_client.xml_rpc import server
+from ..._machine.outcomes import Outcome, classify_error
+from ..._base.plain_text import plain
+from ..._base.problem import tell_reason
+from ..._base.deadlines import PAUSE, call_all, poll
+from . import topics
+from .talker import topic_of
+
+FOLLOWS = 3.0  # seconds that discovery and sync nodes may need to follow: upstream's read their roscore once a second
+LONGEST = 20.0  # seconds for all of them
+MOST = 50  # topics of one discovery node that are told
+# Of the elements of a filter only sync_topics and ignore_services have a pattern (docs/understand/protocol.md).
+FILTER = [False, "", "", "", r"\A/multimaster_verify/.*\Z", r"\A.*\Z", "", "", "", "", ""]
+
+Row = typing.Dict[str, typing.Any]
+Job = typing.Tuple[Row, typing.Set[str]]  # a master, and the topics that it is asked for
+
+
+def sources(
+    ros: Ros,
+    masters: typing.List[Row],
+    robots: typing.Dict[str, str],
+    own: str,
+    talkers: typing.List[str],
+    deadline: float,
+) -> typing.List[Row]:
+    """Ask the own discovery node for what the own roscore has, and those of others for the talkers that are missing here.
+
+    `robots`: {computer: its robot}; `talkers`: the computers that are to be heard here. What others give, and what is not
+    registered here yet, is waited for until the deadline (monotonic seconds).
+    """
+    try:
+        there = set(topics.read_publishers(ros))
+        jobs = list_jobs(masters, robots, own, talkers, there)
+        rows = call_all(_ask, jobs, LONGEST, lambda job: _make_row(job, error="late", outcome=Outcome.NO_ANSWER))
+        own_row = _ask_own(ros, masters, {topic_of(name) for name in robots if robots[name] == robots.get(own)}, own)
+        given = {name for row in rows for name in row["given"]}
+        if given:  # the sync node may be about to register them
+            end = max(deadline, time.monotonic() + FOLLOWS)
+            there = poll(lambda: set(topics.read_publishers(ros)), given.issubset, end)
+    except OSError:
+        return []  # the part `roscore` says so
+    return own_row + [
+        dict(row, **{key: [name for name in row[key] if name not in there] for key in ("topics", "given")})
+        for row in rows
+    ]
+
+
+def list_jobs(
+    masters: typing.List[Row],
+    robots: typing.Dict[str, str],
+    own: str,
+    talkers: typing.List[str],
+    there: typing.Set[str],
+) -> typing.List[Job]:
+    """List the masters of other robots with the topics of their talkers that the own roscore (`there`) has not."""
+    jobs = []
+    for master in masters:
+        robot = robots.get(master["computer"])
+        wanted = {topic_of(name) for name in talkers if robots.get(name) == robot} - there
+        if wanted and robot != robots.get(own):
+            jobs.append((master, wanted))
+    return jobs
+
+
+def _ask(job: Job) -> Row:
+    return _read(job, server(job[0]["monitor_uri"], NODE).masterInfoFiltered, FILTER)
+
+
+def _ask_own(ros: Ros, masters: typing.List[Row], mine: typing.Set[str], own: str) -> typing.List[Row]:
+    """Ask the own discovery node for all topics of the roscore, again until it has followed. Raises OSError.
+
+    Of these are told: those of the own talkers (`mine`), and what the state has not.
+    """
+    found: typing.List[Row] = []
+    for master in (master for master in masters if master["computer"] == own):
+        deadline, asked = time.monotonic() + FOLLOWS, set(topics.read_publishers(ros))
+        while True:
+            row = _read((master, asked), server(master["monitor_uri"], STATE).masterInfo)
+            missing = asked.difference(row["given"])
+            if row["error"] or not missing or time.monotonic() + PAUSE > deadline:
+                break
+            time.sleep(PAUSE)
+            asked &= set(topics.read_publishers(ros))  # what has come since is no matter
+        told = asked & mine | set(sorted(missing)[:MOST])
+        found.append(dict(row, topics=sorted(told), given=sorted(told.intersection(row["given"]))))
+    return found
+
+
+def _read(job: Job, method: typing.Callable[..., typing.Any], *arguments: typing.Any) -> Row:
+    try:
+        return _make_row(job, (name for name, nodes in method(*arguments)[4] if isinstance(name, str) and nodes))
+    except (OSError, xmlrpc.client.Error) as problem:
+        error = plain(tell_reason(problem)) or type(problem).__name__
+        return _make_row(job, error=error, outcome=classify_error(problem)[0])
+    except Exception as problem:  # whatever a stranger answers
+        return _make_row(job, error=type(problem).__name__, outcome=Outcome.FAILED)
+
+
+def _make_row(job: Job, given: typing.Iterable[str] = (), error: str = "", outcome: Outcome = Outcome.ANSWERED) -> Row:
+    master, wanted = job
+    return {
+        "computer": master["computer"],
+        "topics": sorted(wanted),
+        "given": sorted(wanted.intersection(given)),
+        "error": error,
+        "outcome": outcome.value,
+    }

@@ -1,0 +1,40 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The throughput to other computers: a short stream to the talker of each, one after the other, as a node's data would go.
+
+The talker is found at the own roscore, so names, routes and packet filters are those of any node.
+"""
+
+import time
+import typing
+
+from ..ros_client import tcpros
+from ..ros_client.listener import place_of
+from ..ros_client.ros import Ros
+from ..._base.plain_text import plain
+from ..._base.problem import tell_reason
+from .talker import node_of, topic_of
+
+SPARE = 10.0  # seconds, beside those of the streams, for all that do not answer
+
+Row = typing.Dict[str, typing.Any]
+
+
+def streams(ros: Ros, talkers: typing.List[str], label: str, own: str, seconds: float) -> typing.List[Row]:
+    """Send a stream to each talker; return {computer, mbit_s, error} for each."""
+    deadline = time.monotonic() + SPARE + len(talkers) * seconds
+    caller = node_of(label, own).replace("talker", "stream", 1)
+    return [_stream(ros, talker, label, caller, seconds, deadline) for talker in talkers]
+
+
+def _stream(ros: Ros, talker: str, label: str, caller: str, seconds: float, deadline: float) -> Row:
+    if time.monotonic() > deadline:
+        return {"computer": talker, "mbit_s": None, "error": "others took too long"}
+    topic = topic_of(talker)
+    try:
+        place = place_of(topic, ros.ask("lookupNode", node_of(label, talker)), caller)
+        came, took = tcpros.send_stream(place, topic, caller, seconds)
+    except Exception as problem:  # whatever a stranger answers
+        return {"computer": talker, "mbit_s": None, "error": plain(tell_reason(problem))}
+    return {"computer": talker, "mbit_s": round(came * 8 / took / 1e6, 1), "error": ""}

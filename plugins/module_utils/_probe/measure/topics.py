@@ -1,0 +1,136 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The topics of all talkers, heard by one node of this computer."""
+
+import time
+import typing
+from urllib.parse import urlsplit
+
+from ..ros_client.listener import Listener, Message, listener_of
+from ..ros_client.ros import Ros, roscore
+from ..._machine.outcomes import Outcome, connect
+from ..._base.plain_text import plain, quote
+from ..._base.problem import tell_reason
+from ..._base.deadlines import PAUSE, call_all, poll
+from .network import TRIES
+from .talker import sentence_of, topic_of
+
+LEAST = 5.0  # seconds that are listened at least, also where the roscore was waited for
+REGISTERING = 5.0  # seconds for the registration of a node that was heard
+CONNECT, REACHING = 2.0, 10.0  # seconds that a connection to a publisher may take, and all of them
+
+
+def topics(
+    ros: Ros, talkers: typing.List[str], label: str, own: str, deadline: float
+) -> typing.List[typing.Dict[str, typing.Any]]:
+    """Hear the topics of all talkers with one node, and look up the registered publishers of each."""
+    if not talkers or ros.problem():
+        return []
+    gone = roscore(ros, deadline)["error"]  # it may start only now
+    # Nobody subscribes at a roscore that does not answer: taking that back would be waited for, too.
+    heard, errors, steps = ({}, {}, None) if gone else listen(ros, talkers, label, own, deadline)
+    settled = time.monotonic() + REGISTERING
+    try:
+        published = read_publishers(ros)
+    except OSError as problem:
+        published, errors = {}, dict.fromkeys(map(topic_of, talkers), str(problem))
+    rows = []
+    for talker in talkers:
+        name = topic_of(talker)
+        entry = _topic(talker, name, heard.get(name, {}), sentence_of(label, talker))
+        entry.update(listened=steps is not None, step="" if entry["heard"] else (steps or {}).get(name, ""))
+        nodes = published.get(name) or ([heard[name]["node"]] if heard.get(name, {}).get("node") else [])
+        entry["publishers"] = [
+            {"node": node, "uri": _uri(ros, node, settled if entry["heard"] else 0.0)} for node in nodes
+        ]
+        if not entry["heard"] and not entry["error"]:
+            entry["error"] = _say_why(ros, name, published, errors)
+        rows.append(entry)
+    _reach_unheard(rows)
+    return rows
+
+
+def _say_why(ros: Ros, name: str, published: typing.Mapping[str, typing.Any], errors: typing.Mapping[str, str]) -> str:
+    unknown = published and name not in published
+    return f"the topic is not registered at {ros.uri}" if unknown else errors.get(name) or "nothing"
+
+
+def _reach_unheard(rows: typing.List[typing.Dict[str, typing.Any]]) -> None:
+    unheard = [entry for entry in rows if entry["publishers"] and not entry["heard"]]
+    for entry, (outcome, text) in zip(
+        unheard, call_all(_reach, unheard, REACHING, lambda entry: (Outcome.NO_ANSWER, "no answer"))
+    ):
+        entry.update(reached=text, reached_outcome=outcome.value)
+
+
+def _reach(entry: typing.Dict[str, typing.Any]) -> typing.Tuple[Outcome, str]:
+    """Connect to the publisher of a topic that was not heard: a message that is late is told from a way that is closed."""
+    try:
+        uri = urlsplit(entry["publishers"][0]["uri"])
+        address = uri.hostname or "", uri.port or 0
+    except ValueError:
+        return Outcome.FAILED, "its URI is none"
+    answer = connect(*address, CONNECT)
+    return answer.outcome, answer.words
+
+
+def _topic(talker: str, name: str, message: typing.Dict[str, typing.Any], wanted: str) -> typing.Dict[str, typing.Any]:
+    """Compare what was heard on a topic (empty for nothing) with the text that is wanted."""
+    heard = message.get("text") == wanted
+    return {
+        "computer": talker,
+        "topic": name,
+        "publishers": [],
+        "reached": "",
+        "reached_outcome": Outcome.NOT_TRIED.value,
+        "heard": heard,
+        "text": plain(message.get("text", "")),
+        "seconds": message.get("seconds"),
+        "error": f"heard {quote(message.get('text', ''))} instead" if message and not heard else "",
+    }
+
+
+def read_publishers(ros: Ros) -> typing.Dict[str, typing.List[str]]:
+    """Read {topic: publishers} from the roscore. Raises OSError.
+
+    A roscore may answer 500 while much is registered at the same time: it iterates over what is being changed.
+    """
+    for unused in range(TRIES - 1):
+        try:
+            return ros.read_state()[0]
+        except OSError:
+            time.sleep(PAUSE)
+    return ros.read_state()[0]
+
+
+def listen(
+    ros: Ros, talkers: typing.List[str], label: str, own: str, deadline: float
+) -> typing.Tuple[typing.Dict[str, Message], typing.Dict[str, str], typing.Optional[typing.Dict[str, str]]]:
+    """Listen to all talkers.
+
+    Return {topic: text, node and seconds} of what was heard, {topic: why it was not}, and {topic: how far the call has come};
+    None instead where the listener itself has failed.
+    """
+    wanted = {topic_of(talker): sentence_of(label, talker) for talker in talkers}
+    try:
+        listener = Listener(ros, listener_of(own), wanted)
+        listener.run(max(deadline, time.monotonic() + LEAST))
+    except OSError as problem:
+        return {}, dict.fromkeys(wanted, f"the listener failed: {tell_reason(problem)}"), None
+    return listener.heard, listener.errors, dict(listener.steps)
+
+
+def _uri(ros: Ros, node: str, end: float) -> str:
+    """Return where a node is registered; empty where it is not, also at the end (monotonic seconds).
+
+    Beside upstream's nodes, publishers that were heard were not registered for a moment. Why is not known.
+    """
+
+    def look() -> str:
+        try:
+            return str(ros.ask("lookupNode", node))
+        except OSError:
+            return ""  # it ended since
+
+    return str(poll(look, bool, end))

@@ -1,0 +1,154 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The facts of roscores on this computer, and of the discovery and sync nodes at them, read without ROS.
+
+Whatever answers on a port may be anything: each answer is bounded, and made plain.
+"""
+
+import typing
+import xmlrpc.client
+
+from ..._machine import ports
+from ..._base.plain_text import plain
+from ..._base.problem import tell_reason
+from ..._base.deadlines import call_all
+from . import node_services, tcpros
+from .xml_rpc import Strange, ask, read_state, server
+
+CALLER = "/multimaster_info"
+IMPORTS = "/rosfleet_multimaster/imports"  # a parameter that the bundled master_sync alone writes
+PATIENCE = 30.0  # seconds for all roscores
+BUNDLED, UPSTREAM, SUCCESSOR = "bundled", "upstream", "fkie_mas"
+SUCCESSOR_TYPES = "fkie_mas_msgs/"  # how the types of its services begin; their content is upstream's
+
+Row = typing.Dict[str, typing.Any]
+
+
+def masters(wanted: typing.List[Row], proc: str = "/proc") -> typing.List[Row]:
+    """Describe each roscore on the TCP ports of `wanted`; a port on which something else answers is left out."""
+    holders: typing.Dict[int, Row] = {}
+    for entry in ports.holders([entry for entry in wanted if entry["protocol"] == "tcp"], proc):
+        holders.setdefault(entry["port"], entry)
+    places = [holders[port] for port in sorted(holders)]
+    rows = call_all(_master, places, PATIENCE, lambda place: _entry(place, f"no answer within {PATIENCE:g} s"))
+    return [entry for entry in rows if entry is not None]
+
+
+def _master(place: Row) -> typing.Optional[Row]:
+    """Describe the roscore at a place; None where something else answers there."""
+    roscore = _uri_at(place)
+    entry = _entry(place, "")
+    try:
+        entry["uri"] = plain(ask(roscore, CALLER, "getUri"))
+        entry["pid"] = _number(ask(roscore, CALLER, "getPid"))
+        for name in ("run_id", "rosdistro", "rosversion"):
+            entry[name] = plain(_parameter(roscore, "/" + name, "")).strip()
+        publishers, subscribers, services = tables = read_state(roscore, CALLER)
+    except Strange:
+        return None
+    except OSError as problem:
+        return dict(entry, error=plain(tell_reason(problem)))
+    nodes = {node for table in tables for users in table.values() for node in users}
+    entry.update(nodes=len(nodes), topics=len({*publishers, *subscribers}), services=len(services))
+    provided = {name: users[0] for name, users in services.items() if users}
+    own = [
+        [(name, provided[name]) for name in node_services.find_own(roscore, CALLER, provided, end)]
+        for end in (node_services.LIST_MASTERS, node_services.SYNC_INFO)
+    ]
+    entry["discovery"] = [_discovery(roscore, entry["uri"], *pair) for pair in own[0]]
+    entry["sync"] = [_sync(roscore, *pair) for pair in own[1]]
+    return entry
+
+
+def _entry(place: Row, error: str) -> Row:
+    return {
+        "port": place["port"],
+        "process": {key: place[key] for key in ("pid", "command", "user", "unit", "container")},
+        "uri": "",
+        "pid": 0,
+        "run_id": "",
+        "rosdistro": "",
+        "rosversion": "",
+        "nodes": 0,
+        "topics": 0,
+        "services": 0,
+        "discovery": [],
+        "sync": [],
+        "error": error,
+    }
+
+
+def _uri_at(place: Row) -> str:
+    """Return the URI at which this computer reaches a socket that is bound to an address."""
+    address = "127.0.0.1" if place["address"] in ("0.0.0.0", "::") else place["address"]
+    return f"http://{f'[{address}]' if ':' in address else address}:{place['port']}/"
+
+
+def _parameter(uri: str, name: str, default: typing.Any) -> typing.Any:
+    """Return a parameter of a roscore, or the default where it gives none."""
+    try:
+        return ask(uri, CALLER, "getParam", name)
+    except OSError:
+        return default
+
+
+def _call(roscore: str, service: str, node: str, known: tcpros.Types) -> typing.Tuple[Row, typing.List[Row], str]:
+    """Begin the description of a node with a call of its service; also return the list in the answer, and the type of the service."""
+    entry: Row = {"node": plain(node), "service": plain(service), "error": ""}
+    try:
+        return (entry, *tcpros.call_by_name(roscore, service, known, CALLER))
+    except OSError as problem:
+        return dict(entry, error=plain(tell_reason(problem))), [], ""
+
+
+def _discovery(roscore: str, uri: str, service: str, node: str) -> Row:
+    """Describe a discovery node, by its list of masters and its parameters at the roscore."""
+    entry, masters_there, kind = _call(roscore, service, node, tcpros.LIST_MASTERS)
+    entry["masters"] = masters_there
+    own = [master for master in masters_there if master["uri"].rstrip("/") == uri.rstrip("/")]
+    entry["uri"] = own[0]["monitoruri"] if own else ""
+    entry["implementation"] = SUCCESSOR if kind.startswith(SUCCESSOR_TYPES) else _implementation(entry["uri"])
+    entry["group"] = plain(_parameter(roscore, f"{node}/mcast_group", ""))
+    entry["group_port"] = _number(_parameter(roscore, f"{node}/mcast_port", 0))
+    return entry
+
+
+def _implementation(uri: str) -> str:
+    """Name the kind of the discovery node at a URI; empty without an answer. Only the bundled one has getOutsiders."""
+    if not uri.startswith("http://"):
+        return ""
+    try:
+        server(uri).getOutsiders()
+        return BUNDLED
+    except xmlrpc.client.Fault:
+        return UPSTREAM
+    except Exception:  # whatever answers there
+        return ""
+
+
+def _sync(roscore: str, service: str, node: str) -> Row:
+    """Describe a sync node, by what it tells of its imports."""
+    entry, hosts, kind = _call(roscore, service, node, tcpros.GET_SYNC_INFO)
+    entry["imports"] = [_count_imports(host) for host in hosts]
+    if kind.startswith(SUCCESSOR_TYPES):
+        entry["implementation"] = SUCCESSOR
+    else:
+        entry["implementation"] = BUNDLED if _parameter(roscore, IMPORTS, None) is not None else UPSTREAM
+    return entry
+
+
+def _count_imports(host: Row) -> Row:
+    """Count what is registered for another master."""
+    entries = [*host["publisher"], *host["subscriber"], *host["services"]]
+    return {
+        "master": plain(host["masteruri"]),
+        "nodes": len({entry["node"] for entry in entries}),
+        "topics": len({entry["topic"] for entry in [*host["publisher"], *host["subscriber"]]}),
+        "services": len(host["services"]),
+    }
+
+
+def _number(value: typing.Any) -> int:
+    """Return a whole number of others; 0 where it is none."""
+    return value if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 31 else 0

@@ -1,0 +1,137 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The ROS of this computer: its commands, its roscore, and the masters that its discovery node lists.
+
+The commands are those of section 3.3 of the report. They run in the environment of the collection's services, which may be
+that of a person's workspace, so they are foreign code: without rights, and with a folder of their own that root never opens.
+"""
+
+import shlex
+import shutil
+import time
+import typing
+
+from ..._machine.outcomes import Outcome, classify_error
+from ..._base.plain_text import plain
+from ..._base.problem import tell_reason
+from ..._base.regular_files import read_regular
+from ..._base.commands import BASE_PATH, text
+from ..._base.deadlines import poll
+from ..._base.foreign import foreign
+from . import node_services, tcpros
+from .xml_rpc import Tables, ask, read_state
+
+CALLER = "/multimaster_verify"
+LIST_MASTERS = "/master_discovery/list_masters"  # of the nodes that the collection starts; others may have other names
+KILLED = 10  # seconds after which a program is killed that does not end at its limit
+
+
+class Ros:
+    """The ROS of this computer, as its services see it."""
+
+    def __init__(self, environment_file: str, without: typing.Optional[typing.Mapping[str, str]] = None) -> None:
+        """`without`: the variables where the file is not there."""
+        self.file = environment_file
+        self.variables = environment(text(environment_file)) or dict(without or {})
+        self.uri = self.variables.get("ROS_MASTER_URI", "")
+
+    def problem(self, command: str = "rostopic") -> str:
+        """Say why no node can run here, by a command of ROS, or nothing: a second computer of a robot may be without ROS."""
+        if not self.uri:
+            return f"{self.file} has no ROS_MASTER_URI; run site.yml before the verification"
+        if self._find(command) is None:
+            return f"there is no command {command} in the PATH of {self.file}; install it"
+        return ""
+
+    def _find(self, command: str) -> typing.Optional[str]:
+        return shutil.which(command, path=self.variables.get("PATH", BASE_PATH))
+
+    def run_python(self, program: str, limit: float, given: str) -> typing.Tuple[str, str]:
+        """Run the text of a program under the Python of this computer's ROS, which gets `given`; return its output, and an error or ''.
+
+        Raises OSError.
+        """
+        script = self._find("rostopic")
+        if script is None:
+            raise OSError(self.problem())
+        words = interpreter(read_regular(script, 4096))
+        if not words:
+            return "", "rostopic is no script, so the Python of ROS is not known"
+        argv = ["timeout", f"--kill-after={KILLED}", f"{limit:.1f}", *words, "-c", program]
+        variables = dict(self.variables, PATH=self.variables.get("PATH", BASE_PATH), LC_ALL="C.UTF-8")
+        variables.update(PYTHONUNBUFFERED="1", PYTHONDONTWRITEBYTECODE="1")
+        answer = foreign(argv, variables, limit + 2 * KILLED, given, homes=("HOME", "ROS_HOME", "ROS_LOG_DIR"))
+        if answer.status == 124:  # timeout(1)
+            return answer.text, f"the Python of ROS printed nothing within {limit:.0f} s"
+        error = answer.last_error or f"the Python of ROS ended with status {answer.status}"
+        return answer.text, plain(error) if answer.status else ""
+
+    def ask(self, method: str, *arguments: typing.Any, caller: str = CALLER) -> typing.Any:
+        """Call a method of the master API. Raises OSError with a sentence where the roscore gives no value."""
+        return ask(self.uri, caller, method, *arguments)
+
+    def read_state(self) -> Tables:
+        """Read publishers, subscribers and services: {name: nodes}. Raises OSError."""
+        return read_state(self.uri, CALLER)
+
+
+def roscore(ros: Ros, deadline: float) -> typing.Dict[str, str]:
+    """Ask the roscore of ROS_MASTER_URI for the URI by which its nodes know it."""
+
+    def look() -> typing.Dict[str, str]:
+        try:
+            return {"uri": ros.uri, "answer": str(ros.ask("getUri")), "error": "", "outcome": Outcome.ANSWERED.value}
+        except OSError as problem:
+            outcome = classify_error(problem.__cause__)[0]
+            return {"uri": ros.uri, "answer": "", "error": str(problem), "outcome": outcome.value}
+
+    if not ros.uri:
+        error = f"{ros.file} has no ROS_MASTER_URI"
+        return {"uri": "", "answer": "", "error": error, "outcome": Outcome.NOT_TRIED.value}
+    return poll(look, lambda seen: not seen["error"], deadline)
+
+
+def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.Dict[str, typing.Any]:
+    """Do what `rosservice call /master_discovery/list_masters` does, again until the wanted names are online.
+
+    A discovery node that somebody has started may have another name, as that of fkie_mas has.
+    """
+    began = time.monotonic()
+    missing = ros.problem("rosservice")
+    if missing:
+        return {"masters": [], "error": missing, "seconds": 0.0}
+
+    def look() -> typing.Dict[str, typing.Any]:
+        try:
+            own = node_services.find_own(ros.uri, CALLER, ros.read_state()[2], node_services.LIST_MASTERS)
+            service = own[0] if own else LIST_MASTERS
+            rows, _type = tcpros.call_by_name(ros.uri, service, tcpros.LIST_MASTERS, CALLER)
+        except OSError as problem:
+            return {"masters": [], "error": plain(tell_reason(problem))}
+        return {
+            "masters": [{key: row[key] for key in ("name", "uri", "online", "monitoruri")} for row in rows],
+            "error": "",
+        }
+
+    seen = poll(look, lambda seen: wanted <= {row["name"] for row in seen["masters"] if row["online"]}, deadline)
+    return dict(seen, seconds=round(time.monotonic() - began, 1))
+
+
+def interpreter(script: bytes) -> typing.List[str]:
+    """Return the words of a script's first line (execve(2)), which run it; empty where it is no script."""
+    line = script.split(b"\n", 1)[0].decode("utf-8", "replace")
+    return line[2:].split() if line.startswith("#!") else []
+
+
+def environment(content: str) -> typing.Dict[str, str]:
+    """Read an environment file (systemd.exec(5)): values plain, or in double quotes, as this collection writes them."""
+    variables = {}
+    for line in content.split("\n"):
+        name, equals, value = line.partition("=")
+        if equals and not line.startswith(("#", ";")):
+            try:
+                variables[name.strip()] = "".join(shlex.split(value))
+            except ValueError:  # an unfinished quotation
+                variables[name.strip()] = value
+    return variables

@@ -1,2 +1,0 @@
-# SPDX-FileCopyrightText: rosfleet contributors
-# SPDX-License-Identifier: BSD-2-Clause

@@ -1,0 +1,400 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A prediction: the ways between computers after site.yml, why some fail, and the differences from now.
+
+Pure: the plan and the facts in; plain data, sentences and a table out.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from ipaddress import IPv4Address
+from itertools import chain, permutations
+from typing import NamedTuple
+
+from .._base.sentences import shorten_list
+from .._plan.model import FleetPlan, Member
+from .._network import facts, packets
+from .._network.model import Packet, World
+from .._network.packets import Trace
+
+CONNECTIONS, LARGE = "connections of nodes", "large packets"
+REACHES, FAILS, UNSURE = "reaches", "fails", "unsure"
+TRANSLATED = "translated"
+FULL = 1500  # bytes of a large packet
+NODES = 45000  # stands for the ports of nodes, which the kernel chooses above 32768
+NTP = 123
+WIDTH = 120
+MATRIX = 16  # computers: a larger matrix is not printed
+ALL = 30  # computers of which all pairs are tried
+PAIRS, MOST = 4, 8  # pairs and machines that are named in a sentence
+
+
+def _ping(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
+    return Packet("icmp", other.address)
+
+
+def _call_node(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
+    return Packet("tcp", other.address, port=NODES)
+
+
+def _fill_packet(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
+    """Make a full packet, which must not be cut."""
+    return Packet("tcp", other.address, port=NODES, size=FULL, whole=True)
+
+
+def _beat(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
+    if not (one.discovery and other.discovery):
+        return None
+    return Packet("udp", other.discovery_address, port=fleet.multicast_port)
+
+
+def _call_border(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
+    """Make a packet to the border that a border asks, where a topic or service crosses by both."""
+    own, its = (fleet.computers[member.name].border for member in (one, other))
+    if own is None or its is None or other.robot not in {channel["peer"] for channel in own["channels"]}:
+        return None
+    return Packet("tcp", other.discovery_address, port=its["port"])
+
+
+def _ask_time(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
+    """Make a packet to the source of the time that a computer follows."""
+    clock = fleet.computers[one.name].clock
+    return Packet("udp", clock.server, port=NTP) if clock and clock.server and clock.source == other.name else None
+
+
+class Traffic(NamedTuple):
+    """A kind of packets that the fleet needs."""
+
+    name: str
+    make_packet: Callable[[FleetPlan, Member, Member], Packet | None]  # None between computers that do not need it
+    discovery: bool = False  # for discovery nodes, which ignore it if its source address was translated
+
+
+TRAFFIC = (
+    Traffic("ping", _ping),
+    Traffic("heartbeats", _beat, discovery=True),
+    Traffic(CONNECTIONS, _call_node),
+    Traffic(LARGE, _fill_packet),
+)
+DECLARED = (Traffic("topics by the border", _call_border), Traffic("the time", _ask_time))  # of few ways
+
+
+class End(NamedTuple):
+    """The place where packets end, and the reason: one sentence is about it."""
+
+    outcome: str
+    where: str
+    network: str  # to which they were going
+    hop: str = ""  # the next machine, as an address
+    traffic: str = ""  # empty, unless only this traffic ends
+
+
+class Pair(NamedTuple):
+    """The states of one kind of traffic from one computer to an other, with the answers."""
+
+    traffic: str
+    observer: str
+    target: str
+    now: str
+    after: str
+    end: End | None = None  # after site.yml: where it fails, or is translated
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """All pairs, and the computers without facts."""
+
+    pairs: Sequence[Pair]
+    computers: Sequence[str]
+    assumed: Sequence[str]  # computers and devices without facts
+    unclear: Sequence[str]  # machines with rules that are not understood
+
+    @property
+    def failures(self) -> Mapping[End, Sequence[Pair]]:
+        """The pairs that would fail or be translated, by end, the most frequent first."""
+        bad = [pair for pair in self.pairs if pair.after != UNSURE and pair.end is not None]
+        small = {(pair.observer, pair.target) for pair in bad if pair.traffic == CONNECTIONS}
+        groups: dict[tuple[str, str], list[Pair]] = {}
+        for pair in bad:
+            if pair.end and not (pair.traffic == LARGE and (pair.observer, pair.target) in small):
+                groups.setdefault((pair.end.outcome, pair.end.where), []).append(pair)
+        return {_join_ends(pairs): pairs for pairs in sorted(groups.values(), key=len, reverse=True)}
+
+    def count(self, now: str = "", after: str = "", traffic: str = "") -> int:
+        """Count the pairs with these states; an empty text is any."""
+        return sum(
+            now in ("", pair.now) and after in ("", pair.after) and traffic in ("", pair.traffic) for pair in self.pairs
+        )
+
+
+def _join_ends(pairs: Sequence[Pair]) -> End:
+    """Return one end for ends at one place with one outcome."""
+    ends = [pair.end for pair in pairs if pair.end is not None]
+    words = (dict.fromkeys(filter(None, values)) for values in zip(*ends, strict=True))
+    return End(*(" and ".join(texts) for texts in words))
+
+
+def predict(fleet: FleetPlan, infos: Mapping[str, facts.Info]) -> Prediction:
+    """Predict the ways between all computers, from their facts."""
+    known = facts.read_machines(fleet, infos)
+    now = facts.join_world(fleet, known)
+    after = facts.apply_plan(fleet, now, known)
+    return Prediction(
+        pairs=list(_pairs(fleet, now, after)),
+        computers=[member.name for member in fleet.members],
+        assumed=[name for name in after.machines if name not in known],
+        unclear=[machine.name for machine in after.machines.values() if machine.unclear],
+    )
+
+
+def _pairs(fleet: FleetPlan, now: World, after: World) -> Iterator[Pair]:
+    same = now == after  # as after every site.yml
+    declared = ((one, other, DECLARED) for one, other in permutations(fleet.members, 2))
+    for one, other, traffics in chain(choose_ways(fleet.members), declared):
+        for traffic in traffics:
+            packet = traffic.make_packet(fleet, one, other)
+            if packet is not None:
+                later, end = _outcome(fleet, after, one.name, other.name, packet, traffic)
+                before = later if same else _outcome(fleet, now, one.name, other.name, packet, traffic)[0]
+                yield Pair(traffic.name, one.name, other.name, before, later, end)
+
+
+def choose_ways(members: Sequence[Member]) -> Iterator[tuple[Member, Member, Sequence[Traffic]]]:
+    """Yield the pairs that are tried, and their kinds of traffic: all of a small fleet.
+
+    In a large fleet: each computer to and from its own robot and the next robot, and a ping between each two robots.
+    """
+    if len(members) <= ALL:
+        yield from ((one, other, TRAFFIC) for one in members for other in members if one != other)
+        return
+    last = {member.robot: member for member in members}  # of its robot: behind the gateway, where there is one
+    robots = list(last)
+    following = dict(zip(robots, robots[1:] + robots[:1], strict=True))
+    whole: dict[tuple[str, str], tuple[Member, Member]] = {}
+    for member in members:
+        for other in (last[member.robot], last[following[member.robot]]):
+            whole.update({(one.name, two.name): (one, two) for one, two in ((member, other), (other, member))})
+    yield from ((one, other, TRAFFIC) for one, other in whole.values() if one != other)
+    for first in last.values():
+        yield from ((first, two, TRAFFIC[:1]) for two in last.values() if (first.name, two.name) not in whole)
+
+
+def _outcome(
+    fleet: FleetPlan, world: World, start: str, target: str, packet: Packet, traffic: Traffic
+) -> tuple[str, End | None]:
+    way = packets.echo(world, start, packet)
+    failure = way.failure
+    if failure is None and way.there.where == target:
+        if way.there.translations:
+            end = End(TRANSLATED, way.there.translations[0][0], _network(fleet, packet.destination))
+            return (FAILS if traffic.discovery else REACHES), end
+        return REACHES, None
+    if failure is None:
+        failure = replace(way.there, outcome=packets.ELSEWHERE)
+    if failure.outcome == packets.TOO_LARGE and (_is_reported(world, failure) or failure.where in (start, target)):
+        return REACHES, None  # TCP learns what fits: on the way by ICMP, and from the other end when it begins
+    end = _end(fleet, failure, traffic)
+    unsure = failure.outcome in (packets.FILTERED, packets.REJECTED) and world.machines[failure.where].unclear
+    return (UNSURE if unsure else FAILS), end
+
+
+def _is_reported(world: World, way: Trace) -> bool:
+    """Tell if a machine on the way reports to the sender that a packet is too large."""
+    return way.where == way.by and way.where in world.machines
+
+
+def _end(fleet: FleetPlan, way: Trace, traffic: Traffic) -> End:
+    alone = way.outcome in (packets.FILTERED, packets.REJECTED, packets.TOO_LARGE)
+    hop = way.hops[-1].to if way.hops and way.outcome == packets.NOBODY else None
+    return End(
+        way.outcome, way.where, _network(fleet, way.packet.destination), str(hop or ""), traffic.name if alone else ""
+    )
+
+
+def _network(fleet: FleetPlan, address: IPv4Address) -> str:
+    links = fleet.network_names
+    return next((link for network, link in links.items() if address in network), str(address))
+
+
+# Sentences
+
+# outcome -> what happens, and what to do
+SENTENCES: Mapping[str, tuple[str, str]] = {
+    packets.NO_ROUTE: (
+        "{where} has no route to {network}",
+        "add one, or let multimaster_routes be 'default' or 'networks'; see on {where}: ip route",
+    ),
+    packets.CLOSED: (
+        "{where} has a rule or a route that leads nowhere for {network}",
+        "take it away; see on {where}: ip rule; ip route show table all type unreachable; ip route show table all type blackhole",
+    ),
+    packets.NO_ADDRESS: ("{where} has no address to send from", "give its interface the address of the inventory"),
+    packets.NOBODY: (
+        "{where} sends what is for {network} to {hop}, where nobody answers",
+        "correct the route or the address; see on {where}: ip route; ip neighbour",
+    ),
+    packets.OFF: ("{where} is off", "switch it on"),
+    packets.DOWN: ("the interface of {where} to {network} is down", "bring it up: ip link set <interface> up"),
+    packets.LINK_DOWN: ("{where} is down", "look at the switch or the access point"),
+    packets.APART: ("{where} keeps its clients apart", "switch off client isolation on the access point"),
+    packets.FILTERED: (
+        "a packet filter on {where} drops {traffic}",
+        "let them pass between the robots' networks; see on {where}: nft list ruleset",
+    ),
+    packets.REJECTED: (
+        "a packet filter on {where} refuses {traffic}",
+        "let them pass between the robots' networks; see on {where}: nft list ruleset",
+    ),
+    packets.NOT_FORWARDED: (
+        "{where} does not pass packets on to {network}",
+        "set net.ipv4.ip_forward to 1 there, also for each interface; site.yml does so on gateways and the router",
+    ),
+    packets.REVERSE_PATH: (
+        "{where} drops packets for {network} that come in on another interface than the one that leads back",
+        "set net.ipv4.conf.all.rp_filter to 2 there, or correct its routes",
+    ),
+    packets.TOO_LARGE: (
+        "{where} takes no {traffic} for {network}",
+        "give all interfaces of a network one MTU; see on {where}: ip link",
+    ),
+    packets.CIRCLE: (
+        "{where} sends what is for {network} back to where it came from",
+        "correct its routes; see there: ip route",
+    ),
+    packets.ELSEWHERE: ("two machines have an address of {network}", "give one of them another address"),
+    TRANSLATED: (
+        "{where} translates addresses (masquerading) of what leaves it for {network}",
+        "translate nothing between the robots' networks; see on {where}: nft list ruleset; iptables -t nat -S",
+    ),
+}
+
+
+def write_sentence(end: End, pairs: Sequence[Pair]) -> str:
+    """Return one sentence: where packets would end, the ways that fail, and what to do."""
+    what, remedy = SENTENCES[end.outcome]
+    what, remedy = what.format(**{**end._asdict(), "where": "it"}), remedy.format(**end._asdict())
+    effect = "would not work; expected a way there and back"
+    if all(pair.after == REACHES for pair in pairs):
+        effect = "would show another address, by which no node is found; expected the computer's own"
+    return f"{end.where}: after site.yml {what}, so {_name_ways(pairs)} {effect}: {remedy}."
+
+
+def _name_ways(pairs: Sequence[Pair]) -> str:
+    return shorten_list(dict.fromkeys(f"{pair.observer} -> {pair.target}" for pair in pairs), PAIRS)
+
+
+def warnings(prediction: Prediction) -> list[str]:
+    """Return a sentence for each place at which packets would end after site.yml."""
+    return [write_sentence(end, pairs) for end, pairs in prediction.failures.items()]
+
+
+def list_ways(prediction: Prediction) -> list[dict[str, str]]:
+    """Return the ways that do not work now or after site.yml, as plain data."""
+    return [
+        {
+            "from": pair.observer,
+            "to": pair.target,
+            "traffic": pair.traffic,
+            "now": pair.now,
+            "after": pair.after,
+            "where": pair.end.where if pair.end else "",
+            "why": SENTENCES[pair.end.outcome][0].format(**pair.end._asdict()) if pair.end else "",
+        }
+        for pair in prediction.pairs
+        if pair.after != REACHES or pair.now != REACHES
+    ]
+
+
+# The table
+
+
+def render(prediction: Prediction) -> str:
+    """Return the prediction for the terminal."""
+    parts = [f"PREDICTION for {len(prediction.computers)} computers, after site.yml", _table(prediction)]
+    if 1 < len(prediction.computers) <= MATRIX:
+        parts.append(_matrix(prediction))
+    if prediction.failures:
+        parts.append("\n".join(["Would not be as planned:", *_groups(prediction)]))
+    parts += _notes(prediction)
+    parts.append(write_verdict(prediction))
+    return "\n\n".join(parts)
+
+
+def _table(prediction: Prediction) -> str:
+    count = prediction.count
+    shown = [*TRAFFIC, *(traffic for traffic in DECLARED if count(traffic=traffic.name))]
+    width = max(len(traffic.name) for traffic in shown)
+    columns = ("pairs", "now", "after", "begin", "end", "unsure")
+    lines = [f"  {'would reach each other':<{max(width, 22)}}" + "".join(f"{column:>9}" for column in columns)]
+    for name in (traffic.name for traffic in shown):
+        numbers = (
+            count(traffic=name),
+            count(now=REACHES, traffic=name),
+            count(after=REACHES, traffic=name),
+            count(now=FAILS, after=REACHES, traffic=name),
+            count(now=REACHES, after=FAILS, traffic=name),
+            count(after=UNSURE, traffic=name),
+        )
+        lines.append(f"  {name:<{max(width, 22)}}" + "".join(f"{number or '-':>9}" for number in numbers))
+    return "\n".join(lines)
+
+
+def _matrix(prediction: Prediction) -> str:
+    """Return the matrix of the ways after site.yml, from rows to columns. A `+` marks a new one."""
+    states: dict[tuple[str, str], list[Pair]] = {}
+    for pair in prediction.pairs:
+        states.setdefault((pair.observer, pair.target), []).append(pair)
+    width = max(len(name) for name in prediction.computers)
+    lines = [f"  {'from / to':<{width + 4}}" + "".join(f"{n:>6}" for n in range(1, len(prediction.computers) + 1))]
+    for number, observer in enumerate(prediction.computers, 1):
+        cells = "".join(f"{_cell(states.get((observer, target), ())):>6}" for target in prediction.computers)
+        lines.append(f"  {number:>2}  {observer:<{width}}{cells}")
+    return "\n".join(lines)
+
+
+def _cell(pairs: Sequence[Pair]) -> str:
+    if not pairs:
+        return "-"
+    after = {pair.after for pair in pairs}
+    if after == {REACHES}:
+        return "ok" if all(pair.now == REACHES for pair in pairs) else "ok +"
+    if FAILS not in after:
+        return "?"
+    return "FAIL" if all(pair.after == FAILS for pair in pairs) else "part"
+
+
+def _groups(prediction: Prediction) -> Iterator[str]:
+    for number, (end, pairs) in enumerate(prediction.failures.items(), 1):
+        what, remedy = (text.format(**end._asdict()) for text in SENTENCES[end.outcome])
+        rows = ((f"{number:>3}. ", what), ("     for:    ", _name_ways(pairs)), ("     remedy: ", remedy))
+        for label, text in rows:
+            lines = textwrap.wrap(text, WIDTH - len(label), break_long_words=False, break_on_hyphens=False)
+            yield label + f"\n{' ' * len(label)}".join(lines)
+
+
+def _notes(prediction: Prediction) -> list[str]:
+    notes = []
+    if prediction.assumed:
+        notes.append(f"Not looked at, and taken as planned: {shorten_list(prediction.assumed, MOST)}.")
+    if prediction.unclear:
+        notes.append(
+            f"The packet filter says more than is understood here, see nft list ruleset on: {shorten_list(prediction.unclear, MOST)}."
+        )
+    return ["\n".join(notes)] if notes else []
+
+
+def write_verdict(prediction: Prediction) -> str:
+    """Return the result in one sentence."""
+    reach, total = prediction.count(after=REACHES), len(prediction.pairs)
+    changes = {
+        "more than now": prediction.count(now=FAILS, after=REACHES),
+        "that work now would not": prediction.count(now=REACHES, after=FAILS),
+        "that cannot be said": prediction.count(after=UNSURE),
+    }
+    change = "".join(f", {number} {words}" for words, number in changes.items() if number)
+    verdict = "PREDICTED: all" if reach == total else f"PREDICTED: {reach}"
+    return f"{verdict} of {total} ways would work after site.yml{change}."

@@ -1,0 +1,56 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Tasks that may refuse: the actions of the controller alone, and problems as the result of a task."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ansible import constants
+from ansible.plugins.action import ActionBase
+from ansible.release import __version__
+from ansible.utils.display import Display
+
+from .._base.sentences import number_problems
+
+PRINTS_LINES = (
+    2,
+    19,
+)  # since then Ansible prints the message of a failed task line by line; before, as one line of JSON
+
+
+class Refusal(Exception):
+    """A task refuses. The text is its message."""
+
+
+class FleetAction(ActionBase):  # type: ignore[misc]  # ansible-core has no types
+    """Needs no connection: options and what computers have registered in, an answer out."""
+
+    _requires_connection = False
+
+    def run(self, tmp: str | None = None, task_vars: dict[str, Any] | None = None) -> dict[str, Any]:
+        """Return the answer of the action, or its refusal; see ActionBase."""
+        result: dict[str, Any] = super().run(tmp, task_vars)
+        try:
+            return {**result, "changed": False, **self.answer(self._task.args, task_vars or {})}
+        except Refusal as problem:
+            return {**result, "failed": True, "msg": str(problem)}
+
+    def answer(self, args: Mapping[str, Any], task_vars: dict[str, Any]) -> dict[str, Any]:
+        """Return the answer to the options of the task. Raises Refusal."""
+        raise NotImplementedError
+
+
+def refuse(problems: Sequence[str]) -> dict[str, Any]:
+    """Return the result of a task that refuses. Several problems are printed here if Ansible would print them on one line."""
+    message = number_problems(problems)
+    if len(problems) > 1 and _read_version(__version__) < PRINTS_LINES:
+        Display().display(message, color=constants.COLOR_ERROR, stderr=True)
+    return {"failed": True, "problems": list(problems), "msg": message}
+
+
+def _read_version(text: str) -> tuple[int, ...]:
+    """Return the first two numbers of a version of ansible-core."""
+    return tuple(int(part) for part in text.split(".")[:2])

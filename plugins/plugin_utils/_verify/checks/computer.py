@@ -1,0 +1,442 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks of one computer by itself: reachable, services, environment, kernel settings, roscore, default routes."""
+
+from __future__ import annotations
+
+from ..context import needs
+from ..context.actual_world import DOWN
+from ..context.case import Case
+from ..context.needs import Parts, join_parts, make_parts
+from ..context.packet_filters import ROSCORE
+from ..observe.observations import DefaultRoute, ForwardingInterface, Service
+from ..observe.uris import is_one_of, is_same_uri
+from ..._plan.model import COMMON
+from .engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement, judge_fault
+
+# The kernel of gateways and of the router
+
+
+def _interfaces(case: Case) -> list[ForwardingInterface]:
+    """List the observer's interfaces on the networks of the plan."""
+    planned = {str(entry.address) for entry in case.observer.plan.networks}
+    return [entry for entry in case.observer.interfaces if planned & set(entry.addresses)]
+
+
+@Check(
+    title="gateways and the router pass packets on",
+    when=lambda case: case.observer.is_probed and case.observer.plan.forwards,
+    needs=lambda case: make_parts("forwarding", case.observer.name, "off"),
+)
+def _judge_forwarding(case: Case) -> Judgement:
+    ip_forward, name = case.probe.forwarding.ip_forward, case.observer.name
+    expected = "net.ipv4.ip_forward is 1"
+    if ip_forward is None:
+        unread = make_parts("setting", name, "unread", what="net.ipv4.ip_forward")
+        return Judgement(UNKNOWN, expected, "it cannot be read", unread)
+    closed = [entry.interface for entry in _interfaces(case) if entry.forwarding == 0]
+    found = f"1, but net.ipv4.conf.{closed[0]}.forwarding is 0" if ip_forward and closed else str(ip_forward)
+    good = ip_forward and not closed
+    return Judgement(OK if good else FAILED, expected, found, make_parts("forwarding", name, "off"))
+
+
+# Reachable
+
+
+def _reachable_needs(case: Case) -> Parts:
+    return make_parts("computer", case.observer.name, "off", "login")
+
+
+def _reachable_suspects(case: Case) -> Parts:
+    """The controller may be on the other side of the gateway, or not."""
+    name, plan = case.observer.name, case.observer.plan
+    parts = _reachable_needs(case) | make_parts("interface", name, "address", "prefix")
+    for network in [case.ways.network(plan.robot)] + ([COMMON] if plan.common_address else []):
+        parts |= make_parts("link", name, "down", what=network) | make_parts("network", network, "dead")
+    if gateway := case.ways.find_gateway(name):
+        parts |= make_parts("computer", gateway.title, "off") | make_parts("forwarding", gateway.title, "off")
+        parts |= make_parts("filter", gateway.title, "forward") | make_parts("route", name, "missing", "other")
+        parts |= make_parts("link", gateway.title, "down", what=case.ways.network(plan.robot))
+    return parts
+
+
+@Check(
+    title="computer answers the controller",
+    needs=_reachable_needs,
+    suspects=_reachable_suspects,
+)
+def _judge_reachable(case: Case) -> Judgement:
+    if case.observer.seen.unreachable:
+        return Judgement(FAILED, "an answer to the controller", case.observer.seen.problem or "no answer")
+    return Judgement(OK, "an answer to the controller", "an answer")
+
+
+# Services
+
+
+def _has_services(case: Case) -> bool:
+    return case.observer.is_probed and bool(case.observer.plan.services_with_routing)
+
+
+def _is_full(entry: Service) -> bool:
+    """Its process may open no file more, or one: it takes no connection, and its kernel does (accept(2), EMFILE)."""
+    return entry.open_files is not None and entry.most_files is not None and entry.most_files - entry.open_files <= 1
+
+
+def _was_started_again(case: Case, entry: Service) -> bool:
+    """Say if systemd has started it again lately: what was before the last verification is told no more."""
+    return bool(entry.restarts) and entry.age_s is not None and 0 <= entry.age_s <= case.state.lately
+
+
+#: the Result of systemd -> who ended a service, and why
+_ENDS = {
+    "success": "it was told to end, or ended by itself without an error",
+    "watchdog": "the watchdog ended it, since it hung (Result=watchdog)",
+    "oom-kill": "the kernel ended it, since memory ran out (Result=oom-kill)",
+    "signal": "the signal {status} ended it, which systemd had not sent (Result=signal)",
+    "core-dump": "it crashed with the signal {status} (Result=core-dump)",
+    "exit-code": "it ended by itself with the status {status} (Result=exit-code)",
+    "timeout": "systemd ended it, since its start or its end took too long (Result=timeout)",
+    "start-limit-hit": "systemd starts it no more, since it ended too often (Result=start-limit-hit)",
+}
+
+
+def _describe_end(entry: Service) -> str:
+    """Say who ended a service last, and why; nothing where that is not known."""
+    text = _ENDS.get(entry.result, "").format(status="?" if entry.status is None else entry.status)
+    return f": {text}" if text else ""
+
+
+def _describe_state(entry: Service) -> str:
+    state = "not there" if entry.load_state == "not-found" else f"{entry.active_state} ({entry.sub_state})"
+    return state + _describe_end(entry)
+
+
+def _inactive_parts(case: Case, service: str, entry: Service | None) -> Parts:
+    name, unit = case.observer.name, f"multimaster-{service}.service"
+    if entry is not None and entry.load_state == "not-found":
+        return make_parts("service", name, "missing", what=unit)
+    if entry is not None and entry.active_state == "activating" and entry.restarts:
+        return make_parts("service", name, "looping", what=unit)
+    if service == "roscore" and case.probe.roscore.answer:
+        return make_parts("set_up", name, "others")  # a roscore answers that is not the unit's
+    return _service_down_parts(name, service)
+
+
+def _service_down_parts(computer: str, service: str) -> Parts:
+    if service in ("roscore", "discovery", "sync"):
+        return make_parts(service, computer, "dead")
+    if service == "tunnel":
+        return make_parts("tunnel", computer, "ended")
+    return make_parts("service", computer, "down", what=f"multimaster-{service}.service")
+
+
+@Check(
+    title="services are active",
+    when=_has_services,
+    of_site=True,
+    needs=lambda case: join_parts(
+        _service_down_parts(case.observer.name, service) for service in case.observer.plan.services_with_routing
+    ),
+)
+def _judge_services(case: Case) -> Judgement:
+    states = {entry.name: entry for entry in case.probe.services}
+    if not states:
+        unasked = make_parts("computer", case.observer.name, "unmeasured")
+        return Judgement(UNKNOWN, "the state of the services", "systemd did not tell it", unasked)
+    parts: Parts = frozenset()
+    broken, restarted = [], []
+    for name in case.observer.plan.services_with_routing:
+        entry, unit = states.get(name), f"multimaster-{name}.service"
+        if entry is None or entry.active_state != "active":
+            broken.append(f"{unit} is {'unknown' if entry is None else _describe_state(entry)}")
+            parts |= _inactive_parts(case, name, entry)
+        elif entry.stopped:
+            broken.append(f"the process of {entry.unit} is stopped")
+            parts |= make_parts("service", case.observer.name, "stopped", what=unit)
+        elif _is_full(entry):
+            broken.append(f"{entry.unit} has all of its {entry.most_files} files open")
+            parts |= make_parts("service", case.observer.name, "full", what=unit)
+        elif _was_started_again(case, entry):
+            restarted.append(
+                f"{entry.unit} was started again {entry.age_s:.0f} s ago, {entry.restarts} in all{_describe_end(entry)}"
+            )
+            parts |= make_parts("service", case.observer.name, "restarting", what=unit)
+    expected = f"{', '.join(case.observer.plan.services_with_routing)} active"
+    if broken:
+        return Judgement(FAILED, expected, ", ".join(broken), parts)
+    return judge_fault(WARNING, f"{expected}, not started again", ", ".join(restarted), "all active", parts)
+
+
+@Check(
+    title="services run with the planned environment",
+    when=_has_services,
+    of_site=True,
+    needs=lambda case: make_parts("environment", case.observer.name, "service"),
+)
+def _judge_environment(case: Case) -> Judgement | None:
+    running = [entry for entry in case.probe.services if entry.active_state == "active"]
+    if not running:
+        return None
+    expected = "the planned environment in every service"
+    differing = [f"{', '.join(entry.differing)} of {entry.unit}" for entry in running if entry.differing]
+    closed = [entry.unit for entry in running if entry.differing is None]
+    if closed and not differing:
+        unread = make_parts("setting", case.observer.name, "unread", what="the environment of a service")
+        return Judgement(UNKNOWN, expected, f"the process of {', '.join(closed)} cannot be looked at", unread)
+    names = ", ".join(sorted({name for entry in running for name in entry.differing or ()}))
+    parts = make_parts("environment", case.observer.name, "service", what=names)
+    return judge_fault(FAILED, expected, "; ".join(differing), "the same", parts)
+
+
+# Measured
+
+
+@Check(
+    title="computer could be looked at",
+    when=lambda case: not case.observer.seen.unreachable,
+    needs=lambda case: make_parts("computer", case.observer.name, "unmeasured"),
+)
+def _judge_measured(case: Case) -> Judgement:
+    seen = case.observer.seen
+    problems = list(seen.probe.problems) if seen.probe is not None else []
+    first = (seen.problem or next(iter(problems), "")).rstrip(".")
+    measures_udp = case.own is not None and case.own.discovery
+    if seen.probe is None or (seen.multicast is None and measures_udp) or seen.problem:
+        problems.insert(0, seen.problem or "a measurement gave no result")
+    expected, good = (
+        ("results of both measurements", "both") if measures_udp else ("a result of the measurement", "one")
+    )
+    parts = make_parts("computer", case.observer.name, "unmeasured", what=first)
+    return Judgement(FAILED if problems else OK, expected, " ".join(problems).rstrip(".") or good, parts)
+
+
+# Addresses
+
+
+def _find_missing_addresses(case: Case) -> list[str]:
+    present = {address for entry in case.observer.interfaces for address in entry.addresses}
+    return [str(entry.address) for entry in case.observer.plan.networks if str(entry.address) not in present]
+
+
+def _find_down_links(case: Case) -> list[str]:
+    networks = case.observer.interface_on.items()
+    return [network for network, interface in networks if interface.state in DOWN]
+
+
+def _find_dead_link(case: Case, network: str) -> Parts:
+    """Blame the network where no computer on it has a link. A single observed computer is not enough."""
+    states = [one.interface_on[network].state for one in case.run.values() if network in one.interface_on]
+    if len(states) < 2:
+        return frozenset()
+    if all(state in DOWN for state in states):
+        return make_parts("network", network, "dead")
+    return make_parts("link", case.observer.name, "flapping" if _is_flapping(case, network) else "down", what=network)
+
+
+def _is_flapping(case: Case, network: str) -> bool:
+    """Say if a link that is down now has carried answers in the same run, to others on its network."""
+    name = case.observer.name
+    near = (one for one in case.run.values() if one.name != name and network in one.interface_on)
+    return any(name in one.answered for one in near)
+
+
+def _addresses_suspects(case: Case) -> Parts:
+    down = _find_down_links(case)
+    links = join_parts(make_parts("link", case.observer.name, "down", what=network) for network in down)
+    return links | join_parts(make_parts("network", network, "dead") for network in down)
+
+
+def _addresses_needs(case: Case) -> Parts:
+    """A link is cleared only where its state was read as up."""
+    networks = case.observer.interface_on.items()
+    up = join_parts(
+        make_parts("link", case.observer.name, "down", what=network) for network, seen in networks if seen.state == "up"
+    )
+    return make_parts("interface", case.observer.name, "address", "prefix") | up
+
+
+@Check(
+    title="interfaces have the planned addresses",
+    when=lambda case: bool(case.observer.interfaces),
+    needs=_addresses_needs,
+    suspects=_addresses_suspects,
+)
+def _judge_addresses(case: Case) -> Judgement:
+    expected = ", ".join(f"{entry.address}/{entry.network.prefixlen}" for entry in case.observer.plan.networks)
+    missing, down, sizes = _find_missing_addresses(case), _find_down_links(case), case.observer.find_wrong_prefixes()
+    problems = [f"no interface has {address}" for address in missing]
+    on_ports = case.observer.list_ports()
+    ports = [f"{address} is on {port.interface}, a port of {port.port_of}" for address, port in on_ports]
+    problems += [*ports, *(f"the link to {network} is down" for network in down)]
+    problems += [f"{address}/{size}" for _name, address, size, _planned in sizes]
+    modes = [mode for mode, wrong in (("address", missing), ("port", ports), ("prefix", sizes)) if wrong]
+    parts = make_parts("interface", case.observer.name, *modes) | join_parts(_find_dead_link(case, one) for one in down)
+    # Where it does harm, other checks fail. A robot alone works without any network.
+    return judge_fault(WARNING, expected, ", ".join(problems), "all of them", parts)
+
+
+@Check(
+    title="interfaces have the MTU of the others",
+    when=lambda case: bool(case.observer.mtus),
+    needs=lambda case: join_parts(
+        make_parts("interface", case.observer.name, "mtu", what=network) for network in case.observer.mtus
+    ),
+)
+def _judge_mtu(case: Case) -> Judgement:
+    usual = case.state.usual
+    odd = {network: mtu for network, mtu in case.observer.mtus.items() if mtu != usual[network]}
+    found = "; ".join(f"{mtu} on {network}, where most have {usual[network]}" for network, mtu in odd.items())
+    parts = join_parts(make_parts("interface", case.observer.name, "mtu", what=network) for network in odd)
+    return judge_fault(WARNING, "the MTU of the others", found, "the same", parts)
+
+
+# More of the kernel
+
+
+@Check(
+    title="no strict reverse-path filter",
+    when=lambda case: case.observer.is_probed and case.observer.plan.forwards,
+    needs=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
+)
+def _judge_reverse_path(case: Case) -> Judgement:
+    strict = [entry.interface for entry in _interfaces(case) if entry.rp_filter == 1]
+    found = f"a strict one on {', '.join(strict)}" if strict else ""
+    parts = make_parts("reverse_path", case.observer.name, "strict")
+    return judge_fault(WARNING, "a loose reverse-path filter, or none", found, "no strict one", parts)
+
+
+@Check(
+    title="router sends no redirects",
+    when=lambda case: case.observer.is_probed and case.observer.plan.is_router,
+)
+def _judge_redirects(case: Case) -> Judgement:
+    sending = [entry.interface for entry in _interfaces(case) if entry.send_redirects]
+    found = f"they are sent on {', '.join(sending)}" if sending else ""
+    return judge_fault(WARNING, "no ICMP redirects", found, "none", make_parts("redirects", case.observer.name, "sent"))
+
+
+@Check(
+    title="kernel answers pings",
+    needs=lambda case: make_parts("setting", case.observer.name, "icmp_all"),
+)
+def _judge_answers_pings(case: Case) -> Judgement | None:
+    ignored = case.probe.forwarding.icmp_echo_ignore_all
+    if ignored is None:
+        return None
+    expected, parts = "net.ipv4.icmp_echo_ignore_all is 0", make_parts("setting", case.observer.name, "icmp_all")
+    return Judgement(WARNING if ignored else OK, expected, str(ignored), parts)
+
+
+# Computers where nobody logs in
+
+
+def _list_sealed(case: Case) -> list[str]:
+    """List the sealed computers of the observer's robot, where the observer runs the nodes of that robot."""
+    plan = case.observer.plan
+    if not plan.is_master:
+        return []
+    return [name for name, other in case.fleet.computers.items() if other.sealed and other.robot == plan.robot]
+
+
+@Check(
+    title="sealed computer could be looked at",
+)
+def _judge_sealed(case: Case) -> Judgement | None:
+    names = _list_sealed(case)
+    if not names:
+        return None
+    parts = join_parts(make_parts("computer", name, "sealed") for name in names)
+    return Judgement(UNKNOWN, "what only a login shows", f"nobody logs in on {', '.join(names)}", parts)
+
+
+# The robot's roscore
+
+
+def _roscore_suspects(case: Case) -> Parts:
+    name, master = case.observer.name, case.masters[0]
+    return needs.roscore(case, name, master) - make_parts("roscore", master, "dead")
+
+
+@Check(
+    title="ROS_MASTER_URI means the robot's roscore",
+    when=lambda case: case.observer.is_probed and not case.observer.lacks_ros,
+    carries=ROSCORE,
+    needs=lambda case: needs.roscore(case, case.observer.name, case.masters[0]),
+    suspects=_roscore_suspects,
+)
+def _judge_master_uri(case: Case) -> Judgement:
+    expected = case.fleet.master_of[case.observer.plan.robot].uri
+    named = case.fleet.master_uris[case.observer.plan.robot]  # a sealed roscore may have any of its names
+    roscore = case.probe.roscore
+    is_asked = is_same_uri(roscore.uri, expected)
+    shell = make_parts("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {roscore.uri}")
+    broken = shell if roscore.uri and not is_asked else frozenset()
+    if roscore.error:
+        return Judgement(FAILED, expected, roscore.error, broken, roscore.outcome)
+    good = is_one_of(roscore.answer, named) and is_asked
+    found = (
+        roscore.answer
+        if is_same_uri(roscore.answer, roscore.uri)
+        else f"ROS_MASTER_URI {roscore.uri}, and the roscore calls itself {roscore.answer}"
+    )
+    broken = broken or make_parts("roscore", case.masters[0], "name", what=roscore.answer)
+    return Judgement(OK if good else FAILED, expected, found, broken, roscore.outcome)
+
+
+# Names
+
+ASK_OTHERS = ("dns", "mdns", "nis", "ldap", "wins")  # the beginnings of sources that ask a server in the network
+
+
+@Check(
+    title="/etc/hosts is asked for names first",
+    needs=lambda case: make_parts("names", case.observer.name, "order"),
+)
+def _judge_name_order(case: Case) -> Judgement | None:
+    sources = case.probe.name_sources
+    if not sources:
+        return None
+    before = sources[: sources.index("files")] if "files" in sources else sources
+    first = not any(source.startswith(ASK_OTHERS) for source in before) and {"files", "resolve"} & set(sources)
+    parts = make_parts("names", case.observer.name, "order")
+    return Judgement(OK if first else WARNING, "files before dns", " ".join(sources), parts)
+
+
+# Default routes
+
+
+def _describe_route(route: DefaultRoute) -> str:
+    metric = f" with the metric {route.metric}" if route.metric else ""
+    return f"{route.gateway or 'no gateway'} on {route.device}{metric}"
+
+
+@Check(
+    title="one default route at most",
+    when=lambda case: case.observer.is_probed,
+    needs=lambda case: make_parts("route", case.observer.name, "defaults"),
+)
+def _judge_default_routes(case: Case) -> Judgement:
+    routes = case.probe.default_routes
+    found = ", ".join(map(_describe_route, routes)) or "none"
+    parts = make_parts("route", case.observer.name, "defaults")
+    return Judgement(OK if len(routes) <= 1 else WARNING, "one default route at most", found, parts)
+
+
+# The packet filter
+
+
+@Check(
+    title="the packet filter is as planned",
+    when=lambda case: case.observer.seen.packet_filter is not None,
+    of_site=True,
+    needs=lambda case: make_parts("filter", case.observer.name, "changed"),
+)
+def _judge_packet_filter(case: Case) -> Judgement | None:
+    found = case.observer.seen.packet_filter
+    if found is None:
+        return None
+    expected = "the packet filter of the plan" if case.observer.plan.firewall else "no packet filter of the collection"
+    parts = make_parts("filter", case.observer.name, "changed")
+    return Judgement(FAILED if found.changed or found.failed else OK, expected, found.msg, parts)

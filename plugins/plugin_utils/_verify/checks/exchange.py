@@ -1,0 +1,347 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks of the exchange between robots: the content of their roscores, compared with the planned flows."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Sequence
+from itertools import islice
+
+from ..context import needs, stages
+from ..context.case import Case
+from ..context.needs import Parts, join_parts, make_parts
+from ..components.parts import Part
+from ..context.registrations import Clash, Conflict, Item
+from ..context.stages import Stage
+from ..._base.sentences import shorten_list
+from ..observe.observations import Exchange, SilentNode
+from ..observe.outcomes import Outcome
+from .engine import FAILED, OK, ROSCORES, UNKNOWN, WARNING, Check, Judgement, judge_fault
+
+NAMED = 4  # registrations, names or connections that a finding names
+MOST_PARTS = 100  # names or topics of two robots that are parts: hostile ones may have a hundred thousand in common
+
+
+# Hosts of nodes
+
+
+def _has_content(case: Case) -> bool:
+    return case.exchange is not None and not case.exchange.error
+
+
+@Check(
+    title="nodes announce a host where others reach them",
+    when=_has_content,
+)
+def _judge_node_hosts(case: Case) -> Judgement:
+    robot = case.observer.plan.robot
+    misplaced = case.state.misplaced.get(robot, {})
+    others = case.state.exchanges.robots.keys() - {robot}
+    given = {item.node for other in others for item in case.state.exchanges.find_due(robot, other)}
+    verdict = WARNING if given.isdisjoint(misplaced) else FAILED
+    found = shorten_list(map(str, misplaced.values()), NAMED)
+    parts = frozenset(one.part for one in misplaced.values())
+    return judge_fault(verdict, "planned names and addresses of the robot", found, "only such", parts)
+
+
+# Registered nodes
+
+
+def _silent_suspects(case: Case) -> Parts:
+    """The nodes ended, or their computer is not reached."""
+    one = case.observer.name
+    computers = (member.name for member in case.fleet.members if member.robot == case.observer.plan.robot)
+    return make_parts("registration", one, "ghost") | join_parts(
+        needs.node_connection_parts(case, one, other) for other in computers if other != one
+    )
+
+
+def _find_silent_parts(case: Case, exchange: Exchange) -> Parts:
+    """The collection's own nodes hang, or those of fkie_mas; services that do not run have a check of their own."""
+    hung = {
+        "/master_discovery": "discovery",
+        "/master_sync": "sync",
+        "/mas_discovery": "discovery",
+        "/mas_sync": "sync",
+    }
+    nodes = join_parts(
+        make_parts(kind, case.observer.name, "hung") for node, kind in hung.items() if node in exchange.silent
+    )
+    misplaced = case.state.misplaced.get(case.observer.plan.robot, {})
+    refused = [entry.node for entry in exchange.silences if entry.node not in misplaced and _has_ended(case, entry)]
+    ended = make_parts("registration", case.observer.name, "ghost", what=shorten_list(refused, NAMED))
+    return nodes | stages.find_mute_talkers(case) | (ended if refused else frozenset())
+
+
+def _has_ended(case: Case, entry: SilentNode) -> bool:
+    """Say if a node has ended: its computer refuses the connection, and no packet filter does."""
+    filtered = case.state.filters.find_drop(case.observer.name, case.ways.name_at(entry.host) or entry.host, "nodes")
+    return entry.outcome == Outcome.REFUSED and filtered is None
+
+
+@Check(
+    title="registered nodes answer",
+    needs=lambda case: (
+        make_parts("sync", case.observer.name, "hung") | make_parts("discovery", case.observer.name, "hung")
+    ),
+    suspects=_silent_suspects,
+)
+def _judge_nodes_answer(case: Case) -> Judgement | None:
+    if case.exchange is None or case.exchange.error:
+        return None
+    misplaced = case.state.misplaced.get(case.observer.plan.robot, {})
+    expected = "every node that is registered answers"
+    silent = [node for node in case.exchange.silent if node not in misplaced]
+    if not silent:
+        return Judgement(OK, expected, "they answer")
+    broken = _find_silent_parts(case, case.exchange)
+    return Judgement(WARNING, expected, f"no answer of {shorten_list(silent, NAMED)}", broken)
+
+
+# Names
+
+
+def _has_both_contents(case: Case) -> bool:
+    return case.exchange is not None and all(robot in case.state.exchanges.robots for robot in case.robots)
+
+
+@Check(
+    title="no node or service name twice",
+    scope=ROSCORES,
+    when=_has_both_contents,
+)
+def _judge_names(case: Case) -> Judgement:
+    own, its = case.robots
+    clashes = case.state.exchanges.clashes(its, own)
+    names = (f"the {clash.kind} {clash.name} is of {' and of '.join(clash.robots)}" for clash in clashes)
+    twins = frozenset(
+        Part.from_pair("registration", "twin", *clash.robots, what=f"{clash.kind} {clash.name}")
+        for clash in clashes[:MOST_PARTS]
+    )
+    return judge_fault(FAILED, "each name once", shorten_list(names, NAMED), "no name twice", twins)
+
+
+# Types
+
+
+def _describe_conflict(conflict: Conflict) -> str:
+    (one, its_type, its_sum), (other, type_name, md5sum) = sorted((conflict.one, conflict.other))
+    if its_type != type_name:
+        return f"{conflict.topic} is {its_type} on {one} and {type_name} on {other}"
+    return f"{conflict.topic} is {type_name} on both, with the md5 sum {its_sum} on {one} and {md5sum} on {other}"
+
+
+def _make_conflict_part(case: Case, conflict: Conflict) -> Part:
+    odd = case.state.exchanges.odd(conflict)
+    if odd:
+        return Part("messages", odd, "differ", conflict.topic)
+    return Part.from_pair("messages", "differ", *case.robots, what=conflict.topic)
+
+
+@Check(
+    title="topics have the same type on both sides",
+    scope=ROSCORES,
+)
+def _judge_types(case: Case) -> Judgement | None:
+    if case.exchange is None or not _has_both_contents(case):
+        return None
+    own, its = case.robots
+    conflicts, expected = case.state.exchanges.conflicts(its, own), "each topic has one type"
+    if conflicts:
+        broken = frozenset(_make_conflict_part(case, conflict) for conflict in conflicts[:MOST_PARTS])
+        return Judgement(FAILED, expected, shorten_list(map(_describe_conflict, conflicts), NAMED), broken)
+    error = case.exchange.types_error
+    found = f"the md5 sums are not known: {error}" if error else ""
+    unread = make_parts("messages", case.observer.name, "unknown", what=error)
+    return judge_fault(UNKNOWN, expected, found, "the same types", unread)
+
+
+# Topics of two publishers
+
+
+def _list_sharers(shared: Iterable[Clash]) -> Parts:
+    """One finding for two robots, whoever hears both of them."""
+    topics: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for clash in shared:
+        topics[clash.robots].append(clash.name)
+    return frozenset(
+        Part.from_pair("topic", "shared", *robots, what=shorten_list(names, NAMED)) for robots, names in topics.items()
+    )
+
+
+@Check(
+    title="no topic of two robots",
+    scope=ROSCORES,
+    when=_has_both_contents,
+)
+def _judge_shared_topics(case: Case) -> Judgement:
+    own, its = case.robots
+    shared = case.state.exchanges.find_shared_topics(its, own)
+    found = shorten_list((f"{clash.name} of {' and of '.join(clash.robots)}" for clash in shared), NAMED)
+    expected = "each topic is published by one robot"
+    return judge_fault(WARNING, expected, found, "no topic of two robots", _list_sharers(shared))
+
+
+# Bridges to ROS 2
+
+
+@Check(
+    title="no circle by two bridges to ROS 2",
+    scope=ROSCORES,
+    when=_has_both_contents,
+)
+def _judge_bridges(case: Case) -> Judgement:
+    own, its = case.robots
+    found = shorten_list(case.state.exchanges.find_bridged_topics(its, own), NAMED)
+    circle = frozenset({Part.from_pair("topic", "circle", own, its, what=found)})
+    return judge_fault(WARNING, "each topic passes one bridge", found, "no topic passes two", circle)
+
+
+# The flow
+
+BETWEEN = (Stage.DISCOVERED, Stage.GIVEN, Stage.PLANNED, Stage.IMPORTED)  # two roscores
+ASKED = 20  # topics whose stages are looked at
+MOST_REGISTRATIONS = 5000  # of one master: the same number as in the nodes' sync/core/limits.py
+
+
+def _flow_suspects(case: Case) -> Parts:
+    own, its = case.masters
+    sync = make_parts("sync", own, "dead", "hung", "configuration")
+    fetched = needs.discovery(own) | needs.master_query_parts(case, own, its) | needs.large(case, own, its)
+    return sync | fetched | needs.heartbeats(case, own, its)
+
+
+def _find_flow_faults(case: Case, missing: Sequence[Item], superfluous: Sequence[Item]) -> Parts:
+    """Superfluous registrations come from parameters of the sync node."""
+    own, its = case.robots
+    observer = case.observer.name
+    if superfluous:
+        return make_parts("sync", observer, "configuration", what=shorten_list(map(str, superfluous), NAMED))
+    if len(case.state.exchanges.find_imports(its, own)) >= MOST_REGISTRATIONS:
+        return make_parts("sync", observer, "limit", what=case.target)
+    refused = stages.find_refusals(case, [name for item in missing for name in (item.name, item.node)])
+    if _loses_large(case):
+        return refused  # what is told over HTTP comes in large packets: no node is at fault
+    lacking = _find_lacking_stages(case, (item.name for item in missing if item.kind == "publisher"))
+    return refused or join_parts(stages.find_lacking(case, stage, topic) for topic, stage in lacking.items())
+
+
+def _loses_large(case: Case) -> bool:
+    """Say if small packets arrive between the two, and large ones do not."""
+    small, large = case.member.ping_address, case.member.ping_large
+    return small is not None and large is not None and small.ok and not large.ok
+
+
+def _find_lacking_stages(case: Case, missing: Iterable[str] = ()) -> dict[str, Stage]:
+    """Find the stages that lack topics of the target's robot: those of its talkers that are not here, and others that are missing.
+
+    A talker may be heard all the same, where the other robot has registered the subscriber.
+    """
+    asked = (topic for source in case.probe.sources if source.computer == case.masters[1] for topic in source.topics)
+    talkers = (topic for topic in asked if not stages.is_filtered(case, topic))
+    topics = islice(dict.fromkeys([*talkers, *missing]), ASKED)
+    found = {topic: stages.find_stage(stages.observe_exchange(case, topic)) for topic in topics}
+    return {topic: stage for topic, stage in found.items() if stage in BETWEEN}
+
+
+@Check(
+    title="robot has what it is to get, and nothing else",
+    scope=ROSCORES,
+    # registrations stay after a node has died, so a success clears no node
+    needs=lambda case: make_parts("sync", case.masters[0], "configuration"),
+    suspects=_flow_suspects,
+)
+def _judge_flow(case: Case) -> Judgement | None:
+    if case.exchange is None:
+        return None
+    own, its = case.robots
+    if case.exchange.error:
+        untold = make_parts("sync", case.observer.name, "untold")
+        return Judgement(UNKNOWN, f"what {its} gives", case.exchange.error, untold)
+    missing, superfluous = case.state.exchanges.find_missing(its, own), case.state.exchanges.superfluous(its, own)
+    parts: list[tuple[str, Sequence[object]]] = [("not there", missing), ("there against the plan", superfluous)]
+    parts.append(
+        ("of its talkers", [f"{name} is not {stage.value}" for name, stage in _find_lacking_stages(case).items()])
+    )
+    found = "; ".join(f"{words}: {shorten_list(map(str, items), NAMED)}" for words, items in parts if items)
+    broken = _find_flow_faults(case, missing, superfluous) if found else frozenset()
+    return judge_fault(FAILED, f"what {its} gives to {own}, and nothing else", found, "just that", broken)
+
+
+# Parameters that cross
+
+
+def _list_copied(case: Case) -> list[tuple[str, str]]:
+    """List the parameters that the observer's robot is to have as the target's robot has them: the names here and there."""
+    entries = case.observer.plan.sync.get("sync_parameters", ())
+    return [
+        (entry.get("as", "") + name, name)
+        for entry in entries
+        if entry["from"] == case.master.name
+        for name in entry["names"]
+    ]
+
+
+def _compare_copies(case: Case) -> dict[str, str] | None:
+    """Return what is wrong with each copy, by its parameter; None where one of the two roscores was not read."""
+    master = case.run.get(case.masters[1])
+    if master is None or not master.is_probed or not case.observer.is_probed:
+        return None
+    here, there = (
+        {entry.name: entry.digest for entry in probe.parameters.crossing} for probe in (case.probe, master.probe)
+    )
+    names = _list_copied(case)
+    if not all(name in here and its_name in there for name, its_name in names):
+        return None
+    own, its = case.robots
+    return {
+        name: f"{its_name} of {its} " + (f"has another value on {own}" if here[name] else f"is not on {own}")
+        for name, its_name in names
+        if there[its_name] and here[name] != there[its_name]
+    }
+
+
+def _find_copy_faults(case: Case, wrong: Collection[str]) -> Parts:
+    """A copy that differs shows itself. One that is not there may be missing with all the rest, since sync does not work."""
+    own, its = case.robots
+    is_read = case.exchange is not None and not case.exchange.error
+    if is_read and not any("another value" in words for words in wrong) and case.state.exchanges.find_missing(its, own):
+        return frozenset()
+    return frozenset({Part.from_pair("parameter", "copy", own, its, what=shorten_list(wrong, NAMED))})
+
+
+@Check(
+    title="copied parameters are as on their robot",
+    scope=ROSCORES,
+    when=lambda case: bool(_list_copied(case)),
+    suspects=_flow_suspects,
+)
+def _judge_copies(case: Case) -> Judgement:
+    wrong = _compare_copies(case)
+    if wrong is None:
+        found = "the parameters of one of the two are not known"
+        return Judgement(UNKNOWN, "the same values", found, _find_copy_faults(case, ()))
+    broken = _find_copy_faults(case, wrong.values()) if wrong else frozenset()
+    return judge_fault(FAILED, "the same values", shorten_list(wrong.values(), NAMED), "the same", broken)
+
+
+# Connections
+
+
+@Check(
+    title="connections only as exchanged",
+    scope=ROSCORES,
+)
+def _judge_cross_link(case: Case) -> Judgement | None:
+    if case.exchange is None or case.exchange.error:
+        return None
+    crossing = case.state.exchanges.find_crossing_links(case.exchange.connections, *case.robots)
+    links = (
+        f"{link.node} {'hears' if link.direction == 'in' else 'is heard by'} {link.peer} of {link.robot} on {link.topic}"
+        for link in crossing
+    )
+    between = frozenset({Part.from_pair("registration", "link", *case.robots)})
+    expected = "only connections of what is exchanged"
+    return judge_fault(FAILED, expected, shorten_list(links, NAMED), "only such", between)

@@ -1,0 +1,32 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Computers that the collection did not set up, and the nodes of others."""
+
+from __future__ import annotations
+
+from ..context.case import Case
+from ..context.needs import make_parts
+from ..components.parts import ANY
+from .engine import FAILED, WARNING, Check, Judgement, judge_fault
+
+
+@Check(
+    title="site.yml has run",
+    when=lambda case: case.was_never_set_up,
+)
+def _judge_set_up(case: Case) -> Judgement:
+    never = make_parts("set_up", ANY if case.was_none_set_up else case.observer.name, "never")
+    return Judgement(FAILED, "site.yml has run", "no record of the collection", never)
+
+
+@Check(
+    title="nothing stands against the plan",
+)
+def _judge_as_planned(case: Case) -> Judgement | None:
+    found = case.observer.seen.found
+    if found is None:
+        return None
+    other = [text.removeprefix(f"{case.observer.name}: ") for text in (*found.runs, *found.noted)]
+    parts = make_parts("set_up", case.observer.name, "others" if found.runs else "refused")
+    return judge_fault(WARNING, "nothing that site.yml would refuse", " ".join(other), "nothing", parts)

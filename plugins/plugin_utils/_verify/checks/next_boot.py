@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks of the next boot: deviations from the plan that come with it. One check for each kind of part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..context.case import Case
+from ..context.needs import join_parts, make_parts
+from .engine import FAILED, WARNING, Check, Judgement, judge_fault
+
+
+def _check(kind: str, title: str, planned: Callable[[Case], bool], fine: str) -> Check:
+    def has_plan(case: Case) -> bool:
+        # Where the collection has not set it up, one sentence for all kinds is enough.
+        told = case.observer.is_set_up or (kind == "unit" and case.is_set_up_by_hand)
+        return case.observer.is_probed and planned(case) and told
+
+    def judge(case: Case) -> Judgement:
+        entries = [entry for entry in case.probe.next_boot if entry.kind == kind]
+        states = "; ".join(f"{entry.name}: {entry.found}" for entry in entries)
+        parts = join_parts(make_parts("boot", case.observer.name, kind, what=entry.name) for entry in entries)
+        return judge_fault(FAILED, entries[0].expected if entries else fine, states, fine, parts)
+
+    return Check(
+        title=title,
+        when=has_plan,
+        of_site=True,
+        needs=lambda case: make_parts("boot", case.observer.name, kind),
+        id=f"next_boot_{kind}",
+        judge=judge,
+    )
+
+
+UNIT = _check(
+    "unit",
+    "services start at the next boot",
+    lambda case: bool(case.observer.plan.services),
+    "all enabled",
+)
+SYSCTL = _check(
+    "sysctl",
+    "kernel settings stay at the next boot",
+    lambda case: bool(case.observer.plan.sysctl),
+    "the planned values",
+)
+ROUTE = _check(
+    "route",
+    "routes stay at the next boot",
+    lambda case: bool(case.observer.plan.routes),
+    "the files of all routes",
+)
+NAMES = _check(
+    "names",
+    "/etc/hosts stays at the next boot",
+    lambda case: not case.observer.plan.is_router,
+    "nobody writes it anew",
+)
+
+
+@Check(
+    title="nodes can start",
+    needs=lambda case: make_parts("ros", case.observer.name, "broken"),
+)
+def _judge_next_start(case: Case) -> Judgement | None:
+    found = case.observer.seen.found
+    if found is None or case.observer.plan.is_router or (case.probe.ros_missing and not found.broken_ros):
+        return None
+    verdict = FAILED if case.observer.plan.is_master else WARNING
+    broken = found.broken_ros.removeprefix(f"{case.observer.name}: ")
+    parts = make_parts("ros", case.observer.name, "broken")
+    return judge_fault(verdict, "nodes that are started now find their modules", broken, "as planned", parts)

@@ -1,0 +1,85 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The check of strangers: computers outside the fleet on its multicast group."""
+
+from __future__ import annotations
+
+from ipaddress import IPv4Address
+
+from ..context.case import Case
+from ..context.needs import Parts, join_parts, make_parts
+from ..observe.observations import Outsider
+from ..observe.uris import host_of, is_one_of
+from ..._plan.model import COMMON
+from .engine import WARNING, Check, Judgement, judge_fault
+
+
+def _find_guests(case: Case) -> dict[str, str]:
+    """List the masters in the list that are not planned: name -> address."""
+    planned = {master.name for master in case.fleet.masters}
+    return {name: host_of(entry.monitoruri) for name, entry in case.observer.listed.items() if name not in planned}
+
+
+def _datagrams(case: Case, named: set[str]) -> list[str]:
+    """Return who else sends to the group, beside those that are named already."""
+    return [
+        f"datagrams from {entry.address} on {entry.interface}"
+        for entry in case.observer.multicast.unexpected
+        if entry.address not in named and not _is_allowed(case, entry.address)
+    ]
+
+
+def _title(entry: Outsider) -> str:
+    return f"{entry.name or 'a sender of heartbeats'} at {entry.address}"
+
+
+def _is_allowed(case: Case, address: str) -> bool:
+    """Return True if a master outside the inventory may be at this address."""
+    if case.fleet.belonging.strangers == "allow":
+        return True
+    try:
+        return any(IPv4Address(address) in network for network in case.fleet.belonging.allow)
+    except ValueError:
+        return False
+
+
+def _list_strangers(case: Case) -> Parts:
+    """Each of them is one, by whomever it is seen."""
+    outsiders = case.probe.outsiders
+    found = {**_find_unwanted(case), **{entry.address: entry.name for entry in outsiders}}
+    known = join_parts(_misread_member_parts(case, entry) for entry in outsiders if case.ways.name_at(entry.address))
+    strange = {at: name for at, name in found.items() if not case.ways.name_at(at)}
+    return known | join_parts(make_parts("stranger", at or name, "present", what=name) for at, name in strange.items())
+
+
+def _find_unwanted(case: Case) -> dict[str, str]:
+    """List those on the group and in the list of masters that are neither planned nor allowed: address -> name."""
+    senders = {entry.address: "" for entry in case.observer.multicast.unexpected}
+    guests = {address: name for name, address in _find_guests(case).items()}
+    return {at: name for at, name in {**senders, **guests}.items() if not _is_allowed(case, at)}
+
+
+def _misread_member_parts(case: Case, entry: Outsider) -> Parts:
+    """A computer of the fleet that is ignored: its master calls itself otherwise, or its gateway translates its address."""
+    computer = case.ways.name_at(entry.address)
+    master = case.ways.master_at.get(computer)
+    if master is not None and not is_one_of(entry.uri, case.fleet.master_uris[master.robot]):
+        return make_parts("roscore", computer, "name", what=entry.uri)
+    beyond = COMMON if computer in case.ways.titles else ""
+    return make_parts("translation", computer, "on", what=beyond)
+
+
+@Check(
+    title="nobody else is on the group",
+    when=lambda case: case.observer.is_probed and bool(case.observer.seen.multicast or case.observer.listed),
+)
+def _judge_strangers(case: Case) -> Judgement:
+    guests = _find_guests(case)
+    welcome = sorted(name for name, address in guests.items() if _is_allowed(case, address))
+    ignored = [f"{_title(entry)} is ignored: {entry.why}" for entry in case.probe.outsiders]
+    unwanted = [f"master {name} at {guests[name]}" for name in sorted(set(guests) - set(welcome))]
+    named = {*guests.values(), *(entry.address for entry in case.probe.outsiders)}
+    found = [*ignored, *unwanted, *_datagrams(case, named)]
+    fine = f"only those, and the allowed {', '.join(welcome)}" if welcome else "only those"
+    return judge_fault(WARNING, "only computers of the fleet", ", ".join(found), fine, _list_strangers(case))

@@ -1,0 +1,252 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The stages of a call: from the registration of a publisher at its own roscore to a message that its subscriber reads.
+
+Each stage is asked of the component that has it. The first one that lacks the call is the finding. What could not be asked,
+as some of upstream's nodes, is not known: then nothing is concluded here, and the parts that the call needs are suspected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import Enum
+
+from ..._base.sentences import shorten_list
+from ..observe.observations import Exchange, HeardTopic, Source
+from ..observe.outcomes import Outcome
+from .case import Case, Participant
+from .needs import Parts, join_parts, make_parts
+from .registrations import TEST_NODES, Item
+from .ways import Ways
+
+FILTERS = ("ignore_", "sync_", "hide_", "do_not_sync")  # how the names of filters begin
+TALKER_TYPE, TALKER_NODE = "std_msgs/String", f"{TEST_NODES}talker_"
+TALKER = "the talker of the verification"
+NAMED = 4  # names that a finding names
+
+
+class Stage(Enum):
+    """The stages, in the order of the call; the values are for people."""
+
+    REGISTERED = "registered at its own roscore"
+    DISCOVERED = "in the state of its discovery node"
+    GIVEN = "given to the other robot, when asked as its sync node asks"
+    PLANNED = "taken by the parameters of the sync node, and not refused"
+    IMPORTED = "registered at the other roscore"
+    TOLD = "told to the subscriber by its roscore"
+    CONNECTED = "connected"
+    READ = "a message is read"
+
+
+Seen = Mapping[Stage, bool | None]  # what has the call; None where it was not asked, or did not say
+
+
+def find_stage(seen: Seen) -> Stage | None:
+    """Return the first stage that lacks the call, where the one before it has it; None where that is not known.
+
+    What a later stage has, all before it have had: a registration may be gone since.
+    """
+    first = None
+    for stage in reversed(Stage):
+        has = seen.get(stage)
+        if has:
+            break
+        first = stage if has is False else None
+    return first
+
+
+def is_filtered(case: Case, topic: str) -> bool:
+    """Say if the filters between the two robots leave the topic of a talker out."""
+    own, its = case.robots
+    talker = Item("publisher", topic, TALKER_NODE + topic.rpartition("/")[2])
+    return own != its and not case.state.exchanges.flows.rules(its, own).passes(talker, TALKER_TYPE)
+
+
+# What was seen of each stage
+
+
+def observe_call(case: Case) -> dict[Stage, bool | None]:
+    """Say of each stage what it has of the topic of the target's talker."""
+    topic = case.topic
+    if topic is None:
+        return {}
+    return {**observe_exchange(case, topic.topic), Stage.IMPORTED: _is_here(case, topic), **_observe_listener(topic)}
+
+
+def observe_exchange(case: Case, topic: str) -> dict[Stage, bool | None]:
+    """Say of the stages between two roscores what they have of a topic of the target's robot."""
+    own, its = (case.run.get(name) for name in case.masters)
+    at_home = _find_source(its, case.masters[1])
+    registered = topic in at_home.topics or _has_topic(_read_exchange(its), topic)
+    if own is its:
+        between: bool | None = registered or None  # there is nothing between
+        return dict.fromkeys((Stage.DISCOVERED, Stage.GIVEN, Stage.PLANNED), between) | {Stage.REGISTERED: registered}
+    gives = _is_given(case, own, its, topic)
+    return {
+        Stage.REGISTERED: registered,
+        # of all topics of its roscore those are told that it has not
+        Stage.DISCOVERED: topic not in {*at_home.topics} - {*at_home.given}
+        if registered and _has_answered(at_home)
+        else None,
+        Stage.GIVEN: gives,
+        Stage.PLANNED: False if gives and own and _list_objections(own, [topic]) else gives,
+        Stage.IMPORTED: _has_import(own, topic),
+    }
+
+
+def _read_exchange(master: Participant | None) -> Exchange | None:
+    """Return the content of a roscore; None where it was not read."""
+    if master is None or not master.is_probed or master.probe.exchange.error:
+        return None
+    return master.probe.exchange
+
+
+def _has_topic(exchange: Exchange | None, topic: str) -> bool | None:
+    if exchange is None:
+        return None
+    return any(entry.name == topic and entry.publishers for entry in exchange.topics)
+
+
+def _has_import(own: Participant | None, topic: str) -> bool | None:
+    exchange = _read_exchange(own)
+    if exchange is None:
+        return None
+    entries = (entry for part in exchange.imports for entry in part.topics)
+    return any(entry.name == topic and entry.publishers for entry in entries)
+
+
+def _is_here(case: Case, topic: HeardTopic) -> bool | None:
+    """The observer's roscore has the topic, or had it. What has come only after the listener has ended says nothing."""
+    own = case.run.get(case.masters[0])
+    if topic.publishers:
+        return True
+    same = case.masters[0] == case.masters[1]
+    has = _has_topic(_read_exchange(own), topic.topic) if same else _has_import(own, topic.topic)
+    return None if has else has
+
+
+def _find_source(asker: Participant | None, computer: str) -> Source:
+    entries = asker.probe.sources if asker else ()
+    return next((entry for entry in entries if entry.computer == computer), Source(computer))
+
+
+def _has_answered(source: Source) -> bool:
+    return source.outcome == Outcome.ANSWERED
+
+
+def _is_given(case: Case, own: Participant | None, its: Participant | None, topic: str) -> bool | None:
+    """Say if the other discovery node gives the topic to the own sync node; None where it was not asked.
+
+    A node that serves as planned, and has given the topics of all talkers, which are new, gives the others, too.
+    """
+    source = _find_source(own, case.masters[1])
+    if own is None or not _is_listed(case, own):
+        return None
+    if _has_answered(source) and topic in source.topics:
+        return topic in source.given
+    parameters = its.probe.parameters if its else None
+    if parameters is None or "master_discovery" not in parameters.nodes or its is None:
+        return None
+    differs = any(entry.node == "master_discovery" for entry in parameters.differing)
+    talkers = _find_source(its, case.masters[1]).given
+    arrived = bool(talkers) and all(_has_import(own, other) for other in talkers)
+    return True if arrived and not differs else None
+
+
+def _is_listed(case: Case, own: Participant) -> bool:
+    """The own discovery node has the other master online: else its sync node is not told of it."""
+    master = case.fleet.master_of.get(case.robots[1])
+    entry = own.listed.get(master.name) if master else None
+    return entry is not None and entry.online
+
+
+def _list_objections(own: Participant, names: list[str]) -> list[str]:
+    """List what of a sync node keeps names out: its refusals, or filters that are not as planned."""
+    refused = {name for service in own.probe.services for name in service.refused}
+    other = [
+        f"{entry.name} is {entry.found}"
+        for entry in own.probe.parameters.differing
+        if entry.node == "master_sync" and entry.name.startswith(FILTERS)
+    ]
+    return [name for name in names if name in refused] or other
+
+
+def _observe_listener(topic: HeardTopic) -> dict[Stage, bool | None]:
+    if not topic.listened:
+        return {}
+    said = topic.heard or bool(topic.text)
+    opened = topic.step == "connected" or (topic.step == "told" and topic.reached_outcome == Outcome.OPEN)
+    return {Stage.TOLD: said or bool(topic.step), Stage.CONNECTED: said or opened, Stage.READ: said}
+
+
+# What lacks it
+
+
+def find_refusals(case: Case, names: list[str]) -> Parts:
+    """Return the sync node of the observer where it refuses some of these names."""
+    own = case.run.get(case.masters[0])
+    refused = {name for service in own.probe.services for name in service.refused} if own else set()
+    what = shorten_list([name for name in names if name in refused], NAMED)
+    return make_parts("sync", case.masters[0], "refuses", what=what) if what else frozenset()
+
+
+def find_lacking(case: Case, stage: Stage | None, topic: str) -> Parts:
+    """Return the component that lacks the call first, with its computer; nothing where the way to it has to be looked at."""
+    own, its = case.masters
+    if stage == Stage.DISCOVERED:
+        return make_parts("discovery", its, "stale", what=topic)
+    if stage == Stage.GIVEN:
+        return make_parts("discovery", its, "configuration")
+    if stage == Stage.PLANNED:
+        computer = case.run.get(own)
+        others = shorten_list(_list_objections(computer, [topic]) if computer else [], NAMED)
+        return find_refusals(case, [topic]) or make_parts("sync", own, "configuration", what=others)
+    if stage == Stage.IMPORTED and own != its:
+        return make_parts("sync", own, "stale", what=case.robots[1])
+    return _find_lacking_node(case, stage)
+
+
+def _find_lacking_node(case: Case, stage: Stage | None) -> Parts:
+    """Return the node that lacks the call, or the packet filter that keeps it from it."""
+    one, other, topic = case.observer.name, case.target, case.topic
+    if stage == Stage.REGISTERED:
+        return make_parts("registration", other, "talker") if _has_talker(case.peer) else frozenset()
+    if stage == Stage.TOLD and one != case.masters[0]:
+        return _find_drop(case, case.masters[0], one) or make_parts("registration", one, "untold")
+    if stage == Stage.CONNECTED and topic is not None and topic.step == "answered":
+        return _find_drop(case, one, other) or make_parts("registration", other, "closed")
+    master = case.run.get(case.masters[1])
+    if stage == Stage.READ and topic is not None and topic.step == "told" and _is_silent(master, other, case.ways):
+        return make_parts("registration", other, "mute", what=TALKER)
+    return frozenset()
+
+
+def _has_talker(computer: Participant | None) -> bool:
+    """Say if a talker was started there, and its roscore answers."""
+    probe = computer.seen.probe if computer else None
+    return probe is not None and not probe.roscore.error and probe.talker is not None
+
+
+def _find_drop(case: Case, sender: str, target: str) -> Parts:
+    drop = case.state.filters.find_drop(sender, target, "nodes")
+    return frozenset({drop}) if drop else frozenset()
+
+
+def find_mute_talkers(case: Case) -> Parts:
+    """Return the talkers of the observer's robot that take its connections, and say nothing on two of them."""
+    told = (entry for entry in case.observer.topics.values() if _observe_listener(entry).get(Stage.READ) is False)
+    mute = (entry for entry in told if entry.step == "told" and entry.reached_outcome == Outcome.OPEN)
+    silent = (entry.computer for entry in mute if _is_silent(case.observer, entry.computer, case.ways))
+    return join_parts(make_parts("registration", name, "mute", what=TALKER) for name in silent)
+
+
+def _is_silent(master: Participant | None, computer: str, ways: Ways) -> bool:
+    """The talker of a computer does not answer its own robot's master."""
+    exchange = _read_exchange(master)
+    return exchange is not None and any(
+        entry.node.startswith(TALKER_NODE)
+        and entry.outcome == Outcome.NO_ANSWER
+        and (ways.name_at(entry.host) or entry.host) == computer
+        for entry in exchange.silences
+    )

@@ -1,0 +1,228 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The parts of the document, as plain data: results, findings, robots with their registrations, streams, computers. Pure."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from ..context.registrations import BORDER, TEST_NODES
+from ..checks.engine import VERDICTS
+from ..checks.table import CHECKS
+from ..._base.plain import to_plain
+from ..diagnose.diagnosis import Diagnosis
+from ..._inventory.filters import matches
+from ..._inventory.flows import find_outer_name, list_names
+from ..observe.observations import Exchange, Import, Observation, Probe, SentTopic
+from ..observe.uris import normalise_uri
+from ..._plan.model import FleetPlan
+from .summary import Summary
+
+OWN_TOPICS = "/multimaster_verify/"  # of the verification itself
+MOST = 2000  # names of a robot that are kept
+#: a computer of which nothing is known
+MACHINE = dict.fromkeys(("system", "kernel", "python", "ros", "provider", "list_masters", "topics"), "")
+PRIVATE = ("/get_loggers", "/set_logger_level")  # services that every node has
+
+
+def list_checks(summary: Summary) -> list[dict[str, Any]]:
+    """List the checks of this run with the number of rows of each verdict."""
+    counts = summary.counts
+    return [
+        {"check": check.id, "title": check.title, **{verdict: counts[check.id][verdict] for verdict in VERDICTS}}
+        for check in CHECKS
+        if check.id in counts
+    ]
+
+
+def list_findings(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """List the findings with their rows."""
+    return [
+        {
+            "kind": entry.part.kind,
+            "place": entry.part.place_text,
+            "mode": entry.part.mode,
+            "what": entry.subjects,
+            "verdict": entry.verdict,
+            "sentence": entry.sentence(),
+            "remedy": entry.remedy(),
+            "decide": entry.part.decide(),
+            "sure": entry.sure,
+            "followed": [end.words for end in entry.followed],
+            "ways": [to_plain(end.way) for end in entry.followed],
+            "since": entry.since,
+            "rivals": [
+                {"kind": part.kind, "place": part.place_text, "mode": part.mode, "sentence": part.sentence()}
+                for part in entry.rivals
+            ],
+            "seen": [row._asdict() for row in entry.proof],
+            "follows": [row._asdict() for row in entry.rows],
+        }
+        for entry in diagnosis.findings
+    ]
+
+
+def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> list[dict[str, Any]]:
+    """List the robots: computers, what they provide, and what they have imported from others."""
+    by_uri = {normalise_uri(uri): robot for robot, uris in fleet.master_uris.items() for uri in uris}
+    robots = []
+    for robot, master in fleet.master_of.items():
+        seen = observations.get(master.computer)
+        exchange = seen.probe.exchange if seen and seen.probe and not seen.probe.exchange.error else None
+        channels = (fleet.computers[master.computer].border or {}).get("channels", ())
+        robots.append(
+            {
+                "robot": robot,
+                "master": master.computer,
+                "computers": [name for name, plan in fleet.computers.items() if plan.robot == robot],
+                "declares": master.declared,
+                "gives": [
+                    {
+                        "to": list(flow.to),
+                        "topics": list(flow.topics),
+                        "services": list(flow.services),
+                        **({"parameters": list(flow.parameters)} if flow.parameters else {}),
+                    }
+                    for flow in fleet.flows
+                    if robot in flow.givers
+                ]
+                + [
+                    {"to": [entry["peer"]], **names}
+                    for entry in channels
+                    if any((names := _name_crossing(entry, given=True)).values())
+                ],
+                "read": exchange is not None,
+                **_list_registrations(exchange, by_uri, channels),
+            }
+        )
+    return robots
+
+
+def _name_crossing(channel: Mapping[str, Any], *, given: bool) -> dict[str, list[str]]:
+    """Name what the robot of a border gives, or what it takes, as the robot has it that gets it."""
+    return {
+        kind: [
+            find_outer_name(channel, name) if channel["inner"] == given else name
+            for name in list_names(channel, kind, given=given)
+        ]
+        for kind in ("topics", "services")
+    }
+
+
+def _list_registrations(
+    exchange: Exchange | None, by_uri: Mapping[str, str], channels: Iterable[Mapping[str, Any]]
+) -> dict[str, Any]:
+    if exchange is None:
+        return {"topics": [], "services": [], "takes": []}
+    takes = [
+        {"robot": by_uri.get(normalise_uri(entry.master), entry.master), **_name_registrations(entry)}
+        for entry in exchange.imports
+    ]
+    takes += [_list_crossed(exchange, channel) for channel in channels]
+    return {**_name_registrations(exchange), "takes": takes}
+
+
+def _name_registrations(part: Exchange | Import) -> dict[str, list[str]]:
+    """Name what is published and served, by own nodes or by those of another master."""
+    return {
+        "topics": _clean_names(topic.name for topic in part.topics if _has_publisher(topic.publishers)),
+        "services": _clean_names(service.name for service in part.services),
+    }
+
+
+def _list_crossed(exchange: Exchange, channel: Mapping[str, Any]) -> dict[str, Any]:
+    """List what a border has of another robot."""
+    names = _name_crossing(channel, given=False)
+    topics = (topic.name for topic in exchange.topics if BORDER in topic.publishers)
+    services = (service.name for service in exchange.services if service.node == BORDER)
+    return {
+        "robot": channel["peer"],
+        "topics": _clean_names(name for name in topics if matches(names["topics"], name)),
+        "services": _clean_names(name for name in services if matches(names["services"], name)),
+    }
+
+
+def _has_publisher(nodes: Iterable[str]) -> bool:
+    """Tell if a node publishes that is not of the verification itself."""
+    return any(not node.startswith(TEST_NODES) for node in nodes)
+
+
+def _clean_names(names: Iterable[str]) -> list[str]:
+    """Return the names without those of the verification, and without services that every node has."""
+    own = {name for name in names if OWN_TOPICS not in name and TEST_NODES not in name}
+    return sorted(name for name in own if not name.endswith(PRIVATE))[:MOST]
+
+
+def list_streams(observations: Mapping[str, Observation]) -> list[dict[str, Any]]:
+    """List the throughput between computers, in Mbit/s."""
+    return [
+        {"from": name, "to": stream.computer, "mbit_s": stream.mbit_s}
+        for name, seen in observations.items()
+        for stream in (seen.streams.streams if seen.streams else ())
+        if stream.mbit_s is not None
+    ]
+
+
+def list_traffic(fleet: FleetPlan, observations: Mapping[str, Observation]) -> dict[str, Any]:
+    """List the topics that robots send to each other, the dearest first. Bytes and messages are summed over all connections."""
+    flows: dict[tuple[str, str], list[SentTopic]] = defaultdict(list)
+    seconds = 0.0
+    for robot, master in fleet.master_of.items():
+        traffic = (observations.get(master.computer, Observation()).probe or Probe()).traffic
+        seconds = max(seconds, traffic.seconds)
+        for flow in traffic.flows:
+            if flow.robot in fleet.master_of:
+                flows[robot, flow.topic].append(flow)
+
+    def rank(item: tuple[tuple[str, str], list[SentTopic]]) -> tuple[float, str, str]:
+        (robot, topic), group = item
+        return -sum(flow.bytes_s for flow in group), topic, robot
+
+    order = sorted(flows.items(), key=rank)[:MOST]
+    return {"seconds": seconds, "topics": [_sum_flows(robot, topic, group) for (robot, topic), group in order]}
+
+
+def _sum_flows(robot: str, topic: str, flows: Sequence[SentTopic]) -> dict[str, Any]:
+    """Sum what the nodes of a robot send on a topic to all others."""
+    to = Counter[str]()
+    for flow in flows:
+        to[flow.robot] += flow.subscribers
+    return {
+        "topic": topic,
+        "from": robot,
+        "nodes": sorted({flow.node for flow in flows}),
+        "to": dict(sorted(to.items())),
+        "messages_s": round(sum((flow.messages_s for flow in flows), 0.0), 1),
+        "bytes_s": round(sum((flow.bytes_s for flow in flows), 0.0), 1),
+    }
+
+
+def describe_machines(
+    fleet: FleetPlan, observations: Mapping[str, Observation], infos: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, str]]:
+    """Return system, ROS, nodes and times of each computer of the run. `infos` has the results of multimaster_info."""
+    machines = {}
+    for name, seen in observations.items():
+        probe, info = seen.probe or Probe(), infos.get(name, {})
+        topics = [topic.seconds for topic in probe.topics if topic.seconds is not None]
+        seconds = 0.0 if probe.list_masters.error else probe.list_masters.seconds
+        machines[name] = {
+            "system": _text(info, "os", "name"),
+            "kernel": _text(info, "kernel"),
+            "python": _text(info, "python"),
+            "ros": _text(info, "ros", "chosen", "distro"),
+            "provider": "" if fleet.computers[name].is_router else fleet.computers[name].provider,
+            "list_masters": f"{seconds:.2f} s" if seconds else "",
+            "topics": f"{max(topics):.2f} s" if topics else "",
+        }
+    return machines
+
+
+def _text(info: Any, *keys: str) -> str:
+    """Return the text at a path of keys; empty where there is none."""
+    for key in keys:
+        info = info.get(key) if isinstance(info, Mapping) else None
+    return info if isinstance(info, str) else ""

@@ -1,0 +1,35 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A strange part of a machine costs none of the others; an option that is wrong is a sentence."""
+
+import time
+
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.facts import machine
+
+
+def test_a_strange_part_is_a_sentence(monkeypatch):
+    def strange():
+        raise OSError("no such thing")
+
+    parts = [
+        machine.Part("interfaces", strange, 1, []),
+        machine.Part("exports", time.sleep, 0.05, [], options=("seconds",)),
+        machine.Part("sshd", dict, 1, None),
+    ]
+    monkeypatch.setattr(machine, "PARTS", parts)
+    assert machine.look({"parts": ["interfaces", "exports", "sshd"], "seconds": 3}) == {
+        "interfaces": [],
+        "exports": [],
+        "sshd": {},
+        "problems": [
+            'The part interfaces of the machine could not be read: "no such thing".',
+            'The part exports of the machine could not be read: "no answer within 0.05 s".',
+        ],
+    }
+
+
+def test_a_port_that_is_none_is_a_sentence():
+    ports = [{"protocol": "tcp", "port": 11311}, {"protocol": "udp", "port": 70000}]
+    assert machine.wrong({"ports": ports}) == "The option ports has 70000; expected numbers from 1 to 65535."
+    assert machine.wrong({"ports": ports[:1]}) == ""

@@ -1,0 +1,104 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The discovery nodes of masters: real sockets."""
+
+import socket
+import threading
+import time
+import xmlrpc.server
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.deadlines import poll
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import masters
+
+
+@pytest.fixture
+def discovery():
+    """A discovery node whose clock is an hour ahead."""
+    server = xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
+    server.register_function(lambda: ["http://kobuki2computer:11311/", time.time() + 3600], "getCurrentTime")
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    yield server.server_address[1]
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+def master(port):
+    return {
+        "computer": "kobuki2computer",
+        "address": "127.0.0.1",
+        "rpc_port": port,
+        "monitor_uri": f"http://127.0.0.1:{port}",
+    }
+
+
+def test_discovery_node_and_its_clock(discovery):
+    found = masters.discovery(master(discovery), 0)
+    assert found["open"] and not found["error"]
+    assert abs(found["clock_offset_s"] - 3600) <= found["clock_uncertainty_s"] + 1e-3
+
+
+@pytest.mark.parametrize("said", ["nan", "inf", "-inf", "1e999", "1e20", "-1", "4294967296"])
+def test_a_time_that_is_no_number_costs_the_clock_alone(said):
+    """An answer with such a number would be refused as a whole."""
+    with xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False) as server:
+        server.register_function(lambda: ["", float(said)], "getCurrentTime")
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        found = masters.discovery(master(server.server_address[1]), 0)
+        server.shutdown()
+        thread.join()
+    assert found["open"] and found["clock_offset_s"] is None and "is no time" in found["clock_error"]
+
+
+def test_the_port_of_a_roscore_is_open_refused_or_not_asked(discovery):
+    uri = "http://kobuki2computer:{}/"
+    assert masters.discovery(dict(master(discovery), uri=uri.format(discovery)), 0)["roscore"] == "open"
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))
+        given = dict(master(discovery), uri=uri.format(closed.getsockname()[1]))
+        assert "refused" in masters.discovery(given, 0)["roscore"]
+    assert masters.discovery(master(discovery), 0)["roscore"] == ""
+
+
+def test_discovery_that_refuses_or_is_something_else():
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))
+        found = masters.discovery(master(closed.getsockname()[1]), 0)
+        assert not found["open"] and "refused" in found["error"]
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        thread = threading.Thread(target=lambda: [_greet(other) for turn in range(2)], daemon=True)
+        thread.start()
+        found = masters.discovery(master(other.getsockname()[1]), 0)
+        assert found["open"] and found["clock_offset_s"] is None and "getCurrentTime failed" in found["clock_error"]
+
+
+def test_discovery_whose_address_is_not_that_of_its_state():
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        found = masters.discovery(dict(master(other.getsockname()[1]), monitor_uri="http://127.0.0.1:9/"), 0)
+    assert found["open"] and found["clock_error"] == 'getCurrentTime failed: "Connection refused"'
+
+
+def _greet(listener):
+    connection = listener.accept()[0]
+    connection.sendall(b"SSH-2.0-OpenSSH\r\n")
+    connection.close()
+
+
+def test_discovery_that_comes_late_is_awaited():
+    with socket.socket() as late:
+        late.bind(("127.0.0.1", 0))
+        port = late.getsockname()[1]
+        threading.Timer(0.7, late.listen).start()
+        assert masters.discovery(master(port), time.monotonic() + 0)["open"] is False
+        found = {}
+        began = time.monotonic()
+        found.update(poll(lambda: masters._connect("127.0.0.1", port), lambda seen: seen["open"], began + 10))
+        assert found["open"] and time.monotonic() - began < 5

@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The services of the collection: the environment of their processes."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.systemd import UnitProperties
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import services
+
+
+def test_differing_names_what_the_process_lacks():
+    process = {"ROS_MASTER_URI": "http://old:11311", "PATH": "/bin"}
+    wanted = {"ROS_MASTER_URI": "http://new:11311", "ROS_HOSTNAME": "kobuki1computer", "PATH": "/bin"}
+    assert services.find_changed(process, wanted) == ["ROS_HOSTNAME", "ROS_MASTER_URI"]
+
+
+@pytest.mark.parametrize(
+    ("files", "differing"), [("/etc/rosfleet-multimaster/environment (ignore_errors=no)", ["NOT_HERE"]), ("", [])]
+)
+def test_a_service_without_the_environment_file_is_the_same(monkeypatch, files, differing):
+    seen = {"ActiveState": "active", "MainPID": str(os.getpid()), "EnvironmentFiles": files}
+    monkeypatch.setattr(services.systemd, "show", lambda units, _properties: UnitProperties([seen for _unit in units]))
+    assert services.services(["connections"], {"NOT_HERE": "1"})[0]["differing"] == differing
+
+
+def test_a_drop_in_file_with_other_variables_is_named(monkeypatch, tmp_path):
+    for name, text in (("a", "[Service]\n  EnvironmentFile=/run/one\n"), ("b", "[Service]\nNice=5\n")):
+        (tmp_path / f"{name}.conf").write_text(text)
+    paths = " ".join(str(tmp_path / f"{name}.conf") for name in "abc")
+    seen = {"MainPID": str(os.getpid()), "EnvironmentFiles": "one", "DropInPaths": paths}
+    monkeypatch.setattr(services.systemd, "show", lambda units, _properties: UnitProperties([seen for _unit in units]))
+    assert services.services(["sync"], {"NOT_HERE": "1"})[0]["drop_ins"] == [str(tmp_path / "a.conf")]
+    assert services.services(["sync"], {})[0]["drop_ins"] == []
+
+
+HOLDS = """
+import os, resource, sys
+resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
+try:
+    while True:
+        os.dup(0)
+except OSError as problem:
+    print(problem.errno, flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_process_without_a_file_left_is_counted(tmp_path):
+    """The fullest process of a control group; the others have room."""
+    full = subprocess.Popen([sys.executable, "-c", HOLDS], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        assert int(full.stdout.readline()) == errno.EMFILE
+        for folder, pid in (("one", os.getpid()), ("systemd/two", full.pid), ("gone", 1 << 30)):
+            group = tmp_path / folder
+            group.mkdir(parents=True)
+            (group / "cgroup.procs").write_text(f"{os.getpid()}\n{pid}\n" if pid < 1 << 30 else f"{pid}\n")
+        assert services.count_files("/two", str(tmp_path)) == (64, 64)
+        used, most = services.count_files("/one", str(tmp_path))
+        assert 0 < used < most
+        assert services.count_files("/gone", str(tmp_path)) == services.count_files("", str(tmp_path)) == (None, None)
+    finally:
+        full.communicate("")
+
+
+def test_the_age_of_a_start_is_by_a_clock_that_nobody_steps():
+    assert 99.9 < services.find_age(str(int((time.monotonic() - 100) * 1e6))) < 101
+    assert services.find_age("0") is services.find_age("") is services.find_age("n/a") is None
+
+
+def test_a_process_that_is_stopped_is_seen(monkeypatch):
+    process = subprocess.Popen(["sleep", "60"])
+    seen = {"ActiveState": "active", "MainPID": str(process.pid)}
+    monkeypatch.setattr(services.systemd, "show", lambda units, _properties: UnitProperties([seen for _unit in units]))
+    try:
+        assert not services.services(["sync"], {})[0]["stopped"]
+        process.send_signal(signal.SIGSTOP)
+        os.waitpid(process.pid, os.WUNTRACED)
+        assert services.services(["sync"], {})[0]["stopped"]
+    finally:
+        process.kill()
+        process.wait()
+    assert not services.services(["sync"], {})[0]["stopped"]
+
+
+@pytest.mark.parametrize(
+    ("status", "names"),
+    [
+        ("", []),
+        ("no other master", []),
+        ("dabo: 3 topics, 1 services; refused: /odom, /base", ["/odom", "/base"]),
+        ('dabo: 3 topics, 1 services; refused: "a name, odd", /x; not all of dabo: too many', ['"a name, odd"', "/x"]),
+        ("x; refused: /y (offline): 0 topics, 0 services; refused: /z", ["/z"]),
+        ("; refused: " + ", ".join(f"/{number}" for number in range(90)), [f"/{number}" for number in range(50)]),
+    ],
+)
+def test_refusals_are_read_from_the_status(status, names):
+    assert services.read_refusals(status) == names
+
+
+def test_no_answer_of_systemd_is_no_state_of_a_service(monkeypatch):
+    monkeypatch.setattr(
+        services.systemd, "show", lambda units, _properties: UnitProperties([], "no answer within 60 s")
+    )
+    with pytest.raises(OSError, match="no answer within 60 s"):
+        services.services(["sync"], {})

@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A command in advice has the words that we gave it, whatever the values are; and nobody else makes one."""
+
+import ast
+import pathlib
+import re
+import shlex
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base import advice
+from hypothesis import given
+from hypothesis import strategies as st
+
+TREE = pathlib.Path(__file__).resolve().parents[5] / "plugins/plugin_utils"
+GOOD = {
+    "device": ["eth0", "wlp3s0.100", "br-lan"],
+    "number": ["0", "1500"],
+    "address": ["192.168.1.5"],
+    "name": ["dabo-nav", "dabo.nav"],
+    "unit": ["multimaster-sync.service", "user@1000.service"],
+    "setting": ["net.ipv4.ip_forward", "net.ipv4.conf.eth0-1.rp_filter"],
+    "file": ["/etc/sysctl.d/99-z.conf"],
+    "drop-in": ["/run/systemd/system/multimaster-sync.service.d/a.conf"],
+    "route": ["blackhole 1.2.3.0/24 table 7", "prohibit default"],
+    "rule": ["priority 5 from all to 1.2.3.4 table 7", "priority 5 from all to 1.2.3.4 unreachable"],
+    "what": ["multimaster-sync.service", "http://robot1:11311/", "robot1", "net.ipv4.ip_forward"],
+}
+PARTS = (
+    "; reboot",
+    "$(reboot)",
+    "`id`",
+    "\n",
+    " ",
+    "'",
+    '"',
+    "\\",
+    "|sh",
+    "&",
+    "-f",
+    "--",
+    "*",
+    "../",
+    "\u0661",
+    "{}",
+    "~",
+    "#",
+)
+
+
+@st.composite
+def hostile(draw, form):
+    """A good value with something put into it."""
+    good = draw(st.sampled_from(GOOD[form]))
+    at = draw(st.integers(0, len(good)))
+    return good[:at] + draw(st.sampled_from(PARTS) | st.text(max_size=8)) + good[at:]
+
+
+def test_each_form_has_its_good_values():
+    assert set(GOOD) == set(advice.FORMS)
+    for form, values in GOOD.items():
+        for value in values:
+            assert advice.command("do {} now", (form, value)), (form, value)
+    assert advice.command("s/{}/x/", ("name", "a.b")) == r"s/a\.b/x/"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", GOOD)
+@given(st.data())
+def test_a_command_has_the_words_that_it_was_given_or_is_none(form, data):
+    text = data.draw(hostile(form) | st.text(max_size=30))
+    made = advice.command("do '{}' {} now", (form, text), (form, text))
+    if made:
+        written = text.replace(*advice.SED_DOTS[form]) if form in advice.SED_DOTS else text
+        quoted, *plain, last = shlex.split(made)[1:]
+        assert (quoted, last) == (written, "now")
+        assert form in advice.SED_DOTS or plain == text.split(" ")
+        assert text.isascii() and not text.startswith(("-", "~", "#"))
+
+
+@pytest.mark.parametrize("value", ["", None, "a" * 300, "256.1.1.1", "1.2.3", "\u0661"])
+def test_what_has_not_its_form_makes_no_command(value):
+    assert advice.command("ip address del {}/24", ("address", value)) == ""
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids="-".join)
+@given(what=st.text(min_size=1) | hostile("what"))
+def test_a_remedy_holds_no_name_of_others_but_as_one_word(fault, what):
+    good, part = Part(fault[0], "robot1", fault[1], "good"), Part(fault[0], "robot1", fault[1], what)
+    for words, told in ((good.remedy(), part.remedy()), (good.decide(), part.decide())):
+        if told.startswith("look at it there: "):
+            assert re.fullmatch(r'look at it there: ("[^"]*"|[^" ]+) fits into no command', told)
+        else:
+            assert told == re.sub(r"\bgood\b", lambda _found: what, words)
+            assert told == words or shlex.quote(what) == what and not what.startswith("-")
+
+
+#: a program that people are told to run, with what follows it
+PROGRAM = re.compile(
+    r"\b(?:ip|ss|iw|nft|sed|grep|mv|rm|cp|cat|chmod|getent|runuser|sysctl|systemctl|journalctl|iptables|arping|ping|tcpdump|chronyc|"
+    r"ros(?:node|topic|service|param|msg)|ansible|ansible-playbook|sudo|sh|bash|ufw|firewall-cmd|nmcli|netplan|curl|apt|apt-get) "
+    r"(?:[-a-z/{]|$)"
+)
+#: file -> why it may put values into a text that begins as a command
+OTHERS = {
+    "_base/advice.py": "it is the one",
+    "_verify/components/parts.py": "texts of ours, filled by Part._advice, which asks it",
+    "_verify/diagnose/commands.py": "the place is planned, and each command is one of advice.command",
+    "_plan/preflight.py": "before and after a command of ours; the one with an interface is of advice.command",
+    "_plan/providers.py": "before a command of ours",
+    "_plan/environment.py": "before a command of ours",
+    "_plan/parameters.py": "before a command of ours",
+    "_predict/prediction.py": "before a command of ours",
+}
+
+
+def formatted(path):
+    """The texts with values in a file: f-strings and .format()."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.JoinedStr) and any(isinstance(part, ast.FormattedValue) for part in node.values):
+            yield "".join(part.value if isinstance(part, ast.Constant) else "{" for part in node.values)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "format":
+            yield ast.unparse(node.func.value)
+
+
+def test_nobody_else_puts_values_into_a_command():
+    found = {
+        path.relative_to(TREE).as_posix(): text
+        for path in sorted(TREE.rglob("*.py"))
+        for text in formatted(path)
+        if PROGRAM.search(text)
+    }
+    assert set(found) <= set(OTHERS), {name: text for name, text in found.items() if name not in OTHERS}

@@ -1,0 +1,104 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The summary of a run: what changed on each computer, without a word of any robot."""
+
+import random
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import summary
+
+
+def ended(**concerns):
+    return {
+        "changed": any(any(runs) for runs in concerns.values()),
+        "concerns": {name: [{"changed": one} for one in runs] for name, runs in concerns.items()},
+    }
+
+
+def test_a_run_without_changes_is_one_line():
+    results = {"a": [{}, ended(sysctl=[False])], "b": [{"skipped": True}]}
+    assert summary.summarize(results, False) == ["SUMMARY: 0 of 2 computers changed."]
+
+
+def test_each_concern_is_named_once_in_the_order_of_a_run():
+    results = {
+        "a": [ended(sysctl=[True]), ended(managed_files=[False, True], hosts_entries=[True], sysctl=[True])],
+        "b": [ended(routes=[False])],
+    }
+    assert summary.summarize(results, True) == [
+        "SUMMARY: 1 of 2 computers would change.",
+        "  a: kernel settings, /etc/hosts, files",
+    ]
+
+
+def restarting(units, files):
+    runs = {
+        "managed_services": [{"changed": True, "units": units}],
+        "managed_files": [{"changed": True, "files": files}],
+    }
+    return {"changed": True, "concerns": runs}
+
+
+def unit(name, state="restarted"):
+    return {"name": f"multimaster-{name}.service", "state": state}
+
+
+def written(path, state="written"):
+    return {"path": path, "state": state}
+
+
+def test_services_that_restart_are_told_with_the_reason():
+    code = "/usr/local/lib/rosfleet-multimaster/python/rosfleet_multimaster"
+    border = restarting(
+        [unit("roscore", "unchanged"), unit("border")], [written("/etc/rosfleet-multimaster/master_border.json")]
+    )
+    several = restarting(
+        [
+            unit("border"),
+            unit("sync"),
+            unit("connections"),
+            unit("address"),
+            unit("discovery", "started"),
+            unit("evil"),
+        ],
+        [
+            written(f"{code}/border/feed.py", "edited"),
+            written(f"{code}/discovery/udp.py", "unchanged"),
+            written("/etc/rosfleet-multimaster/master_sync.json"),
+        ],
+    )
+    environment = restarting([unit("roscore")], [written("/etc/rosfleet-multimaster/environment")])
+    assert summary.summarize({"a": [border], "b": [several], "c": [environment]}, True)[1:] == [
+        "  a: files, services; would restart multimaster-border, since its parameters change",
+        "  b: files, services; would restart multimaster-address, since its unit changes, or it ran with something old; "
+        "would restart multimaster-connections, multimaster-sync, since its parameters change; "
+        "would restart multimaster-border, since its code changes",
+        "  c: files, services; would restart multimaster-roscore, since the environment changes",
+    ]
+    (line,) = summary.summarize({"a": [border]}, False)[1:]
+    assert line.endswith("; restarted multimaster-border, since its parameters change")
+
+
+def test_a_failure_is_told_beside_what_changed_before():
+    failed = {**ended(sysctl=[True]), "failed": True}
+    failed["concerns"]["routes"] = [{"changed": True, "failed": True}]
+    assert summary.summarize({"a": [failed], "b": [{"unreachable": True}]}, False) == [
+        "SUMMARY: 1 of 2 computers changed, and 2 failed.",
+        "  a: kernel settings, FAILED",
+        "  b: FAILED",
+    ]
+
+
+def test_no_answer_of_a_robot_gets_a_word_in():
+    draw = random.Random(26)
+    values = (None, True, "PASSED", 7, ["PASSED"], {"PASSED": "PASSED"}, [{"changed": "PASSED"}], [[True]])
+    words = {word for line in (*summary.CONCERNS.values(), "FAILED", "SUMMARY:") for word in line.split()}
+    for _round in range(500):
+        concerns = {draw.choice((*summary.CONCERNS, "PASSED")): draw.choice(values) for _number in range(3)}
+        result = {
+            "changed": draw.choice(values),
+            "concerns": draw.choice((concerns, draw.choice(values))),
+            "msg": "PASSED",
+        }
+        lines = summary.summarize({"a": [result]}, False)
+        assert "PASSED" not in " ".join(lines) and set(" ".join(lines[1:]).replace(",", "").split()) <= words | {"a:"}

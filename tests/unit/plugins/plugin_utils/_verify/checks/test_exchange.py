@@ -1,0 +1,424 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks of the exchange between robots: names, types, flows and connections."""
+
+import time
+from collections import Counter
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.announcements import find_misplaced
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, UNKNOWN, WARNING
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.exchange import MOST_PARTS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
+    AnnouncedHost,
+    Connection,
+    CrossingParameter,
+    Import,
+    NodeHost,
+    RegisteredService,
+    SilentNode,
+    Source,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
+from fleets import (
+    ONE,
+    SUMS,
+    TALKS,
+    TWO,
+    assert_told,
+    diagnosed,
+    evaluate,
+    fig12,
+    no_answer,
+    notable,
+    observed,
+    of,
+    parts,
+    plan,
+    topic,
+    update,
+    without,
+)
+
+THREE = "kobuki3computer"
+
+
+def _exchange_of(computer, **values):
+    return lambda seen: update(seen[computer].probe.exchange, **values)
+
+
+def _renamed(seen):
+    """The base of the second robot has the name of the first one's, so its registrations are refused on both."""
+    for robot, computer in (("kobuki1", ONE), ("kobuki2", TWO)):
+        part = seen[computer].probe.exchange
+        other = part.imports[0]
+        update(other, topics=[entry for entry in other.topics if "base" not in str(entry.publishers)], services=())
+        for entry in other.topics:
+            update(entry, subscribers=())
+        for entry in part.topics:
+            for kind in ("publishers", "subscribers"):
+                nodes = [node.replace(f"/{robot}/base", "/base") for node in getattr(entry, kind)]
+                update(entry, **{kind: nodes})
+        for entry in part.services:
+            update(entry, node=entry.node.replace(f"/{robot}/base", "/base"))
+
+
+def _same_service(seen):
+    """Both have the service /reset, and neither is registered at the other."""
+    for computer in (ONE, TWO):
+        part = seen[computer].probe.exchange
+        update(part.services[0], name="/reset")
+        update(part.imports[0], services=())
+
+
+def _other_type(kind="std_msgs/Header", md5sum="4d9af5aeee4e9d8e2d1d0c0e6c6a7ee3"):
+    def change(seen):
+        for computer in (ONE, TWO):
+            part = seen[computer].probe.exchange
+            update(part.imports[0], topics=without(part.imports[0].topics, "/chatter"))
+            update(part, connections=())
+        update(of(seen[TWO].probe.exchange.topics, "/chatter"), type=kind, md5sum=md5sum)
+
+    return change
+
+
+def _not_registered(seen):
+    part = seen[ONE].probe.exchange.imports[0]
+    update(part, topics=without(part.topics, "/kobuki2/odom"))
+
+
+def _not_followed(seen):
+    """Nothing of the other robot is registered, which its discovery node gives when it is asked."""
+    update(seen[ONE].probe.exchange, imports=[])
+    talker = f"/multimaster_verify/{TWO}"
+    source = Source(TWO, (talker,), (talker,), outcome=Outcome.ANSWERED)
+    update(seen[ONE].probe, sources=[*seen[ONE].probe.sources, source])
+
+
+def _refused(seen):
+    _not_registered(seen)
+    update(of(seen[ONE].probe.services, "sync"), refused=["/kobuki2/odom", "/other"])
+
+
+def _against_the_plan(seen):
+    part = seen[ONE].probe.exchange.imports[0]
+    update(part, topics=[*part.topics, topic("/rosout", "rosgraph_msgs/Log", ["/kobuki2/base"])])
+
+
+def _too_many(seen):
+    part = seen[ONE].probe.exchange.imports[0]
+    flood = [topic(f"/flood/{number}", "std_msgs/String", ["/kobuki2/base"]) for number in range(5000)]
+    update(part, topics=[*without(part.topics, "/kobuki2/odom"), *flood])
+    own = seen[TWO].probe.exchange
+    update(own, topics=[*own.topics, *flood])
+
+
+def _stranger_of_a_node(seen):
+    """A connection on a topic that is exchanged with nobody."""
+    part = seen[ONE].probe.exchange
+    stranger = Connection("/rosout", "/rosout", "in", "http://kobuki2computer:1234/", TWO, "kobuki2")
+    update(part, connections=[*part.connections, stranger])
+
+
+def _announces(host, process=True, computer=TWO):
+    """The base of the second robot was started with a wrong host, so the first robot does not take it."""
+
+    def change(seen):
+        _refused(seen)
+        update(of(seen[ONE].probe.services, "sync"), refused=["/kobuki2/base"])
+        node = AnnouncedHost("/kobuki2/base", host, 41233)
+        silence = SilentNode("/kobuki2/base", host, "Connection refused", Outcome.REFUSED)
+        own = seen[TWO].probe.exchange
+        update(own, announced=[node], silent=["/kobuki2/base"], silences=[silence])
+        if process:
+            update(seen[computer].probe, node_hosts=[NodeHost(host, "ROS_IP", "session-4.scope", (41233, 46011))])
+
+    return change
+
+
+ROBOTS = "kobuki1 and kobuki2"
+
+# The change, a check that tells it, its verdict, and the part that is named.
+FAULTS = [
+    (_exchange_of(ONE, silent=["/dead"]), "nodes_answer", WARNING, "registration", ONE, "ghost"),
+    (_announces("127.0.0.1"), "node_hosts", FAILED, "node", TWO, "loopback"),
+    (_announces("localhost"), "node_hosts", FAILED, "node", TWO, "loopback"),
+    (_announces("10.9.8.7"), "node_hosts", FAILED, "node", TWO, "address"),
+    (_announces("laptop7"), "node_hosts", FAILED, "node", TWO, "name"),
+    (_announces("kobuki1computer"), "node_hosts", FAILED, "node", TWO, "name"),
+    (_announces("127.0.0.1", process=False), "node_hosts", FAILED, "node", TWO, "loopback"),
+    (_renamed, "names", FAILED, "registration", ROBOTS, "twin"),
+    (_same_service, "names", FAILED, "registration", ROBOTS, "twin"),
+    (_other_type(), "types", FAILED, "messages", ROBOTS, "differ"),
+    (_other_type(TALKS, "0123"), "types", FAILED, "messages", ROBOTS, "differ"),
+    (_exchange_of(ONE, types_error="ImportError: no module named rospy"), "types", UNKNOWN, "messages", ONE, "unknown"),
+    (_exchange_of(ONE, error="get_sync_info does not answer"), "flow", UNKNOWN, "sync", ONE, "untold"),
+    (_not_followed, "flow", FAILED, "sync", ONE, "stale"),
+    (_not_registered, "flow", FAILED, "sync", ONE, "stale"),
+    (_refused, "flow", FAILED, "sync", ONE, "refuses"),
+    (_too_many, "flow", FAILED, "sync", ONE, "limit"),
+    (_against_the_plan, "flow", FAILED, "sync", ONE, "configuration"),
+    (_stranger_of_a_node, "cross_link", FAILED, "registration", ROBOTS, "link"),
+]
+
+
+@pytest.mark.parametrize(("change", "check", "verdict", "kind", "place", "mode"), FAULTS)
+def test_each_fault_is_named(change, check, verdict, kind, place, mode):
+    assert_told(change, check, verdict, kind, place, mode)
+
+
+def test_where_large_packets_are_lost_no_sync_node_is_at_fault():
+    def change(seen):
+        _not_followed(seen)
+        for one, other in ((ONE, TWO), (TWO, ONE)):
+            update(of(seen[one].probe.members, other), ping_large=no_answer())
+
+    assert parts(diagnosed(change)) == [("network", "the common network", "large")]
+
+
+def test_a_registration_missing_alone_may_be_left_out_by_a_side():
+    (found,) = diagnosed(_not_registered).findings
+    assert ("sync", ONE) in {part[:2] for part in found.candidates}
+
+
+# kobuki1 gives its odometry to kobuki2, which gives /chatter to kobuki3; nothing else flows.
+DECLARED = {
+    "kobuki1": [{"topics": ["/kobuki1/odom"], "to": ["kobuki2"]}],
+    "kobuki2": [{"topics": ["/chatter"], "services": ["/kobuki2/reset"], "to": ["kobuki3"]}],
+}
+
+
+def test_a_declared_flow_and_nothing_else_is_expected():
+    findings = evaluate(fleet=plan(robots=3, exports=DECLARED))
+    assert not notable(findings)
+    heard = {(finding.observer, finding.target) for finding in findings if finding.check == "topic_heard"}
+    assert heard == {(TWO, ONE), (THREE, TWO)}
+    assert {finding.check for finding in findings} >= {"direct_connection", "flow", "cross_link", "names", "types"}
+
+
+def _leak(seen):
+    """kobuki3 has the odometry of kobuki1, and a connection with it, though nothing flows there."""
+    part = seen[THREE].probe.exchange
+    odometry = topic("/kobuki1/odom", "nav_msgs/Odometry", ["/kobuki1/base"])
+    link = Connection("/kobuki3/base", "/kobuki1/odom", "in", "/kobuki1/base", ONE, "kobuki1")
+    update(
+        part,
+        imports=[*part.imports, Import("http://kobuki1computer:11311/", (odometry,))],
+        connections=[*part.connections, link],
+    )
+
+
+def test_an_undeclared_topic_is_told_by_its_name():
+    found = notable(evaluate(_leak, plan(robots=3, exports=DECLARED)))
+    assert set(found) == {("flow", THREE, ONE), ("cross_link", THREE, ONE)}
+    flow, link = found["flow", THREE, ONE], found["cross_link", THREE, ONE]
+    assert flow.verdict == link.verdict == FAILED
+    assert flow.found == "there against the plan: the publisher /kobuki1/odom of /kobuki1/base"
+    assert link.found == "/kobuki3/base hears /kobuki1/base of kobuki1 on /kobuki1/odom"
+
+
+def test_a_declared_topic_that_does_not_arrive_is_told():
+    def change(seen):
+        update(seen[TWO].probe.exchange, imports=())
+        update(seen[TWO].probe.topics[0], heard=False, publishers=(), error="the topic is not registered")
+
+    found = notable(evaluate(change, plan(robots=3, exports=DECLARED)))
+    assert set(found) == {("topic_heard", TWO, ONE), ("flow", TWO, ONE)}
+    assert found["flow", TWO, ONE].found == "not there: the publisher /kobuki1/odom of /kobuki1/base"
+
+
+def test_names_and_types_are_told_with_both_robots():
+    names = notable(evaluate(_renamed))
+    assert {finding.found for finding in names.values()} == {"the node /base is of kobuki1 and of kobuki2"}
+    types = notable(evaluate(_other_type()))
+    assert {finding.found for finding in types.values()} == {
+        f"/chatter is {TALKS} on kobuki1 and std_msgs/Header on kobuki2"
+    }
+    sums = notable(evaluate(_other_type(TALKS, "0123")))
+    text = f"the md5 sum {SUMS[TALKS]} on kobuki1 and 0123 on kobuki2"
+    assert all(finding.found.endswith(text) for finding in sums.values())
+
+
+def test_a_silent_sync_node_of_another_provider_is_no_failure():
+    found = notable(evaluate(_exchange_of(ONE, error="no answer")))
+    assert {(finding.check, finding.verdict) for finding in found.values()} == {("flow", UNKNOWN)}
+
+
+def test_many_names_are_counted():
+    found = notable(evaluate(_exchange_of(ONE, silent=[f"/dead{number}" for number in range(9)])))
+    assert found["nodes_answer", ONE, ONE].found == "no answer of /dead0, /dead1, /dead2, /dead3 and 5 more"
+
+
+def _publish(name, *robots, node="velocity"):
+    """Nodes of these robots publish a topic, and everybody has it who is to."""
+
+    def change(seen):
+        contents = {of_robot: seen[f"{of_robot}computer"].probe.exchange for of_robot in robots}
+        for robot, own in contents.items():
+            new = topic(name, "geometry_msgs/Twist", [f"/{robot}/{node}"], [f"/{robot}/{node}_ear"])
+            update(own, topics=[*own.topics, new])
+
+    return change
+
+
+def _find_shared(change, fleet=None):
+    rows = notable(evaluate(change, fleet or plan())).values()
+    return {(row.verdict, row.found) for row in rows if row.check == "shared_topics"}
+
+
+@pytest.mark.parametrize("name", ["/tf", "/cmd_vel", "/odom", "/map", "/clock", "/anything"])
+def test_a_topic_of_two_robots_names_both(name):
+    found = diagnosed(_publish(name, "kobuki1", "kobuki2")).findings
+    (shared,) = [entry for entry in found if entry.part.kind == "topic"]
+    assert shared.part == ("topic", "kobuki1", "shared", name, "kobuki2") and shared.sure == "seen"
+    assert {row.verdict for row in shared.proof} == {WARNING}
+
+
+def _give(*topics, to=()):
+    return {"topics": list(topics), "services": ["*"], **({"to": list(to)} if to else {})}
+
+
+BOTH = ("kobuki1", "kobuki2")
+
+
+@pytest.mark.parametrize(
+    "exports",
+    [
+        dict.fromkeys(BOTH, []),  # it is given to nobody
+        dict.fromkeys(BOTH, [_give("/kobuki*")]),
+        dict.fromkeys(BOTH, [_give("*", "/cmd_vel")]),  # both name it
+    ],
+)
+def test_a_topic_that_does_not_cross_or_is_meant_is_fine(exports):
+    assert not _find_shared(_publish("/cmd_vel", *BOTH), plan(exports=exports))
+
+
+@pytest.mark.parametrize("named", [(), ("kobuki1",)])
+def test_a_topic_that_one_robot_names_is_told(named):
+    exports = {robot: [_give("*", *(["/cmd_vel"] if robot in named else []))] for robot in BOTH}
+    assert _find_shared(_publish("/cmd_vel", *BOTH), plan(exports=exports)) == {
+        (WARNING, "/cmd_vel of kobuki1 and of kobuki2")
+    }
+
+
+def test_a_topic_that_a_third_robot_gets_twice_is_told_there():
+    exports = {**dict.fromkeys(BOTH, [_give("/tf", to=["kobuki3"])]), "kobuki3": []}
+    assert not _find_shared(_publish("/tf", *BOTH), plan(robots=3, exports=exports))
+    exports[TWO.removesuffix("computer")] = [_give("*", to=["kobuki3"])]
+    rows = notable(evaluate(_publish("/tf", *BOTH), plan(robots=3, exports=exports))).values()
+    told = {(row.observer, row.found) for row in rows if row.check == "shared_topics"}
+    assert told == {(THREE, "/tf of kobuki1 and of kobuki2")}
+
+
+@pytest.mark.parametrize(
+    "kind", ["diagnostic_msgs/DiagnosticArray", "rosgraph_msgs/Log", "rosgraph_msgs/TopicStatistics"]
+)
+def test_a_topic_for_many_publishers_is_fine(kind):
+    def change(seen):
+        _publish("/diagnostics", *BOTH)(seen)
+        for computer in (ONE, TWO):
+            update(of(seen[computer].probe.exchange.topics, "/diagnostics"), type=kind)
+
+    assert not _find_shared(change)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "circle"), [(("ros_bridge", "ros1_bridge"), True), (("ros_bridge", "base"), False), (("a", "b"), False)]
+)
+def test_two_bridges_with_one_topic_are_a_circle(nodes, circle):
+    def change(seen):
+        for robot, node in zip(BOTH, nodes, strict=True):
+            _publish("/pose", robot, node=node)(seen)
+
+    found = {entry.part for entry in diagnosed(change).findings if entry.part.mode == "circle"}
+    assert found == ({("topic", "kobuki1", "circle", "/pose", "kobuki2")} if circle else set())
+
+
+# Parameters that cross
+
+MODEL = "/robot_description"
+GIVES = {"kobuki1": [{"topics": ["*"], "services": ["*"], "parameters": [MODEL, "/limits"]}]}
+
+
+def _with_parameters(seen, here, there):
+    """Let the first robot have these digests, and the second one those."""
+    for computer, digests in ((ONE, here), (TWO, there)):
+        crossing = [CrossingParameter(name, text) for name, text in digests.items()]
+        update(seen[computer].probe.parameters, crossing=crossing)
+
+
+@pytest.mark.parametrize(
+    ("here", "there", "found"),
+    [
+        ({MODEL: "x", "/limits": ""}, {MODEL: "x", "/limits": "own"}, ""),
+        ({MODEL: "x", "/limits": ""}, {MODEL: "y", "/limits": ""}, f"{MODEL} of kobuki1 has another value on kobuki2"),
+        ({MODEL: "x", "/limits": ""}, {MODEL: "", "/limits": ""}, f"{MODEL} of kobuki1 is not on kobuki2"),
+    ],
+)
+def test_copied_parameters_are_compared(here, there, found):
+    def change(seen):
+        _with_parameters(seen, here, there)
+
+    fleet = plan(exports=GIVES)
+    if not found:
+        assert not [row for row in notable(evaluate(change, fleet)).values() if row.check == "copies"]
+        return
+    assert_told(change, "copies", FAILED, "parameter", "kobuki1 and kobuki2", "copy", fleet=fleet)
+    (entry,) = diagnosed(change, fleet).findings
+    assert found in entry.sentence()
+
+
+def test_parameters_that_were_not_read_are_not_judged():
+    rows = [row for row in notable(evaluate(fleet=plan(exports=GIVES))).values() if row.check == "copies"]
+    assert [(row.verdict, row.target) for row in rows] == [(UNKNOWN, ONE)]
+
+
+def test_thousands_of_common_names_are_told_in_seconds():
+    """Two hostile robots may answer a hundred thousand. Each was a part that was compared with all others."""
+
+    def change(seen):
+        for computer in (ONE, TWO):
+            part = seen[computer].probe.exchange
+            common = [RegisteredService(f"/common/{number}", f"/node/{number}") for number in range(3000)]
+            kinds = [topic(f"/kind/{number}", f"x/{computer}", ["/node/0"]) for number in range(3000)]
+            update(part, services=[*part.services, *common], topics=[*part.topics, *kinds])
+
+    began = time.process_time()
+    found = diagnosed(change)
+    assert time.process_time() - began < 5.0
+    named = [part for entry in found.findings for part in (entry.part, *entry.also)]
+    kinds = Counter((part.kind, part.mode) for part in named)
+    assert kinds["registration", "twin"] == kinds["messages", "differ"] == MOST_PARTS
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "10.9.8.7", "laptop7"])
+def test_a_node_with_a_wrong_host_is_the_one_finding(host):
+    """The refusal of the other robot, and the silence at the own one, follow from it."""
+    (finding,) = diagnosed(_announces(host)).findings
+    assert "/kobuki2/base announces" in finding.sentence() and "by ROS_IP, in session-4.scope" in finding.sentence()
+    assert host in finding.sentence() and TWO in finding.sentence()
+
+
+def test_the_node_of_a_guest_may_have_a_foreign_address():
+    fleet = plan(multimaster_allow=["10.9.8.0/24"])
+    seen = observed(fleet)
+    update(seen[TWO].probe.exchange, announced=[AnnouncedHost("/rviz", "10.9.8.7", 41233)])
+    assert find_misplaced(fleet, {name: one.probe for name, one in seen.items()}) == {}
+
+
+@pytest.mark.parametrize(
+    ("host", "silent", "place"),
+    [
+        ("127.0.0.1", (), "tibi-arm"),  # it answers the roscore's computer there
+        ("127.0.0.1", ("/odom",), "tibi"),  # on another computer of the robot
+        ("10.9.8.7", (), "tibi"),
+    ],
+)
+def test_a_node_without_a_process_is_on_the_computer_where_it_answers(host, silent, place):
+    fleet = fig12()
+    seen = observed(fleet)
+    master = next(name for name, one in fleet.computers.items() if one.robot == "tibi" and one.is_master)
+    update(seen[master].probe.exchange, announced=[AnnouncedHost("/odom", host, 41233)], silent=silent)
+    found = find_misplaced(fleet, {name: one.probe for name, one in seen.items()})
+    assert found["tibi"]["/odom"].computer == (master if place == "tibi-arm" else place)

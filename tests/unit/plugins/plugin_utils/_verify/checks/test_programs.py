@@ -1,0 +1,104 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Checks of what programs have: their parameters, and room to write."""
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, WARNING
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
+    ContainerNames,
+    Disk,
+    FileLimit,
+    NodeParameters,
+    ParameterDifference,
+)
+from fleets import ONE, TWO, assert_told, diagnosed, evaluate, notable, of, parts, update
+
+BOTH = ("master_discovery", "master_sync")
+
+
+def _differs(node, name, found):
+    differing = (ParameterDifference(node, name, "planned", found),)
+    return lambda seen: update(seen[ONE].probe, parameters=NodeParameters(BOTH, differing))
+
+
+def _disk(*free):
+    return lambda seen: update(seen[TWO].probe, disks=(Disk("/var/lib", 10**9, 10**6), Disk("/var/log", *free)))
+
+
+def _limit(unit):
+    return lambda seen: update(seen[ONE].probe, file_limits=(FileLimit("/amcl", 1073741816, unit),))
+
+
+def _old_container(seen):
+    return update(seen[ONE].probe, container_names=(ContainerNames("rosmaster", "docker-0badcafe.scope", (TWO,)),))
+
+
+FAULTS = [
+    (_differs("master_discovery", "mcast_group", "239.1.2.3"), "parameters", FAILED, "discovery", ONE, "group"),
+    (_differs("master_discovery", "mcast_port", "11512"), "parameters", FAILED, "discovery", ONE, "group"),
+    (_differs("master_discovery", "rpc_port", "11612"), "parameters", FAILED, "discovery", ONE, "port"),
+    (_differs("master_discovery", "interface", "192.168.7.7"), "parameters", FAILED, "interface", ONE, "multicast"),
+    (_differs("master_discovery", "exports", "[]"), "parameters", FAILED, "discovery", ONE, "configuration"),
+    (_differs("master_sync", "ignore_topics", "[]"), "parameters", FAILED, "sync", ONE, "configuration"),
+    (_disk(0, 10**6), "room", FAILED, "computer", TWO, "disk"),
+    (_disk(10**9, 0), "room", FAILED, "computer", TWO, "disk"),
+    (_limit("robot.service"), "file_limits", WARNING, "limit", ONE, "unit"),
+    (_limit(""), "file_limits", WARNING, "limit", ONE, "shell"),
+    (_old_container, "container_names", WARNING, "container", ONE, "names"),
+]
+
+
+@pytest.mark.parametrize(("change", "check", "verdict", "kind", "place", "mode"), FAULTS)
+def test_each_fault_is_named(change, check, verdict, kind, place, mode):
+    assert_told(change, check, verdict, kind, place, mode)
+
+
+def test_the_finding_says_which_parameter_and_which_disk():
+    (group,) = diagnosed(_differs("master_discovery", "mcast_group", "239.1.2.3")).findings
+    assert group.proof[0].found == "mcast_group of master_discovery is 239.1.2.3"
+    (disk,) = diagnosed(_disk(0, 10**6)).findings
+    assert "/var/log" in disk.sentence()
+    (old,) = diagnosed(_old_container).findings
+    assert f"docker-0badcafe.scope lacks {TWO}" in old.sentence()
+
+
+def test_a_strange_node_is_told_and_costs_nobody_the_report():
+    found = diagnosed(_differs("/strange_node", "mcast_group", "239.1.2.3"))
+    (row,) = found.unexplained or found.findings[0].rows
+    assert row.check == "parameters" and row.found == "mcast_group of /strange_node is 239.1.2.3"
+
+
+def test_files_that_are_not_counted_are_enough():
+    assert not notable(evaluate(_disk(10**9, None)))
+
+
+def test_the_one_with_a_foreign_group_is_named():
+    """Without its parameters, each of the two might be the one."""
+
+    def apart(seen):
+        for one, other in ((ONE, TWO), (TWO, ONE)):
+            listed = seen[one].probe.list_masters
+            update(listed, masters=tuple(entry for entry in listed.masters if other not in entry.name))
+        _differs("master_discovery", "mcast_group", "239.1.2.3")(seen)
+
+    (found,) = diagnosed(apart).findings
+    assert found.part[:3] == ("discovery", ONE, "group") and not found.rivals and len(found.rows) == 2
+
+
+def test_of_two_clocks_the_one_that_nothing_keeps_right_is_off():
+    def off(seen):
+        update(of(seen[ONE].probe.masters, TWO, "computer"), clock_offset_s=2.0)
+        update(of(seen[TWO].probe.masters, ONE, "computer"), clock_offset_s=-2.0)
+        update(seen[TWO].probe.clock, synchronised=False)
+
+    found = diagnosed(off)
+    assert parts(found) == [("clock", TWO, "off")] and not found.findings[0].rivals
+
+
+def test_a_unit_with_many_files_is_told_with_its_command():
+    (found,) = diagnosed(_limit("robot.service")).findings
+    assert found.command.startswith("on kobuki1computer: mkdir -p /etc/systemd/system/robot.service.d; ")
+    assert found.command.endswith("systemctl restart robot.service")
+    (strange,) = diagnosed(_limit("../x.service")).findings
+    assert not strange.command

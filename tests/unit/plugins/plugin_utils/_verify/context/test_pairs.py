@@ -1,0 +1,125 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Which pairs a verification tries: all of a small fleet, and of a large one enough to exercise every part."""
+
+from collections import Counter
+
+import fleets
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context import pairs
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose import diagnosis
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import Ping
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import terminal
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+
+def of_rings(sizes):
+    """The networks of computers: one entry for each ring of so many."""
+    return {f"r{ring}c{place}": f"net{ring}" for ring, size in enumerate(sizes) for place in range(size)}
+
+
+def test_up_to_thirty_computers_try_all_pairs():
+    networks = of_rings([4] * 7 + [2])
+    assert len(networks) == pairs.ALL_UP_TO
+    chosen = pairs.choose_pairs(networks, networks)
+    assert pairs.number(chosen) == 30 * 29
+    assert all(chosen[name] == networks.keys() - {name} for name in networks)
+
+
+def test_all_tries_all_pairs_of_any_fleet():
+    networks = of_rings([4] * 20)
+    assert pairs.number(pairs.choose_pairs(networks, networks, pairs.ALL)) == 80 * 79
+
+
+@settings(max_examples=60, deadline=None)
+@example([1, 30])
+@example([1] * 31)
+@example([2] * 16)
+@given(st.lists(st.integers(1, 40), min_size=1, max_size=40).filter(lambda sizes: sum(sizes) > pairs.ALL_UP_TO))
+def test_every_way_between_two_networks_in_both_directions(sizes):
+    networks = of_rings(sizes)
+    chosen = pairs.choose_pairs(networks, [*networks, "router"])
+    assert all(name not in targets and targets <= networks.keys() for name, targets in chosen.items())
+    robots = {name: targets for name, targets in chosen.items() if name in networks}
+    looked_at = Counter(target for targets in robots.values() for target in targets)
+    assert min(looked_at[name] for name in networks) >= 2
+    assert min(len(targets) for targets in robots.values()) >= 2
+    # every computer, and the router, tries every network; so every pair of networks is tried in both directions
+    for name, targets in chosen.items():
+        assert {networks[target] for target in targets} >= set(networks.values()) - {networks.get(name)}
+
+
+def test_proofs_grow_with_computers_and_not_with_pairs():
+    small, large = (pairs.number(pairs.choose_pairs(of_rings([size]), of_rings([size]))) for size in (100, 400))
+    assert (small, large) == (200, 800)
+    networks = of_rings([4] * 100)
+    assert pairs.number(pairs.choose_pairs(networks, networks)) == 400 * (99 + 2)
+
+
+def test_a_fault_in_a_sampled_fleet_is_named():
+    fleet = fleets.plan(robots=12, computers=3)
+    seen = fleets.observed(fleet)
+    victim = "kobuki3computer-1"
+    for name, computer in seen.items():
+        for member in computer.probe.members:
+            if victim in (name, member.name) and name != member.name:
+                fleets.update(
+                    member, ping_address=Ping(error="no answer to 3 requests"), ping_name=Ping(error="none"), loss=1.0
+                )
+    verification = Verification(CHECKS, fleet, seen, pairs.AUTO)
+    summary = judge(verification, False, False).summary
+    some, everything = summary.pairs
+    assert everything == 36 * 35
+    assert some < everything / 4
+    assert f"{some} of {everything} pairs were tried" in terminal.render(summary, diagnosis.Diagnosis())
+    found = diagnosis.explain_rows(verification, summary.notable)
+    assert ("filter", victim) in {(entry.part.kind, entry.part.place) for entry in found.findings}, found
+
+
+@pytest.mark.slow
+def test_pairs_that_were_not_tried_are_no_findings():
+    fleet = fleets.plan(robots=12, computers=3)
+    chosen = pairs.choose_pairs({member.name: str(member.network) for member in fleet.members}, fleet.computers)
+    seen = fleets.observed(fleet)
+    for name, computer in seen.items():
+        probe = computer.probe
+        fleets.update(
+            probe,
+            members=[entry for entry in probe.members if entry.name in chosen[name] or entry.name == name],
+            topics=[entry for entry in probe.topics if entry.computer in chosen[name]],
+        )
+    verification = Verification(CHECKS, fleet, seen, pairs.AUTO)
+    summary = judge(verification, False, False).summary
+    assert not summary.notable
+    whole = Verification(CHECKS, fleet, seen, pairs.ALL)
+    assert judge(whole, False, False).summary.notable  # the talkers of the others are missed
+
+
+def test_streams_go_to_all_that_are_tried_where_there_is_time():
+    networks = of_rings([4] * 3)
+    chosen = pairs.choose_pairs(networks, networks)
+    assert {name: set(to) for name, to in pairs.streams(chosen, list(networks), 0.5).items()} == chosen
+
+
+@settings(max_examples=60, deadline=None)
+@example([4] * 100, 0.5)
+@example([1] * 30, 2.0)
+@given(st.lists(st.integers(1, 20), min_size=1, max_size=30), st.sampled_from([0.1, 0.5, 2.0]))
+def test_streams_together_have_a_limit_and_each_computer_sends(sizes, seconds):
+    networks = of_rings(sizes)
+    chosen = pairs.choose_pairs(networks, networks)
+    found = pairs.streams(chosen, list(networks), seconds)
+    assert all(set(to) <= set(chosen[name]) and len(to) == len(set(to)) for name, to in found.items())
+    assert all(found[name] for name in networks if chosen[name])
+    assert pairs.number(found) * seconds <= max(pairs.STREAMS, len(networks) * seconds)
+
+
+def test_whom_one_computer_leaves_out_the_next_one_takes():
+    networks = of_rings([4] * 100)
+    found = pairs.streams(pairs.choose_pairs(networks, networks), list(networks), 0.5)
+    assert pairs.number(found) == 400 and len({target for to in found.values() for target in to}) > 300

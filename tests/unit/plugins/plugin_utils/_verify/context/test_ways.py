@@ -1,0 +1,23 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Ways and masters: faults of a roscore on a sealed computer are told of that computer."""
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.needs import make_parts
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.ways import Ways
+from fleets import COMPANION, ONE, SEALED, plan, sealed
+
+
+def test_faults_of_a_sealed_roscore_are_of_its_computer():
+    ways = Ways(sealed())
+    assert ways.seal(make_parts("roscore", COMPANION, "dead", "hung")) == {Part("roscore", SEALED, "sealed")}
+    others = make_parts("roscore", ONE, "dead") | make_parts("sync", COMPANION, "dead")
+    assert ways.seal(others) == others
+    (named,) = ways.seal(make_parts("roscore", COMPANION, "name", what="http://localhost:11311/"))
+    assert named.sentence() == "the roscore on the sealed computer hsrb calls itself http://localhost:11311/"
+
+
+def test_faults_stay_where_nothing_is_sealed():
+    dead = make_parts("roscore", ONE, "dead")
+    assert Ways(plan()).seal(dead) is dead

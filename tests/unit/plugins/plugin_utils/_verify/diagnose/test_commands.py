@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The command to paste is made of what was read on the computer, and holds nothing that a machine could put into it."""
+
+from dataclasses import replace
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.commands import COMMANDS, command
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
+    BootDeviation,
+    DefaultRoute,
+    Service,
+)
+from fleets import diagnosed, fig12, observed, update
+
+NAME = "car-nav"
+NETWORK = "the network of car"
+OWN, PLANNED, DHCP = "192.168.12.100", DefaultRoute("eth0", gateway="192.168.12.101"), "192.168.12.1"
+
+
+def told(change, kind, mode, *whats):
+    """The command for a part of car-nav after a change of its probe."""
+    fleet = fig12()
+    seen = observed(fleet)
+    change(seen[NAME].probe)
+    run = Verification(CHECKS, fleet, seen)
+    return command([Part(kind, NAME, mode, what) for what in whats or ("",)], run.run[NAME], run.state)
+
+
+def routes(*found):
+    return lambda probe: update(probe, default_routes=found)
+
+
+def boots(file):
+    return lambda probe: update(probe, next_boot=(BootDeviation("sysctl", "net.ipv4.ip_forward", "1", "0", file),))
+
+
+def dropped(*files):
+    units = [Service(name, f"multimaster-{name}.service") for name in ("address", "discovery", "sync")]
+    units[-1] = replace(units[-1], differing=("ROS_IP",), drop_ins=files)
+    return lambda probe: update(probe, services=tuple(units))
+
+
+def interface(**values):
+    return lambda probe: update(probe.forwarding.interfaces[0], **values)
+
+
+@pytest.mark.parametrize(
+    ("change", "part", "expected"),
+    [
+        (interface(mtu=600), ("interface", "mtu", NETWORK), "ip link set dev eth0 mtu 1500"),
+        (interface(), ("interface", "mtu", NETWORK), ""),
+        (interface(mtu=600, interface="eth0;reboot"), ("interface", "mtu", NETWORK), ""),
+        (interface(mtu=600), ("interface", "mtu", "another network"), ""),
+        (
+            interface(state="down"),
+            ("link", "down", NETWORK),
+            "ip link set dev eth0 up; then run site.yml, which sets its routes",
+        ),
+        (interface(addresses=(), prefixes=()), ("link", "down", NETWORK), ""),
+        (
+            interface(prefixes=(16,)),
+            ("interface", "prefix", ""),
+            f"ip address add {OWN}/24 dev eth0; ip address del {OWN}/16 dev eth0; then run site.yml, which sets its routes",
+        ),
+        (
+            routes(PLANNED, DefaultRoute("eth0", gateway=DHCP, metric="50")),
+            ("route", "defaults", ""),
+            f"ip route del default via {DHCP} dev eth0 metric 50",
+        ),
+        (routes(DefaultRoute("eth0", gateway=DHCP), DefaultRoute("eth1", gateway=DHCP)), ("route", "defaults", ""), ""),
+        (routes(PLANNED, DefaultRoute("eth0", gateway="1.2.3.4; reboot")), ("route", "defaults", ""), ""),
+        (routes(PLANNED, DefaultRoute("eth0", gateway=DHCP, metric="5 x")), ("route", "defaults", ""), ""),
+        (
+            interface(),
+            ("route", "closed", "blackhole 1.2.3.4", "prohibit 1.2.3.5"),
+            "ip route del blackhole 1.2.3.4; ip route del prohibit 1.2.3.5",
+        ),
+        (interface(), ("route", "rule", "priority 5 table 7"), "ip rule del priority 5 table 7"),
+        (
+            interface(),
+            ("names", "several", "dabo-nav", "dabo.nav"),
+            r"sed -i -E '/rosfleet.multimaster/! s/^[^#].*[[:space:]](dabo-nav|dabo\.nav)([[:space:]]|$)/# &/' /etc/hosts",
+        ),
+        (
+            boots("/etc/sysctl.d/99-z.conf line 3"),  # as the machine tells it
+            ("boot", "sysctl", "net.ipv4.ip_forward"),
+            "sed -i -E 's,^[[:space:]]*-?net[./]ipv4[./]ip_forward[[:space:]]*=,# &,' /etc/sysctl.d/99-z.conf; "
+            "then run site.yml, which sets it at boot",
+        ),
+        (boots("/etc/sysctl.d/99-z.conf"), ("boot", "sysctl", "net.ipv4.conf.all.rp_filter"), ""),
+        (boots("/usr/lib/sysctl.d/50-z.conf"), ("boot", "sysctl", "net.ipv4.ip_forward"), ""),
+        (boots("/etc/../bin/z"), ("boot", "sysctl", "net.ipv4.ip_forward"), ""),
+        (boots("/etc/a; reboot"), ("boot", "sysctl", "net.ipv4.ip_forward"), ""),
+        (
+            dropped("/run/systemd/system/multimaster-sync.service.d/a.conf"),
+            ("environment", "service", ""),
+            "mv /run/systemd/system/multimaster-sync.service.d/a.conf /run/systemd/system/multimaster-sync.service.d/a.conf.off; "
+            "systemctl daemon-reload; systemctl restart multimaster-discovery.service multimaster-sync.service",
+        ),
+        (dropped("/etc/passwd.conf"), ("environment", "service", ""), ""),
+        (dropped("/etc/systemd/system/a.conf;reboot.conf"), ("environment", "service", ""), ""),
+        (interface(), ("clock", "off", ""), ""),
+    ],
+)
+def test_what_is_to_be_pasted(change, part, expected):
+    assert told(change, *part) == (f"on {NAME}: {expected}" if expected else "")
+
+
+def test_nothing_is_known_of_whom_nobody_looked_at():
+    fleet = fig12()
+    run = Verification(CHECKS, fleet, {})
+    assert command([Part("link", NAME, "down", NETWORK)], None, run.state) == ""
+
+
+def test_a_finding_has_its_command_first():
+    def change(seen):
+        update(seen[NAME].probe, default_routes=(PLANNED, DefaultRoute("eth0", gateway=DHCP)))
+
+    [found] = diagnosed(change, fig12()).findings
+    assert found.remedy().startswith(
+        f"on {NAME}: ip route del default via {DHCP} dev eth0 metric 0; if it does not last, "
+    )
+
+
+def test_each_row_is_of_a_fault():
+    assert set(COMMANDS) <= set(FAULTS)

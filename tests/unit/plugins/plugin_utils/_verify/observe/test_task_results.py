@@ -1,0 +1,83 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Registered results are read as observations."""
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import task_results
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
+    Multicast,
+    Observation,
+    Probe,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
+from fleets import fig12
+
+
+def _read(variables, multicast, probe, earlier, packet_filter=""):
+    tasks = {"multicast": multicast, "probe": probe, "earlier": earlier, "packet_filter": packet_filter}
+    return task_results.read_observation("kobuki1computer", variables, tasks)
+
+
+def test_registered_results_become_an_observation():
+    good = {"verify_multicast": {"udp": []}, "verify_probe": {"members": []}, "multimaster_info": {"changed": False}}
+    seen = _read(good, "verify_multicast", "verify_probe", ["multimaster_info"])
+    assert seen == Observation(Multicast(), Probe())
+    together = {"verify_probe": {"members": [], "multicast": {"udp": []}}, "multimaster_info": {"changed": False}}
+    assert _read(together, "verify_probe.multicast", "verify_probe", ["multimaster_info"]) == seen
+    half = {"verify_probe": {"members": [], "multicast": {"failed": True, "msg": "No helper."}}}
+    assert _read(half, "verify_probe.multicast", "verify_probe", []) == Observation(
+        probe=Probe(), problem='"No helper."'
+    )
+    filtered = {**good, "verify_filter": {"members": [], "changed": True, "msg": "would be changed"}}
+    seen = _read(filtered, "verify_multicast", "verify_probe", [], "verify_filter")
+    assert (seen.packet_filter.changed, seen.packet_filter.msg) == (True, '"would be changed"')
+    skipped = {**good, "verify_filter": {"changed": False, "skipped": True}}
+    assert _read(skipped, "verify_multicast", "verify_probe", [], "verify_filter").packet_filter is None
+    down = {"multimaster_info": {"unreachable": True, "msg": "no route\n to host"}}
+    assert _read(down, "verify_multicast", "verify_probe", ["multimaster_info"]) == Observation(
+        unreachable=True, problem='"no route to host"'
+    )
+    broken = {
+        **good,
+        "verify_talker": {"failed": True, "msg": "Cannot start."},
+        "verify_probe": {"failed": True, "msg": "x"},
+    }
+    assert _read(broken, "verify_multicast", "verify_probe", ["verify_talker"]) == Observation(
+        Multicast(), problem='"Cannot start."'
+    )
+
+
+def test_outcomes_are_words_that_need_no_sentence():
+    """A sentence of a robot stands in quotes, so nothing is decided by it."""
+    ping = {
+        "ok": False,
+        "error": "192.168.1.201 reports: host unreachable",
+        "outcome": "host_unreachable",
+        "reporter": "192.168.1.201",
+    }
+    entry = {
+        "name": "kobuki2computer",
+        "ping_address": ping,
+        "tcp": "No route to host",
+        "tcp_outcome": "host_unreachable",
+    }
+    seen = _read({"verify_probe": {"members": [entry]}}, "", "verify_probe", [])
+    (member,) = seen.probe.members
+    assert (member.ping_address.outcome, member.ping_address.reporter) == (Outcome.HOST_UNREACHABLE, "192.168.1.201")
+    assert member.tcp_outcome == Outcome.HOST_UNREACHABLE and member.ping_address.error.startswith('"')
+    entry["tcp_outcome"] = "refused by a stranger"
+    assert "tcp_outcome" in _read({"verify_probe": {"members": [entry]}}, "", "verify_probe", []).problem
+
+
+def test_an_answer_of_strangers_costs_one_computer_its_result():
+    odd = {"verify_probe": {"members": 3}}
+    seen = _read(odd, "verify_multicast", "verify_probe", [])
+    assert seen.probe is None and seen.problem.startswith('its results cannot be read: "members is 3')
+
+
+def test_a_service_of_multicast_routing_has_a_planned_name():
+    """A name in quotes is that of no service of the plan, so the service would count as one that nobody saw."""
+    seen = {"name": "multicast-routing"}
+    names = task_results.list_plan_names(fig12(multimaster_multicast_routing="smcroute"))
+    assert task_results.quote_texts(seen, names=names) == seen
+    assert task_results.quote_texts(seen, names=task_results.list_plan_names(fig12())) != seen
