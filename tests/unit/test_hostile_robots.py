@@ -32,7 +32,12 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan
 
 HERE = Path(__file__).parent
 ROOM = HERE / "plugins" / "plugin_utils"
-sys.path += [str(ROOM), str(ROOM / "_adopt"), str(ROOM / "_world"), str(HERE.parents[1] / "lab" / "nodes" / "hostile")]
+sys.path += [
+    str(ROOM),
+    str(ROOM / "_adopt"),
+    str(ROOM / "_network"),
+    str(HERE.parents[1] / "lab" / "nodes" / "hostile"),
+]
 
 import fleets  # noqa: E402
 import hostile_answers  # noqa: E402

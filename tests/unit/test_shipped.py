@@ -102,7 +102,7 @@ def test_the_installed_playbooks_and_the_plan_work(installed):
 
 def test_the_installed_files_that_are_copies_can_be_imported(installed):
     folder, run = installed
-    taken = [f"plugins/plugin_utils/_inventory/{name}.py" for name in ("filters", "plain_text")]  # of the nodes
+    taken = [f"plugins/plugin_utils/{name}.py" for name in ("_inventory/filters", "_base/plain_text")]  # of the nodes
     names = [name[: -len(".py")].replace("/", ".") for name in (*copies.COPIES, *taken)]
     words = "; ".join(f"import ansible_collections.rosfleet.multimaster.{name}" for name in names)
     run(sys.executable, "-c", f"import sys; sys.path.insert(0, {str(folder.parents[2])!r}); {words}")

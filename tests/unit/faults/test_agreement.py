@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT / "tests" / "faults"), str(ROOT / "tests" / "unit" / "plugins" / "plugin_utils" / "_world")]
+sys.path[:0] = [str(ROOT / "tests" / "faults"), str(ROOT / "tests" / "unit" / "plugins" / "plugin_utils" / "_network")]
 
 from agreement import agreement  # noqa: E402
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain  # noqa: E402

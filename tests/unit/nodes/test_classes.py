@@ -13,7 +13,7 @@ MOST_PARAMETERS = 9
 
 #: class -> attributes of its base class, which is a library's
 OF_LIBRARIES = {
-    "edge/rpc_server.py:BoundedHandler": {"rfile"},
+    "edge/rpc_server.py:BoundedHandler": {"rfile", "close_connection", "_counted"},
     "edge/rpc_server.py:_Handler": {"close_connection", "protocol_version"},
     "edge/rpc_client.py:_Connection": {"response_class", "sock"},
     "roscore/door.py:Handler": {"close_connection"},

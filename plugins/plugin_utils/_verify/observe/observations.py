@@ -3,7 +3,7 @@
 
 """Observations: what the modules multimaster_verify and multicast_verify return, as types.
 
-`_data.plain.from_plain` reads them, once, in the action fleet_report. A field here is a key of the result there, with the
+`_base.plain.from_plain` reads them, once, in the action fleet_report. A field here is a key of the result there, with the
 same meaning; the documentation of the two modules describes each.
 
 Addresses are texts here, and compared as texts, since a machine may print something else. For example,

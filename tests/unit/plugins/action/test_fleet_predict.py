@@ -14,7 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain i
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
 
-sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "plugin_utils" / "_world"))
+sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "plugin_utils" / "_network"))
 from worlds import change, fig12, info_of  # noqa: E402
 
 PLAN = fig12()

@@ -10,7 +10,7 @@ import yaml
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import Inventory
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
 
-sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "_world"))
+sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "_network"))
 from worlds import info_of  # noqa: E402
 
 FOLDER = pathlib.Path(__file__).parents[5] / "inventory"

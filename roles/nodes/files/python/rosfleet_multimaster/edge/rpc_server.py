@@ -178,12 +178,12 @@ class BoundedHandler(BaseHTTPRequestHandler):
     wbufsize = -1
     disable_nagle_algorithm = True
     rfile: Any
+    _counted = 0.0  # seconds of a processor that are counted already: its thread began with the connection
 
     def setup(self) -> None:
         """Begin."""
         super().setup()
         self.rfile = BoundedLines(self.rfile, 0, ConnectionAbortedError)
-        self._counted = 0.0  # seconds of a processor: its thread began with the connection
 
     def handle_one_request(self) -> None:
         """A request."""

@@ -21,7 +21,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem
 
 from tests.unit import module_server
 
-COLLECTION = pathlib.Path(__file__).parents[5]
+COLLECTION = pathlib.Path(__file__).parents[6]
 MODULE = "hosts_entries"
 ENTRIES = [
     {"address": "192.168.1.229", "names": ["kobuki1computer"]},

@@ -13,7 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-FIXTURES = pathlib.Path(__file__).parents[3] / "fixtures" / "hosts"
+FIXTURES = pathlib.Path(__file__).parents[4] / "fixtures" / "hosts"
 KOBUKI = [("192.168.1.229", "kobuki1computer"), ("192.168.1.239", "kobuki2computer")]
 FIG12 = [
     ("192.168.11.202", "tibi-monitor"),
@@ -147,7 +147,7 @@ SURROUNDINGS = {
     "with Windows' line ends": "127.0.0.1 localhost\r\n%s\r\n",
     "in the middle": "127.0.0.1 localhost\n%s\n10.1.0.1 other\n",
     "twice": "127.0.0.1 localhost\n%s\n10.1.0.1 other\n%s\n",
-    "with lines of ours in it": "# BEGIN\n10.0.0.7 nas\n192.168.1.229 kobuki1computer # rosfleet.multimaster\n%s\n# END\n",
+    "with lines of ours in it": "# BEGIN\n10.0.0.7 nas\n192.168.1.229\tkobuki1computer # rosfleet.multimaster\n%s\n# END\n",
 }
 
 

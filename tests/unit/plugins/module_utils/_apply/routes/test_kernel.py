@@ -12,7 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes
 from hypothesis import given
 from hypothesis import strategies as st
 
-FIXTURES = Path(__file__).parents[3] / "fixtures" / "routes"
+FIXTURES = Path(__file__).parents[4] / "fixtures" / "routes"
 
 
 def route(destination, gateway="", device="eth0", metric=None, **more):

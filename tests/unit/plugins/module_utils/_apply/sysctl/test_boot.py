@@ -16,7 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl
 from hypothesis import given
 from hypothesis import strategies as st
 
-CASES = sorted((pathlib.Path(__file__).parents[3] / "fixtures" / "sysctl").glob("*.yml"))
+CASES = sorted((pathlib.Path(__file__).parents[4] / "fixtures" / "sysctl").glob("*.yml"))
 DROP_IN = "/etc/sysctl.d/90-rosfleet-multimaster.conf"
 SYSTEMD_SYSCTL = "/lib/systemd/systemd-sysctl"
 
@@ -175,7 +175,7 @@ def test_the_oldest_python(tmp_path):
     if subprocess.run(["python3.6", "--version"], check=False, stdout=subprocess.PIPE).returncode:
         pytest.skip("needs Python 3.6")
     _case, settings, tree, _drop_in = load(CASES[0], tmp_path)
-    collections = str(pathlib.Path(sysctl.__file__).parents[6])
+    collections = str(pathlib.Path(sysctl.__file__).parents[7])
     program = (
         "import json, sys; from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl import boot as b;"
         "t = b.Tree(sys.argv[1], json.loads(sys.argv[2]));"

@@ -22,7 +22,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl
 
 from tests.unit import module_server
 
-COLLECTION = pathlib.Path(sysctl.__file__).parents[3]
+COLLECTION = pathlib.Path(sysctl.__file__).parents[4]
 MODULE = "sysctl"
 NETNS = ["ip", "netns", "exec"]
 DROP_IN = "/etc/sysctl.d/90-rosfleet-multimaster.conf"

@@ -88,7 +88,7 @@ print(json.dumps(found))
 @root
 @pytest.mark.skipif(not shutil.which("nft"), reason="needs nft")
 def test_errnos_of_a_real_kernel_are_told_apart(hosts):
-    collections = str(pathlib.Path(network.__file__).parents[6])
+    collections = str(pathlib.Path(network.__file__).parents[7])
     output = subprocess.run(
         ["ip", "netns", "exec", hosts[0], sys.executable, "-c", ERRNOS],
         check=True,
@@ -118,7 +118,7 @@ def test_errnos_of_a_real_kernel_are_told_apart(hosts):
 
 @root
 def test_ping_between_two_hosts(hosts):
-    collections = str(pathlib.Path(network.__file__).parents[6])
+    collections = str(pathlib.Path(network.__file__).parents[7])
     output = subprocess.run(
         ["ip", "netns", "exec", hosts[0], sys.executable, "-c", PING, "10.99.0.2", "10.99.0.3", "10.98.0.1"],
         check=True,
@@ -163,7 +163,7 @@ def test_large_packets_and_the_neighbour_between_two_hosts(hosts, theirs, arrive
         ["ip", "netns", "exec", hosts[0], sys.executable, "-c", LARGE, "10.99.0.2", "10.99.0.3"],
         check=True,
         stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": str(pathlib.Path(network.__file__).parents[6])},
+        env={**os.environ, "PYTHONPATH": str(pathlib.Path(network.__file__).parents[7])},
     ).stdout
     (there, nobody), forwarding = json.loads(output)
     assert there["ping_address"]["ok"] and there["ping_large"]["ok"] == arrives
@@ -204,7 +204,7 @@ def test_a_host_that_drops_pings_is_silent_without_a_cause(hosts):
         ["ip", "netns", "exec", hosts[0], sys.executable, "-c", LARGE, "10.99.0.2"],
         check=True,
         stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": str(pathlib.Path(network.__file__).parents[6])},
+        env={**os.environ, "PYTHONPATH": str(pathlib.Path(network.__file__).parents[7])},
     ).stdout
     ((there,), _forwarding) = json.loads(output)
     assert there["silent"] and (there["loss"], there["tcp"]) == (1.0, "refused")
@@ -246,7 +246,7 @@ def test_a_hosts_file_for_root_alone_has_no_names_for_others(tmp_path, mode, the
         ["unshare", "--mount", "--propagation", "private", "sh", "-c", command],
         check=True,
         stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": str(pathlib.Path(network.__file__).parents[6])},
+        env={**os.environ, "PYTHONPATH": str(pathlib.Path(network.__file__).parents[7])},
     ).stdout
     mine, others = json.loads(output)
     assert (mine, others.get("robot.test")) == (["10.99.0.7"], theirs)
@@ -348,7 +348,7 @@ def test_rules_and_routes_that_lead_nowhere_are_read(hosts):
         ["ip", "netns", "exec", hosts[0], sys.executable, "-c", POLICY],
         check=True,
         stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": str(pathlib.Path(network.__file__).parents[6])},
+        env={**os.environ, "PYTHONPATH": str(pathlib.Path(network.__file__).parents[7])},
     ).stdout
     found = json.loads(output)
     assert found["rules"] == ["100: from all to 10.98.0.0/16 lookup 77"]

@@ -13,7 +13,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast import packets
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.watch import process, readings
 
-sys.path.insert(0, str(pathlib.Path(__file__).parents[5] / "roles/nodes/files/python"))
+sys.path.insert(0, str(pathlib.Path(__file__).parents[6] / "roles/nodes/files/python"))
 
 from rosfleet_multimaster.protocol import heartbeat  # noqa: E402
 

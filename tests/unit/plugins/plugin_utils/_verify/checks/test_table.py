@@ -17,7 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
 
-PAGE = Path(__file__).resolve().parents[5] / "docs/operate/verification.md"
+PAGE = Path(__file__).resolve().parents[6] / "docs/operate/verification.md"
 ROW = re.compile(r"\| `(\w+)` \| ([^|]+) \| ([^|]+) \| ([^|]*)\|")
 
 

@@ -20,7 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory im
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.picture import draw_fleet
 
-ROOT = pathlib.Path(__file__).resolve().parents[5]
+ROOT = pathlib.Path(__file__).resolve().parents[6]
 GOLDEN = ROOT / "tests/unit/golden/report"
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -182,7 +182,7 @@ def test_no_table_where_every_topic_is_cheap():
 
 
 def test_the_finding_on_the_page_is_printed_so():
-    page = pathlib.Path(__file__).resolve().parents[5] / "docs/operate/verification.md"
+    page = pathlib.Path(__file__).resolve().parents[6] / "docs/operate/verification.md"
     shown = page.read_text(encoding="utf-8").partition("```\nFindings:\n")[2].partition("```")[0]
     printed = render(summarise([], [], 0), diagnosed(wall, fig12()), everything=False)
     assert shown.startswith("  1. a packet filter on tibi-visio") and shown in printed

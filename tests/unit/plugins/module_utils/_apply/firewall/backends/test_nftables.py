@@ -26,7 +26,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewa
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 
-NODES = Path(__file__).parents[6] / "lab" / "nodes"
+NODES = Path(__file__).parents[7] / "lab" / "nodes"
 TOOLS = ("nft", "unshare", "nsenter", "ip", "sysctl")
 PORT, GROUP, GROUP6 = 5000, "226.0.0.0", "ff02::77"
 CARELESS = [

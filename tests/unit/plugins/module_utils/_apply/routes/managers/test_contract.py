@@ -17,7 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes
     networkd,
 )
 
-FIXTURES = Path(__file__).parents[4] / "fixtures" / "routes"
+FIXTURES = Path(__file__).parents[5] / "fixtures" / "routes"
 DROP_IN = "/etc/systemd/network/{}.d/90-rosfleet-multimaster.conf"
 
 ROUTES = {
