@@ -14,9 +14,9 @@ from typing import Any
 from ..plugin_utils._adopt import facts, write
 from ..plugin_utils._adopt.infer import propose
 from ..plugin_utils._adopt.proposal import Proposal
-from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
-from ..plugin_utils._inventory import read
 from ..plugin_utils._base.plain_text import LINE, plain, plain_data
+from ..plugin_utils._inventory import read
+from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
 
 
 class ActionModule(FleetAction):

@@ -15,18 +15,18 @@ from ansible.errors import AnsibleError
 from ansible.module_utils.parsing.convert_bool import boolean
 from ansible.utils.display import Display
 
+from ..plugin_utils._base.plain import Mismatch, to_plain
+from ..plugin_utils._base.plain_text import plain_data, plain_lines
 from ..plugin_utils._bundle import bundle as bundles
 from ..plugin_utils._bundle import secrets
 from ..plugin_utils._bundle.archive import pack
-from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
-from ..plugin_utils._base.plain import Mismatch, to_plain
-from ..plugin_utils._base.plain_text import plain_data, plain_lines
-from ..plugin_utils._inventory.variables import BY_NAME, RESERVED
-from ..plugin_utils._verify.report.judgement import judge_run, make_document
-from ..plugin_utils._verify.report.run import OPTIONS, Run
-from ..plugin_utils._verify.observe.task_results import find_result
 from ..plugin_utils._inventory.roles import read_options
+from ..plugin_utils._inventory.variables import BY_NAME, RESERVED
+from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
+from ..plugin_utils._verify.observe.task_results import find_result
+from ..plugin_utils._verify.report.judgement import judge_run, make_document
 from ..plugin_utils._verify.report.page import TEMPLATE, make_page
+from ..plugin_utils._verify.report.run import OPTIONS, Run
 from . import fleet_report
 
 WORD = re.compile(r"[\w.-]+")

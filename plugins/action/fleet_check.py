@@ -10,11 +10,11 @@ from typing import Any
 from ansible.module_utils.parsing.convert_bool import boolean
 from ansible.release import __version__
 
-from ..plugin_utils._robot_io.refusal import FleetAction, Refusal, refuse
 from ..plugin_utils._base.plain import Mismatch, from_plain, to_plain
 from ..plugin_utils._base.plain_text import LINE, plain
 from ..plugin_utils._plan import preflight
 from ..plugin_utils._plan.model import ComputerPlan
+from ..plugin_utils._robot_io.refusal import FleetAction, Refusal, refuse
 
 
 class ActionModule(FleetAction):

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..plugin_utils._base.plain_text import LINE, plain, plain_data
 from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
 from ..plugin_utils._verify.checks.engine import FAILED
-from ..plugin_utils._base.plain_text import LINE, plain, plain_data
 
 PARTS = ("kind", "place", "mode", "what", "verdict", "sentence", "remedy", "decide", "since")
 

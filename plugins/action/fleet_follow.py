@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
 from ..plugin_utils._base.plain import Mismatch, to_plain
+from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
 from ..plugin_utils._verify.diagnose.diagnosis import list_unshown
-from ..plugin_utils._verify.trace.probes import choose_probes, list_listeners
 from ..plugin_utils._verify.report.judgement import make_verification
 from ..plugin_utils._verify.report.run import FIRST_LOOK, gather_run
+from ..plugin_utils._verify.trace.probes import choose_probes, list_listeners
 
 
 class ActionModule(FleetAction):

@@ -11,12 +11,12 @@ from typing import Any
 
 from ansible.module_utils.parsing.convert_bool import boolean
 
-from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
 from ..plugin_utils._base.plain import Mismatch, from_plain
 from ..plugin_utils._base.plain_text import LINE, plain, quote
-from ..plugin_utils._verify.observe.task_results import find_result
 from ..plugin_utils._plan import tunnel
 from ..plugin_utils._plan.model import FleetPlan
+from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
+from ..plugin_utils._verify.observe.task_results import find_result
 from . import fleet_report
 
 

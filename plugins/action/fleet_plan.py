@@ -11,12 +11,11 @@ from typing import Any
 from ansible.errors import AnsibleError
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 
-from ..plugin_utils._robot_io.refusal import FleetAction, refuse
 from ..plugin_utils._base.plain import to_plain
-from ..plugin_utils._inventory import read, variables
+from ..plugin_utils._inventory import read, roles, variables
 from ..plugin_utils._inventory.model import Inventory
-from ..plugin_utils._inventory import roles
 from ..plugin_utils._plan.plan import fleet_plan
+from ..plugin_utils._robot_io.refusal import FleetAction, refuse
 
 
 class ActionModule(FleetAction):

@@ -10,12 +10,12 @@ from typing import Any
 
 from ansible.utils.display import Display
 
-from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
 from ..plugin_utils._base.plain import Mismatch, from_plain
 from ..plugin_utils._base.plain_text import LINE, plain, plain_data, plain_lines
-from ..plugin_utils._verify.observe.task_results import find_result
 from ..plugin_utils._plan.model import FleetPlan
 from ..plugin_utils._predict import prediction
+from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
+from ..plugin_utils._verify.observe.task_results import find_result
 
 OPTIONS = ("fleet", "machine", "table")
 

@@ -21,20 +21,20 @@ from ansible import constants
 from ansible.release import __version__ as ansible_version
 from ansible.utils.display import Display
 
-from ..plugin_utils._bundle.archive import LARGEST, Unreadable, unpack
-from ..plugin_utils._bundle.bundle import JUDGED, quote_run, read_bundle
-from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
-from ..plugin_utils._verify.checks.engine import FAILED
 from ..plugin_utils._base.plain import Mismatch
 from ..plugin_utils._base.plain_text import LINE, plain, plain_data, plain_lines
 from ..plugin_utils._base.sentences import join_causes
-from ..plugin_utils._verify.report.judgement import Judgement, judge_run, make_document
-from ..plugin_utils._verify.report.matrices import Matrices
-from ..plugin_utils._verify.report.run import OPTIONS, Run, gather_run
+from ..plugin_utils._bundle.archive import LARGEST, Unreadable, unpack
+from ..plugin_utils._bundle.bundle import JUDGED, quote_run, read_bundle
 from ..plugin_utils._plan.model import FleetPlan
+from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
+from ..plugin_utils._verify.checks.engine import FAILED
 from ..plugin_utils._verify.report import history, terminal
+from ..plugin_utils._verify.report.judgement import Judgement, judge_run, make_document
 from ..plugin_utils._verify.report.junit import write_junit
+from ..plugin_utils._verify.report.matrices import Matrices
 from ..plugin_utils._verify.report.page import TEMPLATE, make_page
+from ..plugin_utils._verify.report.run import OPTIONS, Run, gather_run
 
 AUTO = "auto"  # the folder of the user
 LARGEST_DATA = 100_000_000  # bytes of an earlier document

@@ -9,10 +9,10 @@ from typing import Any
 
 from ansible.utils.display import Display
 
-from ..plugin_utils._robot_io.refusal import FleetAction
 from ..plugin_utils._base.plain_text import LINE, plain
-from ..plugin_utils._verify.observe.task_results import find_result
+from ..plugin_utils._robot_io.refusal import FleetAction
 from ..plugin_utils._robot_io.summary import summarize
+from ..plugin_utils._verify.observe.task_results import find_result
 
 
 class ActionModule(FleetAction):

@@ -11,9 +11,9 @@ from typing import Any
 
 from ansible.utils.display import Display
 
-from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
 from ..plugin_utils._base.plain import Mismatch, from_plain
 from ..plugin_utils._base.plain_text import LINE, plain, plain_data, plain_lines, quote
+from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
 from ..plugin_utils._verify.observe import task_results
 from ..plugin_utils._verify.watch import progress
 from ..plugin_utils._verify.watch.progress import Event, LostValue, WatchAnswer

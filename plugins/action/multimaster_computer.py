@@ -9,10 +9,10 @@ import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ..plugin_utils._plan.environment import SEEN, find_differences
 from ..plugin_utils._robot_io import trees
 from ..plugin_utils._robot_io.concerns import UnknownTag, choose_concerns
 from ..plugin_utils._robot_io.confirmation import GuardedAction, Result, seconds_of
-from ..plugin_utils._plan.environment import SEEN, find_differences
 
 # The concerns that can cut the controller off. If one of them waits for its confirmation, the others wait, too.
 GUARDED = ("sysctl", "routes", "firewall", "tunnel")

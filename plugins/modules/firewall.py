@@ -234,8 +234,8 @@ msg:
   sample: "The rules of nftables were changed: 4 addresses are let in, 0 networks behind this computer are protected."
 """
 
-from ..module_utils._apply.transaction.module import run_module
 from ..module_utils._apply.firewall.run import CONCERN
+from ..module_utils._apply.transaction.module import run_module
 
 
 def main() -> None:

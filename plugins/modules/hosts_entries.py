@@ -326,8 +326,8 @@ msg:
     remains: nothing.
 """
 
-from ..module_utils._apply.transaction.module import run_module
 from ..module_utils._apply.hosts.run import CONCERN
+from ..module_utils._apply.transaction.module import run_module
 
 
 def main() -> None:

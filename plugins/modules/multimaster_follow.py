@@ -323,9 +323,9 @@ msg:
   sample: Saw 14 packets.
 """
 
-from ..module_utils._probe.trace.run import ACTIONS, find_wrong_option
 from ..module_utils._base import actions
 from ..module_utils._base.module import Module
+from ..module_utils._probe.trace.run import ACTIONS, find_wrong_option
 
 PROBE = {
     "number": {"type": "int", "required": True},

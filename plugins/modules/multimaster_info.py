@@ -1198,9 +1198,9 @@ problems:
   sample: []
 """
 
-from ..module_utils._probe.facts import machine
 from ..module_utils._base import ends
 from ..module_utils._base.module import Module
+from ..module_utils._probe.facts import machine
 
 
 def main() -> None:

@@ -72,8 +72,8 @@ msg:
   sample: 1 packages were installed, 0 removed.
 """
 
-from ..module_utils._apply.transaction.module import run_module
 from ..module_utils._apply.packages.run import CONCERN
+from ..module_utils._apply.transaction.module import run_module
 
 
 def main() -> None:

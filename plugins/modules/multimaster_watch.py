@@ -209,12 +209,11 @@ msg:
 import re
 import typing
 
-from ..module_utils._machine.network import is_address
-from ..module_utils._base import actions
+from ..module_utils._base import actions, background
 from ..module_utils._base.module import Module
 from ..module_utils._base.problem import Problem
+from ..module_utils._machine.network import is_address
 from ..module_utils._probe.multicast.packets import open_copies
-from ..module_utils._base import background
 from ..module_utils._probe.watch.process import serve
 
 KIND = "watch"  # of the doors of watches

@@ -424,8 +424,8 @@ msg:
   sample: "1 of 2 routes changed."
 """
 
-from ..module_utils._apply.transaction.module import run_module
 from ..module_utils._apply.routes.run import CONCERN
+from ..module_utils._apply.transaction.module import run_module
 
 
 def main() -> None:

@@ -305,8 +305,8 @@ msg:
   sample: "1 of 2 kernel settings changed."
 """
 
-from ..module_utils._apply.transaction.module import run_module
 from ..module_utils._apply.sysctl.run import CONCERN
+from ..module_utils._apply.transaction.module import run_module
 
 
 def main() -> None:

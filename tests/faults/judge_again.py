@@ -18,11 +18,11 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1] / "lab")]
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import OK  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import (  # noqa: E402
     Judgement,
     judge_run,
     make_document,
-)  # noqa: E402
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.run import Run, gather_run  # noqa: E402
 from catalogue import Fault  # noqa: E402
 from fuzz import grade  # noqa: E402

@@ -14,8 +14,6 @@ from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import NamedTuple
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import Flows, Item
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import (
     DROP,
     FORWARD,
@@ -28,6 +26,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.mode
     Rule,
     kernel_routes,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import COMMON
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import Flows, Item
 
 from tests.simulator.ros import TALKS
 from tests.simulator.state import DEAD, HUNG, Computer, Port, ports, replace_interface, replace_link

@@ -10,8 +10,6 @@ from dataclasses import fields, replace
 from functools import lru_cache
 from ipaddress import AddressValueError, IPv4Address
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import observations as seen
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import NO_WAY, OUT, Packet, World
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.packets import (
     APART,
@@ -28,6 +26,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.pack
     echo,
     trace,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import observations as seen
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 
 from tests.simulator.multicast import send_to_group
 from tests.simulator.state import DEAD, loss

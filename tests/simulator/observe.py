@@ -5,12 +5,12 @@
 
 from __future__ import annotations
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import observations as seen
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.facts import HOOKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import ACCEPT
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_rules
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import observations as seen
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 
 from tests.simulator.network import CONNECTED, Network
 from tests.simulator.ros import Ros

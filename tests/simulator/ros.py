@@ -8,10 +8,10 @@ from __future__ import annotations
 from functools import lru_cache
 from ipaddress import IPv4Address
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Packet
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import Flows, Item
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import observations as seen
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Packet
 
 from tests.simulator.network import CONNECTED, NODES
 from tests.simulator.state import DEAD, HUNG, RUNS

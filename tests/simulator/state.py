@@ -11,7 +11,6 @@ from ipaddress import IPv4Address
 from itertools import pairwise
 from typing import Any
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import (
     Interface,
     Link,
@@ -21,6 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.mode
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.packets import Echo, Trace
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 
 RUNS, DEAD, HUNG = "runs", "dead", "hung"  # hung: it has its port, and answers nothing
 

@@ -15,14 +15,14 @@ from unittest.mock import MagicMock, patch
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import ends
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, Row
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import plain_data, plain_lines
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.sentences import number_problems
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, Row
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import Diagnosis, Finding
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import terminal
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import Judgement
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.summary import summarise
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import terminal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -16,17 +16,17 @@ import stat
 import tempfile
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts import run as hosts
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl import run as sysctl
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import (
     deadman,
     file_bundle,
     lock,
     module,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts import run as hosts
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl import run as sysctl
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.tunnel import key
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.tunnel import run as tunnel
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 
 from tests.unit.failing_calls import ERRORS, KILL, Fault, die
 

@@ -13,7 +13,6 @@ import types
 from pathlib import Path
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import files, systemctl, units
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall import access, packet_filter
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall.backends import (
     contract,
@@ -21,21 +20,22 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewa
     ufw,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts import run as hosts_run
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.facts import machine
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network, ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import problem, trust
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.plain_text import VALUE, plain
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast import multicast
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import options as route_options
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import plan as routes_plan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import run as routes_run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import networkmanager
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl import run as sysctl_run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import files, systemctl, units
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import problem, trust
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.plain_text import VALUE, plain
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network, ros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.facts import machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import topics
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast import multicast
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import is_plain, quote
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import run
 
 from tests.unit.test_hostile_texts import FRAGMENTS, MARK, masked
 

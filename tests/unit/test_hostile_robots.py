@@ -24,11 +24,11 @@ from ansible_collections.rosfleet.multimaster.plugins.action import (
     fleet_report,
     fleet_watch,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import answer
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io.robot_action import answer_of
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
 
 HERE = Path(__file__).parent
 ROOM = HERE / "plugins" / "plugin_utils"

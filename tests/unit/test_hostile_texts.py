@@ -14,13 +14,12 @@ from xml.etree import ElementTree
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import is_plain, plain_lines, quote
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import run
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.task_results import LONGEST_TEXT
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import page, run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import (
     judge_run,
     make_document,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.task_results import LONGEST_TEXT
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import page
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.junit import write_junit
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.terminal import render
 

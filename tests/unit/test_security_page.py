@@ -13,12 +13,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import documents, node, xml_rpc
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands, foreign, trust
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import trust
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands, foreign
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import answer
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import robot_action
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import documents, node, xml_rpc
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import answer, robot_action
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))

@@ -9,8 +9,8 @@ import re
 import time
 import typing
 
-from .._base.plain_text import LINE, plain
 from .._base.commands import text
+from .._base.plain_text import LINE, plain
 from . import systemd
 from .system import may_give
 from .time_sources import time_sources

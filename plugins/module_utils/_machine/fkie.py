@@ -8,11 +8,11 @@ import os
 import re
 import typing
 
+from .._base.commands import find_nobody, run
+from .._base.foreign import foreign, last_line
 from .._base.plain_text import LINE, plain, quote
 from .._base.problem import Problem
 from .._base.regular_files import read_regular
-from .._base.commands import find_nobody, run
-from .._base.foreign import foreign, last_line
 
 # The Debian packages that the collection installed, a name on each line; the role nodes writes it.
 INSTALLED = "/etc/rosfleet-multimaster/packages"

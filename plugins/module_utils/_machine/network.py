@@ -14,8 +14,8 @@ import re
 import socket
 import typing
 
-from .._base.plain_text import quote
 from .._base.commands import run, text
+from .._base.plain_text import quote
 
 WITH_PORTS = ("bridge", "bond", "team")  # kinds of interfaces whose packets come and go by their ports (ip-link(8))
 PERMANENT = 0x4  # the flag of a neighbour set by hand or by a program (ATF_PERM)

@@ -10,8 +10,8 @@ import socket
 import struct
 import typing
 
-from .._base.plain_text import plain
 from .._base.commands import text
+from .._base.plain_text import plain
 
 ESTABLISHED, LISTEN = "01", "0A"  # include/net/tcp_states.h
 _UNIT = re.compile(r"[^/]+\.(?:service|scope|socket)")

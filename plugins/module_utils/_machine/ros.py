@@ -14,12 +14,11 @@ import shlex
 import shutil
 import typing
 
-from .._base import trust
-from .._base.plain_text import is_plain, plain, quote
-from .._base.problem import Problem
-from .._base import processes
+from .._base import processes, trust
 from .._base.commands import BASE_PATH, CLEAN, find_nobody, run
 from .._base.foreign import foreign, last_line
+from .._base.plain_text import is_plain, plain, quote
+from .._base.problem import Problem
 from . import fkie, set_up
 
 PYTHON = "/usr/bin/python3"  # what Debian's packages and most of ROS on Python 3 are built for

@@ -14,10 +14,10 @@ import shutil
 import time
 import typing
 
-from .._base.plain_text import plain
 from .._base.commands import BASE_PATH, Answer, find_nobody, run, text
 from .._base.deadlines import call_all
 from .._base.foreign import last_line
+from .._base.plain_text import plain
 from . import home_files, systemd
 
 Rows = typing.List[typing.Dict[str, typing.Any]]

@@ -10,11 +10,11 @@ import re
 import typing
 from urllib.parse import urlsplit
 
+from .._base.deadlines import call_all
+from .._machine.outcomes import Outcome, connect
+from .measure.talker import node_of
 from .ros_client.listener import listener_of
 from .ros_client.ros import Ros
-from .._machine.outcomes import Outcome, connect
-from .._base.deadlines import call_all
-from .measure.talker import node_of
 
 CONNECT = 2.0  # seconds
 # Any caller of the roscore can register such names, with any URIs: so many are looked at, and for so long.

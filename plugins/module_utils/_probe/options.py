@@ -5,8 +5,8 @@
 
 import typing
 
-from .._machine.network import is_address
 from .._base.background import find_wrong_value
+from .._machine.network import is_address
 from .measure.network import is_network
 
 Params = typing.Dict[str, typing.Any]

@@ -7,16 +7,13 @@ import time
 import typing
 from itertools import chain
 
-from .ros_client import node_hosts
-from .ros_client import ros as ros_commands
-from .ros_client.ros import Ros
-from .._machine import time_sources
-from .._machine.outcomes import Outcome
+from .._apply.tunnel import probe as tunnel
+from .._base.deadlines import call_all
 from .._base.module import validate_options
 from .._base.plain_text import LINE, quote
 from .._base.problem import Problem
-from .._base.deadlines import call_all
-from .._apply.tunnel import probe as tunnel
+from .._machine import time_sources
+from .._machine.outcomes import Outcome
 from .measure import (
     changes,
     claims,
@@ -31,6 +28,9 @@ from .measure import (
     traffic,
 )
 from .options import Params
+from .ros_client import node_hosts
+from .ros_client import ros as ros_commands
+from .ros_client.ros import Ros
 
 # Seconds; more than any part takes by its own limits. A part that is later is named and left behind.
 LONGEST = 900.0

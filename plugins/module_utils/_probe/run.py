@@ -5,14 +5,14 @@
 
 import typing
 
-from .ros_client.ros import Ros
+from .._apply.tunnel import probe as tunnel
 from .._base.module import validate_options
 from .._base.problem import Problem
-from .._apply.tunnel import probe as tunnel
-from .measure import network, talker
 from . import ghosts
+from .measure import network, talker
 from .options import Params
 from .parts import Result, group, list_members, list_talkers, look
+from .ros_client.ros import Ros
 
 
 def start_verification(params: Params, check_mode: bool) -> Result:

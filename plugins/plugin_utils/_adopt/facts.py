@@ -15,9 +15,9 @@ from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import Any
 from urllib.parse import urlsplit
 
-from .._inventory import kinds
 from .._base.plain_text import plain, quote
 from .._base.sentences import UnexpectedValue
+from .._inventory import kinds
 
 Info = Mapping[str, Any]
 

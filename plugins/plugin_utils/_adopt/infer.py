@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from ipaddress import IPv4Address, IPv4Network
 
-from .._inventory import kinds
 from .._base.sentences import shorten_list
+from .._inventory import kinds
 from . import facts, groups, names
 from .proposal import Choice, Choices, Computer, Proposal, Robot
 

@@ -10,8 +10,8 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from .._inventory import kinds
 from .._base.plain_text import quote
+from .._inventory import kinds
 from .facts import Machine
 
 # What people add to the name of a robot for the name of its computer.

@@ -14,10 +14,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from ipaddress import AddressValueError, IPv4Address, IPv4Network, IPv6Address
 from typing import Any
 
-from .._verify.observe.task_results import FORMS
 from .._plan.environment import LISTS, MASTER, NAMES
 from .._plan.model import FleetPlan
 from .._plan.units import NODES, OTHERS
+from .._verify.observe.task_results import FORMS
 from .addresses import Addresses
 from .secrets import list_words
 

@@ -16,10 +16,10 @@ from typing import Any
 
 from .._base.plain import Mismatch, from_plain, to_plain
 from .._base.plain_text import LINE, plain, plain_data
-from .._verify.report.run import Run
+from .._plan.model import FleetPlan
 from .._verify.observe.observations import Observation
 from .._verify.observe.task_results import list_plan_names, quote_texts
-from .._plan.model import FleetPlan
+from .._verify.report.run import Run
 from .anonymous import Anonymous
 from .archive import Unreadable
 from .secrets import ROOM, Secrets, list_texts

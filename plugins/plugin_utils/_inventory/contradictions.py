@@ -14,6 +14,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from ipaddress import IPv4Address
 
+from .._base.sentences import nearest, shorten_list
 from .exports import (
     DIAGNOSTICS,
     EXTERNAL,
@@ -29,7 +30,6 @@ from .exports import (
 from .filters import BUILT_IN, SYNC, WHITE_LISTS, Filters, matches, usable
 from .flows import BORDER_PORT, Channel, gives, list_givers, make_flows
 from .model import Fleet, Inventory, Robot, Values
-from .._base.sentences import nearest, shorten_list
 from .variables import FleetVariables
 
 

@@ -13,8 +13,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .filters import CROSSING, HOSTS, NAMES, NEVER_CROSSING, Filters, InvalidPattern
 from .._base.sentences import UnexpectedValue, nearest
+from .filters import CROSSING, HOSTS, NAMES, NEVER_CROSSING, Filters, InvalidPattern
 
 # The keys of an entry, and the word for one of its names.
 KINDS = {"topics": "topic", "services": "service", "actions": "action", "parameters": "parameter", "back": "topic"}

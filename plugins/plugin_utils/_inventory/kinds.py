@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping, Sequence
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, ip_address, ip_network
 from typing import Any, NamedTuple, TypeVar
 
+from .._base.sentences import UnexpectedValue, nearest
 from . import exports
 from .filters import Filters, InvalidPattern
-from .._base.sentences import UnexpectedValue, nearest
 
 T = TypeVar("T")
 

@@ -16,9 +16,9 @@ from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
+from .._base.sentences import UnexpectedValue, nearest, shorten_list
 from . import contradictions, heartbeats, kinds, networks, variables
 from .model import Computer, Fleet, Inventory, Robot, Router, Values
-from .._base.sentences import UnexpectedValue, nearest, shorten_list
 
 
 class InventoryProblems(Exception):

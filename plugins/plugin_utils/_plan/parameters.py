@@ -12,11 +12,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from .._base.sentences import shorten_list
 from .._inventory.exports import DIAGNOSTICS, make_node_filters
 from .._inventory.filters import HOSTS, NAMES, NO_NAME, SUCCESSOR, WHITE_LISTS
 from .._inventory.flows import BORDER_PORT, VERIFICATION_TOPICS, Flow
 from .._inventory.model import Fleet, Robot
-from .._base.sentences import shorten_list
 from .model import Parameters
 
 UPSTREAM = ("fkie_apt", "fkie_existing")

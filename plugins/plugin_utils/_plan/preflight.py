@@ -14,8 +14,8 @@ from ipaddress import IPv4Address
 from typing import Any
 
 from .._base import advice
-from .._inventory.flows import BORDER_PORT
 from .._base.plain_text import LINE, quote
+from .._inventory.flows import BORDER_PORT
 from . import clock, environment, providers, set_up, tunnel, units
 from .model import COMMON_INTERFACE, OWN_INTERFACE, ComputerPlan, Interface, Port, Setting
 

@@ -16,10 +16,10 @@ from itertools import chain, permutations
 from typing import NamedTuple
 
 from .._base.sentences import shorten_list
-from .._plan.model import FleetPlan, Member
 from .._network import facts, packets
 from .._network.model import Packet, World
 from .._network.packets import Trace
+from .._plan.model import FleetPlan, Member
 
 CONNECTIONS, LARGE = "connections of nodes", "large packets"
 REACHES, FAILS, UNSURE = "reaches", "fails", "unsure"

@@ -20,9 +20,9 @@ from typing import Any
 from ansible.errors import AnsibleConnectionFailure, AnsibleError
 from ansible.plugins.action import ActionBase
 
+from .._base.plain_text import LINE, plain, plain_lines, quote
 from . import answer
 from .documentation import Answer, read_documentation
-from .._base.plain_text import LINE, plain, plain_lines, quote
 
 MODULES = Path(__file__).resolve().parents[2] / "modules"
 LONGEST = 1800.0  # seconds for one answer; `timeout` of a task, or ANSIBLE_TASK_TIMEOUT, ends it earlier

@@ -12,11 +12,11 @@ ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT / "tests" / "rehearse"), str(ROOT / "lab")]
 
 import seeded  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import (  # noqa: E402
     Inventory,
     InventoryProblems,
     read_fleet,
-)  # noqa: E402
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan  # noqa: E402
 from rehearsals import rehearsal  # noqa: E402
 

@@ -11,9 +11,9 @@ from collections import Counter
 from random import Random
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, OK, Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain, to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import Observation
 
 from tests.simulator import faults, harness, inventories

@@ -5,13 +5,13 @@
 
 import typing
 
-from ..transaction import file_bundle, service_bundle
-from ..transaction.module import Concern
 from ..firewall import run as firewall
 from ..hosts import run as hosts
 from ..packages import run as packages
 from ..routes import run as routes
 from ..sysctl import run as sysctl
+from ..transaction import file_bundle, service_bundle
+from ..transaction.module import Concern
 from ..tunnel import run as tunnel
 
 Options = typing.Mapping[str, typing.Any]

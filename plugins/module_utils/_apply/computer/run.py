@@ -9,13 +9,12 @@ which confirms, does the others. A concern that fails ends the run: earlier ones
 
 import typing
 
-from ..transaction import lock
-from ..transaction.module import Concern, Fields, run_locked
-from ..._machine import shells
-from ..._base import ends
+from ..._base import deadlines, ends
 from ..._base.module import validate_options
 from ..._base.problem import Problem
-from ..._base import deadlines
+from ..._machine import shells
+from ..transaction import lock
+from ..transaction.module import Concern, Fields, run_locked
 from .concerns import Options
 
 _SHELLS_LIMIT = 20.0  # seconds until shells have said what they see

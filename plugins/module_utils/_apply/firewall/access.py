@@ -13,10 +13,10 @@ import os
 import re
 import typing
 
-from ..._machine import ports, systemd
-from ..._base.plain_text import quote
 from ..._base.commands import text
+from ..._base.plain_text import quote
 from ..._base.processes import SSH_SERVERS, ancestors
+from ..._machine import ports, systemd
 from .packet_filter import FIRST, PacketFilter
 
 _SOCKETS = ("ssh.socket", "sshd.socket")  # units of systemd that listen for one

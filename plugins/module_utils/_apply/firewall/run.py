@@ -12,15 +12,15 @@ import os
 import re
 import typing
 
+from ..._base.difference import difference_of_lines
+from ..._base.plain_text import quote
+from ..._base.problem import Problem
 from ..transaction import files, writable
 from ..transaction.deadman import UndoStep
 from ..transaction.module import Concern, Fields, ModuleRun
 from ..transaction.network import state as network_state
 from ..transaction.record import RECORDS
 from ..transaction.transaction import Data, Step, carry_out, do_nothing, intent, outcome
-from ..._base.difference import difference_of_lines
-from ..._base.plain_text import quote
-from ..._base.problem import Problem
 from . import access
 from .backends.contract import BackEnd
 from .backends.table import AUTO, BACKENDS, CHOICES, GUARDING

@@ -9,9 +9,9 @@ import socket
 import time
 import typing
 
+from ..._base.problem import Problem
 from ..transaction import atomic
 from ..transaction.record import Record
-from ..._base.problem import Problem
 from .bindings import Binding
 
 # Renaming is refused on a mount point, and there is no writing beside a file that is mounted writable alone.

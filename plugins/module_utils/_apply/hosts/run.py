@@ -7,12 +7,12 @@ import os
 import socket
 import typing
 
-from ..transaction import transaction, writable
-from ..transaction.module import Concern, Fields, ModuleRun
-from ..transaction.record import RECORDS, check_absolute
 from ..._base.difference import difference
 from ..._base.plain_text import quote
 from ..._base.problem import Problem, explain_unreadable, remedy
+from ..transaction import transaction, writable
+from ..transaction.module import Concern, Fields, ModuleRun
+from ..transaction.record import RECORDS, check_absolute
 from . import cloud_init
 from .bindings import bindings_of
 from .file import HostsFile, resolve

@@ -10,14 +10,14 @@ another one replaces (chrony replaces systemd-timesyncd) is in the record as wel
 import re
 import typing
 
+from ..._base import commands
+from ..._base.plain_text import LINE, plain, quote
+from ..._base.problem import Problem, sentence
+from ..._machine import fkie
 from ..transaction.file_bundle import OPTIONS as FILES
 from ..transaction.file_bundle import ManagedFiles
 from ..transaction.module import Concern, Fields, ModuleRun
 from ..transaction.transaction import StepFailure
-from ..._machine import fkie
-from ..._base.plain_text import LINE, plain, quote
-from ..._base.problem import Problem, sentence
-from ..._base import commands
 
 OPTIONS = {
     "names": {"type": "list", "elements": "str", "required": True},

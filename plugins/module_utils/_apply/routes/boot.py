@@ -6,9 +6,9 @@
 import os
 import typing
 
-from ..transaction import atomic
 from ..._base.difference import difference, mode_difference
 from ..._base.problem import Problem, sentence
+from ..transaction import atomic
 from .kernel import Route, format_route
 from .managers.contract import Machine, PlannedTexts, RoutesByInterface
 from .managers.table import AUTO, BACKENDS

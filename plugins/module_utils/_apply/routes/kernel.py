@@ -11,9 +11,9 @@ import ipaddress
 import re
 import typing
 
+from ..._base.commands import run
 from ..._base.plain_text import quote
 from ..._base.problem import Problem
-from ..._base.commands import run
 
 MAIN = 254  # the table main, linux/rtnetlink.h
 DEFAULTS = {4: "0.0.0.0/0", 6: "::/0"}

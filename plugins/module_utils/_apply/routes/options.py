@@ -7,9 +7,9 @@ import ipaddress
 import re
 import typing
 
-from ..._machine.network import Interface
 from ..._base.plain_text import quote
 from ..._base.problem import Problem
+from ..._machine.network import Interface
 from .kernel import DEFAULTS, METRICS, NO_WAY, PATH, Key, Route, format_destination, format_route, usual_scope
 
 _LARGEST = 2**32 - 1

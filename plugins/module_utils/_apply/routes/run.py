@@ -10,15 +10,15 @@ on disk before both: after a killed run, the next run knows our routes and repai
 import os
 import typing
 
+from ..._base.difference import difference_of_lines
+from ..._base.plain_text import quote
+from ..._base.problem import Problem
+from ..._base.rights import may_change_network
 from ..transaction import writable
 from ..transaction.module import Concern, ModuleRun
 from ..transaction.network import state as network_state
 from ..transaction.record import RECORDS, Record, check_absolute
 from ..transaction.transaction import Step, carry_out, intent, outcome
-from ..._base.difference import difference_of_lines
-from ..._base.plain_text import quote
-from ..._base.problem import Problem
-from ..._base.rights import may_change_network
 from . import kernel, plan, record
 from . import options as route_options
 from .boot import Boot, Choice

@@ -15,9 +15,9 @@ import re
 import shlex
 import typing
 
-from ..transaction.atomic import read_bytes
 from ..._base.plain_text import quote
 from ..._base.problem import Problem, remedy
+from ..transaction.atomic import read_bytes
 
 # In order of precedence: a file hides the files with the same name in later folders (sysctl.d(5)).
 SYSCTL_FOLDERS = ("/etc/sysctl.d", "/run/sysctl.d", "/usr/local/lib/sysctl.d", "/usr/lib/sysctl.d", "/lib/sysctl.d")

@@ -8,8 +8,8 @@ import os
 import re
 import typing
 
-from ..._base.plain_text import quote
 from ..._base import rights
+from ..._base.plain_text import quote
 from .boot import matches, name_of, normal
 
 Values = typing.Dict[str, typing.Optional[str]]  # key -> value in normal form, None where there is no such key

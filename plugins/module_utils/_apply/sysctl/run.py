@@ -12,13 +12,13 @@ import os
 import re
 import typing
 
+from ..._base.difference import difference, difference_of_lines, mode_difference
+from ..._base.plain_text import quote
+from ..._base.problem import Problem, sentence
 from ..transaction import atomic, transaction, writable
 from ..transaction.module import Concern, ModuleRun
 from ..transaction.network import state as network_state
 from ..transaction.record import RECORDS, Record, check_absolute
-from ..._base.difference import difference, difference_of_lines, mode_difference
-from ..._base.plain_text import quote
-from ..._base.problem import Problem, sentence
 from . import boot, kernel, plan, record
 from .record import Data
 

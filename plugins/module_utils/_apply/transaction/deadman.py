@@ -18,10 +18,9 @@ import shlex
 import time
 import typing
 
-from ..._base import ends
+from ..._base import commands, ends, processes
 from ..._base.plain_text import LINE, quote
 from ..._base.problem import Problem, explain_unreadable, sentence
-from ..._base import commands, processes
 from . import atomic
 from .network import state as network_state
 from .transaction import explain_state

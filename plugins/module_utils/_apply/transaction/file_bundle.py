@@ -5,10 +5,10 @@
 
 import typing
 
-from ..._machine import systemd
+from ..._base import commands
 from ..._base.plain_text import LINE, quote
 from ..._base.problem import Problem, explain_unreadable, sentence
-from ..._base import commands
+from ..._machine import systemd
 from . import files, transaction, writable
 from .module import Concern, Fields, ModuleRun
 from .record import RECORDS

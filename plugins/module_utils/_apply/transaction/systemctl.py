@@ -9,10 +9,10 @@ import stat
 import time
 import typing
 
-from ..._machine import systemd
+from ..._base import commands, processes
 from ..._base.plain_text import LINE, quote
 from ..._base.problem import Problem
-from ..._base import commands, processes
+from ..._machine import systemd
 from . import atomic, units
 
 _JOURNAL_LINES = 15

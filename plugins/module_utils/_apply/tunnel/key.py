@@ -11,13 +11,13 @@ import shutil
 import stat
 import typing
 
+from ..._base import commands
+from ..._base.plain_text import LINE, quote
+from ..._base.problem import Problem
 from ..transaction import atomic, files, writable
 from ..transaction.module import Concern, Fields, ModuleRun
 from ..transaction.record import RECORDS
 from ..transaction.transaction import Step, carry_out
-from ..._base.plain_text import LINE, quote
-from ..._base.problem import Problem
-from ..._base import commands
 
 KEY = "/etc/wireguard/multimaster0.key"
 NEXT = ".next"  # ends the path of a key that waits

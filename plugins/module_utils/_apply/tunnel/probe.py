@@ -7,8 +7,8 @@ import re
 import time
 import typing
 
-from ..._machine import network
 from ..._base.commands import run, text
+from ..._machine import network
 
 INTERFACE = "multimaster0"
 MOST = 1000  # peers that are told

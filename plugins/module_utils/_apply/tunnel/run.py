@@ -13,15 +13,15 @@ import re
 import shutil
 import typing
 
+from ..._base import commands
+from ..._base.plain_text import LINE, quote
+from ..._base.problem import Problem, explain_unreadable
+from ..._machine import ports, systemd
 from ..transaction import atomic, file_bundle, files
 from ..transaction.module import Concern
 from ..transaction.network import state as network_state
 from ..transaction.record import RECORDS
 from ..transaction.transaction import Step
-from ..._machine import ports, systemd
-from ..._base.plain_text import LINE, quote
-from ..._base.problem import Problem, explain_unreadable
-from ..._base import commands
 from . import key
 from .probe import INTERFACE
 

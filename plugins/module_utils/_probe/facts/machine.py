@@ -6,12 +6,12 @@
 import re
 import typing
 
-from ..._apply.transaction import record
-from ..._machine import clock, filters, fkie, network, ports, ros, shells, system
-from ..._base.plain_text import LINE, quote
-from ..._base import deadlines
 from ..._apply.routes.kernel import MAIN, read_routes
 from ..._apply.routes.tables import read_tables
+from ..._apply.transaction import record
+from ..._base import deadlines
+from ..._base.plain_text import LINE, quote
+from ..._machine import clock, filters, fkie, network, ports, ros, shells, system
 from ..measure.network import NO_FORWARDING, forwarding
 
 MOST_TABLES = 32  # other tables of routes that are read

@@ -10,11 +10,11 @@ import os
 import time
 import typing
 
-from ..._apply.transaction.record import RECORDS, Record
 from ..._apply.hosts import cloud_init
-from ..._machine import systemd
-from ..._base import commands
 from ..._apply.sysctl import boot
+from ..._apply.transaction.record import RECORDS, Record
+from ..._base import commands
+from ..._machine import systemd
 
 Row = typing.Dict[str, str]  # kind, name, expected, found, file, when
 Options = typing.Mapping[str, typing.Any]

@@ -12,8 +12,8 @@ import re
 import time
 import typing
 
-from ..._machine import systemd
 from ..._base import commands
+from ..._machine import systemd
 
 # about -> the files that decide it; the one that was changed last is told.
 FILES = {

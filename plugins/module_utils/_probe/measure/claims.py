@@ -14,10 +14,10 @@ import struct
 import time
 import typing
 
+from ..._base.commands import text
 from ..._machine import network
 from ..._machine.ports import address_of
 from ..multicast.packets import read_arp
-from ..._base.commands import text
 
 ARP, REQUEST, REPLY = 0x0806, 1, 2
 ETHERNET, IPV4 = 1, 0x0800

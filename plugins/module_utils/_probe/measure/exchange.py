@@ -11,18 +11,18 @@ import time
 import typing
 import xmlrpc.client
 
+from ..._base.deadlines import call_all
+from ..._base.foreign import last_line
+from ..._base.plain_text import plain
+from ..._base.problem import tell_reason
+from ..._machine import network
+from ..._machine.outcomes import Outcome, classify_error
 from ..ros_client import message_types, node_hosts, node_services, tcpros
 from ..ros_client.documents import NODE, STATE
 from ..ros_client.facts import IMPORTS
 from ..ros_client.node_services import read_host
 from ..ros_client.ros import CALLER, Ros
 from ..ros_client.xml_rpc import server
-from ..._machine import network
-from ..._machine.outcomes import Outcome, classify_error
-from ..._base.plain_text import plain
-from ..._base.problem import tell_reason
-from ..._base.deadlines import call_all
-from ..._base.foreign import last_line
 
 TYPES = 20.0  # seconds for the classes of all types
 NODES = 20.0  # seconds for the connections of all nodes

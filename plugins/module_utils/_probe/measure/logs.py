@@ -5,8 +5,8 @@
 
 import typing
 
-from ..._base.plain_text import LINE, plain
 from ..._base.commands import run
+from ..._base.plain_text import LINE, plain
 
 MOST = 1000  # lines of a service
 _LIMIT = 20.0  # seconds for all of one service: a journal of gigabytes on a slow card

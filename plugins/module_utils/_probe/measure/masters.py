@@ -8,13 +8,13 @@ import typing
 import xmlrpc.client
 from urllib.parse import urlsplit
 
-from ..ros_client.xml_rpc import server
-from ..._machine import network as machine
-from ..._machine.outcomes import Outcome, connect
+from ..._base.deadlines import poll
 from ..._base.plain_text import quote
 from ..._base.problem import tell_reason
+from ..._machine import network as machine
+from ..._machine.outcomes import Outcome, connect
 from ..multicast.helper import LATEST
-from ..._base.deadlines import poll
+from ..ros_client.xml_rpc import server
 from . import network
 
 CONNECT = 2.0  # seconds that a TCP connection may take: one lost SYN is sent again after one second

@@ -15,12 +15,12 @@ import sys
 import time
 import typing
 
-from ..._machine import network as machine
-from ..._machine.outcomes import Outcome, classify_error, connect
-from ..multicast.packets import IP_MTU_DISCOVER, IP_PMTUDISC_PROBE, REFUSALS, Echo, echo_request, read_echoes
 from ..._base.commands import find_nobody, run, text
 from ..._base.deadlines import call_all
 from ..._base.foreign import last_line
+from ..._machine import network as machine
+from ..._machine.outcomes import Outcome, classify_error, connect
+from ..multicast.packets import IP_MTU_DISCOVER, IP_PMTUDISC_PROBE, REFUSALS, Echo, echo_request, read_echoes
 from .changes import LOG, carrier
 
 TRIES = 3  # echo requests per address; the report's wireless links lose some

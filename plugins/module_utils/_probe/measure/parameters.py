@@ -7,8 +7,8 @@ import hashlib
 import json
 import typing
 
-from ..ros_client.ros import Ros
 from ..._base.plain_text import plain
+from ..ros_client.ros import Ros
 
 FILTERS = ("ignore_", "sync_", "hide_", "do_not_sync")  # how the names of filters begin
 MOST = 50  # parameters that are told

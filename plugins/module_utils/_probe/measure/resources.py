@@ -8,11 +8,11 @@ import os
 import re
 import typing
 
-from ..._machine import ports
-from ..._base.plain_text import LINE, plain
-from ..._base.regular_files import read_regular
 from ..._base import processes
 from ..._base.commands import text
+from ..._base.plain_text import LINE, plain
+from ..._base.regular_files import read_regular
+from ..._machine import ports
 
 UNSYNCHRONISED = 5  # TIME_ERROR of adjtimex(2)
 TIMEX = 1024  # bytes, more than struct timex has anywhere; all zero, it only asks

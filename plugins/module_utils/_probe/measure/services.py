@@ -7,9 +7,9 @@ import re
 import time
 import typing
 
-from ..._machine import systemd, unit_ends
-from ..._base.regular_files import read_regular
 from ..._base import commands, processes
+from ..._base.regular_files import read_regular
+from ..._machine import systemd, unit_ends
 
 _MOST = 65536  # bytes of a drop-in file
 _MOST_PROCESSES = 32  # of a service

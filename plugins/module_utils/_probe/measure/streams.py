@@ -9,11 +9,11 @@ The talker is found at the own roscore, so names, routes and packet filters are 
 import time
 import typing
 
+from ..._base.plain_text import plain
+from ..._base.problem import tell_reason
 from ..ros_client import tcpros
 from ..ros_client.listener import place_of
 from ..ros_client.ros import Ros
-from ..._base.plain_text import plain
-from ..._base.problem import tell_reason
 from .talker import node_of, topic_of
 
 SPARE = 10.0  # seconds, beside those of the streams, for all that do not answer

@@ -12,12 +12,12 @@ import inspect
 import re
 import typing
 
-from ..ros_client import node
-from ..ros_client.ros import Ros
-from ..._machine import systemd
-from ..._base.plain_text import plain
 from ..._base import foreign
 from ..._base.commands import run
+from ..._base.plain_text import plain
+from ..._machine import systemd
+from ..ros_client import node
+from ..ros_client.ros import Ros
 
 TALKER = "multimaster-verify-talker.service"
 PYTHON = "/usr/bin/python3"

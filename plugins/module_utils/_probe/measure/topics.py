@@ -7,12 +7,12 @@ import time
 import typing
 from urllib.parse import urlsplit
 
-from ..ros_client.listener import Listener, Message, listener_of
-from ..ros_client.ros import Ros, roscore
-from ..._machine.outcomes import Outcome, connect
+from ..._base.deadlines import PAUSE, call_all, poll
 from ..._base.plain_text import plain, quote
 from ..._base.problem import tell_reason
-from ..._base.deadlines import PAUSE, call_all, poll
+from ..._machine.outcomes import Outcome, connect
+from ..ros_client.listener import Listener, Message, listener_of
+from ..ros_client.ros import Ros, roscore
 from .network import TRIES
 from .talker import sentence_of, topic_of
 

@@ -9,12 +9,12 @@ A node is on the robot whose computer its URI names, so a tool on the computer o
 import time
 import typing
 
+from ..._base.deadlines import call_all
+from ..._base.plain_text import LONGEST
 from ..ros_client.documents import NODE
 from ..ros_client.node_services import read_host
 from ..ros_client.ros import CALLER, Ros
 from ..ros_client.xml_rpc import server
-from ..._base.plain_text import LONGEST
-from ..._base.deadlines import call_all
 from .exchange import Places, links, node_uris
 
 SECONDS = 3.0  # between the two readings

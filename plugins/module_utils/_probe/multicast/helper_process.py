@@ -15,8 +15,8 @@ import struct
 import time
 import typing
 
-from ..._machine.outcomes import Outcome
 from ..._base.background import admit, answer, open_door, remove_door
+from ..._machine.outcomes import Outcome
 from .helper import Datagrams, Helper, Settings
 from .packets import IP_PKTINFO, echo_request, open_copies, read_copies, read_echoes, take_waiting
 

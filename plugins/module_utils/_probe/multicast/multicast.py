@@ -7,12 +7,12 @@ import errno
 import ipaddress
 import typing
 
-from ..._machine import network
 from ..._base import actions
-from ..._base.plain_text import quote
-from ..._base.problem import Problem
 from ..._base.background import Visit, end_others, explain_refusal, find_wrong_value, leave, path_of
 from ..._base.commands import text
+from ..._base.plain_text import quote
+from ..._base.problem import Problem
+from ..._machine import network
 from .helper import Settings
 from .helper_process import icmp_rounds, open_sockets, plain, serve
 from .memberships import drop_own, igmp6_memberships, igmp_memberships

@@ -9,10 +9,10 @@ Whatever answers on a port may be anything: each answer is bounded, and made pla
 import typing
 import xmlrpc.client
 
-from ..._machine import ports
+from ..._base.deadlines import call_all
 from ..._base.plain_text import plain
 from ..._base.problem import tell_reason
-from ..._base.deadlines import call_all
+from ..._machine import ports
 from . import node_services, tcpros
 from .xml_rpc import Strange, ask, read_state, server
 

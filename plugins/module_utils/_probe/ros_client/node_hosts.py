@@ -7,10 +7,10 @@ import os
 import socket
 import typing
 
-from ..._machine import ports
-from ..._base.plain_text import LINE, plain
 from ..._base import processes
 from ..._base.commands import text
+from ..._base.plain_text import LINE, plain
+from ..._machine import ports
 from .node_services import read_host
 
 MOST = 100  # nodes and processes that are reported

@@ -10,9 +10,9 @@ even those of another robot, which would tell what is known and registered there
 import typing
 from urllib.parse import urlsplit
 
-from ..._machine import network
-from ..._base.plain_text import is_plain
 from ..._base.deadlines import call_all
+from ..._base.plain_text import is_plain
+from ..._machine import network
 from .xml_rpc import ask
 
 LIST_MASTERS, SYNC_INFO = "/list_masters", "/get_sync_info"  # the ends of their names

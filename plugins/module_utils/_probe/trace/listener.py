@@ -9,8 +9,8 @@ import socket
 import time
 import typing
 
-from ..._machine.network import Port, neighbours, read_ports
 from ..._base.background import admit, answer, remove_door
+from ..._machine.network import Port, neighbours, read_ports
 from .capture import Capture, Tag, count_lost, read_packets
 from .counters import Counters, find_growth, read_counters
 from .drops import DropReasons

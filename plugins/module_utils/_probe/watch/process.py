@@ -14,8 +14,8 @@ import threading
 import time
 import typing
 
-from ..multicast.packets import Datagram, read_copies
 from ..._base.background import admit, answer, remove_door
+from ..multicast.packets import Datagram, read_copies
 from .readings import LastLook, Params, Values, read_all, read_clocks
 from .watch import GOOD, Watch
 

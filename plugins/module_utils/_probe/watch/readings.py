@@ -10,12 +10,12 @@ import hashlib
 import time
 import typing
 
+from ..._base.commands import text
+from ..._base.deadlines import call_all
 from ..._machine import network, systemd
 from ..._machine.outcomes import Outcome, connect
 from ..._machine.ports import address_of
 from ..multicast.memberships import igmp_memberships
-from ..._base.commands import text
-from ..._base.deadlines import call_all
 
 CONNECT = 2.0  # seconds that a TCP port has to open
 STEP = 0.1  # seconds by which the clock may move beside the time that has passed

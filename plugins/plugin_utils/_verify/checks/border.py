@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from ..._base.sentences import shorten_list
+from ..._inventory.filters import matches
+from ..._inventory.flows import find_inner_name, find_outer_name, list_names
+from ..components.parts import Part
 from ..context import needs
 from ..context.case import Case
 from ..context.needs import Parts, make_parts
-from ..components.parts import Part
 from ..context.registrations import BORDER, TEST_NODES
-from ..._inventory.filters import matches
-from ..._inventory.flows import find_inner_name, find_outer_name, list_names
-from ..._base.sentences import shorten_list
 from .engine import FAILED, MASTER, Check, Judgement, judge_fault
 
 DIAGNOSTICS = "/diagnostics"  # the border has something to say itself

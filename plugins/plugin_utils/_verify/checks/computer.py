@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from ..._plan.model import COMMON
 from ..context import needs
 from ..context.actual_world import DOWN
 from ..context.case import Case
@@ -12,7 +13,6 @@ from ..context.needs import Parts, join_parts, make_parts
 from ..context.packet_filters import ROSCORE
 from ..observe.observations import DefaultRoute, ForwardingInterface, Service
 from ..observe.uris import is_one_of, is_same_uri
-from ..._plan.model import COMMON
 from .engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement, judge_fault
 
 # The kernel of gateways and of the router

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from ipaddress import IPv4Address
 
+from ..._plan.model import COMMON
 from ..context import needs
 from ..context.case import Case
 from ..context.errors import find_parts, list_refusers
@@ -16,7 +17,6 @@ from ..context.policy_routing import taker
 from ..observe.observations import Datagrams, ListedMaster, Route
 from ..observe.outcomes import Outcome
 from ..observe.uris import host_of, is_one_of
-from ..._plan.model import COMMON
 from . import time_sources
 from .engine import FAILED, MASTER, MASTER_TOO, MEMBER, OK, WARNING, Check, Judgement
 

@@ -14,12 +14,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from ..._plan.model import FleetPlan
 from ..context.case import Case, FleetState
 from ..context.needs import Parts, make_parts
 from ..context.pairs import ALL, choose_pairs, number
 from ..observe.observations import Observation
 from ..observe.outcomes import Outcome
-from ..._plan.model import FleetPlan
 
 OK, WARNING, FAILED, UNKNOWN = "ok", "warning", "failed", "unknown"
 VERDICTS = (OK, WARNING, FAILED, UNKNOWN)

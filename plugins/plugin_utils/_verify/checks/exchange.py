@@ -9,13 +9,13 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Sequence
 from itertools import islice
 
+from ..._base.sentences import shorten_list
+from ..components.parts import Part
 from ..context import needs, stages
 from ..context.case import Case
 from ..context.needs import Parts, join_parts, make_parts
-from ..components.parts import Part
 from ..context.registrations import Clash, Conflict, Item
 from ..context.stages import Stage
-from ..._base.sentences import shorten_list
 from ..observe.observations import Exchange, SilentNode
 from ..observe.outcomes import Outcome
 from .engine import FAILED, OK, ROSCORES, UNKNOWN, WARNING, Check, Judgement, judge_fault

@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
+from ..components.parts import ANY
 from ..context.case import Case
 from ..context.needs import make_parts
-from ..components.parts import ANY
 from .engine import FAILED, WARNING, Check, Judgement, judge_fault
 
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import ipaddress
 
+from ..._plan.model import COMMON
 from ..context import needs
 from ..context.case import Case
 from ..context.needs import Parts, join_parts, make_parts
 from ..context.policy_routing import taker
 from ..observe.observations import Ping, Route
 from ..observe.outcomes import Outcome
-from ..._plan.model import COMMON
 from .engine import FAILED, ITSELF_TOO, MEMBER, OK, WARNING, Check, Judgement, judge_fault
 
 LOST = 0.2  # of the pings to one computer: in a wireless network some are always lost, and few are sent

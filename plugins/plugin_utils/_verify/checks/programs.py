@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
+from ..._base.sentences import shorten_list
 from ..context.case import Case
 from ..context.needs import Parts, join_parts, make_parts
-from ..._base.sentences import shorten_list
 from ..observe.observations import ContainerNames, Disk, FileLimit, ParameterDifference
 from .engine import FAILED, WARNING, Check, Judgement, judge_fault
 

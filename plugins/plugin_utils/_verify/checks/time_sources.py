@@ -5,12 +5,12 @@
 
 from __future__ import annotations
 
+from ..._base.sentences import shorten_list
+from ..._plan.model import Clock
 from ..context import needs
 from ..context.case import Case
 from ..context.needs import Parts, make_parts
-from ..._base.sentences import shorten_list
 from ..observe.observations import TimeSource
-from ..._plan.model import Clock
 from .engine import FAILED, OK, WARNING, Check, Judgement
 
 # Seconds that a clock may differ from its source: tf extrapolates and messages are dropped from some tenths on.

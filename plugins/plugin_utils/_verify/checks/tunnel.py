@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from statistics import median_low
 
+from ..._plan.model import Peer
+from ..components.parts import Part
 from ..context import needs
 from ..context.case import Case
 from ..context.needs import Parts, make_parts
-from ..components.parts import Part
 from ..observe.observations import SeenTunnel, TunnelPeer
-from ..._plan.model import Peer
 from .engine import FAILED, MEMBER, OK, Check, Judgement, judge_fault
 
 HEADERS = 60  # bytes: of IPv4, UDP and WireGuard around each packet

@@ -13,13 +13,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from ipaddress import IPv4Interface, IPv4Network
 
-from ..observe.observations import ForwardingInterface
-from ..._plan.model import ComputerPlan, FleetPlan
 from ..._network import facts, packets, plan_world
 from ..._network.model import Interface, Machine, Route, World, kernel_routes
+from ..._plan.model import ComputerPlan, FleetPlan
+from ..components.parts import Part
+from ..observe.observations import ForwardingInterface
 from .case import FleetState, Participant
 from .packet_filters import TRAFFIC
-from ..components.parts import Part
 
 DOWN = ("down", "lowerlayerdown")  # operational states of an interface without a link
 NOWHERE = "blackhole"

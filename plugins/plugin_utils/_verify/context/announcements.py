@@ -13,9 +13,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from ipaddress import IPv4Address, ip_address
 from typing import NamedTuple
 
-from ..observe.observations import AnnouncedHost, NodeHost, Probe
 from ..._plan.model import FleetPlan, Membership
 from ..components.parts import Part
+from ..observe.observations import AnnouncedHost, NodeHost, Probe
 from .registrations import TEST_NODES
 
 LOOPBACK_NAMES = ("localhost", "localhost.localdomain", "ip6-localhost", "ip6-loopback")

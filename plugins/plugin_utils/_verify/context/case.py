@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
-from ..observe.observations import Datagrams, Exchange, ForwardingInterface, Multicast, Observation, Probe, SeenMember
 from ..._plan.model import COMMON, ComputerPlan, FleetPlan, Master
+from ..observe.observations import Datagrams, Exchange, ForwardingInterface, Multicast, Observation, Probe, SeenMember
 from .announcements import find_misplaced
 from .packet_filters import ReadFilters
 from .registrations import Exchanges

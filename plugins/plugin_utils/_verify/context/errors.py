@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from ..components.parts import Part
 from ..observe.observations import Ping
 from ..observe.outcomes import Outcome
 from . import needs
 from .case import Case
 from .needs import Parts, join_parts, make_parts
 from .packet_filters import ROSCORE
-from ..components.parts import Part
 
 _LIMITS = {
     Outcome.NO_FILE: "a process may not open more files",

@@ -12,8 +12,8 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 from ..._plan.model import COMMON
-from .case import Case
 from ..components.parts import Part
+from .case import Case
 
 Parts = frozenset[Part]
 

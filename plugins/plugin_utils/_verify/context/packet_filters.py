@@ -15,12 +15,12 @@ from functools import cached_property
 from ipaddress import IPv4Address
 
 from ..._base.plain import to_plain
-from ..observe.observations import Observation
-from ..._plan.model import FleetPlan, Member
 from ..._network import facts, packets, plan_world, policy
 from ..._network.model import FORWARD, IN, NO_WAY, OUT, Interface, Lookup, Machine, Packet, Rule, World
+from ..._plan.model import FleetPlan, Member
 from ..._predict.prediction import NODES
 from ..components.parts import Part
+from ..observe.observations import Observation
 
 GROUP, ROSCORE = "group", "roscore"
 ALL = "all"  # of a rule or a policy for packets of any kind

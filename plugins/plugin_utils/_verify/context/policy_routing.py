@@ -13,9 +13,9 @@ from collections.abc import Iterable
 from ipaddress import IPv4Address, IPv4Network
 
 from ..._base import advice
-from ..observe.observations import Policy
 from ..._network.model import ANY_PORT
 from ..._network.policy import lookups, write_rule
+from ..observe.observations import Policy
 
 CLOSED = re.compile(
     r"(?P<kind>blackhole|unreachable|prohibit) (?P<to>default|[0-9./]+)(?: table (?P<table>[\w.-]+))?(?: [\w .:/-]*)?",

@@ -18,9 +18,9 @@ from typing import NamedTuple, cast
 
 from ..._inventory import filters
 from ..._inventory.flows import VERIFICATION_TOPICS
+from ..._plan.model import FleetPlan
 from ..observe.observations import Connection, Exchange, Import
 from ..observe.uris import normalise_uri
-from ..._plan.model import FleetPlan
 
 MOST = 20_000  # registrations of a robot that are compared: of another one, the nodes take 5,000
 BORDER = "/master_border"  # what it takes across, the check of the border judges

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from ..context.case import FleetState, Participant
-from ..components.parts import SITE, Part
 from ..._base import advice
+from ..components.parts import SITE, Part
+from ..context.case import FleetState, Participant
 
 ROS = ("roscore", "discovery", "sync")  # services
 

@@ -14,13 +14,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 
+from ..._base.sentences import shorten_list
+from ..checks.engine import FAILED, OK, UNKNOWN, WARNING, Judgement, Row, Verification
+from ..components.parts import ALWAYS, ANY, FOLLOWS, HEARSAY, RULED, Part
 from ..context import needs
 from ..context.case import LATELY, Participant
 from ..context.errors import find_parts
 from ..context.needs import Parts
-from ..components.parts import ALWAYS, ANY, FOLLOWS, HEARSAY, RULED, Part
-from ..checks.engine import FAILED, OK, UNKNOWN, WARNING, Judgement, Row, Verification
-from ..._base.sentences import shorten_list
 from ..trace.findings import SeenEnd, find_ends
 from ..trace.probes import find_trip, list_trips
 from .commands import command

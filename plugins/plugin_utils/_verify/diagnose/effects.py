@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from ..checks.engine import Row, Verification
+from ..components.parts import Part
 from ..context.actual_world import ActualWorld
 from ..context.packet_filters import ROSCORE
-from ..components.parts import Part
-from ..checks.engine import Row, Verification
 from ..trace.place import Trip
 from ..trace.probes import find_trip
 

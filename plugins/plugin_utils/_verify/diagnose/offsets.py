@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from statistics import median
 
-from ..components.parts import Part
-from ..checks.engine import Row
 from ..._base.sentences import shorten_list
+from ..checks.engine import Row
+from ..components.parts import Part
 
 
 def offset(part: Part, rows: Iterable[Row]) -> str:

@@ -13,8 +13,8 @@ import re
 from collections.abc import Iterable, Mapping
 from ipaddress import IPv4Network
 
-from ..context.case import FleetState, Participant
 from ..components.parts import Part
+from ..context.case import FleetState, Participant
 from ..observe.observations import BootDeviation, Probe, Service
 
 SERVICES = ("roscore", "discovery", "sync")

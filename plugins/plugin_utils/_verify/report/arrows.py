@@ -14,8 +14,8 @@ from collections.abc import Collection, Mapping, Sequence
 from math import pi
 from xml.sax.saxutils import escape
 
-from ..checks.engine import FAILED, OK, UNKNOWN
 from ..._base.plain_text import plain
+from ..checks.engine import FAILED, OK, UNKNOWN
 from .picture import SIGNS, shorten, write_svg
 
 MOST = 8  # robots: more arrows are not readable

@@ -9,16 +9,16 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ..context.registrations import BORDER, TEST_NODES
-from ..checks.engine import VERDICTS
-from ..checks.table import CHECKS
 from ..._base.plain import to_plain
-from ..diagnose.diagnosis import Diagnosis
 from ..._inventory.filters import matches
 from ..._inventory.flows import find_outer_name, list_names
+from ..._plan.model import FleetPlan
+from ..checks.engine import VERDICTS
+from ..checks.table import CHECKS
+from ..context.registrations import BORDER, TEST_NODES
+from ..diagnose.diagnosis import Diagnosis
 from ..observe.observations import Exchange, Import, Observation, Probe, SentTopic
 from ..observe.uris import normalise_uri
-from ..._plan.model import FleetPlan
 from .summary import Summary
 
 OWN_TOPICS = "/multimaster_verify/"  # of the verification itself

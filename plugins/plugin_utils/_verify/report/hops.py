@@ -13,8 +13,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 from xml.sax.saxutils import escape
 
-from ..checks.engine import FAILED
 from ..._base.plain_text import plain
+from ..checks.engine import FAILED
 from .picture import SIGNS, shorten, write_svg
 
 COLUMN, LEAST = 96, 300  # the width of a column, and of a picture

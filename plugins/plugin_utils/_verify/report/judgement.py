@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..context.pairs import ALL, AUTO
 from ..checks.engine import FAILED, OK, Passed, Row, Verification
 from ..checks.table import CHECKS
+from ..context.pairs import ALL, AUTO
 from ..diagnose.diagnosis import Diagnosis, explain_rows
 from . import content
 from .matrices import MOST, Matrices

@@ -11,8 +11,8 @@ from datetime import datetime
 from typing import Any
 from xml.etree import ElementTree
 
-from ..checks.engine import FAILED, OK, UNKNOWN, WARNING
 from ..._base.plain_text import plain
+from ..checks.engine import FAILED, OK, UNKNOWN, WARNING
 from .history import TIME
 
 LISTED = 100  # results that are listed in a test case

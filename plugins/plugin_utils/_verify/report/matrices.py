@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 from math import log2
 from typing import NamedTuple
 
-from ..checks.engine import FAILED, OK, UNKNOWN, WARNING, Passed, Row
-from ..checks.table import TITLES
 from ..._base.plain_text import plain
 from ..._plan.model import FleetPlan
+from ..checks.engine import FAILED, OK, UNKNOWN, WARNING, Passed, Row
+from ..checks.table import TITLES
 
 MOST = 40  # computers: beyond, a cell is for two robots
 SHOWN = 120  # letters of a result

@@ -17,14 +17,14 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from ..checks.engine import FAILED, OK, UNKNOWN, WARNING
-from ..checks.table import TITLES
 from ..._base.plain_text import LINE, LONGEST, plain, plain_data
 from ..._base.sentences import join_causes
-from .matrices import Matrices
 from ..._plan.model import FleetPlan
+from ..checks.engine import FAILED, OK, UNKNOWN, WARNING
+from ..checks.table import TITLES
 from .arrows import draw_arrows
 from .hops import draw_way
+from .matrices import Matrices
 from .picture import SIGNS, draw_fleet
 from .traffic import HEADINGS, describe_measurement, list_dearest
 

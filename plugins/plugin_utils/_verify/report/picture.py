@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 from xml.sax.saxutils import escape, quoteattr
 
-from ..checks.engine import FAILED, OK, UNKNOWN, WARNING
 from ..._base.plain_text import plain
 from ..._base.sentences import shorten_list
 from ..._plan.model import COMMON, ComputerPlan, FleetPlan
+from ..checks.engine import FAILED, OK, UNKNOWN, WARNING
 
 _T = TypeVar("_T")
 _Finding = Mapping[str, Any]  # as the document has it

@@ -9,12 +9,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..context.pairs import ALL
 from ..._base.plain import from_plain
 from ..._base.plain_text import LINE, quote
+from ..._plan.model import FleetPlan
+from ..context.pairs import ALL
 from ..observe.observations import Observation
 from ..observe.task_results import KEY, find_result, list_plan_names, read_observation
-from ..._plan.model import FleetPlan
 from . import content
 
 FIRST_LOOK = (

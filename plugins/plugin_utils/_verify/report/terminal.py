@@ -11,11 +11,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import count
 from typing import Any
 
+from ..._base.plain_text import plain
+from ..._base.sentences import join_causes, shorten_list
 from ..checks.engine import FAILED, OK, UNKNOWN, VERDICTS, WARNING, Row
 from ..checks.table import CHECKS, TITLES
 from ..diagnose.diagnosis import INFERRED, Diagnosis, Finding
-from ..._base.plain_text import plain
-from ..._base.sentences import join_causes, shorten_list
 from .summary import Summary, is_small
 from .traffic import HEADINGS, describe_measurement, list_dearest
 

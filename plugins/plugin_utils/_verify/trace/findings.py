@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from ..components.parts import Part
 from ..checks.engine import Verification
+from ..components.parts import Part
 from ..observe.second_look import SecondLook, SeenPackets
 from .place import Hop, Map, Place, Trip, describe_counters, describe_place, locate
 from .suspects import find_sign, is_consistent, name_place

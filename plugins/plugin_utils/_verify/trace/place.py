@@ -16,9 +16,9 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
 
+from ..._base.sentences import shorten_list
 from ..context.errors import list_own_parts
 from ..context.packet_filters import GROUP
-from ..._base.sentences import shorten_list
 from ..observe.outcomes import Outcome
 from ..observe.second_look import Capture, Counter, FollowedProbe, SecondLook, SentProbe
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
 
-from ..context.packet_filters import GROUP, ROSCORE, TRAFFIC
-from ..components.parts import Part
 from ..checks.engine import FAILED, WARNING, Row, Verification
+from ..components.parts import Part
+from ..context.packet_filters import GROUP, ROSCORE, TRAFFIC
 from ..observe.second_look import FollowedProbe
 from .place import LARGE, Trip
 

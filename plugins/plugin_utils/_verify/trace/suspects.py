@@ -14,8 +14,8 @@ import re
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from ..context.errors import PROGRAMS, list_own_parts
 from ..components.parts import Part
+from ..context.errors import PROGRAMS, list_own_parts
 from ..observe.second_look import SeenPackets
 from .place import LARGE, Place, Stage
 

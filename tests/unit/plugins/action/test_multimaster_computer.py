@@ -10,8 +10,8 @@ from ansible.errors import AnsibleConnectionFailure
 from ansible.playbook.task import Task
 from ansible.plugins.connection import ConnectionBase
 from ansible_collections.rosfleet.multimaster.plugins.action import multimaster_computer
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import confirmation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import confirmation
 
 SYSCTL = {"settings": [], "confirm_within": 60}
 ROUTES = {"routes": [], "confirm_within": "30"}

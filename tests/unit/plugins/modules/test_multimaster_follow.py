@@ -10,8 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import namespaces
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace import place
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import Stage
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.second_look import (
     Capture,
@@ -20,6 +18,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     SeenPackets,
     SentProbe,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace import place
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import Stage
 
 # A datagram, an echo request and a connection of others
 TRAFFIC = """

@@ -13,9 +13,9 @@ import threading
 import time
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands, deadlines
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ports as ports_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells, system
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands, deadlines
 
 
 def assert_gone(command):

@@ -9,13 +9,15 @@ A test changes some observations with `update` and looks at the findings that ar
 import zlib
 from dataclasses import replace
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context import registrations
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context import ways as ways_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import read as fleet_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import engine
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import OK
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context import registrations
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context import ways as ways_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose import diagnosis
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     Caller,
     Claim,
@@ -53,8 +55,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     Talker,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 
 ONE, TWO = "kobuki1computer", "kobuki2computer"
 

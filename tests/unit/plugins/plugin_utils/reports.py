@@ -9,9 +9,8 @@ from typing import NamedTuple
 import fleets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import engine
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content, matrices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content, matrices, page
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import page
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 TEMPLATE = (ROOT / "plugins/plugin_utils/_verify/report/page.html.j2").read_text(encoding="utf-8")

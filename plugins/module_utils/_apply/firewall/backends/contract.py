@@ -32,11 +32,11 @@ import contextlib
 import shutil
 import typing
 
-from ...transaction import atomic
-from ...transaction.deadman import FileBefore, UndoStep
+from ...._base import commands
 from ...._base.plain_text import LINE, quote
 from ...._base.problem import Problem
-from ...._base import commands
+from ...transaction import atomic
+from ...transaction.deadman import FileBefore, UndoStep
 from ..packet_filter import PacketFilter
 
 MARK = "rosfleet.multimaster"

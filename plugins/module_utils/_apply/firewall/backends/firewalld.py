@@ -12,9 +12,9 @@ import os
 import re
 import typing
 
-from ...transaction.deadman import FileBefore, UndoStep
 from ...._base.plain_text import LINE, quote
 from ...._base.problem import Problem
+from ...transaction.deadman import FileBefore, UndoStep
 from ..packet_filter import FIRST, LAST, PacketFilter
 from . import contract
 

@@ -18,10 +18,10 @@ import os
 import re
 import typing
 
-from ...._machine import systemd
+from ...._base.commands import text
 from ...._base.plain_text import LINE, quote
 from ...._base.problem import Problem
-from ...._base.commands import text
+from ...._machine import systemd
 from ..packet_filter import FIRST, LAST, PacketFilter
 from . import contract
 

@@ -11,10 +11,10 @@ trial and on the way back.
 import re
 import typing
 
-from ...transaction.deadman import UndoStep
+from ...._base import commands
 from ...._base.plain_text import quote
 from ...._base.problem import Problem
-from ...._base import commands
+from ...transaction.deadman import UndoStep
 from ..packet_filter import FIRST, LAST, PacketFilter
 from . import contract
 

@@ -21,10 +21,10 @@ Only the last two change anything. ifupdown.py is the shortest example.
 import os
 import typing
 
-from ...transaction import atomic
-from ...._machine import network
 from ...._base.plain_text import quote
 from ...._base.problem import Problem, explain_unreadable
+from ...._machine import network
+from ...transaction import atomic
 from ..kernel import Route
 
 NAME = "rosfleet-multimaster"

@@ -7,8 +7,8 @@ import os
 import shlex
 import typing
 
-from ...._base.problem import Problem
 from ...._base import commands
+from ...._base.problem import Problem
 from ..kernel import Route, to_words
 from . import contract
 

@@ -15,10 +15,10 @@ import tempfile
 import typing
 import urllib.parse
 
-from ...transaction import atomic
+from ...._base import commands
 from ...._base.plain_text import LINE, quote
 from ...._base.problem import Problem
-from ...._base import commands
+from ...transaction import atomic
 from ..kernel import DEFAULTS, Route
 from . import contract, networkd, networkmanager
 

@@ -9,10 +9,10 @@ import re
 import time
 import typing
 
-from ...transaction import atomic
+from ...._base import commands
 from ...._base.plain_text import LINE, quote
 from ...._base.problem import Problem
-from ...._base import commands
+from ...transaction import atomic
 from ..kernel import Route
 from . import contract
 

@@ -11,9 +11,9 @@ import ipaddress
 import shutil
 import typing
 
+from ...._base import commands
 from ...._base.plain_text import LINE, quote
 from ...._base.problem import Problem
-from ...._base import commands
 from ..kernel import MAIN, Route
 from . import contract
 

@@ -15,8 +15,8 @@ import re
 import shutil
 import typing
 
-from ...._base.plain_text import LINE, quote
 from ...._base import commands
+from ...._base.plain_text import LINE, quote
 from ..transaction import Sentence, Step, Unseen
 
 KINDS = ("address", "route", "rule", "filter")  # in the order in which they are put back: each needs the ones before

@@ -7,8 +7,8 @@ import threading
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import background
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_watch
 
 

@@ -7,10 +7,10 @@ import os
 import socket
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.fkie import packages
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.regular_files import read_regular
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.deadlines import call_within
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.regular_files import read_regular
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.fkie import packages
 
 
 def test_a_regular_file_is_read_whole_or_its_beginning(tmp_path):

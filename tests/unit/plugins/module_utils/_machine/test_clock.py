@@ -4,8 +4,8 @@
 """Time services of a machine: whose configuration they have, and whom they follow. Their words may be anybody's."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import clock, time_sources
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import clock, time_sources
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -7,8 +7,8 @@ import json
 import subprocess
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import filters
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import filters
 
 HEAD = "add table ip t; "
 CHAIN = "add chain ip t c { type filter hook forward priority 0; policy drop; }; "

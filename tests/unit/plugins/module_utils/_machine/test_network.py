@@ -9,9 +9,9 @@ import socket
 import sys
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Port, RouteTo
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
 
 from tests.unit.plugins.modules import namespaces
 

@@ -10,8 +10,8 @@ import shutil
 import tempfile
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie, ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie, ros
 
 MODULE = "class Anything: pass\n"
 pytestmark = pytest.mark.skipif(not os.path.exists(ros.PYTHON), reason=f"there is no {ros.PYTHON}")

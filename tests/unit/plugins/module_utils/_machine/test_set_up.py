@@ -10,8 +10,8 @@ import shutil
 import tempfile
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ros, set_up
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import trust
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ros, set_up
 
 NOBODY = pwd.getpwnam("nobody")
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file to somebody else")

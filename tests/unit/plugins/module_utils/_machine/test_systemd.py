@@ -3,8 +3,8 @@
 
 """The reader of `systemctl show`."""
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
 from hypothesis import given
 from hypothesis import strategies as st
 

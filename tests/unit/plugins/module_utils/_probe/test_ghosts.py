@@ -7,9 +7,9 @@ import socket
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import node
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Connection, Outcome
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe import ghosts
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import node
 from talking import Roscore, served, talking, until
 
 TOPIC = "/multimaster_verify/a"

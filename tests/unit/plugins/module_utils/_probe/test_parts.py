@@ -5,9 +5,9 @@
 
 import pytest
 import yaml
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.ros import Ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.facts import machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe import parts
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.facts import machine
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.modules import multimaster_info, multimaster_verify
 
 EMPTY = {**{part.name: part.nothing for part in machine.PARTS if part.name != "system"}, **machine.NO_SYSTEM}

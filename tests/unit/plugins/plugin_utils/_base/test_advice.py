@@ -9,8 +9,8 @@ import re
 import shlex
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base import advice
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Part
 from hypothesis import given
 from hypothesis import strategies as st
 

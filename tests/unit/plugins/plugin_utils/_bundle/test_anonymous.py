@@ -7,8 +7,8 @@ import json
 
 import fleets
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.anonymous import Anonymous
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.anonymous import Anonymous
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.units import NODES, OTHERS
 
 

@@ -10,6 +10,7 @@ import time
 import fleets
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure.parameters import digest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import LINE
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import (
     REMOVED,
     Secrets,
@@ -17,12 +18,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secre
     collect_values,
     is_secret,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import LINE
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     CrossingParameter,
     ParameterDifference,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from planted import ORDINARY, PLANTED, TIME, any_secret
 
 

@@ -11,6 +11,7 @@ import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.sentences import UnexpectedValue
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import contradictions
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import exports as exports_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import flows as flows_module
@@ -21,7 +22,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.mo
     Inventory,
     Robot,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.sentences import UnexpectedValue
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.variables import (
     ComputerVariables,
     FleetVariables,

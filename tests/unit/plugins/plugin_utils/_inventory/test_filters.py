@@ -8,8 +8,8 @@ import pathlib
 import sys
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import exports, filters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base import plain_text
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import exports, filters
 
 ROOT = pathlib.Path(__file__).resolve().parents[5]
 PROTOCOL = ROOT / "roles/nodes/files/python/rosfleet_multimaster/protocol"

@@ -9,6 +9,7 @@ import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.sentences import UnexpectedValue
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import kinds
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.exports import (
     make_node_filters,
@@ -19,7 +20,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.re
     InventoryProblems,
     read_fleet,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.sentences import UnexpectedValue
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[5] / "roles/nodes/files/python"))

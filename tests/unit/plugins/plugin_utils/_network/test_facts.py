@@ -8,7 +8,6 @@ import random
 from dataclasses import replace
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.facts import (
     apply_plan,
     join_world,
@@ -17,6 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.fact
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule, kernel_routes
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.packets import echo
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import COMMON
 from worlds import COMPUTERS, change, change_interface, fig12, info_of, ping
 
 PLAN = fig12()

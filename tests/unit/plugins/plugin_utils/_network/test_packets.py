@@ -15,7 +15,6 @@ from ipaddress import IPv4Address, IPv4Network
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.facts import machine as look_at
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import network
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network import facts, packets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import (
     Interface,
@@ -27,6 +26,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.mode
     kernel_routes,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.packets import echo, trace
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._predict.prediction import predict
 from worlds import address, change, change_interface, fig12, ping, route, tcp
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 from ipaddress import IPv4Address
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import COMMON
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.packets import echo
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import COMMON
 from worlds import COMPUTERS, fig12, ping, tcp
 
 from tests.simulator.multicast import send_to_group

@@ -7,8 +7,8 @@ from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import Inventory, read_fleet
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Packet, Route
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 
 from tests.simulator.state import replace_interface
 

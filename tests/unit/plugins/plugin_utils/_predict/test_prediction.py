@@ -11,11 +11,11 @@ from random import Random
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import Inventory, read_fleet
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network import packets
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._predict import prediction
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._predict import prediction
 from worlds import change, change_interface, fig12, info_of, ping
 
 from tests.simulator import faults, inventories

@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import is_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import answer
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io.documentation import read_documentation
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import is_plain
 
 ROOT = Path(__file__).parents[5]
 sys.path.append(str(ROOT / "lab" / "nodes" / "hostile"))

@@ -4,16 +4,16 @@
 """Several concerns in one run: their order, their failures, and the confirmation of those that can cut the controller off."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import deadman
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.module import Concern, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.computer import run as computer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.computer.concerns import (
     CONCERNS,
     select_concerns,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import deadman
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.module import Concern, ModuleRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.difference import difference
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import shells
 
 OPTIONS = {"name": {"type": "str", "required": True}, "fails": {"type": "str", "default": ""}}
 OPTIONS["records"] = {"type": "str", "default": "none"}  # no absolute path, so there is no lock

@@ -13,12 +13,12 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import atomic
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.record import Record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.transaction import StepFailure
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts import cloud_init
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts import run as run_module
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts.run import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import atomic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.record import Record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.transaction import StepFailure
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 
 OLD = b"127.0.0.1 localhost\n127.0.1.1 kobuki1computer\n"

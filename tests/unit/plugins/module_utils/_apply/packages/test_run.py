@@ -7,11 +7,11 @@ import itertools
 import random
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import atomic, record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.packages import run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import atomic, record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie
 
 REPLACES = {"chrony": "systemd-timesyncd"}  # Debian has one time service at a time
 NAMES = ["ros-a", "ros-b", "ros-c", "ros-d"]

@@ -6,14 +6,14 @@
 import json
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.transaction import explain_failure
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.boot import Boot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.options import RouteRequest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.record import read_record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.transaction import explain_failure
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
 
 HOOK = "/etc/network/if-up.d/rosfleet-multimaster"
 DROP_IN = "/etc/systemd/network/{}.d/90-rosfleet-multimaster.conf"

@@ -6,9 +6,9 @@
 from pathlib import Path
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -4,10 +4,10 @@
 """The wanted routes: items of the option, and what the kernel would refuse. Pure."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Interface
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import options as route_options
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Interface
 
 
 def link(*addresses, up=True, loopback=False):

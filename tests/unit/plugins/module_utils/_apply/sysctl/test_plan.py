@@ -6,10 +6,10 @@
 import json
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl import plan as settings_plan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl import record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl.record import SettingsRecord
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from hypothesis import given
 from hypothesis import strategies as st
 

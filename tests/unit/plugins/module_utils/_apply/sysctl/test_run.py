@@ -15,10 +15,10 @@ import sys
 import tempfile
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl import boot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl import run as sysctl
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl.plan import HEADER, settings_of
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 
 from tests.unit import module_server
 

@@ -10,8 +10,8 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.file_bundle import ManagedFiles
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.transaction import StepFailure
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 
 
 class Machine:

@@ -8,8 +8,8 @@ import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import systemctl, units
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 
 SHOWN = """Id=a.service
 LoadState=loaded

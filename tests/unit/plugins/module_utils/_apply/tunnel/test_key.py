@@ -6,9 +6,9 @@
 import os
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.tunnel import key
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 
 
 class Wg:

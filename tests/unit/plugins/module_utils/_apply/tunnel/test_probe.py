@@ -6,8 +6,8 @@
 import itertools
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.tunnel import probe
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 
 OWN, ONE, TWO = (letter * 43 + "=" for letter in "ABC")
 GOOD = {

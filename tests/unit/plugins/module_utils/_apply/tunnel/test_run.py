@@ -7,9 +7,9 @@ import os
 import socket
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.tunnel import run as tunnel
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import tunnel as planned
 
 

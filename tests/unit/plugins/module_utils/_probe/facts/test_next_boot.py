@@ -7,9 +7,9 @@ import json
 import os
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.facts import next_boot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts import cloud_init
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import systemd
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.facts import next_boot
 
 UNIT = "multimaster-sync.service"
 FORWARD = {"name": "net.ipv4.ip_forward", "value": "1"}

@@ -13,9 +13,9 @@ import time
 import types
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import exchange
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import message_types
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import ros as probe_ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import exchange
 from hypothesis import given
 from hypothesis import strategies as st
 from provider import GET_SYNC_INFO, answer, head, provider, rows, synced

@@ -3,13 +3,13 @@
 
 """Streams to talkers that are the programs that they are, found at a roscore."""
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import streams
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure.talker import (
     node_of,
     sentence_of,
     topic_of,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.ros import Ros
 from talking import Roscore, served, talking, until
 
 NAMES = "robot2computer", "robot3computer"

@@ -8,11 +8,11 @@ import threading
 import time
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import deadlines
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import topics
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import tcpros, xml_rpc
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.listener import Listener
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import deadlines
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import topics
 from talking import Roscore, served, talking, until
 
 TOPIC = "/multimaster_verify/kobuki2computer"

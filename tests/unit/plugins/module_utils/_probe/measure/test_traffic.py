@@ -7,8 +7,8 @@ import time
 from types import SimpleNamespace
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.ros import Ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import traffic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.ros import Ros
 from hypothesis import given
 from hypothesis import strategies as st
 

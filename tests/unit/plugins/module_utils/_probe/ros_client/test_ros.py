@@ -6,13 +6,13 @@
 import os
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import topics
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import (
     node_services,
     tcpros,
     xml_rpc,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import ros as probe_ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import topics
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment as environment_module
 from hypothesis import given
 from hypothesis import strategies as st

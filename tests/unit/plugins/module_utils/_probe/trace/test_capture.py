@@ -6,10 +6,10 @@
 import struct
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.trace import capture
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.trace.capture import Tag
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Port
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast.packets import checksum
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.trace import capture
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.trace.capture import Tag
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -7,9 +7,9 @@ import time
 from collections import Counter
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.announcements import find_misplaced
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, UNKNOWN, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.exchange import MOST_PARTS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.announcements import find_misplaced
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     AnnouncedHost,
     Connection,

@@ -3,8 +3,8 @@
 
 """Computers that the collection did not set up: what is told of them, and what is not judged."""
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, UNKNOWN, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, UNKNOWN, WARNING
 from fleets import ONE, ROBOTS, diagnosed, evaluate, fig12, notable, parts, update
 
 HELD = (

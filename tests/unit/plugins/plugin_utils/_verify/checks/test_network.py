@@ -6,9 +6,9 @@
 from dataclasses import replace
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, OK, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.ways import Ways
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, OK, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     Claim,
     FilterChains,

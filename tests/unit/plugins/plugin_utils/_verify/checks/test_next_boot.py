@@ -4,6 +4,7 @@
 """What works now and not after the next boot: one part for each kind of it, and nothing else is suspected."""
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import (
     FAILED,
     OK,
@@ -11,7 +12,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
     WARNING,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import BootDeviation
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from fleets import ONE, assert_told, diagnosed, evaluate, fig12, notable, update
 
 LATER = "/etc/sysctl.d/99-x.conf line 2 sets 0"

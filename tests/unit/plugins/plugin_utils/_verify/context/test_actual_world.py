@@ -6,9 +6,9 @@
 from dataclasses import replace
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.actual_world import ActualWorld
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.case import FleetState
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import Policy
 from fleets import fig12, observed, update
 from hypothesis import given, settings

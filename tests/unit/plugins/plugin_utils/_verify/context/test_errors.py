@@ -4,9 +4,9 @@
 """The suspects that an error leaves: each errno and each ICMP error, by whom it was reported."""
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.case import Case, FleetState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.errors import OWN, find_parts
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import diagnosed, fig12, no_answer, observed, of, parts, update
 

@@ -6,8 +6,8 @@
 from dataclasses import replace
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.packet_filters import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FOLLOWS, Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.packet_filters import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     FilterChain,
     FilterChains,

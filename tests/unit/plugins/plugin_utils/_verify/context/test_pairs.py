@@ -7,13 +7,13 @@ from collections import Counter
 
 import fleets
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context import pairs
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context import pairs
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose import diagnosis
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import Ping
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import terminal
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 

@@ -6,6 +6,9 @@
 import dataclasses
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import filters
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import read as fleet_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import (
     MOST,
     Exchanges,
@@ -14,8 +17,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.conte
     Item,
     RoscoreIndex,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import filters
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     Connection,
     Exchange,
@@ -23,7 +24,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     RegisteredService,
     RegisteredTopic,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 
 STRING, IMAGE = ("std_msgs/String", "992c"), ("sensor_msgs/Image", "060021")
 

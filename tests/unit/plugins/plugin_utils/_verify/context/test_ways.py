@@ -3,8 +3,8 @@
 
 """Ways and masters: faults of a roscore on a sealed computer are told of that computer."""
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.needs import make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.needs import make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.ways import Ways
 from fleets import COMPANION, ONE, SEALED, plan, sealed
 

@@ -6,9 +6,9 @@
 from dataclasses import replace
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.commands import COMMANDS, command
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     BootDeviation,

@@ -6,13 +6,13 @@
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose import diagnosis
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import terminal
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge
 from fleets import (
     INNER_CAR,
     INNER_TIBI,

@@ -4,8 +4,8 @@
 """Since when something is broken: only what decides the fault is told."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.case import FleetState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.case import FleetState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.onset import describe_onset
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     BootDeviation,

@@ -5,7 +5,6 @@
 
 import fleets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import BORDER
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     Exchange,
     RegisteredService,
@@ -13,6 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     SentTopic,
     Traffic,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content
 from reports import make_report
 
 

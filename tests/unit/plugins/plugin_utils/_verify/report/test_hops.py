@@ -7,9 +7,9 @@ from xml.etree import ElementTree
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.hops import COLUMN, ROW, draw_way
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.findings import Way
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import Hop
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.hops import COLUMN, ROW, draw_way
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -7,7 +7,6 @@ import json
 
 import fleets
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import (
     FAILED,
     OK,
@@ -15,6 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
     Verification,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import Judgement, judge
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.summary import summarise

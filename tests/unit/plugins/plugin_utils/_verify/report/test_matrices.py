@@ -14,8 +14,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
     Verification,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.matrices import KINDS, Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import Stream, Streams
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.matrices import KINDS, Matrices
 from reports import make_report
 
 

@@ -8,16 +8,16 @@ from html.parser import HTMLParser
 
 import fleets
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, OK, Row
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import Diagnosis, Finding
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.matrices import KINDS, MOST, Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     Ping,
     SentTopic,
     Traffic,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.matrices import KINDS, MOST, Matrices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.page import list_flows, make_page
 from reports import TEMPLATE, make_report
 

@@ -5,7 +5,6 @@
 
 import pathlib
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import (
     FAILED,
     OK,
@@ -13,6 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
     WARNING,
     Row,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.summary import summarise
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.terminal import render

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace import findings, place
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.second_look import (
     Capture,
@@ -17,6 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     SeenPackets,
     SentProbe,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace import findings, place
 
 NAMES = ("ann", "bob", "cat", "dan", "eve")
 NUMBERS = {name: number for number, name in enumerate(NAMES, 1)}

@@ -11,11 +11,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagn
     LOCATED,
     list_unshown,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.findings import has_all, name_addresses
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.probes import (
-    choose_probes,
-    list_listeners,
-)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import FilterChains
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.second_look import (
@@ -23,6 +18,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     SecondLook,
     SeenPackets,
     SentProbe,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.findings import has_all, name_addresses
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.probes import (
+    choose_probes,
+    list_listeners,
 )
 from fleets import diagnose, fig12, mac, observed, parts, update, wall
 

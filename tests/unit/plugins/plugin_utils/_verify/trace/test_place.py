@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace import place, suspects
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import Map, Stage
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.second_look import (
     Capture,
@@ -21,6 +19,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     SeenPackets,
     SentProbe,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace import place, suspects
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import Map, Stage
 from hypothesis import given
 from hypothesis import strategies as st
 

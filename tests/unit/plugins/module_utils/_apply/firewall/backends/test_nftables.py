@@ -23,8 +23,8 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewa
     PacketFilter,
     Port,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 
 NODES = Path(__file__).parents[7] / "lab" / "nodes"
 TOOLS = ("nft", "unshare", "nsenter", "ip", "sysctl")

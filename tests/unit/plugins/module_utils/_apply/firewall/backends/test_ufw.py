@@ -7,12 +7,12 @@ tests/long/test_firewall.py has the real ufw.
 """
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.deadman import FileBefore
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall.backends import contract, ufw
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall.packet_filter import (
     PacketFilter,
     Port,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.deadman import FileBefore
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 
 WANTED = PacketFilter(("10.5.0.1", "fd00::1"), ("10.6.0.0/24",), (Port("tcp", 2222),))

@@ -8,14 +8,14 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import (
     contract,
     ifupdown,
     networkd,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
 
 FIXTURES = Path(__file__).parents[5] / "fixtures" / "routes"
 DROP_IN = "/etc/systemd/network/{}.d/90-rosfleet-multimaster.conf"

@@ -7,14 +7,14 @@ import os
 
 import pytest
 import yaml
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.boot import Boot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import contract, netplan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import networkmanager as nm
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.record import read_record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
 
 ROUTES = [
     Route("192.168.11.0/24", "192.168.1.201", "eth0"),

@@ -6,14 +6,14 @@
 import os
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import (
     contract,
     netplan,
     networkd,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
 
 HOME = "/etc/systemd/network/10-eth0.network"
 WIFI = "/run/systemd/network/10-netplan-wlan0.network"

@@ -4,14 +4,14 @@
 """The back end for NetworkManager, over profiles held here; the real daemon is in the Molecule scenario `routes`."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.boot import Boot
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import Route
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import networkmanager as nm
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.record import read_record
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
 from hypothesis import given
 from hypothesis import strategies as st
 
