@@ -273,6 +273,56 @@ GET_RECORD = (
 )
 
 
+#: A pattern of 23 characters, of which a compiler of regular expressions makes billions of steps.
+COSTLY = "(?:(?:){65000}){65000}x"
+#: As a computer: ask a discovery for its contact, and for its state by a filter with this pattern; what came, in JSON.
+ASK = f"""
+import json, sys, time, xmlrpc.client
+def ask(method, *arguments):
+    until = time.monotonic() + 60
+    while True:
+        try:
+            return getattr(xmlrpc.client.ServerProxy(f"http://{{sys.argv[1]}}:11611"), method)(*arguments)
+        except xmlrpc.client.Fault as fault:
+            return fault.faultString
+        except OSError:  # it does not listen yet
+            assert time.monotonic() < until
+            time.sleep(0.05)
+print(json.dumps([ask("masterContacts"), ask("masterInfoFiltered", [False, "", "", "{COSTLY}"] + [""] * 7)]))
+"""
+DISCOVERY = "$(systemctl show --value -p MainPID multimaster-discovery)"
+
+
+def spent(lab):
+    """Seconds of a processor that the discovery of the first robot has taken since its start."""
+    words = lab.run(FIRST, f"sed 's/.*) //' /proc/{DISCOVERY}/stat").split()
+    return (int(words[11]) + int(words[12])) / 100
+
+
+def test_no_pattern_of_others_stops_discovery(lab):
+    """Any program may set /do_not_sync, and a roscore remembers it; any robot may ask with a filter."""
+    lab.run(FIRST, f"rosparam set /do_not_sync '{COSTLY}' && systemctl restart multimaster-discovery")
+    try:
+        contact, state = json.loads(lab.run(SECOND, f"python3 - {FIRST}", stdin=ASK))
+        assert contact[2] == FIRST
+        assert "/do_not_sync" in state and COSTLY in state, "others are told nothing, and why"
+        state = json.loads(lab.run(FIRST, "python3 - localhost", stdin=ASK))[1]
+        assert isinstance(state, list), "this computer is told its state"
+        assert spent(lab) < 2.0
+        said = lab.run(FIRST, f"journalctl --quiet --output cat _PID={DISCOVERY}")
+        print(spent(lab), said)
+        (line,) = [line for line in said.splitlines() if COSTLY in line]
+        assert line.startswith("other robots are told nothing until this is corrected: /do_not_sync has "), line
+    finally:
+        lab.run(FIRST, "rosparam delete /do_not_sync")
+    until, before = time.monotonic() + 30, spent(lab)
+    while isinstance(state := json.loads(lab.run(SECOND, f"python3 - {FIRST}", stdin=ASK))[1], str):
+        assert time.monotonic() < until, state
+    assert "/rosout" in [topic for topic, _nodes in state[4]], "a filter of which nothing is known restricts nothing"
+    assert spent(lab) - before < 2.0
+    print(spent(lab) - before)
+
+
 def test_what_it_has_refused_is_on_diagnostics(lab):
     name = "/" + "n" * 600
     assert "more than the roscore takes" in lab.run(FIRST, f"rosparam set {name} 1 2>&1; true")
