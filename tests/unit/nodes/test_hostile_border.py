@@ -23,11 +23,12 @@ import pytest
 from rosfleet_multimaster.border.core.header import encode_header
 from rosfleet_multimaster.edge.rpc_server import RpcServer
 
-from tests.unit.nodes.border.ends import DEAR, DEEP, HEADER, SUM, End, free_port, message
+from tests.unit.nodes.border.ends import DEAR, DEEP, HEADER, SUM, End, Publisher, free_port, message
 from tests.unit.nodes.running_sync import Roscore
 
 NODES = pathlib.Path(__file__).resolve().parents[3] / "roles/nodes/files/python"
 HERE, BAD, GOOD, THIRD = "127.0.0.1", "127.0.0.2", "127.0.0.3", "127.0.0.4"
+ALSO_BAD = "127.0.0.5"  # another computer of the hostile robot
 
 
 def wait_for(condition, seconds=15.0):
@@ -80,13 +81,11 @@ class Peer:
 
     def member(self):
         own = {"robot": self.name, "name": self.name, "uris": [f"http://{self.address}:11311"], "rpc_port": 11611}
-        return {**own, "addresses": [self.address], "hosts": [self.address]}
-
-
-def talk_for_ever(end):
-    while True:
-        end.say(message(struct.pack("<4sd", b"data", time.monotonic())))
-        time.sleep(0.02)
+        return {
+            **own,
+            "addresses": [self.address],
+            "hosts": [self.address, *([ALSO_BAD] if self.name == "bad" else [])],
+        }
 
 
 class Station:
@@ -110,12 +109,17 @@ class Station:
         }
         self.bad, self.good = self.peers
         self.good.offer(["topic", "/good/scan", "x/Y", ["/laser"]], ["service", "/good/reset", "", ["/base"]])
-        self.good.serve(talk_for_ever)
         words = [sys.executable, "-m", "rosfleet_multimaster.master_border", "--parameters", str(path)]
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(words, env=environment, stderr=log)
+        self.good.serve(self.talk)
         wait_for(lambda: {"/good/scan", "/good/reset"} <= self.names())
         self.data = self.api.requestTopic("/x", "/good/scan", [["TCPROS"]])[2][2]
+
+    def talk(self, end):
+        while True:
+            end.say(message(struct.pack("<4sd", b"data", self.spent())))
+            time.sleep(0.02)
 
     @property
     def api(self):
@@ -155,16 +159,32 @@ class Station:
         except (OSError, EOFError):
             return False
 
+    def spent(self):
+        """The time of the processor that the border's loop has had, in seconds: a busy machine makes all else longer."""
+        return (
+            int(pathlib.Path(f"/proc/{self.process.pid}/task/{self.process.pid}/schedstat").read_text().split()[0])
+            / 1e9
+        )
+
     def measure_delays(self, seconds=3.0):
-        """How long messages of the good robot take on their way, which come each 20 ms: the median, and the longest."""
+        """What the border does while messages of the good robot wait in it, in its own time: the median, and the most."""
         end = self.connect(topic="/good/scan")
         end.header()
         until, delays = time.monotonic() + seconds, []
-        while time.monotonic() < until:
+        while time.monotonic() < until or len(delays) < 20:
             (said,) = struct.unpack("<d", end.next()[8:])
-            delays.append(time.monotonic() - said)
+            delays.append(self.spent() - said)
         end.close()
         return sorted(delays)[len(delays) // 2], max(delays)
+
+    def is_prompt(self):
+        """Say if a listener hears, and a call is answered, before the border has done much else: half a second, and two."""
+        began = self.spent()
+        assert self.hears(60.0)
+        heard = self.spent()
+        assert self.calls(60.0)
+        print(f"heard after {heard - began:.2f} s, answered after {self.spent() - heard:.2f} s of the border")
+        return heard - began < 0.5 and self.spent() - heard < 2.0
 
     def calls(self, seconds=2.0):
         """Say if a call of the good robot's service is answered in time."""
@@ -224,13 +244,13 @@ def test_messages_that_cost_much_delay_nobody(framed, dear):
     names = [f"/bad/t{number}" for number in range(12)]
     framed.offer(*(["topic", name, "x/Y", ["/n"]] for name in names))
     listeners = [framed.connect(topic=name) for name in names]
-    wait_for(lambda: len(framed.bad.asked) == len(names), 30)
+    wait_for(lambda: len(framed.bad.asked) == len(names), 60)
     median, longest = framed.measure_delays(6.0)
-    print(f"a message takes {1000 * median:.0f} ms, and {1000 * longest:.0f} ms at most")
-    assert median < 0.1 and longest < 1.0
-    assert framed.hears(0.5) and framed.calls()
+    print(f"a message waits for {1000 * median:.0f} ms, and {1000 * longest:.0f} ms at most")
+    assert median < 0.05 and longest < 0.2
+    assert framed.is_prompt()
     assert framed.measure_load() < 0.8
-    wait_for(lambda: "bad: its messages take more of the processor" in framed.log.read_text(), 30)
+    wait_for(lambda: "bad: its messages take more of the processor" in framed.log.read_text(), 60)
     assert framed.log.read_text().count("take more of the processor") == 1
     for end in listeners:
         end.close()
@@ -372,12 +392,77 @@ def test_a_call_without_a_provider_gets_a_sentence(station):
     assert b"error=/bad/reset cannot be reached" in answer
 
 
-def test_long_fields_of_listeners_are_not_kept(station):
-    def memory():
-        lines = pathlib.Path(f"/proc/{station.process.pid}/status").read_text()
-        return int(lines.partition("VmRSS:")[2].split()[0]) >> 10
+def read_memory(station):
+    """The memory of a border in MiB."""
+    lines = pathlib.Path(f"/proc/{station.process.pid}/status").read_text()
+    return int(lines.partition("VmRSS:")[2].split()[0]) >> 10
 
-    before = memory()
+
+def test_long_fields_of_listeners_are_not_kept(station):
+    before = read_memory(station)
     ends = [station.connect(topic="/good/scan", callerid="/\u4e00" + "x" * 200_000) for _number in range(60)]
     assert all("error" not in end.header() for end in ends)
-    assert memory() - before < 30
+    assert read_memory(station) - before < 30
+
+
+def test_a_robot_counts_once_whatever_its_addresses(station):
+    silent = [
+        socket.create_connection((HERE, station.data), 10, (source, 0))
+        for source in (BAD, ALSO_BAD)
+        for _number in range(40)
+    ]
+    assert station.hears()
+    wait_for(lambda: sum(is_closed(connection) for connection in silent) == 30)
+
+
+def is_closed(connection):
+    connection.settimeout(0.01)
+    try:
+        while connection.recv(1000):
+            pass
+        return True
+    except TimeoutError:
+        return False
+    except OSError:
+        return True
+
+
+def test_silent_calls_of_a_robot_leave_room_at_their_place(framed):
+    """One provider, which others want, too."""
+    provider = Publisher()
+    uri = f"rosrpc://{HERE}:{provider.place[1]}"
+    framed.roscore.register("registerService", "/base", "/good/own", uri, f"http://{HERE}:1/")
+    time.sleep(1.5)  # it is read each second
+    silent = [framed.connect(BAD, service="/good/own", rosfleet_border="bad") for _number in range(60)]
+    held = [provider.server.accept()[0] for _number in range(50)]
+    wait_for(lambda: sum(is_closed(end.connection) for end in silent) == 10)
+    friend = framed.connect(GOOD, service="/good/own", rosfleet_border="good")
+    end = End(provider.server.accept()[0])
+    end.header()
+    end.say(encode_header({"callerid": "/base", "md5sum": SUM}) + message(b"done"))
+    assert friend.header()["callerid"] == "/base" and friend.next() == message(b"done")
+    for connection in held:
+        connection.close()
+
+
+def test_all_that_is_kept_of_a_robot_is_in_the_budget(framed):
+    """Three hundred publishers, each with a long header and a large definition, and listeners for all of them."""
+    sentence = "# \u4e00" + "x" * 90 + "\n"
+    fields = "".join(f"string[] field{number}\n" for number in range(1900)) + "string frame_id\n"
+    definition = fields + sentence * ((200_000 - len(fields)) // len(sentence))
+    framed.bad.header = {**HEADER, "type": "x/Y", "message_definition": definition}
+    framed.bad.serve(lambda _end: time.sleep(120))
+    names = [f"/bad/t{number}" for number in range(300)]
+    before = read_memory(framed)
+    framed.offer(*(["topic", name, "x/Y", ["/n"]] for name in names))
+    listeners = [framed.connect(topic=name) for name in names]
+    most, until = 0, time.monotonic() + 20
+    while time.monotonic() < until:
+        most = max(most, read_memory(framed))
+        time.sleep(0.2)
+    print(f"{before} MiB before, {most} MiB at most, {len(framed.bad.asked)} connections")
+    assert len(framed.bad.asked) > 20, "it was asked"
+    assert most - before < 60
+    assert framed.is_prompt()
+    for end in listeners:
+        end.close()

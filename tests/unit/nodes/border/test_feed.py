@@ -16,10 +16,12 @@ from rosfleet_multimaster.border.dial import Dialers
 from rosfleet_multimaster.border.feed import Feed, Origin
 from rosfleet_multimaster.border.wire import Wire
 from rosfleet_multimaster.edge.clock import monotonic, processor_time
-from rosfleet_multimaster.edge.loop import Loop, Workers
+from rosfleet_multimaster.edge.loop import Loop
 from rosfleet_multimaster.edge.process.program import LimitedLog
 
 from tests.unit.nodes.border.ends import DEAR, DEEP, SUM, End, Publisher, free_port, message
+
+ROBOTS = ("own", "talker", "listener")
 
 
 class Running:
@@ -28,8 +30,8 @@ class Running:
     def __init__(self, of_one=False):
         self.loop, self.due = Loop(), 0.0
         self.change = None  # of the frames
-        self.accounts = Accounts(self.loop, "own")
-        dialers = Dialers(Workers(self.loop, 2))
+        self.accounts = Accounts(self.loop, ROBOTS, "own")
+        dialers = Dialers(self.loop, "own", ROBOTS)
         self.feed = Feed(self.loop, dialers, LimitedLog(), self.accounts.budget, "/chatter", self.request, of_one)
         self.thread = threading.Thread(target=self.loop.run, args=(lambda now: self.tick(now),))
         self.thread.start()

@@ -18,7 +18,7 @@ from .border.core import report
 from .border.core.channels import SERVICE, TOPIC, Channel, Own, OwnNodes, find_taken, list_offers, list_own
 from .border.core.frames import STATIC, Frames
 from .border.core.header import encode_header
-from .border.dial import Dialers, PartyCounts, dial_border, dial_node, dial_service, listen
+from .border.dial import Dialers, dial_border, dial_node, dial_service, listen
 from .border.feed import Dial, Feed, Fields, Link, Origin
 from .border.node import PROVIDER, PUBLISHER, SUBSCRIBER, Registrar, SlaveApi
 from .border.peers import OFFERS, Offers, Peer
@@ -38,6 +38,7 @@ from .protocol.filters import MAX_NAME
 from .protocol.members import Members, host_of, is_address
 from .protocol.messages import Diagnosis
 from .protocol.plain_text import plain, quote
+from .protocol.shares import Shares
 from .sync.core.sync import View
 from .sync.roscore_graph import RoscoreGraph
 
@@ -46,15 +47,15 @@ BEAT = 0.1  # seconds between two looks at what is due, at most
 STATUS = 5.0  # seconds between two lines of status
 READ, READ_WHOLE = 0.2, 1.0  # seconds between two looks at the own roscore: one that tells its changes, and any other
 MOST_WIRES, MOST_NEW = 1000, 200  # connections of others, and those without a header
-# Of one address, and those that nobody but this computer may have
-MOST_WIRES_OF_ONE, MOST_NEW_OF_ONE, RESERVED = 400, 50, 100
+MOST_WIRES_OF_ONE, MOST_NEW_OF_ONE = 400, 50  # of one other robot
+MOST_FIRST = 1 << 15  # bytes of a call that wait for its provider: its header, and what came with it
 LONGEST_WAIT = 60.0  # seconds that another border may wait for news
 # Fields of a header between two borders: whose it is, and the node whose messages it wants.
 ROBOT, NODE = "rosfleet_border", "rosfleet_publisher"
 
 
 SLOWED = "its messages take more of the processor than its share, and wait"
-OTHERS = "computers of no robot"
+NOBODY, OTHERS = "", "computers of no robot"  # who has an address that belongs to no robot, and how it is called
 
 
 class OwnHosts:
@@ -78,6 +79,7 @@ class Provider(NamedTuple):
     """How the provider of a service is reached, or the border that has it."""
 
     dial: Dial
+    robot: str  # whose it is
     place: str  # a URI
     name: str  # of the service there
 
@@ -90,7 +92,6 @@ class MasterBorder:
         self.loop, self.limited = Loop(), program.LimitedLog()
         self.own_hosts = keep_fresh(local_hosts)  # each connection asks for them
         self.robot, self.roscore = values["robot"], roscore
-        self.accounts = Accounts(self.loop, self.robot)
         self.channels = [Channel.from_entry(entry) for entry in values["channels"]]
         self.peers = {channel.peer: channel for channel in self.channels}
         self.board = OfferBoard()
@@ -99,7 +100,6 @@ class MasterBorder:
         self.services: Own = {}
         self.claimed: imports.Claims = {}  # of the same reading
         self.calls: Dict[str, Provider] = {}  # service of others -> how their border is reached
-        self.calling = PartyCounts(calls.MOST_OF_ONE, calls.MOST)
         self.offers: Dict[str, Offers] = {}
         self.given: Dict[Tuple[str, str, Optional[Frames]], Feed] = {}  # topic, node and frames -> for other borders
         self.taken: Dict[str, Feed] = {}  # topic -> for listeners of this robot
@@ -109,6 +109,11 @@ class MasterBorder:
         members = Members.from_parameters(values)
         self.robots = {host: channel.peer for channel in self.channels for host in channel.hosts}
         self.robots.update({host: one.robot for one in members.robots for host in one.hosts})
+        robots = {self.robot, NOBODY, *self.peers, *self.robots.values()}
+        self.accounts = Accounts(self.loop, robots, self.robot)
+        self.calling = calls.Calls(self.loop, [f"{way} {robot}" for robot in robots for way in ("of", "to")])
+        self.open = Shares(MOST_WIRES, MOST_WIRES_OF_ONE, robots, self.robot)
+        self.new = Shares(MOST_NEW, MOST_NEW_OF_ONE, robots, self.robot)
         self.slowed: List[str] = []  # robots whose messages cost too much
         planned = frozenset(host for one in members.robots if one.robot == self.robot for host in one.hosts)
         self.foreign_hosts = members.hosts - planned
@@ -120,7 +125,7 @@ class MasterBorder:
         # A new port at each start: by its URI, nodes know that what they were connected with has ended, also where they did not see it.
         own = RpcServer("", 0, self.api.methods(), self._on_malformed, self.rules)
         self.uri = f"http://{find_own_host()}:{own.server_address[1]}/"
-        self.dialers = Dialers(Workers(self.loop, 8))
+        self.dialers = Dialers(self.loop, self.robot, robots)
         roscore_calls = Workers(self.loop, 1)  # everything that is asked of the own roscore
         self.registrar = Registrar(roscore, self.uri, roscore_calls)
         again = self.registrar.begin_again
@@ -163,6 +168,7 @@ class MasterBorder:
             self.feeds_due = now + PATIENCE
             for feed in self._list_feeds():
                 feed.tick(now)
+            self.calling.tick(now)
             for wire in [wire for wire in self.wires if wire.header is None and now - wire.since > PATIENCE]:
                 wire.end()
         return min(self.jobs_due, self.feeds_due)
@@ -332,7 +338,7 @@ class MasterBorder:
             for (kind, local), (offer, channel) in find_taken(channels, known.entries).items():
                 uri = f"http://{known.host}:{channel.port}/"
                 if kind == SERVICE:
-                    self.calls.setdefault(local, Provider(dial, uri, offer.name))
+                    self.calls.setdefault(local, Provider(dial, peer, uri, offer.name))
                 elif local not in own:  # this node publishes that itself
                     published.setdefault(local, offer.type)
                     change = None if channel.inner_frames is None else channel.inner_frames.take_off
@@ -370,34 +376,28 @@ class MasterBorder:
             self.loop.forget(self.listener)
             self.listens_at = monotonic() + BEAT
             return
-        objection = self.rules.objection(address, connection.getsockname()[0]) or self._find_excess(address)
+        robot = self._find_robot(address)
+        objection = self.rules.objection(address, connection.getsockname()[0])
+        if not objection and not (self.open.have_room(robot) and self.new.have_room(robot)):
+            objection = "too many connections of its robot at once"
         if objection:
             connection.close()
             self._on_malformed(address, objection)
             return
         try:
-            account = self.accounts.find(self._find_robot(address))
-            wire = Wire(self.loop, connection, account, self._greet, None, self._on_gone)
+            wire = Wire(self.loop, connection, self.accounts.find(robot), self._greet, None, self._on_gone)
         except OSError:
             connection.close()
             return
         self.wires[wire] = None
+        self.open.add(robot)
+        self.new.add(robot)
         self._request_feeds(monotonic() + PATIENCE)
-
-    def _find_excess(self, address: str) -> str:
-        """Say that there are too many connections of one address, or of all; empty where there are not. This computer has a reserve."""
-        new = [wire.address for wire in self.wires if wire.header is None]
-        if self._is_here(address):
-            return "too many connections at once" if len(self.wires) >= MOST_WIRES else ""
-        its_own = sum(wire.address == address for wire in self.wires)
-        if its_own >= MOST_WIRES_OF_ONE or new.count(address) >= MOST_NEW_OF_ONE:
-            return "too many connections of this computer at once"
-        full = len(self.wires) >= MOST_WIRES - RESERVED or len(new) >= MOST_NEW
-        return "too many connections at once" if full else ""
 
     def _greet(self, wire: Wire) -> None:
         """Give a listener to its feed, and a client to its service."""
         header = wire.header or {}
+        self.new.remove(wire.robot)
         if "service" in header:
             self._pass_call(wire, header)
             return
@@ -456,17 +456,19 @@ class MasterBorder:
         if found is None:
             _refuse(wire, f"{plain(service)} is not provided here")
             return
-        parties = (found.place,) if self._is_here(wire.address) else (found.place, wire.address)
-        if not self.calling.have_room(*parties):
-            _refuse(wire, "too many calls at once")
-            return
         fields = {**header, "callerid": NAME, "service": found.name}
         fields.pop(ROBOT, None)
-        self.wires.pop(wire)
-        connection, rest = wire.detach()
-        first = encode_header({**fields, ROBOT: self.robot} if robot is None else fields) + rest
-        self.calling.add(*parties)
-        self.dialers.submit(found.place, found.dial, partial(self._on_dialed, connection, first, parties, service))
+        first = encode_header({**fields, ROBOT: self.robot} if robot is None else fields) + wire.rest
+        account, party = self.accounts.find(found.robot), f"to {found.robot}"
+        if wire.robot != self.robot:
+            account, party = wire.account, f"of {wire.robot}"
+        call = self.calling.begin(account, party, wire.connection, first) if len(first) <= MOST_FIRST else None
+        if call is None:
+            _refuse(wire, "too many calls at once, or too long a header")
+            return
+        self._forget(wire)
+        wire.detach()
+        self.dialers.submit(found.robot, found.place, found.dial, partial(self._on_dialed, call, service))
 
     def _find_provider(self, wire: Wire, robot: str, name: str) -> Optional[Provider]:
         """Return how the provider of a service is reached that another border wants."""
@@ -474,30 +476,23 @@ class MasterBorder:
             service = channel.find_local(SERVICE, name, given=True)
             if service is not None and service in self.services:
                 uri = self.seen.service_uris.get(service, "")
-                return Provider(partial(dial_service, uri, self.hosts), uri, service)
+                return Provider(partial(dial_service, uri, self.hosts), self.robot, uri, service)
         return None
 
-    def _on_dialed(
-        self,
-        client: Any,
-        first: bytes,
-        parties: Tuple[str, ...],
-        service: str,
-        provider: Any,
-        problem: Optional[Exception],
-    ) -> None:
+    def _on_dialed(self, call: calls.Call, service: str, provider: Any, problem: Optional[Exception]) -> None:
         if provider is not None:
-            calls.splice(client, provider, first, partial(self.loop.post, self.calling.remove, *parties))
+            call.start(provider)
             return
-        text = f"{plain(service)} cannot be reached: {quote(problem)}"
-        self.limited.say("warning", f"service {parties[0]}", text)
+        text = f"{quote(service)} cannot be reached: {quote(problem)}"
+        self.limited.say("warning", f"service {call.party}", text)
         with contextlib.suppress(OSError):
-            client.send(encode_header({"error": text}))
-        client.close()
-        self.calling.remove(*parties)
+            call.client.send(encode_header({"error": text}))
+        call.end()
 
     def _on_gone(self, wire: Wire, why: str) -> None:
-        feed = self.wires.pop(wire, None)
+        if wire.header is None:
+            self.new.remove(wire.robot)
+        feed = self._forget(wire)
         if feed is not None:
             feed.remove(wire)
             self._forget_idle(feed.topic, feed)
@@ -507,6 +502,11 @@ class MasterBorder:
         """Forget a topic of others that nobody publishes any more, as soon as nobody listens."""
         if self.taken.get(topic) is feed and topic not in self.api.published and not feed.has_sinks:
             del self.taken[topic]
+
+    def _forget(self, wire: Wire) -> Optional[Feed]:
+        """Count a connection no more. Return the feed that it listens to."""
+        self.open.remove(wire.robot)
+        return self.wires.pop(wire, None)
 
 
 def _refuse(wire: Wire, why: str) -> None:

@@ -3,12 +3,12 @@
 """The accounts of the robots: who is at the other end of a connection pays for it."""
 
 from collections import deque
-from typing import Callable, Deque, Dict, List
+from typing import Callable, Collection, Deque, Dict, List
 
 from ..edge.clock import monotonic
 from ..edge.loop import Loop
+from .core.budget import Budget
 from .core.effort import OWN_SHARE, SHARE, Effort
-from .core.outbox import Budget
 
 
 class Account:
@@ -55,9 +55,9 @@ class Account:
 class Accounts:
     """The accounts of all robots. They are few: robots are known by the plan."""
 
-    def __init__(self, loop: Loop, own: str) -> None:
-        """`own`: this robot."""
-        self.budget = Budget()
+    def __init__(self, loop: Loop, robots: Collection[str], own: str) -> None:
+        """`own`: this robot; `robots`: all of them."""
+        self.budget = Budget(robots=robots, own=own)
         self._loop, self._own = loop, own
         self._accounts: Dict[str, Account] = {}
 

@@ -5,75 +5,77 @@
 To connect may block.
 """
 
-import math
 import socket
 from collections import Counter, deque
 from functools import partial
-from typing import Any, Container, Deque, Dict, Optional, Tuple
+from typing import Any, Collection, Container, Deque, Dict, Optional, Set, Tuple
 
 from ..edge.addresses import address_of
-from ..edge.loop import Done, Job, Workers
+from ..edge.loop import Done, Job, Loop, Workers
 from ..edge.rpc_client import SMALL, Rpc
 from ..protocol.members import is_address, place_of
 from ..protocol.plain_text import quote
+from ..protocol.shares import Shares
 
 SECONDS = 5.0  # for each question and each connection
 AT_ONCE = 2  # connections that are being made to one place
-MOST = 300  # connections to one place for topics
-
-
-class PartyCounts:
-    """The things that go on: in all, and those of each party, which is a place or another computer."""
-
-    def __init__(self, most_of_one: int, most: float = math.inf) -> None:
-        self._most_of_one, self._most, self._all = most_of_one, most, 0
-        self._parties: Counter[str] = Counter()
-
-    def have_room(self, *parties: str) -> bool:
-        """True if these may have one more."""
-        return self._all < self._most and max(self._parties[party] for party in parties) < self._most_of_one
-
-    def add(self, *parties: str) -> None:
-        """Something of these begins."""
-        self._all += 1
-        self._parties.update(parties)
-
-    def remove(self, *parties: str) -> None:
-        """Something of these has ended."""
-        self._all -= 1
-        self._parties.subtract(parties)
-        self._parties += Counter()  # without those that have none
+THREADS = 8  # that make connections, and two for each robot
+MOST_SILENT = 1000  # places that are remembered, since they did not answer
+MOST = 300  # connections for topics to one robot
 
 
 class Dialers:
-    """Has connections made in threads, a few at a time for each place. So one that does not answer holds nobody up but itself.
+    """Has connections made in threads, a few at a time for each robot and each place. So who does not answer holds nobody up but itself.
 
-    Used in the loop alone.
+    Places that have not answered wait behind the others of their robot. Used in the loop alone.
     """
 
-    def __init__(self, workers: Workers) -> None:
-        self._workers = workers
-        self._waiting: Dict[str, Deque[Tuple[Job, Done]]] = {}
-        self._busy = PartyCounts(AT_ONCE)
-        self.held = PartyCounts(MOST)  # connections for topics
+    def __init__(self, loop: Loop, own: str, robots: Collection[str]) -> None:
+        """`own`: this robot; `robots`: all of them."""
+        threads = THREADS + 2 * len(robots)
+        self._workers = Workers(loop, threads)
+        self._waiting: Dict[Tuple[str, str], Deque[Tuple[Job, Done]]] = {}  # robot, place
+        self._silent: Set[str] = set()  # places
+        self._at_once: Counter[str] = Counter()  # by places
+        self._busy = Shares(threads, THREADS // 2, robots, own)
+        self._slow = Shares(threads // 2, THREADS // 4, robots, own)
+        self.held = Shares(MOST * (1 + len(robots)), MOST, robots, own)  # connections for topics
 
-    def submit(self, place: str, job: Job, done: Done) -> None:
-        """Make a connection to a place, then call `done(connection, exception)` in the loop."""
-        self._waiting.setdefault(place, deque()).append((job, done))
-        self._start(place)
+    def submit(self, robot: str, place: str, job: Job, done: Done) -> None:
+        """Make a connection to a place of a robot, then call `done(connection, exception)` in the loop."""
+        self._waiting.setdefault((robot, place), deque()).append((job, done))
+        self._start()
 
-    def _start(self, place: str) -> None:
-        waiting = self._waiting.get(place)
-        while waiting and self._busy.have_room(place):
-            job, done = waiting.popleft()
-            self._busy.add(place)
-            self._workers.submit(job, partial(self._on_done, place, done))
-        if not waiting:
-            self._waiting.pop(place, None)
+    def _start(self) -> None:
+        for robot, place in list(self._waiting):
+            waiting, is_slow = self._waiting[robot, place], place in self._silent
+            while waiting and self._at_once[place] < AT_ONCE and self._busy.have_room(robot):
+                if is_slow and not self._slow.have_room(robot):
+                    break
+                job, done = waiting.popleft()
+                self._count(robot, place, is_slow, 1)
+                self._workers.submit(job, partial(self._on_done, robot, place, is_slow, done))
+                if waiting:  # behind the other places of its robot
+                    self._waiting[robot, place] = self._waiting.pop((robot, place))
+            if not waiting:
+                self._waiting.pop((robot, place))
 
-    def _on_done(self, place: str, done: Done, connection: Any, problem: Optional[Exception]) -> None:
-        self._busy.remove(place)
-        self._start(place)
+    def _count(self, robot: str, place: str, is_slow: bool, number: int) -> None:
+        self._at_once[place] += number
+        self._at_once += Counter()  # without those that have none
+        self._busy.add(robot, number)
+        if is_slow:
+            self._slow.add(robot, number)
+
+    def _on_done(
+        self, robot: str, place: str, is_slow: bool, done: Done, connection: Any, problem: Optional[Exception]
+    ) -> None:
+        self._count(robot, place, is_slow, -1)
+        if connection is not None:
+            self._silent.discard(place)
+        elif len(self._silent) < MOST_SILENT:
+            self._silent.add(place)
+        self._start()
         done(connection, problem)
 
 

@@ -11,16 +11,19 @@ from typing import Any, Callable, Dict, Hashable, List, Mapping, NamedTuple, Opt
 from ..edge.clock import monotonic
 from ..edge.loop import Loop
 from ..edge.process import program
+from ..protocol.filters import MAX_NAME
 from ..protocol.plain_text import plain, quote
 from .account import Account
+from .core.budget import Budget
 from .core.definition import DefinitionError
 from .core.frames import Change, FramesError, Rewrite, make_rewrite
-from .core.header import encode_header
-from .core.outbox import Budget
+from .core.header import encode_header, weigh_fields
 from .core.rates import make_throttle
 from .dial import Dialers
 from .wire import PATIENCE, Wire
 
+_NAMES = ("type", "md5sum", "latching")
+_FIELDS = (*_NAMES, "message_definition")  # of a publisher's header that are kept
 AGAIN = (0.2, 1.5)  # seconds until a publisher that does not answer is asked again: at first, and at most
 
 Fields = Dict[str, str]
@@ -199,11 +202,13 @@ class Feed:
     # Publishers
 
     def _dial(self, source: _Source) -> None:
-        if not self._dialers.held.have_room(source.origin.uri):
-            self._fail(source, f"too many connections to {source.origin.uri} are open")
+        if not self._dialers.held.have_room(source.origin.account.robot):
+            self._fail(source, "too many connections to its robot are open")
             return
         source.dialing = True
-        self._dialers.submit(source.origin.uri, source.origin.dial, partial(self._on_dial, source))
+        self._dialers.submit(
+            source.origin.account.robot, source.origin.uri, source.origin.dial, partial(self._on_dial, source)
+        )
 
     def _on_dial(self, source: _Source, connection: Any, problem: Optional[Exception]) -> None:
         source.dialing = False
@@ -225,7 +230,7 @@ class Feed:
                 connection.close()
                 self._fail(source, str(gone))
                 return
-            self._dialers.held.add(source.origin.uri)
+            self._dialers.held.add(source.origin.account.robot)
             source.wire.say(encode_header(source.origin.question))
 
     def _on_header(self, source: _Source, wire: Wire) -> None:
@@ -233,14 +238,22 @@ class Feed:
         if "error" in header or not header.get("md5sum"):
             wire.end(f"it says {quote(header.get('error', '')) or 'no md5sum'}")
             return
+        wire.header = header = {name: header[name] for name in _FIELDS if name in header}
+        if any(len(header.get(name, "")) > MAX_NAME for name in _NAMES):
+            wire.end("its header has a type or an md5sum that is none")
+            return
         source.problem = ""
-        if source.origin.change is not None:
-            try:
+        try:
+            if source.origin.change is not None:
                 source.rewrite = make_rewrite(header, source.origin.change)
-            except DefinitionError as problem:
-                source.problem = f"its frames cannot be renamed: {plain(problem)}"
-                wire.end(source.problem)
-                return
+        except DefinitionError as problem:
+            source.problem = f"its frames cannot be renamed: {plain(problem)}"
+            wire.end(source.problem)
+            return
+        if not wire.keep(weigh_fields(header) + (0 if source.rewrite is None else source.rewrite.size)):
+            source.rewrite = None
+            wire.end("the definitions of its robot take too much memory")
+            return
         source.header = header
         known = {each["md5sum"] for each in self._list_headers()}
         for sink in list(self._sinks.values()):
@@ -273,15 +286,15 @@ class Feed:
                 self._send(sink, message, now)
 
     def _latch(self, source: _Source, message: Optional[bytes]) -> None:
-        is_kept = self._budget.latch(source.latched, message)
+        is_kept = self._budget.latch(source.origin.account.robot, source.latched, message)
         source.latched = message if is_kept else None
         if not is_kept:
             text = f"{self.topic}: the last message of a latched publisher is not kept for who comes later; there are too many such bytes"
             self._limited.say("warning", f"latched {self.topic}", text)
 
     def _on_end(self, source: _Source, wire: Wire, why: str) -> None:
-        self._dialers.held.remove(source.origin.uri)
-        had, source.header = source.header, None
+        self._dialers.held.remove(source.origin.account.robot)
+        had, source.header, source.rewrite = source.header, None, None
         if had is not None and monotonic() - wire.since > PATIENCE:
             source.failures = 0  # one that ends right after its header is asked ever later
         self.dropped += wire.count_skipped()

@@ -4,7 +4,7 @@
 
 import itertools
 import socket
-from typing import Callable, Dict, Optional, Tuple
+from typing import Callable, Dict, Optional
 
 from ..edge.clock import monotonic, processor_time
 from ..edge.loop import Loop
@@ -16,7 +16,8 @@ from .core.outbox import Outbox
 
 MAX_MESSAGE = 1 << 24  # bytes of one message; a larger one is left out
 PATIENCE = 10.0  # seconds until the header has to be there
-_READ = 1 << 18  # bytes at once, so that no connection holds the others up
+# Bytes at once, so that no connection holds the others up: of messages; and before it is known that these come
+_READ, _READ_FIRST = 1 << 18, 1 << 14
 #: bytes that the kernel keeps of a connection of which only the newest message counts
 _SMALL_BUFFER = 1 << 16
 SILENCE = 10.0  # seconds without an acknowledgement
@@ -52,12 +53,13 @@ class Wire:
         #: as rospy says it in getBusInfo
         self.title = f"TCPROS connection on port {connection.getsockname()[1]} to [{address}:{port} on socket {connection.fileno()}]"
         self.header: Optional[Dict[str, str]] = None  # of the other end
-        self._account, self._budget = account, account.budget
+        self.account, self._budget = account, account.budget
         self.outbox, self.ended = Outbox(self._budget), False
         self.since = self.progress = self._came = monotonic()
-        self._loop, self._connection = loop, connection
+        self._loop, self.connection = loop, connection
         self._on_header, self._on_message, self._on_end = on_header, on_message, on_end
         self._reader = MessageReader(MAX_HEADER)
+        self._kept = 0  # bytes that stay until its end
         self._counted = 0  # bytes of the message that is being read
         self._watched = False  # for being writable
         self._waiting = False  # for its turn, or for what its robot may take; then nothing is read of it
@@ -66,6 +68,18 @@ class Wire:
         keep_alive(connection)
         loop.watch(connection, self._on_ready)
         self._budget.payers.add(self)
+
+    @property
+    def robot(self) -> str:
+        """The robot at the other end."""
+        return self.account.robot
+
+    def keep(self, size: int) -> bool:
+        """Count bytes that are kept for it until its end; False where its robot has too many."""
+        if not self._budget.keep(self.robot, size):
+            return False
+        self._kept += size
+        return True
 
     @property
     def size(self) -> int:
@@ -101,13 +115,13 @@ class Wire:
 
     def limit_silence(self) -> None:
         """End the connection where what is sent is not acknowledged: the link is cut. The other end always reads."""
-        self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * SILENCE))
+        self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * SILENCE))
 
     def keep_newest(self) -> None:
         """Let one message wait, and have the kernel keep little of what is sent: a slow link gets what is new."""
         self.outbox.close()
         self.outbox = Outbox(self._budget, newest=True)
-        self._connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SMALL_BUFFER)
+        self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SMALL_BUFFER)
 
     def say(self, header: bytes) -> None:
         """Send a header."""
@@ -129,26 +143,31 @@ class Wire:
         if self.ended:
             return
         self._let_go()
-        self._connection.close()
+        self.connection.close()
         self._on_end(self, why)
 
-    def detach(self) -> Tuple[socket.socket, bytes]:
-        """Give the connection to somebody else, with the bytes that came after its header."""
+    @property
+    def rest(self) -> bytes:
+        """The bytes that came after its header."""
+        return self._reader.rest()
+
+    def detach(self) -> None:
+        """Leave the connection to somebody else."""
         self._let_go()
-        return self._connection, self._reader.rest()
 
     def _let_go(self) -> None:
         self.ended = True
         self._budget.payers.discard(self)
         self._budget.change(-self._counted)
-        self._counted = 0
+        self._budget.keep(self.robot, -self._kept)
+        self._counted = self._kept = 0
         self.outbox.close()
         if not self._waiting:
-            self._loop.forget(self._connection)
+            self._loop.forget(self.connection)
 
     def _on_ready(self) -> None:
         is_heard = self.header is None or self._on_message is not None  # what is sent costs who has sent it to us
-        if is_heard and not self._account.may_go_on:
+        if is_heard and not self.account.may_go_on:
             self._wait()
             return
         self._read()
@@ -158,7 +177,7 @@ class Wire:
     def _read(self) -> None:
         began = processor_time()
         try:
-            data = self._connection.recv(_READ)
+            data = self.connection.recv(_READ_FIRST if self.header is None else _READ)
         except BlockingIOError:
             return
         except OSError as problem:
@@ -188,7 +207,7 @@ class Wire:
             is_due = self._on_message is None or processor_time() - began < SLICE
         if self.header is None and self._reader.skipped:
             self.end("its header is too long")
-        self._account.spend(processor_time() - began)
+        self.account.spend(processor_time() - began)
         if not self.ended:
             self._count_read()
             if not is_due:
@@ -197,15 +216,15 @@ class Wire:
     def _wait(self) -> None:
         """Leave what comes where it is until it is our turn."""
         self._waiting = True
-        self._loop.forget(self._connection)
-        self._account.queue(self._go_on)
+        self._loop.forget(self.connection)
+        self.account.queue(self._go_on)
 
     def _go_on(self) -> None:
         if self.ended:
             return
         self._waiting = False
-        self._loop.watch(self._connection, self._on_ready)
-        self._loop.watch_output(self._connection, self._watched)
+        self._loop.watch(self.connection, self._on_ready)
+        self._loop.watch_output(self.connection, self._watched)
         self._came = monotonic()
         self._take(processor_time())
 
@@ -230,7 +249,7 @@ class Wire:
                 due = self.outbox.find_due()
                 if not due:
                     break
-                self.outbox.count_sent(self._connection.send(due))
+                self.outbox.count_sent(self.connection.send(due))
                 self.progress = monotonic()
         except BlockingIOError:
             self._watch(True)
@@ -246,4 +265,4 @@ class Wire:
             self._watched = wanted
             if self._waiting:
                 return
-            self._loop.watch_output(self._connection, wanted)
+            self._loop.watch_output(self.connection, wanted)

@@ -88,6 +88,17 @@ class Loop:
         events = selectors.EVENT_READ | (selectors.EVENT_WRITE if wanted else 0)
         self._selector.modify(watched, events, self._selector.get_key(watched).data)
 
+    def watch_events(self, watched: socket.socket, function: Callable[[], None], reads: bool, writes: bool) -> None:
+        """Have a function called when a socket can be read or takes bytes, as is wanted; or no more."""
+        events = (selectors.EVENT_READ if reads else 0) | (selectors.EVENT_WRITE if writes else 0)
+        if watched not in self._selector.get_map():
+            if events:
+                self._selector.register(watched, events, function)
+        elif events:
+            self._selector.modify(watched, events, function)
+        else:
+            self._selector.unregister(watched)
+
     def forget(self, readable: socket.socket) -> None:
         """Take `watch` back."""
         self._selector.unregister(readable)

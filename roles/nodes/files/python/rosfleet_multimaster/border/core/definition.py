@@ -10,7 +10,8 @@ from typing import Dict, List, NamedTuple, Optional, Set, Tuple, Union
 
 from ...protocol.plain_text import quote
 
-MOST_FIELDS, DEEPEST = 10000, 30  # fields of a definition; types in each other
+MOST_LINES, MOST_FIELDS, DEEPEST = 10_000, 2000, 30  # of a definition; types in each other
+_STEP, _PLAN = 300, 400  # bytes of memory, not less than they take
 SIZES = {
     **dict.fromkeys(("bool", "int8", "uint8", "byte", "char"), 1),
     **{"int16": 2, "uint16": 2},
@@ -69,6 +70,20 @@ def make_plan(type_name: str, definition: str) -> Plan:
     return _Reader(texts).read(type_name)
 
 
+def weigh(plan: Plan) -> int:
+    """Return the bytes of memory of a plan, and of those in it, each once."""
+    seen, left = {id(plan)}, [plan]
+    size = 0
+    while left:
+        one = left.pop()
+        size += _PLAN + _STEP * len(one.steps)
+        for step in one.steps:
+            if isinstance(step, Repeat) and id(step.plan) not in seen:
+                seen.add(id(step.plan))
+                left.append(step.plan)
+    return size
+
+
 class _Reader:
     """Reads each type once."""
 
@@ -76,7 +91,7 @@ class _Reader:
         self._texts = texts
         self._plans: Dict[str, Plan] = {}
         self._open: Set[str] = set()
-        self._fields = 0
+        self._lines = self._fields = 0
 
     def read(self, name: str) -> Plan:
         if name not in self._plans:
@@ -91,10 +106,13 @@ class _Reader:
     def _read_field(self, name: str, line: str) -> Optional[Step]:
         line = line.partition("#")[0].strip()
         found = _LINE.match(line)
-        self._fields += 1
-        if line and found is None or self._fields > MOST_FIELDS:
+        self._lines += 1
+        self._fields += found is not None
+        if line and found is None:
+            raise DefinitionError(f"{quote(name)} has a line that is no field: {quote(line[:80])}")
+        if self._lines > MOST_LINES or self._fields > MOST_FIELDS:
             raise DefinitionError(
-                f"{quote(name)} has a line that is no field, or more than {MOST_FIELDS} fields: {quote(line[:80])}"
+                f"{quote(name)} has, with what is in it, more than {MOST_FIELDS} fields or {MOST_LINES} lines"
             )
         if found is None or found[4]:  # a comment, or a constant, which is in no message
             return None

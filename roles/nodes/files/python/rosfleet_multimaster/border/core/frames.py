@@ -10,7 +10,7 @@ import struct
 from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from ...protocol.plain_text import LONGEST, quote
-from .definition import DefinitionError, Plan, Skip, Text, make_plan
+from .definition import DefinitionError, Plan, Skip, Text, make_plan, weigh
 
 #: Types, texts and numbers of elements in a message: so many, and one for each byte. A text has four bytes and may stand in
 #: types in each other, so a small message could cost as much as a large one. No message has more than the last number.
@@ -48,7 +48,18 @@ float64 w
 _SIZE = struct.Struct("<I")
 
 Change = Callable[[bytes], Optional[bytes]]  # a frame to its other name; None: it is a frame of somebody else
-Rewrite = Callable[[bytes], bytes]
+
+
+class Rewrite:
+    """Changes the frames of a publisher's messages."""
+
+    def __init__(self, plan: Plan, change: Change) -> None:
+        self._plan, self._change = plan, change
+        self.size = weigh(plan)  # bytes of memory
+
+    def __call__(self, message: bytes) -> bytes:
+        """Return a message with its frames changed, both with their length in front; empty where no transform of it is left. Raises FramesError."""
+        return _Walk(message, self._change).rewrite(self._plan)
 
 
 class FramesError(ValueError):
@@ -88,7 +99,7 @@ def make_rewrite(header: Dict[str, str], change: Change) -> Optional[Rewrite]:
     if not definition.strip() and header.get("md5sum") != EMPTY:
         raise DefinitionError(f"the publisher of {quote(header.get('type'))} sends none")
     plan = make_plan(header.get("type", ""), definition)
-    return (lambda message: _Walk(message, change).rewrite(plan)) if plan.has_frames else None
+    return Rewrite(plan, change) if plan.has_frames else None
 
 
 class _Walk:

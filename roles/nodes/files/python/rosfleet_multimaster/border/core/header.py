@@ -6,6 +6,7 @@ Texts keep their bytes, whatever their encoding: a definition is copied, not rea
 """
 
 import struct
+import sys
 from typing import Dict, Mapping
 
 MAX_HEADER = 1 << 18  # bytes; the definition of the messages is in it
@@ -39,3 +40,8 @@ def decode_header(frame: bytes) -> Dict[str, str]:
         fields[name.decode("utf-8", "surrogateescape")] = value.decode("utf-8", "surrogateescape")
         at += size
     return fields
+
+
+def weigh_fields(fields: Mapping[str, str]) -> int:
+    """Return the bytes of memory of the fields of a header: a text that is not ASCII has more of them than it has letters."""
+    return sum(sys.getsizeof(name) + sys.getsizeof(value) for name, value in fields.items())

@@ -1,0 +1,53 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Shares of what there is at most: connections, calls or bytes, by who has them.
+
+A robot has many addresses, ports and connections, and is one party. All computers that belong to no robot are one, too. A half
+is kept for the parties, so that nobody can take it. The other half is for who comes first.
+"""
+
+from collections import Counter
+from typing import Collection
+
+
+class Shares:
+    """What each party has, of at most so much."""
+
+    def __init__(self, most: int, most_of_one: int, parties: Collection[str], own: str = "") -> None:
+        """`own`: a party that has half of what is kept, and is bounded by the rest alone. Each has one, however many they are."""
+        others = [party for party in parties if party != own]
+        kept = most // 4 if own else most // 2
+        self._kept = {party: max(1, kept // len(others)) for party in others}
+        if own:
+            self._kept[own] = kept
+        self._own, self._most_of_one = own, most_of_one
+        self._left = most - sum(self._kept.values())  # for who comes first
+        self._counts: Counter[str] = Counter()
+
+    def have_room(self, party: str, number: int = 1) -> bool:
+        """True if a party may have so many more."""
+        after = self._counts[party] + number
+        if after <= self._kept.get(party, 0):
+            return True
+        is_own = bool(self._own) and party == self._own
+        return (is_own or after <= self._most_of_one) and self._find_excess(party, number) <= self._left
+
+    def add(self, party: str, number: int = 1) -> None:
+        """A party has so many more."""
+        self._left -= self._find_excess(party, number)
+        self._counts[party] += number
+        if not self._counts[party]:
+            del self._counts[party]
+
+    def remove(self, party: str, number: int = 1) -> None:
+        """A party has so many fewer."""
+        self.add(party, -number)
+
+    def count(self, party: str) -> int:
+        """Return how many a party has."""
+        return self._counts[party]
+
+    def _find_excess(self, party: str, number: int) -> int:
+        """How much more beyond what is kept for it a party would have."""
+        kept, before = self._kept.get(party, 0), self._counts[party]
+        return max(0, before + number - kept) - max(0, before - kept)
