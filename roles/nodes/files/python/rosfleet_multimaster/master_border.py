@@ -48,6 +48,7 @@ STATUS = 5.0  # seconds between two lines of status
 READ, READ_WHOLE = 0.2, 1.0  # seconds between two looks at the own roscore: one that tells its changes, and any other
 MOST_WIRES, MOST_NEW = 1000, 200  # connections of others, and those without a header
 MOST_WIRES_OF_ONE, MOST_NEW_OF_ONE = 400, 50  # of one other robot
+ACCEPTS = 16  # connections that are taken in one turn of the loop
 MOST_FIRST = 1 << 15  # bytes of a call that wait for its provider: its header, and what came with it
 LONGEST_WAIT = 60.0  # seconds that another border may wait for news
 # Fields of a header between two borders: whose it is, and the node whose messages it wants.
@@ -367,15 +368,22 @@ class MasterBorder:
     # Those who listen
 
     def _accept(self) -> None:
+        """Take some of those who wait: many of one robot are before another's in the kernel's queue."""
+        for _number in range(ACCEPTS):
+            if not self._accept_one():
+                return
+
+    def _accept_one(self) -> bool:
+        """Take a connection; False where none waits."""
         try:
             connection, (address, _port) = self.listener.accept()
         except BlockingIOError:
-            return
+            return False
         except OSError as problem:  # no more files: the connection stays, and would wake the loop all the time
             self.limited.say("warning", "accept", f"no connection can be taken: {problem.strerror}")
             self.loop.forget(self.listener)
             self.listens_at = monotonic() + BEAT
-            return
+            return False
         robot = self._find_robot(address)
         objection = self.rules.objection(address, connection.getsockname()[0])
         if not objection and not (self.open.have_room(robot) and self.new.have_room(robot)):
@@ -383,16 +391,17 @@ class MasterBorder:
         if objection:
             connection.close()
             self._on_malformed(address, objection)
-            return
+            return True
         try:
             wire = Wire(self.loop, connection, self.accounts.find(robot), self._greet, None, self._on_gone)
         except OSError:
             connection.close()
-            return
+            return True
         self.wires[wire] = None
         self.open.add(robot)
         self.new.add(robot)
         self._request_feeds(monotonic() + PATIENCE)
+        return True
 
     def _greet(self, wire: Wire) -> None:
         """Give a listener to its feed, and a client to its service."""
