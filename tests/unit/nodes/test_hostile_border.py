@@ -226,7 +226,7 @@ def station(tmp_path):
 @pytest.fixture
 def framed(tmp_path):
     """A station whose frames have other names at the hostile robot."""
-    found = Station(tmp_path, inner=True, frames="station/", **{"as": ""})
+    found = Station(tmp_path, inner=True, frames="station/", back=["/bad/*"], **{"as": ""})
     yield found
     found.end()
 
@@ -431,12 +431,12 @@ def test_silent_calls_of_a_robot_leave_room_at_their_place(framed):
     """One provider, which others want, too."""
     provider = Publisher()
     uri = f"rosrpc://{HERE}:{provider.place[1]}"
-    framed.roscore.register("registerService", "/base", "/good/own", uri, f"http://{HERE}:1/")
+    framed.roscore.register("registerService", "/base", "/own/reset", uri, f"http://{HERE}:1/")
     time.sleep(1.5)  # it is read each second
-    silent = [framed.connect(BAD, service="/good/own", rosfleet_border="bad") for _number in range(60)]
+    silent = [framed.connect(BAD, service="/own/reset", rosfleet_border="bad") for _number in range(60)]
     held = [provider.server.accept()[0] for _number in range(50)]
     wait_for(lambda: sum(is_closed(end.connection) for end in silent) == 10)
-    friend = framed.connect(GOOD, service="/good/own", rosfleet_border="good")
+    friend = framed.connect(GOOD, service="/station/own/reset", rosfleet_border="good")
     end = End(provider.server.accept()[0])
     end.header()
     end.say(encode_header({"callerid": "/base", "md5sum": SUM}) + message(b"done"))

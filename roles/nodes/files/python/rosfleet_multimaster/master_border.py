@@ -37,7 +37,7 @@ from .protocol import imports, metrics, parameters
 from .protocol.filters import MAX_NAME
 from .protocol.members import Members, host_of, is_address
 from .protocol.messages import Diagnosis
-from .protocol.plain_text import plain, quote
+from .protocol.plain_text import quote
 from .protocol.shares import Shares
 from .sync.core.sync import View
 from .sync.roscore_graph import RoscoreGraph
@@ -211,7 +211,7 @@ class MasterBorder:
         self.loop.stop()
 
     def _on_malformed(self, host: str, why: str) -> None:
-        self.limited.say("warning", f"malformed {host}", f"a request of {host} is refused: {plain(why)}")
+        self.limited.say("warning", f"malformed {host}", f"a request of {host} is refused: {quote(why)}")
 
     # The own roscore
 
@@ -290,7 +290,7 @@ class MasterBorder:
             for name, node in ((name, node) for name, nodes in table.items() for node in unplanned.keys() & nodes):
                 if any(channel.find_name(kind, name) for channel in self.channels):
                     text = f"{quote(node)} is at {quote(unplanned[node])}, which is no computer of {self.robot} in the plan"
-                    self.limited.say("warning", f"unplanned {name}", f"{plain(name)} does not cross: {text}")
+                    self.limited.say("warning", f"unplanned {name}", f"{quote(name)} does not cross: {text}")
 
     # Other borders
 
@@ -420,7 +420,7 @@ class MasterBorder:
         else:
             feed, rate = self._find_given(wire, robot, topic, header.get(NODE, ""))
         if feed is None:
-            _refuse(wire, f"{plain(topic)} is not published here")
+            _refuse(wire, f"{quote(topic)} is not published here")
             return
         self.wires[wire] = feed
         wire.header = {name: header[name][:MAX_NAME] for name in ("callerid", "md5sum") if name in header}
@@ -463,7 +463,7 @@ class MasterBorder:
         own = None if wire.address in self.foreign_hosts else self.calls.get(service)  # each robot has its own border
         found = own if robot is None else self._find_provider(wire, robot, service)
         if found is None:
-            _refuse(wire, f"{plain(service)} is not provided here")
+            _refuse(wire, f"{quote(service)} is not provided here")
             return
         fields = {**header, "callerid": NAME, "service": found.name}
         fields.pop(ROBOT, None)

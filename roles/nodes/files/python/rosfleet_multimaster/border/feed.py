@@ -247,7 +247,7 @@ class Feed:
             if source.origin.change is not None:
                 source.rewrite = make_rewrite(header, source.origin.change)
         except DefinitionError as problem:
-            source.problem = f"its frames cannot be renamed: {plain(problem)}"
+            source.problem = f"its frames cannot be renamed: {quote(problem)}"
             wire.end(source.problem)
             return
         if not wire.keep(weigh_fields(header) + (0 if source.rewrite is None else source.rewrite.size)):
@@ -270,7 +270,7 @@ class Feed:
                 message = source.rewrite(message)
             except FramesError as problem:
                 self.dropped += 1
-                text = f"a message of {self.topic} is left out: {plain(problem)}"
+                text = f"a message of {quote(self.topic)} is left out: {quote(problem)}"
                 self._limited.say("warning", f"frames {self.topic}", text)
                 return
             if not message:
@@ -312,7 +312,9 @@ class Feed:
         source.failures = min(source.failures + 1, 10)
         self._request_tick(source.retry_at)
         if source.failures > 2:
-            self._limited.say("warning", self.topic, f"{self.topic} cannot be had from its publisher: {plain(why)}")
+            self._limited.say(
+                "warning", self.topic, f"{quote(self.topic)} cannot be had from its publisher: {plain(why)}"
+            )
 
     def _close(self, source: _Source) -> None:
         if source.wire is not None:
@@ -358,7 +360,7 @@ class Feed:
         found = next((each for each in headers if asked in ("*", each["md5sum"])), None)
         # One that has not said its definition yet may have this one.
         if found is None and headers and not any(source.is_awaited for source in self._sources.values()):
-            text = f"md5sum {plain(asked)} is asked for, and the publisher has {plain(headers[0]['md5sum'])}"
+            text = f"md5sum {quote(asked)} is asked for, and the publisher has {quote(headers[0]['md5sum'])}"
             sink.wire.say(encode_header({"error": text}))
             sink.wire.end("it asks for another definition of the messages")
         return found
