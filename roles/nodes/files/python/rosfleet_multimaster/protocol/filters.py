@@ -152,20 +152,15 @@ def _is_match(name: str, parts: List[str]) -> bool:
     return True
 
 
-def _spell_out(item: str) -> str:
-    """The expression of a pattern. (?i) may stand at the beginning of a whole expression alone, and says nothing new here."""
-    return item[len("(?i)") :].replace("*", ".*") if item.startswith("(?i)") else item.replace("*", ".*")
-
-
 @lru_cache(maxsize=512)
 def _compile(item: str) -> "re.Pattern[str]":
-    return re.compile(_spell_out(item), re.IGNORECASE)
+    return re.compile(item.replace("*", ".*"), re.IGNORECASE)
 
 
 @lru_cache(maxsize=512)
 def _study(item: str) -> Tuple[int, FrozenSet[str]]:
     """The steps of an expression, and the names of its groups."""
-    tree = _parser.parse(rf"\A(?:{_spell_out(item)})\Z", re.IGNORECASE)
+    tree = _parser.parse(rf"\A(?:{item.replace('*', '.*')})\Z", re.IGNORECASE)  # (?i) may only come first
     return _cost(tree)[1], frozenset(tree.state.groupdict)
 
 

@@ -81,7 +81,7 @@ def texts(found):
         (("/a|/b",), "/a/b", False),
         (("(",), "(", False),  # no node starts with such a pattern
         (("(", "/b"), "/b", True),  # each pattern counts by itself
-        (("(?i)/A",), "/a", True),  # a flag comes first
+        (("(?i)/A",), "/a", False),  # a flag is refused
     ],
 )
 def test_a_pattern_means_the_whole_name(patterns, name, meant):
