@@ -182,27 +182,30 @@ def join_keys(
     """
     inside = {name for name, plan in computers.items() if plan.tunnel}
     keys = {computer: key for computer, key in kept.items() if computer in inside}
-    owners = {key: computer for computer, key in keys.items()}
     new = {
         computer: key for computer, key in told.items() if computer in inside and key not in ("", keys.get(computer))
     }
-    refused: dict[str, str] = {}
-    for computer, key in new.items():
-        twins = [other for other, one in new.items() if one == key and other != computer]
-        if not is_key(key):
-            refused[computer] = (
-                f"its public key is {quote(key, LINE)}; expected 32 bytes in base64: find out who answers there"
-            )
-        elif owners.get(str(key)) or twins:
-            first = owners.get(str(key)) or twins[0]
-            refused[computer] = (
-                f"its public key is that of {first}, too; expected a key of its own: one of them is a copy of the other, so run site.yml with "
-                "-e tunnel_rotate=true"
-            )
-        elif computer in keys and not rotate:
-            refused[computer] = (
-                f"its public key is {key}, and was {keys[computer]} before; expected the same: if you have set it up anew, run site.yml with "
-                "-e tunnel_rotate=true, and else find out who answers there"
-            )
+    reasons = {computer: _find_objection(computer, key, keys, new, rotate) for computer, key in new.items()}
+    refused = {computer: reason for computer, reason in reasons.items() if reason}
     keys.update({computer: str(key) for computer, key in new.items() if computer not in refused})
     return keys, {computer: f"{computer}: {reason}" for computer, reason in refused.items()}
+
+
+def _find_objection(
+    computer: str, key: object, kept: Mapping[str, str], new: Mapping[str, object], rotate: bool
+) -> str:
+    """Say why a key that a computer has told is not believed; empty if it is."""
+    if not is_key(key):
+        return f"its public key is {quote(key, LINE)}; expected 32 bytes in base64: find out who answers there"
+    owners = [other for other, one in (*kept.items(), *new.items()) if one == key and other != computer]
+    if owners:
+        return (
+            f"its public key is that of {owners[0]}, too; expected a key of its own: one of them is a copy of the other, so run site.yml with "
+            "-e tunnel_rotate=true"
+        )
+    if computer in kept and not rotate:
+        return (
+            f"its public key is {key}, and was {kept[computer]} before; expected the same: if you have set it up anew, run site.yml with "
+            "-e tunnel_rotate=true, and else find out who answers there"
+        )
+    return ""

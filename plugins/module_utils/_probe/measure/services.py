@@ -63,14 +63,19 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
         }
         entry["open_files"], entry["most_files"] = count_files(seen.get("ControlGroup", ""))
         if pid != "0" and seen.get("EnvironmentFiles"):  # a service without the file needs no ROS
-            try:
-                entry["differing"] = find_changed(processes.environment(pid), variables)
-            except OSError:
-                entry["differing"] = None  # it ended since, or is not ours to look at
+            entry["differing"] = _read_changed(pid, variables)
         if entry["differing"]:
             entry["drop_ins"] = [path for path in seen.get("DropInPaths", "").split() if sets_environment(path)]
         found.append(entry)
     return found
+
+
+def _read_changed(pid: str, wanted: typing.Dict[str, str]) -> typing.Optional[typing.List[str]]:
+    """Name the wanted variables that a process lacks; None where it ended since, or is not ours to look at."""
+    try:
+        return find_changed(processes.environment(pid), wanted)
+    except OSError:
+        return None
 
 
 def _has_failed(seen: systemd.Properties) -> bool:
