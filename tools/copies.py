@@ -4,7 +4,8 @@
 """Writes the files that are copies of another file, after that one was edited.
 
 The nodes and the modules have some functions in common, and each must have them in its own tree, since only that is on the
-robot. Links would do in a checkout, but a link that leads out of a tree is dead on the robot. The controller has all trees, so it takes them from the nodes (plugins/plugin_utils/_inventory/filters.py and
+robot. Links would do in a checkout, but a link that leads out of a tree is dead on the robot. The
+controller has all trees, so it takes them from the nodes (plugins/plugin_utils/_inventory/filters.py and
 plain_text.py).
 """
 

@@ -50,7 +50,7 @@ class Node(Publisher):
 
 
 class Roscpp:
-    """A subscriber as roscpp has it: it knows a publisher by the host and port of its XML-RPC, asks it once for the port of its data, and dials that one for ever."""
+    """A subscriber as roscpp has it: it knows a publisher by its XML-RPC, asks once for the port of its data, and dials that for ever."""
 
     def __init__(self, roscore, topic):
         self.roscore, self.topic, self.links, self.came = roscore, topic, {}, []

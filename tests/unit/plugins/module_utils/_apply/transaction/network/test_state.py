@@ -114,7 +114,8 @@ LOSING = """
     ip -4 rule flush; ip rule add lookup main pref 32766; ip rule add lookup default pref 32767; ip -6 rule del from fd00::/64 lookup 100
     ip address flush dev eth0; ip address add 10.0.0.1/24 dev eth0; ip route flush table 100; ip route flush table 52
 """
-STATE = "ip -4 rule; ip -6 rule; for v in 4 6; do ip -$v route show table all | grep -v -e fe80 -e ff00 -e anycast | sort; done; ip -o address | grep -v fe80 | sort"
+ROUTES = "for v in 4 6; do ip -$v route show table all | grep -v -e fe80 -e ff00 -e anycast | sort; done"
+STATE = f"ip -4 rule; ip -6 rule; {ROUTES}; ip -o address | grep -v fe80 | sort"
 PROGRAM = """
 import os, subprocess, sys
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.network import state as network_state
