@@ -39,7 +39,7 @@ def send(lab, attack: Attack) -> None:
     command = f"python3 {{script}} eth0 {mac} {PORT} {SECONDS} < /run/forged.json"
     lab.start(attack.stranger, FORGER, command, "hostile/forger.py")
     sender, address = attack.honest
-    lab.start(sender, TICKER, f"python3 {{script}} {address} {PORT} {SECONDS}", "programs/ticker.py")
+    lab.start(sender, TICKER, f"python3 {{script}} {address} {PORT} {SECONDS}", "observers/ticker.py")
 
 
 def stop(lab, attack: Attack) -> int:

@@ -137,7 +137,7 @@ def long_number(rng):
     return b"<value><" + kind + b">" + digits + b"</" + kind + b"></value>"
 
 
-COSTS = [patterns, many_names, patterns, small_values, patterns, deep_value, patterns, long_number]
+COSTS = (patterns, many_names, patterns, small_values, patterns, deep_value, patterns, long_number)
 #: Of each node: its methods with an argument of any form, what stands before it, and behind it.
 TAKE_ANYTHING = {
     "discovery": [("masterInfoFiltered", (), ()), ("getTopicsMd5sum", (), ()), ("rosfleetDifferences", (), ("", 0, 0.0))],

@@ -61,7 +61,10 @@ def read_ends(lines: typing.Sequence[str], units: typing.Sequence[str]) -> typin
         elif unit in units and kind in (_FAILED, _SUCCEEDED) and unit not in ends:
             ends[unit], times[unit] = End("success" if kind == _SUCCEEDED else fields.get("UNIT_RESULT", "")), at
         elif unit in ends and kind == _EXITED and unit not in exited:
-            status = fields.get("EXIT_STATUS", "")
-            ends[unit] = ends[unit]._replace(status=int(status) if re.match(r"[0-9]{1,3}\Z", status) else None)
+            ends[unit] = ends[unit]._replace(status=_read_status(fields.get("EXIT_STATUS", "")))
             exited.add(unit)
     return ends
+
+
+def _read_status(text: str) -> typing.Optional[int]:
+    return int(text) if re.match(r"[0-9]{1,3}\Z", text) else None

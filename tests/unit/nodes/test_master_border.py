@@ -66,10 +66,11 @@ class Roscpp:
             with contextlib.suppress(OSError):
                 answer = xmlrpc.client.ServerProxy(uri).requestTopic("/roscpp", self.topic, [["TCPROS"]])
                 self.links[uri] = [tuple(answer[2][1:]), None]
-        for uri, (place, end) in self.links.items():
+        for uri, link in self.links.items():
+            place, end = link
             try:
                 if end is None:
-                    end = self.links[uri][1] = End(socket.create_connection(place, 1))
+                    end = link[1] = End(socket.create_connection(place, 1))
                     end.connection.settimeout(0.05)
                     end.say(
                         encode_header(

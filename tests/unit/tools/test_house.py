@@ -112,7 +112,7 @@ def test_the_figures_of_a_checkout(tmp_path):
     )
     found = house.figures(tmp_path)
     assert found["functions"] == 2
-    assert found["functions of more than 55 lines"] == 0
+    assert found["functions of more than 50 lines"] == 0
     assert found["string keys in the controller's part"] == 3
     assert found["string keys of plans"] == 2
     assert found["type comments"] == 1

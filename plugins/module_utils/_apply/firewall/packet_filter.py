@@ -63,9 +63,7 @@ def read_options(options: typing.Mapping[str, typing.Any], ssh: typing.Iterable[
     networks = _parse_networks("networks", options["networks"])
     guards = tuple(map(_parse_guard, options["guards"]))
     ports = {_parse_port(text) for text in options["open_ports"]}
-    for number in options["ssh_ports"]:
-        if not 0 < number <= LAST:
-            raise Problem(f"ssh_ports has {number}, expected ports such as 2222: correct it.")
+    _check_ssh_ports(options["ssh_ports"])
     if not members:
         if networks or guards:
             raise Problem(
@@ -81,6 +79,13 @@ def read_options(options: typing.Mapping[str, typing.Any], ssh: typing.Iterable[
     open_ports = tuple(sorted(port for port in ports if port.number >= FIRST))
     ssh_ports = tuple(sorted({number for number in [*ssh, *options["ssh_ports"]] if number >= FIRST}))
     return PacketFilter(tuple(members), tuple(networks), open_ports, ssh_ports, guards)
+
+
+def _check_ssh_ports(numbers: typing.Iterable[int]) -> None:
+    """Raises Problem for a number that is no port."""
+    for number in numbers:
+        if not 0 < number <= LAST:
+            raise Problem(f"ssh_ports has {number}, expected ports such as 2222: correct it.")
 
 
 def _parse_guard(guard: typing.Mapping[str, typing.Any]) -> Guard:

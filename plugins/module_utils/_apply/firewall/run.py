@@ -58,7 +58,7 @@ class Run(ModuleRun):
         self.packet_filter = read_options(options, self.access.ssh)
         chosen = self._choose_back_end(options["backend"])
         self.back_ends = [kind(has_systemd(), self._share(kind, chosen)) for kind in BACKENDS.values()]
-        self.back_end = next((back_end for back_end in self.back_ends if type(back_end) is chosen), None)
+        self.back_end = next((one for one in self.back_ends if chosen and isinstance(one, chosen)), None)
         # Those with rules come first, and of them the one with the guards.
         self.in_turn = sorted(
             self.back_ends, key=lambda back_end: (back_end.packet_filter is None, back_end.name != GUARDING)

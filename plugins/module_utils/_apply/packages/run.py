@@ -127,7 +127,9 @@ class Packages(ModuleRun):
             if last:
                 last.apply()
         except StepFailure as problem:
-            raise Problem(f"{sentence(problem.cause)} The packages are as planned: run the play again.") from problem
+            raise Problem(
+                f"{sentence(problem.cause)} The packages are as planned: run the play again."
+            ) from problem.cause
 
     def failure(self, problem: Problem) -> Fields:
         """Return the return values beside the sentence: apt may have installed a part."""

@@ -66,9 +66,7 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
         topic["md5sum"] = sums.get(topic["type"], "")
     nodes = {node: uri for node, uri in uris.items() if node not in imported}
     named = {uri: node for node, uri in uris.items()}
-    robot = next((member["robot"] for member in members if member["name"] == own), "")
-    planned = node_hosts.list_hosts(members, lambda member: member["robot"] == robot)
-    found["announced"] = node_hosts.announced(nodes, planned)
+    found["announced"] = node_hosts.announced(nodes, members, own)
     found["connections"], silent = _connections(nodes, named, Places(members), own)
     found["silent"] = _drop_ended(ros, sorted(silent), nodes)
     found["silences"] = [

@@ -37,13 +37,9 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
     """
     found = []
     units = [f"multimaster-{name}.service" for name in names]
-    answer = systemd.show(units, _PROPERTIES) if units else systemd.UnitProperties([])
-    if len(answer.units) != len(units):
-        raise OSError(f"systemd told nothing of the services ({answer.error or 'without a word'})")
-    pairs = list(zip(units, answer.units))
-    ended = [unit for unit, seen in pairs if seen.get("NRestarts", "0") != "0" or _has_failed(seen)]
-    known = unit_ends.find_ends(ended) if ended else {}
-    for name, (unit, seen) in zip(names, pairs):
+    states = _read_states(units)
+    known = _find_ends(units, states)
+    for name, unit, seen in zip(names, units, states):
         pid = seen.get("MainPID", "0")
         entry: typing.Dict[str, typing.Any] = {
             "name": name,
@@ -58,8 +54,8 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             "since": seen.get("StateChangeTimestamp", ""),
             "refused": read_refusals(seen.get("StatusText", "")),
             "age_s": find_age(seen.get("ActiveEnterTimestampMonotonic", "")),
-            "result": known[unit].result if unit in known else seen.get("Result", "") if _has_failed(seen) else "",
-            "status": known[unit].status if unit in known else None,
+            "result": known[unit].result,
+            "status": known[unit].status,
         }
         entry["open_files"], entry["most_files"] = count_files(seen.get("ControlGroup", ""))
         if pid != "0" and seen.get("EnvironmentFiles"):  # a service without the file needs no ROS
@@ -68,6 +64,22 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             entry["drop_ins"] = [path for path in seen.get("DropInPaths", "").split() if sets_environment(path)]
         found.append(entry)
     return found
+
+
+def _read_states(units: typing.List[str]) -> typing.List[systemd.Properties]:
+    """Ask systemd for the state of units. Raises OSError without an answer."""
+    answer = systemd.show(units, _PROPERTIES) if units else systemd.UnitProperties([])
+    if len(answer.units) != len(units):
+        raise OSError(f"systemd told nothing of the services ({answer.error or 'without a word'})")
+    return answer.units
+
+
+def _find_ends(units: typing.List[str], states: typing.List[systemd.Properties]) -> typing.Dict[str, unit_ends.End]:
+    """Find how each unit ended last: by the journal, else by its state; an empty result for one that has not ended."""
+    failed = {unit: seen.get("Result", "") for unit, seen in zip(units, states) if _has_failed(seen)}
+    ended = [unit for unit, seen in zip(units, states) if seen.get("NRestarts", "0") != "0" or unit in failed]
+    known = unit_ends.find_ends(ended) if ended else {}
+    return {unit: known.get(unit, unit_ends.End(failed.get(unit, ""))) for unit in units}
 
 
 def _read_changed(pid: str, wanted: typing.Dict[str, str]) -> typing.Optional[typing.List[str]]:

@@ -33,8 +33,12 @@ def list_hosts(members: Members, keep: typing.Callable[[typing.Dict[str, typing.
     }
 
 
-def announced(nodes: typing.Dict[str, str], planned: typing.Set[str]) -> typing.List[Row]:
-    """List the nodes ({node: URI}) that announce a host which is not a planned one of their robot: node, host, port."""
+def announced(
+    nodes: typing.Dict[str, str], members: typing.Sequence[typing.Dict[str, typing.Any]], own: str
+) -> typing.List[Row]:
+    """List the nodes ({node: URI}) that announce a host which is not a planned one of the own computer's robot: node, host, port."""
+    robots = {member["robot"] for member in members if member["name"] == own}
+    planned = list_hosts(members, lambda member: member["robot"] in robots)
     found = []
     for node, uri in sorted(nodes.items()):
         host = read_host(uri)

@@ -33,7 +33,7 @@ class Running:
         self.accounts = Accounts(self.loop, ROBOTS, "own")
         dialers = Dialers(self.loop, "own", ROBOTS)
         self.feed = Feed(self.loop, dialers, LimitedLog(), self.accounts.budget, "/chatter", self.request, of_one)
-        self.thread = threading.Thread(target=self.loop.run, args=(lambda now: self.tick(now),))
+        self.thread = threading.Thread(target=self.loop.run, args=(self.tick,))
         self.thread.start()
 
     def request(self, due):

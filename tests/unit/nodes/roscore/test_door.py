@@ -11,8 +11,8 @@ import time
 import xmlrpc.client
 
 import pytest
-from rosfleet_multimaster.edge import throttle
-from rosfleet_multimaster.edge.throttle import Throttle
+from rosfleet_multimaster.edge.process import throttle
+from rosfleet_multimaster.edge.process.throttle import Throttle
 from rosfleet_multimaster.roscore import door
 from rosfleet_multimaster.roscore.core import bounds
 from rosfleet_multimaster.roscore.core.bounds import BOUNDS, Refusal

@@ -150,14 +150,19 @@ def parse_addresses(links: typing.Any) -> typing.Tuple[typing.List[str], typing.
         for entry in link.get("addr_info", ()):
             if "local" not in entry or entry.get("dynamic") or entry.get("temporary"):
                 continue
-            peer = ["peer", f"{entry['address']}/{entry['prefixlen']}"] if "address" in entry else []
-            words = [entry["local"], *peer] if peer else [f"{entry['local']}/{entry['prefixlen']}"]
-            words += ["brd", entry["broadcast"]] if "broadcast" in entry else []
-            words += ["dev", link["ifname"], "scope", str(entry.get("scope", "global"))]
-            words += ["label", entry["label"]] if entry.get("label", link["ifname"]) != link["ifname"] else []
-            words += [flag for flag in ("home", "nodad", "mngtmpaddr", "noprefixroute") if entry.get(flag)]
-            items.append(Item("address", 6 if entry["family"] == "inet6" else 4, " ".join(words)))
+            items.append(_make_address(link["ifname"], entry))
     return [link["ifname"] for link in links], items
+
+
+def _make_address(interface: str, entry: typing.Dict[str, typing.Any]) -> Item:
+    """An address in the words of `ip address add`."""
+    peer = ["peer", f"{entry['address']}/{entry['prefixlen']}"] if "address" in entry else []
+    words = [entry["local"], *peer] if peer else [f"{entry['local']}/{entry['prefixlen']}"]
+    words += ["brd", entry["broadcast"]] if "broadcast" in entry else []
+    words += ["dev", interface, "scope", str(entry.get("scope", "global"))]
+    words += ["label", entry["label"]] if entry.get("label", interface) != interface else []
+    words += [flag for flag in ("home", "nodad", "mngtmpaddr", "noprefixroute") if entry.get(flag)]
+    return Item("address", 6 if entry["family"] == "inet6" else 4, " ".join(words))
 
 
 def parse_routes(lines: typing.Iterable[str], version: int) -> typing.List[Item]:

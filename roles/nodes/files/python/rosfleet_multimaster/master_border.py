@@ -9,7 +9,7 @@ import contextlib
 import os
 from dataclasses import replace
 from functools import partial
-from typing import Any, Callable, Container, Dict, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Container, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
 from .border import calls, diagnostics
 from .border.account import Accounts
@@ -18,6 +18,7 @@ from .border.core import report
 from .border.core.channels import SERVICE, TOPIC, Channel, Own, OwnNodes, find_taken, list_offers, list_own
 from .border.core.frames import STATIC, Frames
 from .border.core.header import encode_header
+from .border.core.shares import Shares
 from .border.dial import Dialers, dial_border, dial_node, dial_service, listen
 from .border.feed import Dial, Feed, Fields, Link, Origin
 from .border.node import PROVIDER, PUBLISHER, SUBSCRIBER, Registrar, SlaveApi
@@ -38,7 +39,6 @@ from .protocol.filters import MAX_NAME
 from .protocol.members import Members, host_of, is_address
 from .protocol.messages import Diagnosis
 from .protocol.plain_text import quote
-from .protocol.shares import Shares
 from .sync.core.sync import View
 from .sync.roscore_graph import RoscoreGraph
 
@@ -64,13 +64,19 @@ class OwnHosts:
 
     def __init__(self, planned: Container[str], foreign: Container[str], local: Callable[[], Container[str]]) -> None:
         """`foreign`: hosts of other robots; `local`: those of this computer."""
-        self._planned, self._foreign, self._local = planned, foreign, local
+        self._planned, self.foreign, self._local = planned, foreign, local
+
+    @classmethod
+    def from_members(cls, members: Members, robot: str, local: Callable[[], Container[str]]) -> "OwnHosts":
+        """Make the hosts of a robot."""
+        planned = frozenset(host for one in members.robots if one.robot == robot for host in one.hosts)
+        return cls(planned, members.hosts - planned, local)
 
     def __contains__(self, host: object) -> bool:
         """True for a host in its only spelling (protocol/members.py)."""
         text = str(host)
         is_here = (text.startswith("127.") and is_address(text)) or text in self._local()
-        return text in self._planned or (is_here and text not in self._foreign)
+        return text in self._planned or (is_here and text not in self.foreign)
 
 
 NOTHING = View({}, {}, {}, {})  # before the own roscore was read
@@ -108,17 +114,14 @@ class MasterBorder:
         self.feeds_due = self.jobs_due = self.listens_at = 0.0
         self.listener = listen()
         members = Members.from_parameters(values)
-        self.robots = {host: channel.peer for channel in self.channels for host in channel.hosts}
-        self.robots.update({host: one.robot for one in members.robots for host in one.hosts})
+        self.robots = _map_hosts(self.channels, members)
         robots = {self.robot, NOBODY, *self.peers, *self.robots.values()}
         self.accounts = Accounts(self.loop, robots, self.robot)
         self.calling = calls.Calls(self.loop, [f"{way} {robot}" for robot in robots for way in ("of", "to")])
         self.open = Shares(MOST_WIRES, MOST_WIRES_OF_ONE, robots, self.robot)
         self.new = Shares(MOST_NEW, MOST_NEW_OF_ONE, robots, self.robot)
         self.slowed: List[str] = []  # robots whose messages cost too much
-        planned = frozenset(host for one in members.robots if one.robot == self.robot for host in one.hosts)
-        self.foreign_hosts = members.hosts - planned
-        self.hosts = OwnHosts(planned, self.foreign_hosts, self.own_hosts)
+        self.hosts = OwnHosts.from_members(members, self.robot, self.own_hosts)
         self.rules = callers(members, uri, self._is_here)
         port = int(self.listener.getsockname()[1])
         self.api = SlaveApi(uri, port, partial(self.loop.post, local_roscore.obey_shutdown), self._list_links)
@@ -284,7 +287,7 @@ class MasterBorder:
         unplanned = {
             node: uri
             for node, uri in self.seen.node_uris.items()
-            if not ours.have(node, uri) and (node, uri) not in ours.claims and host_of(uri) not in self.foreign_hosts
+            if not ours.have(node, uri) and (node, uri) not in ours.claims and host_of(uri) not in self.hosts.foreign
         }
         for kind, table in ((TOPIC, self.seen.publishers), (SERVICE, self.seen.services)):
             for name, node in ((name, node) for name, nodes in table.items() for node in unplanned.keys() & nodes):
@@ -416,7 +419,7 @@ class MasterBorder:
         if robot is None and self.display.diagnoses and topic == diagnostics.TOPIC:
             feed = self.diagnostics
         elif robot is None:
-            feed = None if wire.address in self.foreign_hosts else self.taken.get(topic)
+            feed = None if wire.address in self.hosts.foreign else self.taken.get(topic)
         else:
             feed, rate = self._find_given(wire, robot, topic, header.get(NODE, ""))
         if feed is None:
@@ -460,7 +463,7 @@ class MasterBorder:
     def _pass_call(self, wire: Wire, header: Fields) -> None:
         """Connect a client with the provider of its service, or with the border that has it."""
         service, robot = header["service"], header.get(ROBOT)
-        own = None if wire.address in self.foreign_hosts else self.calls.get(service)  # each robot has its own border
+        own = None if wire.address in self.hosts.foreign else self.calls.get(service)  # each robot has its own border
         found = own if robot is None else self._find_provider(wire, robot, service)
         if found is None:
             _refuse(wire, f"{quote(service)} is not provided here")
@@ -516,6 +519,12 @@ class MasterBorder:
         """Count a connection no more. Return the feed that it listens to."""
         self.open.remove(wire.robot)
         return self.wires.pop(wire, None)
+
+
+def _map_hosts(channels: Iterable[Channel], members: Members) -> Dict[str, str]:
+    """Return the robot of each host."""
+    robots = {host: channel.peer for channel in channels for host in channel.hosts}
+    return {**robots, **{host: one.robot for one in members.robots for host in one.hosts}}
 
 
 def _refuse(wire: Wire, why: str) -> None:

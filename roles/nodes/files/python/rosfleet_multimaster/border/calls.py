@@ -12,8 +12,8 @@ from typing import Callable, Collection, Optional, Set, Tuple
 
 from ..edge.clock import monotonic, processor_time
 from ..edge.loop import Loop
-from ..protocol.shares import Shares
 from .account import Account
+from .core.shares import Shares
 from .wire import keep_alive
 
 PIECE = 1 << 14  # bytes at once, and all that is held in each direction

@@ -15,7 +15,7 @@ from ..edge.loop import Done, Job, Loop, Workers
 from ..edge.rpc_client import SMALL, Rpc
 from ..protocol.members import is_address, place_of
 from ..protocol.plain_text import quote
-from ..protocol.shares import Shares
+from .core.shares import Shares
 
 SECONDS = 5.0  # for each question and each connection
 AT_ONCE = 2  # connections that are being made to one place

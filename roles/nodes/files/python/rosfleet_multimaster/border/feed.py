@@ -240,8 +240,13 @@ class Feed:
             return
         wire.header = header = {name: header[name] for name in _FIELDS if name in header}
         if any(len(header.get(name, "")) > MAX_NAME for name in _NAMES):
-            wire.end("its header has a type or an md5sum that is none")
+            wire.end("the type or the md5sum in its header is too long")
             return
+        if self._take_header(source, wire, header):
+            self._open_sinks()
+
+    def _take_header(self, source: _Source, wire: Wire, header: Fields) -> bool:
+        """Keep the header of a publisher, and how its frames are renamed; False, and its end, if that cannot be."""
         source.problem = ""
         try:
             if source.origin.change is not None:
@@ -249,12 +254,16 @@ class Feed:
         except DefinitionError as problem:
             source.problem = f"its frames cannot be renamed: {quote(problem)}"
             wire.end(source.problem)
-            return
+            return False
         if not wire.keep(weigh_fields(header) + (0 if source.rewrite is None else source.rewrite.size)):
             source.rewrite = None
             wire.end("the definitions of its robot take too much memory")
-            return
+            return False
         source.header = header
+        return True
+
+    def _open_sinks(self) -> None:
+        """Begin with each listener that a publisher can serve now."""
         known = {each["md5sum"] for each in self._list_headers()}
         for sink in list(self._sinks.values()):
             if sink.md5sum and sink.md5sum not in known:

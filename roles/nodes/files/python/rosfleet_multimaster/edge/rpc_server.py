@@ -16,8 +16,8 @@ from ..protocol.plain_text import LINE, plain
 from ..protocol.xml_rpc import MAX_REQUEST, loads, unpack
 from .clock import monotonic, processor_time
 from .loop import Count
+from .process.throttle import Throttle
 from .rpc_client import BoundedLines, cut
-from .throttle import Throttle
 
 _log = logging.getLogger("rosfleet.rpc_server")
 

@@ -14,9 +14,9 @@ import xmlrpc.client
 from typing import Any, Callable, ContextManager, Dict, Iterator, List, NamedTuple, Tuple
 
 from ..edge.clock import monotonic
+from ..edge.process.throttle import Throttle
 from ..edge.rpc_client import cut
 from ..edge.rpc_server import BoundedHandler
-from ..edge.throttle import Throttle
 from ..protocol.plain_text import LINE, plain
 from ..protocol.xml_rpc import Document, DocumentTooLarge, unpack
 from .core.bounds import BOUNDS, Refusal, refuse, weigh

@@ -9,7 +9,7 @@ has taken more than its share waits before the next request is read, and nobody 
 import threading
 from typing import Dict
 
-from .clock import monotonic, sleep
+from ..clock import monotonic, sleep
 
 MOST = 256  # callers that have an account of their own; further ones share one
 _LOOK = 0.5  # seconds between two looks of somebody who waits

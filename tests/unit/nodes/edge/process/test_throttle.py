@@ -5,7 +5,7 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosfleet_multimaster.edge import throttle
+from rosfleet_multimaster.edge.process import throttle
 
 SHARE, TOGETHER, BURST, PATIENCE = 0.2, 0.5, 1.0, 5.0
 
