@@ -63,26 +63,22 @@ class Run(ModuleRun):
         self.in_turn = sorted(
             self.back_ends, key=lambda back_end: (back_end.packet_filter is None, back_end.name != GUARDING)
         )
-        own_files = [
-            file
-            for back_end in self.in_turn
-            if back_end.packet_filter
-            for file in back_end.plan_files(back_end.packet_filter)
-        ]
+        own_files = [file for one in self.in_turn if one.packet_filter for file in one.plan_files(one.packet_filter)]
         self.files = files.FileBundle("files", "firewall", options["records"], own_files).make_plan()
         self.record_after = self._plan_record()
-        self.removed = [
-            back_end.name for back_end in self.back_ends if back_end.before and back_end.packet_filter is None
-        ]
-        ready_for_boot = all(back_end.is_ready_for_boot() for back_end in self.back_ends)
+        self.removed = [one.name for one in self.back_ends if one.before and one.packet_filter is None]
         self.runtime_changes = any(back_end.changes for back_end in self.back_ends)
         self.watch = network_state.Watch(filtered=True)
         self.changed = bool(
             self.runtime_changes
             or self.files.changed
-            or not ready_for_boot
+            or not self._is_ready_for_boot()
             or self.record_after != self.files.remembered
         )
+
+    def _is_ready_for_boot(self) -> bool:
+        """Return True if each back end has its rules again after a boot."""
+        return all(one.is_ready_for_boot() for one in self.back_ends)
 
     def _choose_back_end(self, name: str) -> typing.Optional[typing.Type[BackEnd]]:
         """The back end for the rules, None where no packet filter is wanted. Raises Problem."""
