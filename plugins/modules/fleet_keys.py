@@ -9,8 +9,8 @@ version_added: "1.0.0"
 description:
   - Takes what each computer told of its own key by its own connection, and the keys that are kept in a file beside the inventory. So a run
     with C(--limit), and one without a robot that is lost, know the keys of all.
-  - A key that has changed is refused, unless that was asked for, and so is one that is none, or another computer's. That costs the computer
-    that told it, and no other one. A computer that is no longer in the plan loses its place.
+  - A computer is refused if its key has changed and O(rotate) is false, if its key has not the form of a key, and if another computer has
+    the same key. The other computers go on. A computer that is no longer in the plan loses its place.
   - Runs on the controller and connects to no host, so it is run once. Nothing in the file is secret.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.info

@@ -51,5 +51,5 @@ def machines_of(name, hosts, inventory=None):
 
 @pytest.fixture(scope="session")
 def new_machines():
-    """What makes a lab by its name and hosts."""
+    """A function that makes a lab by its name and hosts."""
     return machines_of

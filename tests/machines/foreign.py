@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What other programs have made in the kernel's network, and what becomes of it: a foreign set, and a watch with `ip monitor`."""
+"""Foreign addresses, routes and rules in the kernel, as other programs make them, and a watch over them with `ip monitor`."""
 
 from __future__ import annotations
 
@@ -59,10 +59,10 @@ class Watch:
 
     @property
     def lost(self) -> list[str]:
-        """What was there before and is gone."""
+        """The lines that were there before and are gone."""
         return [line for line in self.before if line not in self.after]
 
     @property
     def new(self) -> list[str]:
-        """What was not there before."""
+        """The lines that were not there before."""
         return [line for line in self.after if line not in self.before]

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What comes in beside the tunnel in the name of robots, each 5 ms, through each moment at which the guard could be away.
+"""Packets that come in beside the tunnel in the name of robots, each 5 ms, through each moment at which the guard could be away.
 
 ana-pc has nothing else that filters packets, bob-pc has ufw, dan-gate has firewalld, and dan-arm is behind it. A stranger is on the network
 that carries the tunnel. The order of the tests is that of a day.

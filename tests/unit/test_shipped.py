@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the built collection holds, whatever lies in the folder; and it works when it is installed."""
+"""The files in the built collection, if other files lie in the folder, too; and it works when it is installed."""
 
 import json
 import os

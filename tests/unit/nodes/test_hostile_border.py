@@ -167,7 +167,7 @@ class Station:
         )
 
     def measure_delays(self, seconds=3.0):
-        """What the border does while messages of the good robot wait in it, in its own time: the median, and the most."""
+        """The processor time of the border while messages of the good robot wait in it: the median, and the most."""
         end = self.connect(topic="/good/scan")
         end.header()
         until, delays = time.monotonic() + seconds, []

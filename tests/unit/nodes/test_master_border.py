@@ -248,7 +248,7 @@ def test_what_is_played_again_at_the_station_stays_there(robots, tmp_path):
 
 
 def ask(one, other):
-    """What a border tells another one."""
+    """The offers that a border gives another one."""
     return xmlrpc.client.ServerProxy(f"http://127.0.0.1:{one.port}/").rosfleetOffers(other.name, "", 0.0)
 
 

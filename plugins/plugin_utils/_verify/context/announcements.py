@@ -79,7 +79,7 @@ def _read_address(host: str) -> IPv4Address | None:
 
 
 def _locate(row: AnnouncedHost, place: str, processes: Iterable[tuple[str, NodeHost]]) -> Misplaced:
-    """Find the process of a node: it listens on the port of the node's URI, and announces the same host. `place`: if there is none."""
+    """Find the process of a node: it listens on the port of the node's URI, and announces the same host. Without such a process, it is at `place`."""
     for computer, process in processes:
         if process.host == row.host and row.port in process.ports:
             return Misplaced(row.node, row.host, _find_mode(row.host), computer, process.source, process.unit)

@@ -21,7 +21,7 @@ ANA = vm.make_host("ana", ["192.168.1.254/24", "10.0.0.1/24"], "networkd", "trix
 
 
 def test_a_lab_has_a_folder_of_its_own(tmp_path, monkeypatch):
-    """What a lab removes is its own, and never the folder of all labs."""
+    """A lab removes its own folder, and never that of all labs."""
     monkeypatch.setattr(virtual, "SOCKETS", tmp_path / "labs")
     monkeypatch.setattr(virtual, "WORK", tmp_path / "work")
     other = tmp_path / "labs" / "other" / "ssh"

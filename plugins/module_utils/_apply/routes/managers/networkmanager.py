@@ -178,7 +178,7 @@ class BackEnd(contract.BackEnd):
     def activate(self, places: typing.List[str]) -> None:
         """Do nothing: the kernel has the routes, and NetworkManager reads the profile when it next activates it.
 
-        Measured with NetworkManager 1.42 and `ip monitor`: `nmcli device reapply` deletes the addresses of IPv6, and routes
+        Seen with NetworkManager 1.42 and `ip monitor`, in a container: `nmcli device reapply` deletes the addresses of IPv6, and routes
         and addresses of others. With its flag that keeps those, the addresses of IPv6 are lost for good. Without `reapply`,
         the routes stay over a short loss of carrier; after a longer one, as at boot, the profile is read again.
         """

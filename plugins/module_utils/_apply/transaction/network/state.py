@@ -54,7 +54,7 @@ class Item(typing.NamedTuple):
 
     @property
     def key(self) -> typing.Tuple[str, ...]:
-        """What tells it from others for the kernel: of a route the destination, with its kind, table and metric."""
+        """The words by which the kernel tells it from others: of a route the destination, with its kind, table and metric."""
         if self.kind != "route":
             return (self.text,)
         words = self.text.split()
@@ -72,7 +72,7 @@ def find_word(words: typing.Sequence[str], name: str) -> str:
 
 
 class Snapshot(typing.NamedTuple):
-    """What there is at a moment."""
+    """The network state of this computer at one moment."""
 
     items: typing.List[Item]
     links: typing.List[str]  # the names of the interfaces
@@ -134,7 +134,7 @@ def _read_routes(snapshot: Snapshot, version: int) -> typing.List[Item]:
 
 
 def _ask(snapshot: Snapshot, part: str, what: str, words: typing.List[str]) -> str:
-    """The output of a command, "" where there is none; what could not be looked at is noted."""
+    """Return the output of a command, "" if it fails; the failure goes into the snapshot as a sentence."""
     answer = commands.run(words, limit=_LIMIT)
     if answer.status != 0 and "Address family not supported" not in answer.error:
         reason = quote(answer.last_error, LINE) or f"status {answer.status}"
@@ -215,7 +215,7 @@ def parse_filter(lines: typing.Iterable[str]) -> typing.List[Item]:
 
 
 def find_missing(before: Snapshot, now: Snapshot) -> typing.List[Item]:
-    """What was there before and is gone, in the order in which it is put back. Pure.
+    """The items that were there before and are gone, in the order in which it is put back. Pure.
 
     Without what went with its interface, and what could not be looked at now.
     """

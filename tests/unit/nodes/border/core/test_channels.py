@@ -29,7 +29,7 @@ def channel(inner, namespace="/kobuki1", topics=("/scan", "/camera/*")):
 
 
 def ways(one, kind, name):
-    """What a robot has of the borders' name: as a giver and as a taker."""
+    """The names of a robot at its border: as a giver and as a taker."""
     return one.find_local(kind, name, given=True), one.find_local(kind, name, given=False)
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What hangs, and what waits for a processor: the rule over samples, and its reader."""
+"""A hang is told from a wait for a processor: the rule over samples, and its reader."""
 
 import os
 import signal

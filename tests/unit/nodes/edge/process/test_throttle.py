@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The throttle: over some time, nobody has more of a processor than its share, and who has taken little does not wait."""
+"""The throttle: a robot has no more of a processor than its share in the long run, and a robot that takes little never waits."""
 
 import pytest
 from hypothesis import given, settings

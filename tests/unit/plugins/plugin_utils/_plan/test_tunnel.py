@@ -286,7 +286,7 @@ def test_kept_keys_and_told_ones_are_joined():
     ids=["short", "a number", "a list", "of another one", "changed"],
 )
 def test_a_lie_about_a_key_costs_the_liar_alone(lie, words, rotate):
-    """Whoever tells it: the others have their keys, new ones too, and the liar has the kept one or none."""
+    """The others have their keys, also new ones, and the computer that lies has its kept key or none."""
     for kept in (KEYS, {name: entry for name, entry in KEYS.items() if name != ANA}):
         believed = lie == key(9) and (rotate or ANA not in kept)
         told = {ANA: lie, BOB: KEYS[BOB], GATE: key(5) if rotate else KEYS[GATE]}

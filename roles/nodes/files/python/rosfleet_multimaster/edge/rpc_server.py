@@ -133,7 +133,7 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
             return True
 
     def robot_at(self, address: str) -> str:
-        """Who pays for the requests of an address."""
+        """Return the robot whose share the requests of an address take."""
         return self._callers.robot(address)
 
     def service_actions(self) -> None:

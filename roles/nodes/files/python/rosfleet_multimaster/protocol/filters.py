@@ -111,7 +111,7 @@ class Pattern:
 
     @cached_property
     def _parts(self) -> Tuple[Any, Any, Any]:
-        """Whole names; names with `*`, each in its parts; regular expressions."""
+        """Sort the patterns: names, names with `*` in their parts, and regular expressions."""
         plain = [item.lower() for item in self.items if item != NO_NAME and not is_expression(item)]
         expressions = [_compile(item) for item in self.items if is_expression(item)]
         return {*plain}, [item.split("*") for item in plain if "*" in item], expressions

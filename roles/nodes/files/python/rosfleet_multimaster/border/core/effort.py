@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the messages of a robot cost: the time of the processor that they take, of which each robot has a share."""
+"""The processor time that the messages of a robot take, and the share that each robot has of it."""
 
 from typing import Optional
 

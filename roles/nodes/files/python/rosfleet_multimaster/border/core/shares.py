@@ -11,7 +11,7 @@ from typing import Collection
 
 
 class Shares:
-    """What each party has, of at most so much."""
+    """A limit, and the part of it that each party has taken."""
 
     def __init__(self, most: int, most_of_one: int, parties: Collection[str], own: str = "") -> None:
         """`own`: a party that has half of what is kept, and is bounded by the rest alone. Each has one, however many they are."""

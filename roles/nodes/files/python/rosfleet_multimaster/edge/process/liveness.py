@@ -58,7 +58,7 @@ def read_sample(pid: int, proc: str = "/proc") -> Optional[Sample]:
 
 
 def _fields(path: str) -> List[str]:
-    """What stands behind the name of a process, which may have any letters."""
+    """Return the fields behind the name of a process, which may have any letters."""
     with open(path, encoding="utf-8", errors="replace") as file:
         return file.read().rpartition(")")[2].split()
 
@@ -74,7 +74,7 @@ def _read_thread(folder: str) -> Thread:
 
 
 def is_starved(before: Sample, after: Sample) -> bool:
-    """Whether the process waited for a processor or a disk between two samples, most of the time."""
+    """Return True if the process waited for a processor or a disk between two samples, most of the time."""
     wall = after.at - before.at
     waited = 0.0
     for name, thread in after.threads.items():
@@ -100,7 +100,7 @@ class Silence:
         self._last = sample
 
     def is_of(self, sample: Sample) -> bool:
-        """Whether a sample is of the same process."""
+        """Return True if a sample is of the same process."""
         return sample.started == self._first.started
 
     def find_hang(self, age: float, limits: Limits) -> str:

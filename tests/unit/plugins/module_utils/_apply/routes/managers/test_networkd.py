@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What networkd is told, and in which order, over files as networkd keeps them; the real one is in tests/machines."""
+"""The commands for networkd in their order, over files as networkd keeps them; the real one is in tests/machines."""
 
 import os
 
@@ -157,7 +157,7 @@ def test_a_lease_that_may_come(manager, value, waits):
 
 @pytest.mark.parametrize("version, told", [("252", True), ("247", False)])
 def test_netplan_leaves_nothing_for_a_reload_of_somebody_else(manager, version, told):
-    """What `netplan generate` writes is read by the next reload, so it goes with the restart, or waits for the boot with it."""
+    """The next reload reads the files of `netplan generate`, so they come with the restart, or wait for the boot with it."""
     manager.version = version
     netplan.BackEnd(manager.machine, {}).activate([netplan.FILE])
     known = ("netplan generate", "systemctl restart systemd-networkd.service")

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What was there before a change, is gone and was not to go: compared, and put back on a real kernel."""
+"""Foreign addresses, routes and rules that a change has lost: compared, and put back on a real kernel."""
 
 import json
 import os
