@@ -16,7 +16,7 @@ from pathlib import Path
 
 from machines import containers, image
 from machines.layout import Extra, choose_suites, hosts_of, read_inventory
-from machines.podman import LabError
+from progress import carry_out
 
 EXTRA, MOUNT = "HOST=ADDRESS[/PREFIX][,...]", "HOST=SOURCE:TARGET"
 
@@ -124,15 +124,5 @@ def run(options: argparse.Namespace) -> None:
         containers.shell(options.name, options.host)
 
 
-def main() -> int:
-    """Exit status 1 with one sentence when something failed."""
-    try:
-        run(_parser().parse_args())
-    except LabError as error:
-        print(f"lab: {error}", file=sys.stderr)
-        return 1
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(carry_out(run, _parser().parse_args()))

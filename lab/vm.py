@@ -18,7 +18,8 @@ from pathlib import Path
 from machines import disk, image, managers, virtual
 from machines.layout import Host, choose_suites, hosts_of, read_inventory
 from machines.managers import Interface
-from machines.podman import WORK, LabError
+from machines.podman import WORK
+from progress import carry_out
 
 MACHINE = "NAME=ADDRESS/PREFIX[,...]"
 
@@ -96,15 +97,5 @@ def run(options: argparse.Namespace) -> None:
         virtual.set_carrier(name, options.host, options.interface, options.state == "on")
 
 
-def main() -> int:
-    """Exit status 1 with one sentence when something failed."""
-    try:
-        run(_parser().parse_args())
-    except LabError as error:
-        print(f"lab: {error}", file=sys.stderr)
-        return 1
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(carry_out(run, _parser().parse_args()))
