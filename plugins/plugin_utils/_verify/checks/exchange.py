@@ -39,8 +39,10 @@ def _judge_node_hosts(case: Case) -> Judgement:
     robot = case.observer.plan.robot
     misplaced = case.state.misplaced.get(robot, {})
     others = case.state.exchanges.robots.keys() - {robot}
-    given = {item.node for other in others for item in case.state.exchanges.find_due(robot, other)}
-    verdict = WARNING if given.isdisjoint(misplaced) else FAILED
+    is_given = bool(misplaced) and any(
+        item.node in misplaced for other in others for item in case.state.exchanges.find_due(robot, other)
+    )
+    verdict = FAILED if is_given else WARNING
     found = shorten_list(map(str, misplaced.values()), NAMED)
     parts = frozenset(one.part for one in misplaced.values())
     return judge_fault(verdict, "planned names and addresses of the robot", found, "only such", parts)
