@@ -18,10 +18,10 @@ from rosfleet_multimaster.discovery.core.strangers import MAX_ASKED, MAX_STRANGE
 from rosfleet_multimaster.protocol.filters import Filters, InvalidPattern, Pattern, Rules
 from rosfleet_multimaster.protocol.graph import InvalidDocument, State, add_stamps, build, document, parse, users_of
 from rosfleet_multimaster.protocol.heartbeat import SIZE, Heartbeat, Kind, Stamp, decode, encode
-from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.protocol.messages import Master, View
 from rosfleet_multimaster.protocol.parameters import Settings
 from rosfleet_multimaster.protocol.wire_filters import read_pattern, read_rules, write_rules
-from rosfleet_multimaster.sync.core.sync import Candidate, View, calls, plan, select
+from rosfleet_multimaster.sync.core.sync import Candidate, calls, plan, select
 
 slow = settings(
     deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]

@@ -9,10 +9,10 @@ from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.process import program
 from rosfleet_multimaster.protocol import imports
 from rosfleet_multimaster.protocol.filters import Filters
-from rosfleet_multimaster.protocol.messages import Registration
+from rosfleet_multimaster.protocol.messages import Registration, View
 from rosfleet_multimaster.sync import rounds as module
 from rosfleet_multimaster.sync.core.message_types import TypeGuard
-from rosfleet_multimaster.sync.core.sync import NEVER, Candidate, Sync, View
+from rosfleet_multimaster.sync.core.sync import NEVER, Candidate, Sync
 
 CALLBACKS = module.Callbacks(lambda: True, lambda problem: None)
 OTHER, TALKER = "http://robot2:11311/", ("/talker", "http://robot2:40000/")

@@ -24,7 +24,6 @@ from .border.feed import Dial, Feed, Fields, Link, Origin
 from .border.node import PROVIDER, PUBLISHER, SUBSCRIBER, Registrar, SlaveApi
 from .border.peers import OFFERS, Offers, Peer
 from .border.wire import PATIENCE, Wire
-from .discovery.rpc_methods import callers, serve
 from .edge import local_roscore
 from .edge.addresses import find_own_host, local_hosts
 from .edge.clock import keep_fresh, monotonic
@@ -32,15 +31,13 @@ from .edge.display import Display
 from .edge.loop import DirectRunner, Loop, RecurringJob, Workers
 from .edge.process import program
 from .edge.process.systemd import notify
-from .edge.roscore import Roscore
-from .edge.rpc_server import LongPoll, RefusedCall, RpcServer
+from .edge.roscore import Roscore, RoscoreGraph
+from .edge.rpc_server import LongPoll, RefusedCall, RpcServer, callers, serve
 from .protocol import imports, metrics, parameters
 from .protocol.filters import MAX_NAME
 from .protocol.members import Members, host_of, is_address
-from .protocol.messages import Diagnosis
+from .protocol.messages import Diagnosis, View
 from .protocol.plain_text import quote
-from .sync.core.sync import View
-from .sync.roscore_graph import RoscoreGraph
 
 NAME = "/master_border"
 BEAT = 0.1  # seconds between two looks at what is due, at most

@@ -17,7 +17,7 @@ from .discovery.core.outsiders import Outsider
 from .discovery.core.peer import FAR, Contact, Key
 from .discovery.datagrams import Callbacks, Datagrams
 from .discovery.poller import Poller
-from .discovery.rpc_methods import UNREAD, RpcMethods, ServedMaster, callers, serve
+from .discovery.rpc_methods import UNREAD, RpcMethods, ServedMaster
 from .discovery.source import Follower, Source, start_source_thread
 from .discovery.state_feed import StateFeed
 from .discovery.udp import Datagram
@@ -29,6 +29,7 @@ from .edge.loop import DirectRunner, RecurringJob, Workers
 from .edge.process import memory, program
 from .edge.process.systemd import notify
 from .edge.roscore import Roscore
+from .edge.rpc_server import callers, serve
 from .protocol import metrics, parameters
 from .protocol.differences import Stamps
 from .protocol.filters import InvalidPattern, secret_names

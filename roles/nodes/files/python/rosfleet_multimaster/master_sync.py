@@ -14,6 +14,7 @@ from .edge.display import Display
 from .edge.loop import DirectRunner, RecurringJob, Workers
 from .edge.process import memory, program
 from .edge.process.systemd import notify
+from .edge.roscore import RoscoreGraph
 from .protocol import metrics, parameters
 from .protocol.filters import Filters
 from .protocol.members import Members
@@ -26,7 +27,6 @@ from .sync.core.sync import NEVER, Refusal, Sync
 from .sync.disconnector import Disconnector
 from .sync.fetcher import Fetcher
 from .sync.finder import Finder
-from .sync.roscore_graph import RoscoreGraph
 from .sync.rounds import ROUND, Callbacks, Rounds
 from .sync.type_questions import TypeQuestions
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import pytest
 from rosfleet_multimaster.protocol.members import Members
-from rosfleet_multimaster.protocol.messages import Registration
+from rosfleet_multimaster.protocol.messages import Registration, View
 from rosfleet_multimaster.sync.core import losses as module
 from rosfleet_multimaster.sync.core.losses import (
     FORGET,
@@ -13,7 +13,6 @@ from rosfleet_multimaster.sync.core.losses import (
     Losses,
     connections_of,
 )
-from rosfleet_multimaster.sync.core.sync import View
 
 R2 = "http://robot2:11311/"
 TALKER = ("/talker", "http://robot2:40000/")

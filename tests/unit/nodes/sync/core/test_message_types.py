@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 import pytest
-from rosfleet_multimaster.protocol.messages import Registration
+from rosfleet_multimaster.protocol.messages import Registration, View
 from rosfleet_multimaster.sync.core.message_types import AGAIN, TypeGuard
-from rosfleet_multimaster.sync.core.sync import Candidate, View
+from rosfleet_multimaster.sync.core.sync import Candidate
 
 R2, R3 = "http://robot2:11311/", "http://robot3:11311/"
 TALKER = ("/talker", "http://robot2:40000/")

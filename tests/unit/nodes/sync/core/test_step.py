@@ -7,9 +7,9 @@ import time
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosfleet_multimaster.protocol.messages import Registration
+from rosfleet_multimaster.protocol.messages import Registration, View
 from rosfleet_multimaster.sync.core.step import Knowledge, apply_plan, condition_of, step
-from rosfleet_multimaster.sync.core.sync import Candidate, View, plan
+from rosfleet_multimaster.sync.core.sync import Candidate, plan
 
 MASTER, THIRD = "http://robot2:11311/", "http://robot3:11311/"
 TOPICS, NODES = ["/one", "/two", "/three"], ["/a", "/b", "/own"]

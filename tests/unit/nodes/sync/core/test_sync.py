@@ -4,8 +4,8 @@ import pytest
 from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import Node, State
 from rosfleet_multimaster.protocol.members import Members
-from rosfleet_multimaster.protocol.messages import Master, Registration
-from rosfleet_multimaster.sync.core.sync import NEVER, PATIENCE, Candidate, Refusal, Sync, View, calls, plan, select
+from rosfleet_multimaster.protocol.messages import Master, Registration, View
+from rosfleet_multimaster.sync.core.sync import NEVER, PATIENCE, Candidate, Refusal, Sync, calls, plan, select
 
 OWN = "http://robot1:11311/"
 R2, R3 = "http://robot2:11311/", "http://robot3:11311/"

@@ -9,16 +9,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Callable, Dict, Iterable, List, Optional, Tuple
 
-from ..edge.clock import sleep, wall_clock
+from ..edge.clock import wall_clock
 from ..edge.loop import Count
-from ..edge.process import program
-from ..edge.process.systemd import notify
-from ..edge.rpc_server import Callers, LongPoll, Method, PackedAnswer, PerCaller, RefusedCall, RpcServer
+from ..edge.rpc_server import LongPoll, Method, PackedAnswer, PerCaller, RefusedCall
 from ..protocol import json_text
 from ..protocol.differences import DIFFERENCES, PACKED
 from ..protocol.filters import InvalidPattern, Rules, secret_names
 from ..protocol.graph import Policy, State, document, local_types, shareable_part, stamp_text
-from ..protocol.members import ALLOW, Members
 from ..protocol.messages import Master
 from ..protocol.plain_text import LINE, plain
 from ..protocol.wire_filters import read_rules
@@ -26,7 +23,6 @@ from .core.outsiders import Outsider
 from .state_feed import LONGEST_WAIT, CallerView, StateFeed
 
 NO_STATE = State("", "")
-HERE = "this computer"
 UNREAD = "its roscore has not been read yet"
 
 Viewer = Callable[[State], Tuple[State, List[Rules]]]
@@ -187,44 +183,6 @@ class RpcMethods:
         except InvalidPattern as problem:  # the secret topics are not known, so nothing is told
             raise RefusedCall(str(problem)) from None
         return lambda state: self._policy.view(state, caller, [secret])
-
-
-def callers(members: Members, own_uri: str, is_here: Callable[[str], bool]) -> Callers:
-    """The rules for callers. The server listens at all addresses, since the planned one may come late."""
-    own = members.master(own_uri)
-
-    def find_objection(caller: str, address: str) -> str:
-        if is_here(caller) or members.strangers == ALLOW:
-            return ""
-        if own is not None and address not in own.hosts:
-            return f"{address} is no address of this computer in the plan"
-        return "" if members.knows(caller) else "it is no computer of the fleet"
-
-    def find_robot(address: str) -> str:
-        return HERE if is_here(address) else members.robot_at(address)
-
-    known = bool(members.robots)
-    return Callers(find_objection, known, lambda address: is_here(address) or members.knows(address), find_robot)
-
-
-def serve(
-    address: str,
-    port: int,
-    methods: Dict[str, Method],
-    malformed: Callable[[str, str], None],
-    rules: Callers,
-) -> RpcServer:
-    """A running server; blocks until the port is free. `malformed(host, why)` is called in threads of the server."""
-    logged = False
-    while True:
-        try:
-            return RpcServer(address, port, methods, malformed, rules)
-        except OSError as problem:
-            if not logged:
-                program.LOG.error("port %d for other masters is not free: %s; trying again", port, problem)
-                logged = True
-            notify(f"STATUS=waiting for TCP port {port}: {problem}", "EXTEND_TIMEOUT_USEC=30000000")
-            sleep(1.0)
 
 
 def _user() -> str:

@@ -12,10 +12,13 @@ import xmlrpc.client
 from http.server import BaseHTTPRequestHandler
 from typing import Any, Callable, Dict, Iterable, Mapping, NamedTuple, Optional, Tuple, Union
 
+from ..protocol.members import ALLOW, Members
 from ..protocol.plain_text import LINE, plain
 from ..protocol.xml_rpc import MAX_REQUEST, loads, unpack
-from .clock import monotonic, processor_time
+from .clock import monotonic, processor_time, sleep
 from .loop import Count
+from .process import program
+from .process.systemd import notify
 from .process.throttle import Throttle
 from .rpc_client import BoundedLines, cut
 
@@ -67,6 +70,7 @@ class Callers(NamedTuple):
 
 
 EVERYBODY = Callers()
+HERE = "this computer"  # the robot of its own programs
 
 
 class _Connection(NamedTuple):
@@ -293,3 +297,44 @@ class _Handler(BoundedHandler):
 
     def log_message(self, format: str, *arguments: Any) -> None:  # the name is the standard library's
         _log.debug("%s " + format, self.client_address[0], *arguments)
+
+
+# The server of a program
+
+
+def callers(members: Members, own_uri: str, is_here: Callable[[str], bool]) -> Callers:
+    """The rules for callers. The server listens at all addresses, since the planned one may come late."""
+    own = members.master(own_uri)
+
+    def find_objection(caller: str, address: str) -> str:
+        if is_here(caller) or members.strangers == ALLOW:
+            return ""
+        if own is not None and address not in own.hosts:
+            return f"{address} is no address of this computer in the plan"
+        return "" if members.knows(caller) else "it is no computer of the fleet"
+
+    def find_robot(address: str) -> str:
+        return HERE if is_here(address) else members.robot_at(address)
+
+    known = bool(members.robots)
+    return Callers(find_objection, known, lambda address: is_here(address) or members.knows(address), find_robot)
+
+
+def serve(
+    address: str,
+    port: int,
+    methods: Dict[str, Method],
+    malformed: Callable[[str, str], None],
+    rules: Callers,
+) -> RpcServer:
+    """A running server; blocks until the port is free. `malformed(host, why)` is called in threads of the server."""
+    logged = False
+    while True:
+        try:
+            return RpcServer(address, port, methods, malformed, rules)
+        except OSError as problem:
+            if not logged:
+                program.LOG.error("port %d for other masters is not free: %s; trying again", port, problem)
+                logged = True
+            notify(f"STATUS=waiting for TCP port {port}: {problem}", "EXTEND_TIMEOUT_USEC=30000000")
+            sleep(1.0)

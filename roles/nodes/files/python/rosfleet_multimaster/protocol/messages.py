@@ -5,11 +5,13 @@
 edge/ros.py converts both ways.
 """
 
-from typing import List, NamedTuple, Tuple
+from dataclasses import dataclass, field
+from typing import Dict, Iterator, List, Mapping, NamedTuple, Sequence, Set, Tuple
 
 from .plain_text import quote
 
 NodeKey = Tuple[str, str]  # name and URI of a node
+Row = Tuple[str, str, str]  # kind, topic or service, node
 
 
 class Master(NamedTuple):
@@ -53,6 +55,45 @@ class Registration(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.kind} {quote(self.name)} of {quote(self.node)}"
+
+
+@dataclass
+class View:
+    """The registrations in the own roscore. URIs are there only for the nodes and services that were asked for."""
+
+    publishers: Mapping[str, Sequence[str]]
+    subscribers: Mapping[str, Sequence[str]]
+    services: Mapping[str, Sequence[str]]
+    types: Mapping[str, str]
+    node_uris: Mapping[str, str] = field(default_factory=dict)
+    service_uris: Mapping[str, str] = field(default_factory=dict)
+
+    def registrations(self, claims: Mapping[NodeKey, str]) -> Set[Registration]:
+        """Everything that the claimed nodes have registered."""
+        return {
+            Registration(kind, name, *node, self.service_uris.get(name, "") if kind == "service" else "")
+            for kind, name, node in self._rows()
+            if node in claims
+        }
+
+    def local_nodes(self, claims: Mapping[NodeKey, str]) -> Dict[str, Dict[NodeKey, None]]:
+        """Topic -> the nodes on it that are not claimed: this robot's own. "" is an unknown URI."""
+        users: Dict[str, Dict[NodeKey, None]] = {}
+        for kind, topic, node in self._rows():
+            if kind != "service" and node not in claims:
+                users.setdefault(topic, {})[node] = None
+        return users
+
+    def _rows(self) -> Iterator[Tuple[str, str, NodeKey]]:
+        return ((kind, name, (node, self.node_uris.get(node, ""))) for kind, name, node in rows(self))
+
+
+def rows(registrations: object) -> Iterator[Row]:
+    """All registrations of a State or a View."""
+    for kind in KINDS:
+        for name, nodes in getattr(registrations, f"{kind}s").items():
+            for node in nodes:
+                yield kind, name, node
 
 
 # Entries of /diagnostics (REP 107)

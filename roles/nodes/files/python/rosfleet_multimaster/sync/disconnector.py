@@ -15,11 +15,10 @@ from ..edge.process import program
 from ..edge.rpc_client import Rpc
 from ..protocol.imports import Claims
 from ..protocol.members import Members
-from ..protocol.messages import Registration
+from ..protocol.messages import Registration, View
 from ..protocol.xml_rpc import NODE
 from .connection_ender import Pair, ask, end
 from .core.losses import Connection, Disconnection, Look, Losses, connections_of
-from .core.sync import View
 
 QUESTION_TIMEOUT = 2.0  # seconds for the connections of an own node
 SWEEP, SWEEP_AGAIN = (

@@ -9,10 +9,9 @@ from ..edge.lifeline import Lifeline, Socket, lifeline
 from ..edge.loop import Loop, RecurringJob, Workers
 from ..edge.process import program
 from ..edge.process.systemd import notify
+from ..edge.roscore import RoscoreGraph
 from ..protocol.imports import Claims
-from ..protocol.messages import Master
-from .core.sync import View
-from .roscore_graph import RoscoreGraph
+from ..protocol.messages import Master, View
 
 CHANGES_TYPE = "MasterState"  # the end of the type of discovery's topic
 LIST_MASTERS = "list_masters"  # the end of the name of its service

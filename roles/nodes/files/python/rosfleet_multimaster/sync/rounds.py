@@ -15,16 +15,16 @@ from xmlrpc.client import Fault
 from ..edge.clock import monotonic
 from ..edge.loop import Workers
 from ..edge.process import program
+from ..edge.roscore import RoscoreGraph
 from ..edge.rpc_client import Rpc
 from ..protocol import imports
 from ..protocol.imports import Claims
 from ..protocol.members import host_of
-from ..protocol.messages import Registration
+from ..protocol.messages import Registration, View
 from ..protocol.plain_text import quote
 from .core.step import Condition, Knowledge, apply_plan, condition_of, step
-from .core.sync import NEVER, Candidate, Plan, Refusal, Sync, View, calls, nodes_of, plan
+from .core.sync import NEVER, Candidate, Plan, Refusal, Sync, calls, nodes_of, plan
 from .disconnector import Disconnector
-from .roscore_graph import RoscoreGraph
 from .type_questions import TypeQuestions
 
 ROUND = 30.0  # seconds between two rounds, if nothing happens

@@ -12,9 +12,9 @@ from dataclasses import replace
 from typing import Any, Container, Dict, Iterable, List, Mapping, Optional, Set, Tuple
 
 from ...protocol.graph import Endpoints, State, keep_part
-from ...protocol.messages import KINDS
+from ...protocol.messages import KINDS, Row, rows
 from ...protocol.plain_text import quote
-from .sync import Refusal, Remote, Row, master_nodes, rows
+from .sync import Refusal, Remote, master_nodes
 
 MOST = 5000  # registrations of one master
 

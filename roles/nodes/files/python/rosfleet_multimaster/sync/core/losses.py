@@ -17,9 +17,8 @@ from dataclasses import dataclass, field
 from typing import AbstractSet, Any, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Set, Tuple
 
 from ...protocol.members import LOWEST, Members, host_of, port_of
-from ...protocol.messages import NodeKey, Registration
+from ...protocol.messages import NodeKey, Registration, View
 from .permission import ports
-from .sync import View
 
 FORGET = 930.0  # seconds after a loss: by then TCP itself has given up (net.ipv4.tcp_retries2)
 RESOLVE = 300.0  # seconds between two looks at the address of a host

@@ -13,9 +13,9 @@ import math
 from typing import AbstractSet, Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from ...protocol.filters import UNKNOWN_TYPES
-from ...protocol.messages import NodeKey
+from ...protocol.messages import NodeKey, View
 from ...protocol.plain_text import quote
-from .sync import Candidate, Refusal, View
+from .sync import Candidate, Refusal
 
 MOST = 500  # types of one question
 AGAIN = 60.0  # seconds until the same is asked again: no event tells of a new answer

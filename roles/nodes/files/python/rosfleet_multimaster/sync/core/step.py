@@ -14,8 +14,8 @@ from typing import Callable, Container, Dict, List, Mapping, NamedTuple, Optiona
 from ...protocol.filters import UNKNOWN_TYPES
 from ...protocol.graph import change_users
 from ...protocol.imports import Claims
-from ...protocol.messages import KINDS, NodeKey, Registration
-from .sync import Candidate, Plan, View, nodes_of
+from ...protocol.messages import KINDS, NodeKey, Registration, View
+from .sync import Candidate, Plan, nodes_of
 
 
 class Knowledge(NamedTuple):

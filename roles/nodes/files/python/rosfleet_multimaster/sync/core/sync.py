@@ -11,14 +11,14 @@ Free of sockets, threads and clocks: times are arguments, in seconds of a clock 
 
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
-from typing import AbstractSet, Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import AbstractSet, Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from ...protocol.differences import changes, excerpt, names_of
 from ...protocol.filters import UNKNOWN_TYPES, Filters, Pattern, Rules
 from ...protocol.graph import LOCAL, State
 from ...protocol.imports import Claims
 from ...protocol.members import Members, host_of
-from ...protocol.messages import KINDS, Master, NodeKey, Registration
+from ...protocol.messages import Master, NodeKey, Registration, View, rows
 
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
 PAUSE = 1.0  # seconds between two fetches where the first one brought nothing new: anyone can announce a change
@@ -29,51 +29,10 @@ MISSING = 15.0  # seconds that a master may be missing in the list (of a discove
 
 LONG_AGO, NEVER = float("-inf"), float("inf")
 
-Row = Tuple[str, str, str]  # kind, topic or service, node
-
 
 def nodes_of(items: Iterable[Registration]) -> Set[NodeKey]:
     """The nodes of registrations. Called after each change with all of them, so it must be fast."""
     return set(map(itemgetter(2, 3), items))
-
-
-@dataclass
-class View:
-    """The registrations in the own roscore. URIs are there only for the nodes and services that were asked for."""
-
-    publishers: Mapping[str, Sequence[str]]
-    subscribers: Mapping[str, Sequence[str]]
-    services: Mapping[str, Sequence[str]]
-    types: Mapping[str, str]
-    node_uris: Mapping[str, str] = field(default_factory=dict)
-    service_uris: Mapping[str, str] = field(default_factory=dict)
-
-    def registrations(self, claims: Mapping[NodeKey, str]) -> Set[Registration]:
-        """Everything that the claimed nodes have registered."""
-        return {
-            Registration(kind, name, *node, self.service_uris.get(name, "") if kind == "service" else "")
-            for kind, name, node in self._rows()
-            if node in claims
-        }
-
-    def local_nodes(self, claims: Mapping[NodeKey, str]) -> Dict[str, Dict[NodeKey, None]]:
-        """Topic -> the nodes on it that are not claimed: this robot's own. "" is an unknown URI."""
-        users: Dict[str, Dict[NodeKey, None]] = {}
-        for kind, topic, node in self._rows():
-            if kind != "service" and node not in claims:
-                users.setdefault(topic, {})[node] = None
-        return users
-
-    def _rows(self) -> Iterator[Tuple[str, str, NodeKey]]:
-        return ((kind, name, (node, self.node_uris.get(node, ""))) for kind, name, node in rows(self))
-
-
-def rows(registrations: object) -> Iterator[Row]:
-    """All registrations of a State or a View."""
-    for kind in KINDS:
-        for name, nodes in getattr(registrations, f"{kind}s").items():
-            for node in nodes:
-                yield kind, name, node
 
 
 class Refusal(NamedTuple):
