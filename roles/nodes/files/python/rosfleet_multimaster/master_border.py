@@ -18,7 +18,6 @@ from .border.core import report
 from .border.core.channels import SERVICE, TOPIC, Channel, Own, OwnNodes, find_taken, list_offers, list_own
 from .border.core.frames import STATIC, Frames
 from .border.core.header import encode_header
-from .border.core.shares import Shares
 from .border.dial import Dialers, dial_border, dial_node, dial_service, listen
 from .border.feed import Dial, Feed, Fields, Link, Origin
 from .border.node import PROVIDER, PUBLISHER, SUBSCRIBER, Registrar, SlaveApi
@@ -27,6 +26,7 @@ from .border.wire import PATIENCE, Wire
 from .edge import local_roscore
 from .edge.addresses import find_own_host, local_hosts
 from .edge.clock import keep_fresh, monotonic
+from .edge.core.shares import Shares
 from .edge.display import Display
 from .edge.loop import DirectRunner, Loop, RecurringJob, Workers
 from .edge.process import program

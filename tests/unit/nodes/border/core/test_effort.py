@@ -6,12 +6,12 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosfleet_multimaster.border.core.effort import BURST, SAID, SHARE, Effort
+from rosfleet_multimaster.border.core.effort import BURST, SAID, SHARE, Effort, make_efforts
 
 
 @given(st.lists(st.floats(0.0001, 0.04), min_size=50, max_size=200))
 def test_who_waits_as_told_takes_its_share_and_no_more(costs):
-    effort, now, turn, spent, in_turn = Effort(), 100.0, 1, 0.0, 0.0
+    effort, now, turn, spent, in_turn = Effort("robot2", make_efforts("robot1")), 100.0, 1, 0.0, 0.0
     for cost in costs:
         while True:
             wait = effort.find_wait(now, turn)
@@ -25,7 +25,7 @@ def test_who_waits_as_told_takes_its_share_and_no_more(costs):
 
 
 def test_who_takes_little_never_waits():
-    effort = Effort()
+    effort = Effort("robot2", make_efforts("robot1"))
     for turn in range(1000):
         now = turn / 1000
         assert effort.find_wait(now, turn) is None
@@ -34,7 +34,7 @@ def test_who_takes_little_never_waits():
 
 
 def test_who_waits_is_told_for_a_while():
-    effort = Effort()
+    effort = Effort("robot2", make_efforts("robot1"))
     effort.spend(1.0, 50.0, 1)
     assert effort.find_wait(50.0, 2) == pytest.approx((1.0 - BURST) / SHARE)
     assert effort.is_slowed(50.0 + SAID / 2) and not effort.is_slowed(50.0 + SAID)

@@ -8,16 +8,16 @@ from typing import Callable, Collection, Deque, Dict, List
 from ..edge.clock import monotonic
 from ..edge.loop import Loop
 from .core.budget import Budget
-from .core.effort import OWN_SHARE, SHARE, Effort
+from .core.effort import Effort, make_efforts
 
 
 class Account:
     """The account of a robot. Its connections take their turns one after the other, as far as its share of the processor goes."""
 
-    def __init__(self, loop: Loop, robot: str, budget: Budget, share: float) -> None:
+    def __init__(self, loop: Loop, robot: str, budget: Budget, effort: Effort) -> None:
         """`robot`: empty for all computers that belong to none; `budget`: of all robots together."""
         self.robot, self.budget = robot, budget
-        self._loop, self._effort = loop, Effort(share)
+        self._loop, self._effort = loop, effort
         self._queue: Deque[Callable[[], None]] = deque()
         self._is_posted = False
 
@@ -58,14 +58,13 @@ class Accounts:
     def __init__(self, loop: Loop, robots: Collection[str], own: str) -> None:
         """`own`: this robot; `robots`: all of them."""
         self.budget = Budget(robots=robots, own=own)
-        self._loop, self._own = loop, own
+        self._loop, self._efforts = loop, make_efforts(own)
         self._accounts: Dict[str, Account] = {}
 
     def find(self, robot: str) -> Account:
         """Return the account of a robot."""
         if robot not in self._accounts:
-            share = OWN_SHARE if robot == self._own else SHARE
-            self._accounts[robot] = Account(self._loop, robot, self.budget, share)
+            self._accounts[robot] = Account(self._loop, robot, self.budget, Effort(robot, self._efforts))
         return self._accounts[robot]
 
     def list_slowed(self) -> List[str]:

@@ -11,9 +11,9 @@ import socket
 from typing import Callable, Collection, Optional, Set, Tuple
 
 from ..edge.clock import monotonic, processor_time
+from ..edge.core.shares import Shares
 from ..edge.loop import Loop
 from .account import Account
-from .core.shares import Shares
 from .wire import keep_alive
 
 PIECE = 1 << 14  # bytes at once, and all that is held in each direction

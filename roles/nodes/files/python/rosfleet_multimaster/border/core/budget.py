@@ -4,7 +4,7 @@
 
 from typing import Collection, Dict, Optional, Protocol, Set, Tuple
 
-from .shares import Shares
+from ...edge.core.shares import Shares
 
 ALL = 32 << 20  # bytes of messages: what waits, what is being sent, and what is being read
 KEPT = (

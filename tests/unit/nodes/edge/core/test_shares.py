@@ -5,7 +5,7 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
-from rosfleet_multimaster.border.core.shares import Shares
+from rosfleet_multimaster.edge.core.shares import Shares
 
 PARTIES = ("own", "one", "two", "three", "")
 DEEDS = st.lists(st.tuples(st.sampled_from(PARTIES), st.integers(1, 30), st.booleans()), max_size=200)

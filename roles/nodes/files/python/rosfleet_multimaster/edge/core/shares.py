@@ -7,19 +7,24 @@ is kept for the parties, so that nobody can take it. The other half is for who c
 """
 
 from collections import Counter
-from typing import Collection
+from typing import Collection, Optional
 
 
 class Shares:
     """A limit, and the part of it that each party has taken."""
 
-    def __init__(self, most: int, most_of_one: int, parties: Collection[str], own: str = "") -> None:
-        """`own`: a party that has half of what is kept, and is bounded by the rest alone. Each has one, however many they are."""
+    def __init__(
+        self, most: int, most_of_one: int, parties: Collection[str], own: str = "", for_own: Optional[int] = None
+    ) -> None:
+        """`own`: a party that is bounded by the rest alone; `for_own`: kept for it, a quarter without a word.
+
+        The others have a quarter then, and a half without an own party; each has one, however many they are.
+        """
         others = [party for party in parties if party != own]
         kept = most // 4 if own else most // 2
         self._kept = {party: max(1, kept // len(others)) for party in others}
         if own:
-            self._kept[own] = kept
+            self._kept[own] = most // 4 if for_own is None else for_own
         self._own, self._most_of_one = own, most_of_one
         self._left = most - sum(self._kept.values())  # for who comes first
         self._counts: Counter[str] = Counter()
