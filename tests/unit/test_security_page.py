@@ -62,8 +62,9 @@ FIGURES = {
     "| 32 KiB together": rpc_client._HEAD / KIB == 32,
     "one above 512 KiB": rpc_client.SMALL / KIB == 512,
     "5,000 of its own": limits.MOST == 5000,
-    "has 64 connections, 8 for one address, 15 s each": (
-        (rpc_server._MAX_CONNECTIONS, rpc_server._MAX_PER_ADDRESS, rpc_server._MAX_SECONDS) == (64, 8, 15)
+    "has 64 connections, and two more for each robot, 15 s each; of one robot 16": (
+        (rpc_server._MAX_CONNECTIONS, rpc_server._FOR_EACH, rpc_server._MAX_SECONDS, rpc_server._MAX_OF_ONE)
+        == (64, 2, 15, 16)
     ),
     "with 5 s for a call": xml_rpc.CALL == 5,
     "256 connections a second at most": end_connections.PER_SECOND == 256,

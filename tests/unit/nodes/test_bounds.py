@@ -312,13 +312,14 @@ def test_an_answer_that_nobody_reads_does_not_stay(server, monkeypatch):
 
 
 def test_idle_connections_of_one_address_are_bounded(server):
+    """Without a plan, each address is one robot."""
     before = threading.active_count()
     idle = [server.connect("127.0.0.9") for _count in range(100)]
     with server.connect("127.0.0.10") as other:
         other.sendall(post(CALL))
         assert b"200 OK" in read_all(other)
-    assert threading.active_count() - before <= rpc_server._MAX_PER_ADDRESS + 1
-    assert len(server.malformed) == 100 - rpc_server._MAX_PER_ADDRESS
+    assert threading.active_count() - before <= rpc_server._MAX_OF_ONE + 1
+    assert len(server.malformed) == 100 - rpc_server._MAX_OF_ONE
     idle += [server.connect(f"127.0.1.{number}") for number in range(100)]
     time.sleep(0.3)
     assert threading.active_count() - before <= rpc_server._MAX_CONNECTIONS + 1
@@ -332,8 +333,12 @@ FLEET = {
     "allow": ["10.0.5.0/24"],
     "members": [
         {"robot": robot, "name": robot, "uris": [f"http://{robot}:11311/"], "rpc_port": 11611,
-         "addresses": [address], "hosts": [robot, address]}
-        for robot, address in (("own", "10.0.0.1"), ("peer", "10.0.0.10"))
+         "addresses": [address], "hosts": [robot, address, *more]}
+        for robot, address, *more in (
+            ("own", "10.0.0.1"),
+            ("peer", "10.0.0.10"),
+            ("hostile", "10.0.3.1", *(f"10.0.3.{number}" for number in range(2, 30))),
+        )
     ],
 }  # fmt: skip
 
@@ -351,8 +356,9 @@ def fleet_server(**changed):
     made = Server(
         rpc_server.Callers(
             lambda caller, here: who.objection(outside(caller), outside(here)),
-            who.reserved,
-            lambda address: who.is_member(outside(address)),
+            lambda address: who.robot(outside(address)),
+            who.robots,
+            who.own,
         ),
         host="",
     )
@@ -371,16 +377,29 @@ def asked(made, source):
     return b""
 
 
-def test_idle_connections_of_many_leave_room_for_members():
-    """The attack of the review: eight addresses with eight idle connections each. A member is served meanwhile."""
+@pytest.mark.parametrize("net", ["127.0.3", "127.0.2"], ids=["one robot", "strangers"])
+def test_idle_connections_of_many_addresses_leave_room_for_each_robot(net):
+    """29 computers of one robot, or as many strangers, with eight idle connections each: they have one share together."""
     with fleet_server(strangers="allow") as made:
-        idle = [made.connect(f"127.0.2.{number}") for number in range(8) for _count in range(8)]
+        idle = [made.connect(f"{net}.{number}") for number in range(1, 30) for _count in range(8)]
         until(lambda: len(made.server._open) + len(made.malformed) == len(idle))
-        assert len(made.server._open) == rpc_server._MAX_CONNECTIONS // 2
-        assert b"200 OK" not in asked(made, "127.0.2.9")
+        assert len(made.server._open) == rpc_server._MAX_OF_ONE
+        assert b"200 OK" not in asked(made, f"{net}.9")
         for source in ("127.0.0.10", "127.0.5.7", "127.0.0.1"):
             assert b"200 OK" in asked(made, source), source
-        assert set(made.malformed) == {"too many connections at once"}
+        assert set(made.malformed) == {"too many connections of its robot at once"}
+        for connection in idle:
+            connection.close()
+
+
+def test_whatever_all_others_hold_each_robot_has_a_connection():
+    with fleet_server(strangers="allow", allow=["10.0.4.0/24"]) as made:
+        idle = [made.connect(f"127.0.{net}.9") for net in (3, 2, 4) for _count in range(40)]
+        idle += [made.connect("127.0.0.1") for _count in range(80)]
+        until(lambda: len(made.server._open) + len(made.malformed) == len(idle))
+        most = rpc_server._MAX_CONNECTIONS + rpc_server._FOR_EACH * 5
+        assert len(made.server._open) == most - 2 * ((most // 4) // 4), "all but the parts of two robots"
+        assert b"200 OK" in asked(made, "127.0.0.10")
         for connection in idle:
             connection.close()
 
@@ -402,12 +421,12 @@ def test_this_computer_itself_may_always_call():
     members = Members.from_parameters(FLEET)
     who = callers(members, "http://own:11311/", LocalMaster(Settings(), ["172.17.0.1"], 11611, members).is_own)
     assert who.objection("127.0.0.1", "127.0.0.1") == who.objection("172.17.0.1", "172.17.0.1") == ""
-    assert who.is_member("172.17.0.1")
+    assert who.robot("172.17.0.1") == who.own
 
 
 def test_anybody_may_call_without_a_plan():
     who = callers(Members.from_parameters({}), "http://own:11311/", lambda address: False)
-    assert not who.reserved
+    assert who.robot("10.9.9.9") == "10.9.9.9"
     assert who.objection("10.9.9.9", "10.0.0.1") == ""
 
 

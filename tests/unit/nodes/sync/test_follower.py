@@ -176,8 +176,8 @@ def test_a_question_that_is_none_is_refused(there, asked):
         Rpc(there.uri, 5.0).call(DIFFERENCES, *asked)
 
 
-def test_one_address_keeps_few_connections(there):
-    rpcs = [Rpc(there.uri, 5.0) for _count in range(rpc_server._KEPT_PER_ADDRESS + 2)]
+def test_one_robot_keeps_few_connections(there):
+    rpcs = [Rpc(there.uri, 5.0) for _count in range(rpc_server._KEPT_OF_ONE + 2)]
     known = rpcs[0].call(DIFFERENCES, ASK, "", 0, 0)[:2]
     answers = []
     threads = [
@@ -189,7 +189,7 @@ def test_one_address_keeps_few_connections(there):
     for thread in threads[-2:] + threads[:-2]:
         thread.join(5)
     assert len(answers) == len(rpcs) and 1.9 < time.monotonic() - began < 4.0
-    assert sum(connection.kept for connection in there.server._open.values()) <= rpc_server._KEPT_PER_ADDRESS
+    assert sum(connection.kept for connection in there.server._open.values()) <= rpc_server._KEPT_OF_ONE
     assert all(answer[2] is False and answer[5] for answer in answers), "nothing new, and a digest"
     Rpc(there.uri, 5.0).call("masterContacts")  # there is still room for the other methods
 

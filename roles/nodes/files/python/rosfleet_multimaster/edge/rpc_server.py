@@ -10,12 +10,13 @@ import socketserver
 import threading
 import xmlrpc.client
 from http.server import BaseHTTPRequestHandler
-from typing import Any, Callable, Dict, Iterable, Mapping, NamedTuple, Optional, Tuple, Union
+from typing import Any, Callable, Collection, Dict, Iterable, Mapping, NamedTuple, Optional, Tuple, Union
 
-from ..protocol.members import ALLOW, Members
+from ..protocol.members import ALLOW, ALLOWED, Members
 from ..protocol.plain_text import LINE, plain
 from ..protocol.xml_rpc import MAX_REQUEST, loads, unpack
 from .clock import monotonic, processor_time, sleep
+from .core.shares import Shares
 from .loop import Count
 from .process import program
 from .process.systemd import notify
@@ -24,10 +25,11 @@ from .rpc_client import BoundedLines, cut
 
 _log = logging.getLogger("rosfleet.rpc_server")
 
-# Half of all connections are for members of the fleet, where these are known.
-_MAX_CONNECTIONS, _MAX_PER_ADDRESS = 64, 8
+# Connections at once, and those of one robot, by all of its addresses: a part is kept for each robot that is known.
+_MAX_CONNECTIONS, _MAX_OF_ONE = 64, 16
+_FOR_EACH = 2  # and so many more for each robot that is known
 _MAX_SECONDS = 15.0
-_KEPT, _KEPT_PER_ADDRESS = 256, 4  # connections with a long poll; they do not count above
+_KEPT, _KEPT_OF_ONE = 256, 4  # connections with a long poll; they do not count above
 _KEPT_SECONDS = 60.0 + _MAX_SECONDS  # for a question on one of these
 _COMPRESS = 700  # bytes
 # Of the throttle, in seconds of a processor: a second of one robot, and of all together; ahead; and seconds to wait.
@@ -64,9 +66,9 @@ class Callers(NamedTuple):
     """The rules for callers. They are asked in the thread that takes connections."""
 
     objection: Callable[[str, str], str] = lambda _caller, _here: ""  # (its address, ours) -> why not, "" for none
-    reserved: bool = False  # half of the connections are for members
-    is_member: Callable[[str], bool] = lambda _caller: True
     robot: Callable[[str], str] = str  # who is at an address: all computers of a robot are one, and all strangers
+    robots: Collection[str] = ()  # for each of which a part is kept
+    own: str = ""  # the one of this computer
 
 
 EVERYBODY = Callers()
@@ -74,7 +76,7 @@ HERE = "this computer"  # the robot of its own programs
 
 
 class _Connection(NamedTuple):
-    caller: str  # its address
+    robot: str
     since: float  # when it was made, or the last question on it came
     kept: bool  # for a long poll
 
@@ -104,7 +106,13 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         self.sent = Count()  # bytes of answers
         self.throttle = Throttle(_SHARE, _TOGETHER, _AHEAD, _PATIENCE)
         self._open: Dict[socket.socket, _Connection] = {}
-        self._keeping = threading.Lock()
+        robots, own = callers.robots, callers.own
+        more = _FOR_EACH * len(robots)
+        self._shares = {  # by whether they are kept for a long poll
+            False: Shares(_MAX_CONNECTIONS + more, _MAX_OF_ONE, robots, own),
+            True: Shares(_KEPT + more, _KEPT_OF_ONE, robots, own),
+        }
+        self._counting = threading.Lock()
         super().__init__((address, port), _Handler)
         threading.Thread(target=self.serve_forever, name="xml-rpc", kwargs={"poll_interval": 1.0}, daemon=True).start()
 
@@ -112,32 +120,39 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         """Refuse a connection that is not allowed, or is one too many."""
         address = client_address[0]
         objection = self._callers.objection(address, request.getsockname()[0])
-        if not objection and self._is_full(address, False, _MAX_CONNECTIONS, _MAX_PER_ADDRESS):
-            objection = "too many connections at once"
+        if not objection and not self._begin(request, self.robot_at(address)):
+            objection = "too many connections of its robot at once"
         if objection:
             self.malformed(address, objection)
             return False
-        self._open[request] = _Connection(address, monotonic(), False)
         return True
 
-    def _is_full(self, address: str, kept: bool, most: int, per_address: int) -> bool:
-        """True where there is no room for one more of this address. Half of the room is for members."""
-        callers = [connection.caller for connection in list(self._open.values()) if connection.kept is kept]
-        if self._callers.reserved and not self._callers.is_member(address):
-            callers = [caller for caller in callers if caller == address or not self._callers.is_member(caller)]
-            most //= 2
-        return len(callers) >= most or callers.count(address) >= per_address
-
-    def keep(self, request: Any, address: str) -> bool:
-        """Keep a connection for a long poll. False where there are too many."""
-        with self._keeping:
-            if not self._open[request].kept and self._is_full(address, True, _KEPT, _KEPT_PER_ADDRESS):
+    def _begin(self, request: socket.socket, robot: str, kept: bool = False) -> bool:
+        """Count a connection of a robot, in the place of the same one that was not kept. False where there is no room."""
+        with self._counting:
+            if not self._shares[kept].have_room(robot):
                 return False
-            self._open[request] = _Connection(address, monotonic(), True)
+            self._end(request)
+            self._shares[kept].add(robot)
+            self._open[request] = _Connection(robot, monotonic(), kept)
             return True
 
+    def _end(self, request: socket.socket) -> None:
+        """Count a connection no more. The lock is held."""
+        before = self._open.pop(request, None)
+        if before is not None:
+            self._shares[before.kept].remove(before.robot)
+
+    def keep(self, request: socket.socket) -> bool:
+        """Keep a connection for a long poll. False where there are too many."""
+        before = self._open[request]
+        if before.kept:
+            self._open[request] = before._replace(since=monotonic())
+            return True
+        return self._begin(request, before.robot, True)
+
     def robot_at(self, address: str) -> str:
-        """Return the robot whose share the requests of an address take."""
+        """Return the robot whose share the connections and requests of an address take."""
         return self._callers.robot(address)
 
     def service_actions(self) -> None:
@@ -148,7 +163,8 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
 
     def shutdown_request(self, request: Any) -> None:
         """A connection has ended."""
-        self._open.pop(request, None)
+        with self._counting:
+            self._end(request)
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
@@ -263,7 +279,7 @@ class _Handler(BoundedHandler):
         if method is None:
             raise RefusedCall(f"there is no method {name[:100]}")
         if isinstance(method, LongPoll):
-            self._kept = self.request_version == "HTTP/1.1" and self.server.keep(self.request, self.client_address[0])
+            self._kept = self.request_version == "HTTP/1.1" and self.server.keep(self.request)
             arguments = (self._kept, *arguments)
         if isinstance(method, PerCaller):
             method, arguments = method.method, (self.client_address[0], *arguments)
@@ -316,8 +332,8 @@ def callers(members: Members, own_uri: str, is_here: Callable[[str], bool]) -> C
     def find_robot(address: str) -> str:
         return HERE if is_here(address) else members.robot_at(address)
 
-    known = bool(members.robots)
-    return Callers(find_objection, known, lambda address: is_here(address) or members.knows(address), find_robot)
+    robots = [HERE, ALLOWED, *(member.robot for member in members.robots)] if members.robots else [HERE]
+    return Callers(find_objection, find_robot, robots, HERE)
 
 
 def serve(

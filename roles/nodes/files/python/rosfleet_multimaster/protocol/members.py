@@ -14,6 +14,7 @@ from typing import Any, FrozenSet, Iterable, Mapping, NamedTuple, Optional, Tupl
 from .plain_text import quote
 
 IGNORE, ALLOW = "ignore", "allow"
+STRANGERS, ALLOWED = "", "allowed computers"  # who is at an address, in the place of a robot
 LOWEST = 1024  # ports below it are of ssh and the like, never of a node, whatever a robot says of its nodes
 
 
@@ -100,8 +101,10 @@ class Members:
         return address in self.allow or address in self.hosts
 
     def robot_at(self, address: str) -> str:
-        """The robot with a computer at this address; "" for all strangers together. Without robots, each address is one."""
-        return self._by_host.get(address, "") if self.robots else address
+        """The robot with a computer at this address; STRANGERS or ALLOWED for all of these together. Without robots, each address is one."""
+        if not self.robots:
+            return address
+        return self._by_host.get(address) or (ALLOWED if address in self.allow else STRANGERS)
 
     def objection(self, uri: str, name: str, address: str) -> str:
         """Why the master that calls itself so, at this address, is none to exchange with; empty where it is one."""
