@@ -1814,6 +1814,7 @@ services:
       drop_ins: []
       since: Sun 2026-11-22 09:12:44 UTC
       refused: []
+      refusals: []
       age_s: 86400.5
       open_files: 18
       most_files: 1024
@@ -1892,6 +1893,45 @@ services:
       type: list
       elements: str
       sample: []
+    refusals:
+      description: The same names with the reasons, 50 at most; a master_sync of an older release tells none.
+      returned: always
+      type: list
+      elements: dict
+      sample:
+        - name: /odom_pub
+          kind: place
+          there: http://127.0.0.1:41233/
+          master: kobuki2computer
+          here: it is on this computer itself
+      contains:
+        name:
+          description: The name of the node, service, topic or parameter.
+          returned: always
+          type: str
+          sample: /odom_pub
+        kind:
+          description:
+            - Why, V(node) or V(service) if the name is taken here, V(type) if the topic has another type here, V(place) if no node of that
+              robot can be there, V(parameter) if it is not copied.
+          returned: always
+          type: str
+          sample: place
+        there:
+          description: The URI of the node or service there, or the type of the topic there; empty for a parameter.
+          returned: always
+          type: str
+          sample: http://127.0.0.1:41233/
+        master:
+          description: The name of its master.
+          returned: always
+          type: str
+          sample: kobuki2computer
+        here:
+          description: The same here, or the objection.
+          returned: always
+          type: str
+          sample: it is on this computer itself
     age_s:
       description: The seconds since its last start, by a clock of this computer that nobody steps, or null.
       returned: always

@@ -28,6 +28,10 @@ _PROPERTIES = (
     "Result",
 )
 _REFUSED = 50  # names that a node refuses, which are told
+_WORD = r'("[^"]*"|[^\s"(),]+)'  # as quote() writes it
+_MORE = re.compile(r"(?:^|, )and [0-9]+ more$")
+# An entry of rosfleet_multimaster/sync/core/report.py: name, kind, what is there, its master, and what is here or the objection.
+_REFUSAL = re.compile(rf"{_WORD}(?: \(([a-z]{{1,20}}) {_WORD} of {_WORD}: {_WORD}\))?(?:, |$)")
 
 
 def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typing.List[typing.Dict[str, typing.Any]]:
@@ -41,6 +45,7 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
     known = _find_ends(units, states)
     for name, unit, seen in zip(names, units, states):
         pid = seen.get("MainPID", "0")
+        refused, refusals = read_refusals(seen.get("StatusText", ""))
         entry: typing.Dict[str, typing.Any] = {
             "name": name,
             "unit": unit,
@@ -52,7 +57,8 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             "differing": [],
             "drop_ins": [],
             "since": seen.get("StateChangeTimestamp", ""),
-            "refused": read_refusals(seen.get("StatusText", "")),
+            "refused": refused,
+            "refusals": refusals,
             "age_s": find_age(seen.get("ActiveEnterTimestampMonotonic", "")),
             "result": known[unit].result,
             "status": known[unit].status,
@@ -94,10 +100,19 @@ def _has_failed(seen: systemd.Properties) -> bool:
     return seen.get("ActiveState", "") in ("failed", "activating")
 
 
-def read_refusals(status: str) -> typing.List[str]:
-    """List the names that master_sync refuses, as it tells systemd: what has not the form of a name is in quotes."""
+def read_refusals(status: str) -> typing.Tuple[typing.List[str], typing.List[typing.Dict[str, str]]]:
+    """List the names that master_sync refuses, and why, as it tells systemd; what has not the form of a name is in quotes.
+
+    A master_sync of an older release tells the names alone.
+    """
     told = status.rpartition("; refused: ")[2] if "; refused: " in status else ""
-    return re.findall(r'"[^"]+"|[^", ]+', told.partition("; not all of ")[0])[:_REFUSED]
+    found = _REFUSAL.findall(_MORE.sub("", told.partition("; not all of ")[0]))[:_REFUSED]
+    rows = [dict(zip(("name", "kind", "there", "master", "here"), map(_unquote, row))) for row in found if row[1]]
+    return [row[0] for row in found], rows
+
+
+def _unquote(text: str) -> str:
+    return text[1:-1] if text.startswith('"') else text
 
 
 def find_age(entered: str) -> typing.Optional[float]:

@@ -691,6 +691,14 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="a registration",
         read=ALWAYS,
     ),
+    ("sync", "objects"): Fault(
+        "the sync node of {place} refuses {what}",
+        "mend what it names: give one of the two another name, install the same version of the message package on both, or start the node "
+        "where its robot has a computer (a laptop belongs into multimaster_allow)",
+        "on {place}: systemctl status multimaster-sync",
+        what="a registration",
+        read=ALWAYS,
+    ),
     ("service", "down"): Fault(
         "{what} does not run on {place}",
         RESTART_UNIT,

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from enum import Enum
 
 from ..._base.sentences import shorten_list
-from ..observe.observations import Exchange, HeardTopic, Source
+from ..observe.observations import Exchange, HeardTopic, Refusal, Source
 from ..observe.outcomes import Outcome
 from .case import Case, Participant
 from .needs import Parts, join_parts, make_parts
@@ -184,11 +184,27 @@ def _observe_listener(topic: HeardTopic) -> dict[Stage, bool | None]:
 
 
 def find_refusals(case: Case, names: list[str]) -> Parts:
-    """Return the sync node of the observer where it refuses some of these names."""
+    """Return the sync node of the observer where it refuses some of these names, with its reasons where it tells them."""
     own = case.run.get(case.masters[0])
-    refused = {name for service in own.probe.services for name in service.refused} if own else set()
-    what = shorten_list([name for name in names if name in refused], NAMED)
-    return make_parts("sync", case.masters[0], "refuses", what=what) if what else frozenset()
+    services = own.probe.services if own else ()
+    refused = {name for service in services for name in service.refused}
+    names = list(dict.fromkeys(name for name in names if name in refused))
+    reasons = {row.name: describe_refusal(row) for service in services for row in service.refusals}
+    told = [f"{name}: {reasons[name]}" for name in names if name in reasons]
+    if told:
+        return make_parts("sync", case.masters[0], "objects", what=shorten_list(told, NAMED))
+    return make_parts("sync", case.masters[0], "refuses", what=shorten_list(names, NAMED)) if names else frozenset()
+
+
+def describe_refusal(row: Refusal) -> str:
+    """Say why a sync node refuses a name."""
+    words = {
+        "node": f"a node at {row.here} has this name",
+        "service": f"{row.here} provides it",
+        "type": f"it is {row.there} there and {row.here} here",
+        "place": f"it is at {row.there}, where no node of {row.master} can be: {row.here}",
+    }
+    return words.get(row.kind, row.here)
 
 
 def find_lacking(case: Case, stage: Stage | None, topic: str) -> Parts:

@@ -206,6 +206,17 @@ class HeardTopic:
 
 
 @dataclass(frozen=True)
+class Refusal:
+    """A name of another robot that a sync node refuses, and why."""
+
+    name: str
+    kind: str = ""  # node, service, type, place or parameter
+    there: str = ""  # the URI of the node or service there, or the type of the topic
+    master: str = ""  # the name of its master
+    here: str = ""  # the same here, or the objection
+
+
+@dataclass(frozen=True)
 class Service:
     """A systemd service of the collection; `differing` is None where its process cannot be looked at."""
 
@@ -220,6 +231,7 @@ class Service:
     since: str = ""  # the time of its last change of state, as systemd writes it
     stopped: bool = False  # by a signal or a debugger
     refused: tuple[str, ...] = ()  # names of others that a sync node refuses
+    refusals: tuple[Refusal, ...] = ()  # the same with the reasons; empty of an older sync node
     age_s: float | None = (
         None  # seconds since its last start, by the computer's own clock that nobody steps; None where it is unknown
     )

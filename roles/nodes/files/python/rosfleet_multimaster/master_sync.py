@@ -19,7 +19,7 @@ from .protocol import metrics, parameters
 from .protocol.filters import Filters
 from .protocol.members import Members
 from .protocol.messages import Diagnosis, Master, Registration
-from .protocol.plain_text import quote
+from .protocol.plain_text import LINE
 from .sync.copies import Copies
 from .sync.core import report
 from .sync.core.limits import limit_refusals
@@ -234,10 +234,7 @@ class MasterSync:
             for uri, remote in remotes
         )
         text = "; ".join(shares) or "no other master"
-        refused = sorted({item.name for item in self.refusals if item.kind != "limit"})
-        limited = sorted({item.master for item in self.refusals if item.kind == "limit"})
-        text += f"; refused: {', '.join(map(quote, refused))}" if refused else ""
-        text += f"; not all of {', '.join(limited)}: too many" if limited else ""
+        text += report.describe_status(self.refusals, LINE - len(text))
         if text != self.status:
             self.status = text
             notify(f"STATUS={text}")

@@ -3,7 +3,12 @@
 """The entries of /diagnostics about refusals."""
 
 from rosfleet_multimaster.protocol.messages import OK, VALUES, WARN
-from rosfleet_multimaster.sync.core.report import describe_refusal, describe_refusal_end, diagnoses
+from rosfleet_multimaster.sync.core.report import (
+    describe_refusal,
+    describe_refusal_end,
+    describe_status,
+    diagnoses,
+)
 from rosfleet_multimaster.sync.core.sync import Refusal
 
 
@@ -28,3 +33,16 @@ def test_a_parameter_that_is_not_copied_is_told_with_its_reason():
     assert diagnoses([item])[-1].values == [
         ("parameter /model", "of robot2: here it has a value of its own, at /model")
     ]
+
+
+def test_systemd_is_told_names_with_reasons_and_not_too_much():
+    place = Refusal("place", "/odom", "robot2", "http://127.0.0.1:1234/", '"here" is no computer of robot2')
+    limit = Refusal("limit", "robot3", "robot3", "", "5000")
+    assert describe_status([], 1000) == ""
+    assert describe_status([limit], 1000) == "; not all of robot3: too many"
+    assert describe_status([limit, place], 1000) == (
+        "; refused: /odom (place http://127.0.0.1:1234/ of robot2: \"'here' is no computer of robot2\")"
+        "; not all of robot3: too many"
+    )
+    many = describe_status([place._replace(name=f"/odom{number}") for number in range(500)], 1500)
+    assert len(many) <= 1500 and many.count("(place") >= 5 and " more" in many

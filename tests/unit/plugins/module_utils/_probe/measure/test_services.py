@@ -97,11 +97,21 @@ def test_a_process_that_is_stopped_is_seen(monkeypatch):
         ("dabo: 3 topics, 1 services; refused: /odom, /base", ["/odom", "/base"]),
         ('dabo: 3 topics, 1 services; refused: "a name, odd", /x; not all of dabo: too many', ['"a name, odd"', "/x"]),
         ("x; refused: /y (offline): 0 topics, 0 services; refused: /z", ["/z"]),
+        ("x; refused: /odom, /base, and 9 more; not all of dabo: too many", ["/odom", "/base"]),
         ("; refused: " + ", ".join(f"/{number}" for number in range(90)), [f"/{number}" for number in range(50)]),
     ],
 )
 def test_refusals_are_read_from_the_status(status, names):
-    assert services.read_refusals(status) == names
+    assert services.read_refusals(status) == (names, [])
+
+
+def test_the_reasons_of_refusals_are_read_from_the_status():
+    told = 'refused: /odom_pub (place http://127.0.0.1:4123/ of "tibi": "it is here, itself"), "a b" (node "" of r2: /x), /cut (place'
+    place = {"name": "/odom_pub", "kind": "place", "there": "http://127.0.0.1:4123/", "master": "tibi"}
+    node = {"name": "a b", "kind": "node", "there": "", "master": "r2", "here": "/x"}
+    names, rows = services.read_refusals(f"r2: 3 topics; {told}")
+    assert rows == [{**place, "here": "it is here, itself"}, node]
+    assert names[:2] == ["/odom_pub", '"a b"']
 
 
 def test_no_answer_of_systemd_is_no_state_of_a_service(monkeypatch):

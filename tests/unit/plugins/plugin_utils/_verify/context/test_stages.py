@@ -10,6 +10,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.conte
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import SEEN
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     ParameterDifference,
+    Refusal,
     SilentNode,
     Source,
 )
@@ -99,6 +100,12 @@ def _refused(seen):
     update(of(seen[OWN].probe.services, "sync"), refused=[TOPIC])
 
 
+def _objected(seen):
+    _refused(seen)
+    refusal = Refusal(TOPIC, "type", "std_msgs/String", "tibi", "std_msgs/Header")
+    update(of(seen[OWN].probe.services, "sync"), refusals=[refusal])
+
+
 def _filtered(seen):
     _lagging(seen)
     update(seen[OWN].probe.parameters, differing=[ParameterDifference("master_sync", "ignore_topics", "[]", '["/m*"]')])
@@ -129,6 +136,7 @@ FIRST = [
     (_undiscovered, "discovery", ITS, "stale"),
     (_withheld, "discovery", ITS, "configuration"),
     (_refused, "sync", OWN, "refuses"),
+    (_objected, "sync", OWN, "objects"),
     (_filtered, "sync", OWN, "configuration"),
     (_lagging, "sync", OWN, "stale"),
     (_untold, "registration", OBSERVER, "untold"),

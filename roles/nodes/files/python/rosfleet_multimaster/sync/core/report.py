@@ -44,6 +44,33 @@ def describe_refusal_end(item: Refusal) -> str:
     return f"{item.master}: the {NOUNS[item.kind]} {quote(item.name)} is no longer refused"
 
 
+def describe_status(items: Iterable[Refusal], room: int) -> str:
+    """The part of the line for systemd about all refusals, of about `room` characters; empty without one.
+
+    `multimaster_verify` reads it (read_refusals): each has its name, its kind, what is there and of which master, and what is
+    here, or the objection. Each of these is one word, or stands in quotes. Where there are many, the last ones have names only.
+    """
+    rows = sorted({item for item in items if item.kind != "limit"}, key=lambda item: item.name)
+    limited = sorted({item.master for item in items if item.kind == "limit"})
+    end = f"; not all of {', '.join(limited)}: too many" if limited else ""
+    texts: List[str] = []
+    used = len(end)
+    for item in rows:
+        text = _describe_item(item) if used < room // 2 else quote(item.name)
+        used += len(text) + 2
+        if used > room - 40:
+            break
+        texts.append(text)
+    if len(rows) > len(texts):
+        texts.append(f"and {len(rows) - len(texts)} more")
+    return (f"; refused: {', '.join(texts)}" if texts else "") + end
+
+
+def _describe_item(item: Refusal) -> str:
+    name, there, master, here = (quote(text) or '""' for text in (item.name, item.uri, item.master, item.holder))
+    return f"{name} ({item.kind} {there} of {master}: {here})"
+
+
 def diagnoses(items: Sequence[Refusal]) -> List[Diagnosis]:
     """The entries about all refusals: of too many, of names, types, places and parameters."""
     kinds = {
