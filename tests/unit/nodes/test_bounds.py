@@ -18,13 +18,13 @@ import xmlrpc.client
 
 import pytest
 from rosfleet_multimaster.discovery.core.local_master import LocalMaster
-from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster, callers
+from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster
 from rosfleet_multimaster.edge import loop, rpc_client, rpc_server
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.process.throttle import Throttle
 from rosfleet_multimaster.edge.rpc_client import Rpc
-from rosfleet_multimaster.edge.rpc_server import RpcServer
+from rosfleet_multimaster.edge.rpc_server import RpcServer, callers
 from rosfleet_multimaster.protocol.graph import Policy, State, build
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.parameters import Settings

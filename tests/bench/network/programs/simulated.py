@@ -14,8 +14,9 @@ import time
 
 sys.path.insert(0, "/usr/local/lib/rosfleet-multimaster/python")
 
-from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster, callers, serve  # noqa: E402
+from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster  # noqa: E402
 from rosfleet_multimaster.discovery.state_feed import StateFeed  # noqa: E402
+from rosfleet_multimaster.edge.rpc_server import callers, serve  # noqa: E402
 from rosfleet_multimaster.protocol.graph import LOCAL, Node, Policy, State  # noqa: E402
 from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, encode  # noqa: E402
 from rosfleet_multimaster.protocol.members import Members  # noqa: E402
@@ -35,9 +36,16 @@ class Master:
         self.feed = feed
         here = {address}
         served = RpcMethods(
-            self.own, Policy.from_parameters({}), {}, lambda: here, lambda: None, lambda _type: None, lambda: (), feed
+            self.own,
+            Policy.from_parameters({}),
+            {},
+            here.__contains__,
+            lambda: None,
+            lambda _type: None,
+            lambda: (),
+            feed,
         )
-        who = callers(Members(), uri, lambda: here)
+        who = callers(Members(), uri, here.__contains__)
         self.server = serve(address, RPC_PORT, served.methods(), lambda _host, _why: None, who)
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
