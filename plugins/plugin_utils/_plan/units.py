@@ -426,7 +426,9 @@ ExecStart={python} -m rosfleet_multimaster.{node} --parameters {configuration}/{
 _REMEMBERING = """\
 # rosmaster with a memory: docs/roscore.md. Started means that it answers, with what it knew.
 {notify}
-ExecStart={python} -m rosfleet_multimaster.roscore --port {port}
+# It counts callers by robot, and reads the robots of the fleet again where the file changes. %E is /etc: the collection restarts a
+# unit where a file changes that the unit names by /etc.
+ExecStart={python} -m rosfleet_multimaster.roscore --port {port} --members %E/rosfleet-multimaster/master_discovery.json
 StateDirectory=%N
 # systemd holds its socket while it is started again, so calls wait and do not fail.
 FileDescriptorStoreMax=1

@@ -11,11 +11,13 @@ import time
 import xmlrpc.client
 
 import pytest
+from rosfleet_multimaster.edge.core.shares import Shares
 from rosfleet_multimaster.edge.process import throttle
+from rosfleet_multimaster.edge.process.room import NoRoom, Room
 from rosfleet_multimaster.edge.process.throttle import Throttle
 from rosfleet_multimaster.roscore import door
 from rosfleet_multimaster.roscore.core import bounds
-from rosfleet_multimaster.roscore.core.bounds import BOUNDS, Refusal
+from rosfleet_multimaster.roscore.core.bounds import BOUNDS
 
 
 class Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
@@ -48,7 +50,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
         raise Exception(f'method "{name}" is not supported')
 
     def verify_request(self, request, client_address):
-        return self.door.connections.add(request, client_address[0], True)
+        return self.door.connections.add(request, door.OWN)
 
     def shutdown_request(self, request):
         self.door.connections.remove(request)
@@ -200,11 +202,11 @@ def test_an_answer_that_is_not_taken_is_given_up(server, monkeypatch):
         body = call("many", 1 << 20, 40)
         connection.sendall(b"POST / HTTP/1.1\r\nContent-Length: %d\r\n\r\n" % len(body) + body)
         until = time.monotonic() + 20
-        while not server.door.budget._used and time.monotonic() < until:
+        while not server.door.room.used and time.monotonic() < until:
             time.sleep(0.01)
         while server.door.connections._open and time.monotonic() < until:
             time.sleep(0.05)
-        assert not server.door.connections._open and server.door.budget._used == 0
+        assert not server.door.connections._open and server.door.room.used == 0
 
 
 def test_a_connection_that_breaks_breaks_nothing_else(server):
@@ -213,7 +215,7 @@ def test_a_connection_that_breaks_breaks_nothing_else(server):
             body = call("echo", "x" * 100)
             connection.sendall((b"POST / HTTP/1.1\r\nContent-Length: %d\r\n\r\n" % len(body) + body)[:size])
     assert post(server, call("echo", 1)) == [1, "", 1]
-    assert server.door.budget._used == 0
+    assert server.door.room.used == 0
 
 
 def test_the_longest_idle_connection_ends_when_too_many(server, monkeypatch):
@@ -229,34 +231,48 @@ def test_the_longest_idle_connection_ends_when_too_many(server, monkeypatch):
 
 def test_connections_of_other_computers_end_first():
     connections, ends = door.Connections(4), [socket.socketpair() for _pair in range(5)]
-    for (end, _other), (address, own) in zip(
-        ends, (("127.0.0.1", True), ("10.0.0.1", False), *[("127.0.0.1", True)] * 3)
-    ):
-        assert connections.add(end, address, own)
+    for (end, _other), robot in zip(ends, (door.OWN, "robot2", *[door.OWN] * 3)):
+        assert connections.add(end, robot)
     ends[1][1].settimeout(5)
     assert ends[1][1].recv(1) == b"" and set(connections._open) == {end for end, _other in ends} - {ends[1][0]}
     for end in list(connections._open):
         connections.mark(end, True)
-    assert not connections.add(ends[1][0], "127.0.0.1", True), "all are busy"
+    assert not connections.add(ends[1][0], door.OWN), "all are busy"
 
 
-def test_other_computers_leave_room_however_busy_they_are():
+@pytest.fixture
+def busy():
+    """Busy connections: `add(robot)` says whether there was room for one."""
     connections, made = door.Connections(40), []
 
-    def add(address, own=False):
+    def add(robot):
         end, other = socket.socketpair()
         made.append((end, other))
-        there = connections.add(end, address, own)
+        there = connections.add(end, robot)
         connections.mark(end, True)
         return there
 
-    assert [add("10.0.0.1") for _count in range(15)].count(True) == 10, "a quarter"
-    assert all(add("10.0.0.2") for _count in range(10))
-    assert [add(f"10.0.1.{number}") for number in range(15)].count(True) == 10, "three quarters of all others"
-    assert [add("127.0.0.1", True) for _count in range(15)].count(True) == 10
+    add.count = lambda robot: sum(state.robot == robot for state in connections._open.values())
+    yield add
     for ends in made:
         for end in ends:
             end.close()
+
+
+def test_other_computers_leave_room_however_busy_they_are(busy):
+    assert [busy("robot1") for _count in range(15)].count(True) == 10, "a quarter"
+    assert all(busy("robot2") for _count in range(10))
+    assert [busy("robot3") for number in range(15)].count(True) == 10, "three quarters of all others"
+    assert [busy(door.OWN) for _count in range(15)].count(True) == 10
+
+
+def test_a_robot_that_holds_most_gives_room_to_another(busy):
+    for _count in range(10):
+        assert busy("hostile") and busy("robot2") and busy("robot3")
+    assert all(busy("robot4") for _count in range(5))
+    assert busy.count("robot4") == 5 and sum(map(busy.count, ("hostile", "robot2", "robot3"))) == 25
+    assert not all(busy("robot4") for _count in range(5)), "the others have few enough"
+    assert busy("robot5")
 
 
 @pytest.fixture
@@ -284,33 +300,52 @@ def test_another_computer_has_its_share_of_the_processor(server, stranger, monke
     assert post(server, call("echo", 1)) == [1, "", 1]
 
 
-def test_others_have_half_of_the_memory(monkeypatch):
-    monkeypatch.setattr(door, "ROOM", 0.05)
-    room = door.Budget(1_000_000)
-    with room.take(400_000, False):
-        with pytest.raises(Refusal), room.take(200_000, False):
-            pass
-        with room.take(500_000, True), room.take(60_000, False):
-            pass
-        with pytest.raises(Refusal), room.take(700_000, True):
-            pass
-    assert room._used == room._foreign == 0
+def make_room(most, patience=0.05):
+    return Room(Shares(most, most // 8 * 3, [], door.OWN, most // 2), 1000, patience)
 
 
-def test_a_large_request_waits_for_room(monkeypatch):
-    room, done = door.Budget(1_000_000), []
+def test_others_have_half_of_the_memory_and_one_robot_a_part(server):
+    room = make_room(1_000_000)
+    with room.take("robot2", 300_000):
+        for robot, size in (("robot2", 100_000), ("robot3", 250_000)):
+            with pytest.raises(NoRoom), room.take(robot, size):
+                pass
+        with room.take(door.OWN, 500_000), room.take("robot3", 160_000):
+            pass
+        with pytest.raises(NoRoom), room.take(door.OWN, 800_000):
+            pass
+    assert room.used == 0
+    assert not server.door.room._shares.have_room("robot2", 200 << 20)
+
+
+def test_a_large_request_waits_for_room():
+    room, done = make_room(1_000_000, 5.0), []
 
     def wait():
-        with room.take(900_000, True):
+        with room.take(door.OWN, 900_000):
             done.append(1)
 
-    with room.take(900_000, True):
+    with room.take(door.OWN, 900_000):
         thread = threading.Thread(target=wait)
         thread.start()
         time.sleep(0.1)
         assert not done
     thread.join(5)
     assert done
+
+
+def test_the_values_of_a_call_that_waits_are_counted(server, stranger):
+    """A system.multicall of 32 MiB waits between its calls, for 30 s: each of 200 connections could hold its 48 MiB of values."""
+    held, dispatch = [], server.door.dispatch
+    server.door.dispatch = lambda *called: held.append(server.door.room.used) or dispatch(*called)
+    server.door.throttle = Throttle(0.01, 0.5, 0.0, 0.2)
+    body = call("system.multicall", [{"methodName": "work", "params": [0.02, "x" * 20_000]}] * 15)
+    assert post(server, body, source=stranger)[0] == -1
+    assert server.refused == ["effort"] and held[0] > len(body)
+    until = time.monotonic() + 5
+    while server.door.room.used and time.monotonic() < until:
+        time.sleep(0.02)
+    assert not server.door.room.used
 
 
 def test_calls_of_a_multicall_have_answers_of_their_own(server, monkeypatch):

@@ -407,7 +407,7 @@ def test_it_serves_on_a_socket_that_was_held(roscore):
         gone.append(callers[0].has_left())
         return 7
 
-    uri, used = module.serve(roscore.master, port, [held], {"whoAmI": who})
+    uri, used = module.serve(roscore.master, port, [held], {"whoAmI": who}, str)
     assert used is held and uri.endswith(f":{port}/")
     client = xmlrpc.client.ServerProxy(f"http://127.0.0.1:{port}/")
     assert client.whoAmI() == 7 and callers[0].is_own and gone == [False]
@@ -427,7 +427,7 @@ def test_it_serves_on_a_socket_that_was_held(roscore):
 @pytest.mark.skipif(not REAL, reason="rosmaster is not installed")
 def test_a_port_that_is_taken_is_an_error(roscore):
     with socket.create_server(("0.0.0.0", 0)) as taken, pytest.raises(OSError, match="in use"):
-        module.serve(roscore.master, taken.getsockname()[1], [], {})
+        module.serve(roscore.master, taken.getsockname()[1], [], {}, str)
 
 
 # Bounds

@@ -9,6 +9,7 @@ import re
 import subprocess
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.units import files_read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quotes, units
 
 GOLDEN = pathlib.Path(__file__).resolve().parents[3] / "golden/multicast_routing"
@@ -205,7 +206,9 @@ def test_the_name_of_a_robot_is_a_text():
 def test_the_bundled_roscore_remembers_and_upstreams_does_not():
     bundled = units.render_programs("bundled", "/opt/python3", {}, 11411)
     (text,) = made(["roscore"], programs=bundled).values()
-    assert "\nExecStart=/opt/python3 -m rosfleet_multimaster.roscore --port 11411\n" in text
+    members = "%E/rosfleet-multimaster/master_discovery.json"
+    assert f"\nExecStart=/opt/python3 -m rosfleet_multimaster.roscore --port 11411 --members {members}\n" in text
+    assert files_read(text) == [f"{units.CONFIGURATION}/environment"], "a robot that is added restarts no roscore"
     assert "\nStateDirectory=%N\n" in text and "ExecStartPost" not in text and "/usr/bin/roscore" not in text
     upstream = units.render_programs("fkie_apt", "/opt/python3", dict.fromkeys(units.NODES, "/opt/node"), 11411)
     (text,) = made(["roscore"], programs=upstream).values()

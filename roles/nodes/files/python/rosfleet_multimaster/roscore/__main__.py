@@ -27,6 +27,7 @@ from .core.bounds import refuse
 from .core.registry import Record, Registry
 from .core.store_format import Content
 from .refusals import Refusals
+from .robots import Robots
 from .survivors import THREADS, Survivors, find_alive
 
 WATCHED = (imports.IMPORTS, "/do_not_sync")  # parameters whose changes are told
@@ -41,7 +42,7 @@ class Roscore:
     def __init__(self, options: argparse.Namespace) -> None:
         self._options, self._loop = options, Loop()
         self._workers = Workers(self._loop, THREADS, 1 << 16)
-        self._refusals = Refusals(self._tell)
+        self._refusals, self._robots = Refusals(self._tell), Robots(options.members)
         callbacks = master.Callbacks(self._on_changes, self._look_after, self._wait)
         self._master = master.Master(WATCHED, callbacks, self._refusals)
         self._changes = Changes(
@@ -93,6 +94,7 @@ class Roscore:
             pass
         self._say_status()
         self._refusals.tick(now)
+        self._robots.look(now)
         return self._rosout.tick(now) if self._options.rosout else now + 0.5
 
     def _say_status(self) -> None:
@@ -163,7 +165,7 @@ class Roscore:
         sockets = systemd.restore_sockets(SOCKET)
         more = {"rosfleetChanges": self._changes.answer, **core_services.roslaunch_methods(self._rosout)}
         try:
-            uri, listening = master.serve(self._master, self._options.port, sockets, more)
+            uri, listening = master.serve(self._master, self._options.port, sockets, more, self._robots.at)
         except (OSError, ValueError, OverflowError) as problem:  # also of a wrong ROS_IP, or of no port
             raise program.Fatal(f"the roscore cannot listen at port {self._options.port}: {problem}") from None
         if listening not in sockets:
@@ -194,6 +196,9 @@ def _options() -> argparse.Namespace:
     )
     parser.add_argument("-p", "--port", type=int, default=11311)
     parser.add_argument("--store", metavar="FOLDER", default=os.environ.get("STATE_DIRECTORY", ""), help="kept there")
+    parser.add_argument(
+        "--members", metavar="FILE", default="", help="parameters of master_discovery: which robot has which computers"
+    )
     parser.add_argument("--forget", action="store_true", help="remove what is kept, and end")
     parser.add_argument("--no-rosout", dest="rosout", action="store_false", help="somebody else starts rosout")
     return parser.parse_args([word for word in sys.argv[1:] if ":=" not in word])

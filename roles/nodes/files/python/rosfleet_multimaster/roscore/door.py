@@ -11,9 +11,12 @@ import logging
 import socket
 import threading
 import xmlrpc.client
-from typing import Any, Callable, ContextManager, Dict, Iterator, List, NamedTuple, Tuple
+from collections import Counter
+from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Tuple
 
 from ..edge.clock import monotonic
+from ..edge.core.shares import Shares
+from ..edge.process.room import NoRoom, Room
 from ..edge.process.throttle import Throttle
 from ..edge.rpc_client import cut
 from ..edge.rpc_server import BoundedHandler
@@ -29,12 +32,15 @@ _PIECE = 1 << 16  # bytes
 _SMALL = 1 << 16  # bytes of a request or an answer that is not counted: there are at most as many as connections
 _DISCARD = 1 << 28  # bytes of a too long request that are read, so that its sender comes to the answer
 _COMPRESS = 1400  # bytes of an answer
-_ANSWER, _PACKED = 2, 20  # times as much memory as its values count, and as a packed request has bytes
-#: Of the throttle, in seconds of a processor: a second of another computer, and of all others together; ahead; and to wait.
+_ANSWER = 2  # times as much memory as its values count
+_READ, _PACKED = 6, 20  # times as much memory as a request has bytes: one of empty values alone costs so much
+#: Of the throttle, in seconds of a processor: a second of another robot, and of all others together; ahead; and to wait.
 _SHARE, _TOGETHER, _AHEAD = 0.25, 0.5, 5.0
 _PATHS = ("/", "/RPC2", "/pydoc.css")  # the paths of xmlrpc.server
 
 Socket = socket.socket
+
+OWN = "this computer"  # the robot of its own programs
 
 
 class Caller(NamedTuple):
@@ -52,81 +58,59 @@ class Caller(NamedTuple):
         return self.address.startswith("127.") or self.address in ("::1", self.here)
 
 
-class Budget:
-    """The memory of all requests and answers. Other computers have half of it."""
-
-    def __init__(self, most: int) -> None:
-        self._most, self._used, self._foreign = most, 0, 0
-        self._freed = threading.Condition()
-
-    @contextlib.contextmanager
-    def take(self, size: int, own: bool) -> Iterator[None]:
-        """Take some of it, or wait for it. Raises Refusal where it does not become free."""
-        if size <= _SMALL:
-            yield
-            return
-        with self._freed:
-            if not self._freed.wait_for(lambda: self._fits(size, own), ROOM):
-                raise refuse("under way", "what is asked for now, with what others ask for,")
-            self._add(size, own)
-        try:
-            yield
-        finally:
-            with self._freed:
-                self._add(-size, own)
-                self._freed.notify_all()
-
-    def _fits(self, size: int, own: bool) -> bool:
-        return self._used + size <= self._most and (own or self._foreign + size <= self._most // 2)
-
-    def _add(self, size: int, own: bool) -> None:
-        self._used += size
-        self._foreign += 0 if own else size
-
-
 class _Connection:
     """An open connection."""
 
-    def __init__(self, address: str, own: bool) -> None:
-        self.address, self.own, self.busy, self.since = address, own, False, monotonic()
+    def __init__(self, robot: str) -> None:
+        self.robot, self.busy, self.since = robot, False, monotonic()
+        self.own = robot == OWN
 
 
 class Connections:
     """The open connections. Where they are too many, the one that was idle longest ends: of another computer first.
 
-    Another computer has a quarter of the places, and all others together have three quarters.
+    Another robot has a quarter of the places, and all others together have three quarters. Where all of these are busy, the
+    robot that has most loses its oldest one to a robot that has less than half as many.
     """
 
     def __init__(self, most: int) -> None:
         self._most = most
         self._open: Dict[Socket, _Connection] = {}
 
-    def add(self, connection: Socket, address: str, own: bool) -> bool:
-        """Add one of an address. False where all places are taken by busy ones."""
+    def add(self, connection: Socket, robot: str) -> bool:
+        """Add one of a robot. False where all places are taken by busy ones."""
         places = [(self._most, lambda _state: True)]
-        if not own:
+        if robot != OWN:
             places = [
-                (self._most // 4, lambda state: state.address == address),
+                (self._most // 4, lambda state: state.robot == robot),
                 (self._most // 4 * 3, lambda state: not state.own),
                 *places,
             ]
         for most, counts in places:
-            if len(self._open) >= most and not self._make_room(most, counts):
+            if len(self._open) >= most and not self._make_room(robot, most, counts):
                 return False
-        self._open[connection] = _Connection(address, own)
+        self._open[connection] = _Connection(robot)
         return True
 
-    def _make_room(self, most: int, counts: Callable[[_Connection], bool]) -> bool:
+    def _make_room(self, robot: str, most: int, counts: Callable[[_Connection], bool]) -> bool:
         found = [(state.own, state.since, other) for other, state in list(self._open.items()) if counts(state)]
         if len(found) < most:
             return True
-        idle = [row for row in found if not self._open[row[2]].busy]
-        if not idle:
+        ending = [row for row in found if not self._open[row[2]].busy] or self._find_excess(robot)
+        if not ending:
             return False
-        longest = min(idle, key=lambda row: row[:2])[2]
+        longest = min(ending, key=lambda row: row[:2])[2]
         self._open.pop(longest, None)
         cut(longest)
         return True
+
+    def _find_excess(self, robot: str) -> List[Tuple[bool, float, Socket]]:
+        """The connections of the other robot that has most, where it has more than twice as many as this one."""
+        held = Counter(state.robot for state in list(self._open.values()) if not state.own)
+        most, count = max(held.items(), key=lambda item: item[1], default=("", 0))
+        if robot == OWN or count <= 2 * held[robot]:
+            return []
+        return [(False, state.since, other) for other, state in list(self._open.items()) if state.robot == most]
 
     def mark(self, connection: Socket, busy: bool) -> None:
         """Note that a call begins or ends."""
@@ -147,12 +131,21 @@ class Door:
         dispatch: Callable[[str, Tuple[Any, ...]], Any],
         on_refusal: Callable[[Refusal], None],
         calls: threading.local,
+        robot_at: Callable[[str], str] = str,
     ) -> None:
-        """`on_refusal(why)` is called for each request that exceeds a bound; `calls.caller` is set before each call."""
-        self.dispatch, self.on_refusal, self.calls = dispatch, on_refusal, calls
-        self.budget = Budget(BOUNDS["under way"].most)
+        """`on_refusal(why)` is called for each request that exceeds a bound; `calls.caller` is set before each call.
+
+        `robot_at(address)`: which robot has another computer.
+        """
+        self.dispatch, self.on_refusal, self.calls, self._robot_at = dispatch, on_refusal, calls, robot_at
+        most = BOUNDS["under way"].most
+        self.room = Room(Shares(most, most // 8 * 3, [], OWN, most // 2), _SMALL, ROOM)
         self.connections = Connections(BOUNDS["connections"].most)
         self.throttle = Throttle(_SHARE, _TOGETHER, _AHEAD, PATIENCE)
+
+    def find_robot(self, caller: Caller) -> str:
+        """Return the robot that a caller is of; OWN for this computer."""
+        return OWN if caller.is_own else self._robot_at(caller.address)
 
 
 class Handler(BoundedHandler):
@@ -164,7 +157,8 @@ class Handler(BoundedHandler):
     def __init__(self, request: socket.socket, client_address: Any, server: Any) -> None:
         there, here = client_address[:2], request.getsockname()[:2]
         self._caller = Caller(there[0], here[0], self._has_left, self._pause, (there, here))
-        self.throttle, self.robot = self.door.throttle, None if self._caller.is_own else there[0]
+        self._payer = self.door.find_robot(self._caller)
+        self.throttle, self.robot = self.door.throttle, None if self._payer == OWN else self._payer
         self._until = 0.0  # the body of a request is to be here by then
         super().__init__(request, client_address, server)  # serves the connection until its end
 
@@ -187,14 +181,22 @@ class Handler(BoundedHandler):
             self.send_error(404)
             return
         try:
-            value = self._run_call()
-            with self._reserve(value):
+            with contextlib.ExitStack() as self._held:
+                value = self._run_call()
+                self._reserve(value)
                 self._send(_to_xml(value))
         except Refusal as problem:
             self.door.on_refusal(problem)
             self._send(_to_xml((-1, plain(problem, LINE), 0)))
         finally:
             self.connection.settimeout(None)
+
+    def _take(self, size: int) -> None:
+        """Take memory until the call has its answer: its values stay for so long. Raises Refusal."""
+        try:
+            self._held.enter_context(self.door.room.take(self._payer, size))
+        except NoRoom:
+            raise refuse("under way", "what is asked for now, with what others ask for,") from None
 
     # The request
 
@@ -223,18 +225,18 @@ class Handler(BoundedHandler):
             self.close_connection = True
             _drain(self._read_body(min(left, _DISCARD)))
             raise refuse("request", f"a request of {left:,} bytes")
-        with self.door.budget.take(min(left * _PACKED, 2 * most) if packed else 2 * left, self._caller.is_own):
-            body = self._read_body(left)
-            document = Document(most, BOUNDS["values"].most, BOUNDS["text"].most, plain_types=False)
-            try:
-                for piece in unpack(body, most) if packed else body:
-                    document.feed(piece)
-                arguments, name = document.close()
-            except Exception as problem:
-                _drain(body)
-                if isinstance(problem, DocumentTooLarge):
-                    raise Refusal(f"a request is more than the roscore takes: {problem}", "request") from None
-                raise
+        self._take(min((_PACKED if packed else _READ) * left, 2 * most))
+        body = self._read_body(left)
+        document = Document(most, BOUNDS["values"].most, BOUNDS["text"].most, plain_types=False)
+        try:
+            for piece in unpack(body, most) if packed else body:
+                document.feed(piece)
+            arguments, name = document.close()
+        except Exception as problem:
+            _drain(body)
+            if isinstance(problem, DocumentTooLarge):
+                raise Refusal(f"a request is more than the roscore takes: {problem}", "request") from None
+            raise
         self.connection.settimeout(None)
         if not isinstance(name, str):
             raise ValueError("no method is named")
@@ -252,12 +254,12 @@ class Handler(BoundedHandler):
 
     # The answer
 
-    def _reserve(self, value: Any) -> ContextManager[None]:
-        """The memory for an answer. Raises Refusal."""
+    def _reserve(self, value: Any) -> None:
+        """Take the memory for an answer. Raises Refusal."""
         size = 0 if isinstance(value, xmlrpc.client.Fault) else weigh(value)
         if size > BOUNDS["answer"].most:
             raise refuse("answer", "the answer")
-        return self.door.budget.take(_ANSWER * size, self._caller.is_own)
+        self._take(_ANSWER * size)
 
     def _send(self, body: bytes) -> None:
         packs = len(body) > _COMPRESS and "gzip" in self.headers.get("Accept-Encoding", "")

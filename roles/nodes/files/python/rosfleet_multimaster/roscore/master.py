@@ -669,11 +669,18 @@ def copy_tree(value: Any) -> Any:
 
 
 def serve(
-    master: Master, port: int, sockets: List[Socket], more: Mapping[str, Callable[..., Any]]
+    master: Master,
+    port: int,
+    sockets: List[Socket],
+    more: Mapping[str, Callable[..., Any]],
+    robot_at: Callable[[str], str],
 ) -> Tuple[str, Socket]:
-    """Answer calls from now on; the URI and the socket. A fitting one of these open sockets is used. Raises OSError."""
+    """Answer calls from now on; the URI and the socket. A fitting one of these open sockets is used. Raises OSError.
+
+    `robot_at(address)`: which robot has another computer.
+    """
     master.more.update(more)
-    door = Door(master.answer, master.refusals.add, master.calls)
+    door = Door(master.answer, master.refusals.add, master.calls, robot_at)
     server = _Server(door, sockets, (rosgraph.network.get_bind_address(), port))
     master.uri = rosgraph.network.create_local_xmlrpc_uri(server.server_address[1])
     start_thread("server", server.serve_forever)
@@ -704,8 +711,8 @@ class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):  # type: ignore[misc]
 
     def verify_request(self, request: Socket, client_address: Any) -> bool:
         """True where there is room for this connection."""
-        own = Caller(client_address[0], request.getsockname()[0]).is_own
-        return self.door.connections.add(request, client_address[0], own)
+        caller = Caller(client_address[0], request.getsockname()[0])
+        return self.door.connections.add(request, self.door.find_robot(caller))
 
     def shutdown_request(self, request: Socket) -> None:
         """Forget a connection that has ended."""

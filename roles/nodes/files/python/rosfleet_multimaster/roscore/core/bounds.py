@@ -38,15 +38,16 @@ BOUNDS: Dict[str, Limit] = {
     "together": Limit(1_000, "calls in one text of rosfleetTogether"),
     "answer": Limit(96 * MIB, "bytes of an answer"),
     "under way": Limit(
-        512 * MIB, "bytes of memory for all large requests and answers at once; half of it for other computers"
+        512 * MIB,
+        "bytes of memory for all large requests and answers at once, while they are under way; half of it for other computers, three eighths for a robot",
     ),
     "connections": Limit(
         800,
-        "open connections; then the one that was idle longest ends, of another computer first; another computer has 200, all others together 600",
+        "open connections; then the one that was idle longest ends, of another computer first; another robot has 200, all others together 600",
     ),
     "effort": Limit(
         25,
-        "hundredths of a processor for another computer, and 50 for all others together, as soon as one has taken 5 seconds",
+        "hundredths of a processor for another robot, and 50 for all others together, as soon as one has taken 5 seconds",
     ),
     "head": Limit(16 * 1024, "bytes of the head of a request"),
 }
