@@ -1,15 +1,17 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The shipped inventories and the playbooks with Ansible itself; no host is reached."""
+"""The shipped inventories, the examples and the playbooks with Ansible itself; no host is reached."""
 
 import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
 
 import pytest
+import yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BIN = pathlib.Path(sys.executable).parent
@@ -163,3 +165,38 @@ def test_a_host_below_robots_and_beside_its_groups_is_no_robot(changed):
     status, output = site("inventory/single_computer", extra)
     assert status != 0
     assert "laptop: is in the group 'robots' but in none of its robots" in output
+
+
+# The examples
+
+EXAMPLES = ROOT / "examples"
+PLAYS = sorted(path.name for path in EXAMPLES.glob("*.yml"))
+LISTED = sorted(path.stem for path in (EXAMPLES / "inventory").iterdir())
+COMMAND = re.compile(r"^#   ansible-playbook -i inventory/(\w+)\.yml (\w+\.yml)", re.MULTILINE)
+
+
+def test_each_example_says_its_command_and_is_in_the_table():
+    commands = {pair for play in PLAYS for pair in COMMAND.findall((EXAMPLES / play).read_text(encoding="utf-8"))}
+    page = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"\| \[\w+\]\((\w+\.yml)\) \| \[\w+\]\(inventory/(\w+)\.yml\) \|$", page, re.MULTILINE)
+    assert sorted(commands) == sorted((inventory, play) for play, inventory in rows)
+    assert sorted(play for _inventory, play in commands) == PLAYS
+    assert sorted({inventory for inventory, _play in commands}) == LISTED
+
+
+@pytest.mark.slow
+def test_ansible_reads_every_example():
+    plays = [f"examples/{play}" for play in PLAYS]
+    done = ansible("ansible-playbook", "-i", "examples/inventory/two_robots.yml", *plays, "--syntax-check")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("playbook: ") == len(PLAYS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in LISTED if name != "machines"])
+def test_an_example_has_a_plan_for_each_of_its_computers(name):
+    status, output = plan(f"examples/inventory/{name}.yml")
+    assert status == 0, output
+    robots = yaml.safe_load((EXAMPLES / f"inventory/{name}.yml").read_text(encoding="utf-8"))["robots"]["children"]
+    found = json.loads(output.partition("=>")[2])
+    assert sorted(found["computers"]) == sorted(host for robot in robots.values() for host in robot["hosts"])

@@ -16,7 +16,7 @@ from tools import copies, package
 ROOT = Path(__file__).resolve().parents[2]
 BIN = Path(sys.executable).parent
 #: what people install is all below these, and nothing else; what of it is for developers
-SHIPPED = ("LICENSES/", "changelogs/", "docs/", "inventory/", "meta/", "playbooks/", "plugins/", "roles/")
+SHIPPED = ("LICENSES/", "changelogs/", "docs/", "examples/", "inventory/", "meta/", "playbooks/", "plugins/", "roles/")
 PAGES = {
     "CHANGELOG.rst",
     "CODE_OF_CONDUCT.md",
