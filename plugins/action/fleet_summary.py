@@ -24,13 +24,12 @@ class ActionModule(FleetAction):
         """Return and print the summary."""
         names = args.get("results") or []
         hostvars = task_vars["hostvars"]
-        ended = {
-            plain(host): [find_result(hostvars[host], name) for name in names]
-            for host in task_vars.get("ansible_play_hosts_all", ())
-        }
+        all_hosts = task_vars.get("ansible_play_hosts_all", ())
+        ended = {plain(host): [find_result(hostvars[host], name) for name in names] for host in all_hosts}
+        lost = {plain(host) for host in {*all_hosts} - {*task_vars.get("ansible_play_hosts", all_hosts)}}
         first, *lines = (
             plain(line, LINE) if line[:1] != " " else "  " + plain(line, LINE)
-            for line in summarize(ended, self._task.check_mode)
+            for line in summarize(ended, self._task.check_mode, lost)
         )
         Display().display("\n".join(["", first, *lines]))
         return {"msg": first, "computers": [line.strip() for line in lines]}

@@ -26,8 +26,8 @@ options:
     required: true
   refuse:
     description:
-      - Whether a problem ends the run. With V(false), for example in a run that changes nothing, nothing fails, and each problem
-        is an entry of RV(noted).
+      - Whether a problem fails the task on this computer, which then falls out of the run; the others go on. With V(false), for
+        example in a run that changes nothing, nothing fails, and each problem is an entry of RV(noted).
     type: bool
     default: true
 author:
@@ -57,7 +57,6 @@ EXAMPLES = r"""
         plan: "{{ multimaster_fleet.computers[inventory_hostname] }}"
         machine: "{{ multimaster_info }}"
       register: multimaster_plan
-      any_errors_fatal: true
 """
 
 RETURN = r"""

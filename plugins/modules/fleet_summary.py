@@ -8,7 +8,7 @@ short_description: Say what a run changed on each computer
 version_added: "1.0.0"
 description:
   - Prints one line for the fleet, and one for each computer on which M(rosfleet.multimaster.multimaster_computer) changed
-    something or failed. In check mode it says what would change.
+    something or failed, or which fell out of the run before. In check mode it says what would change.
   - Runs on the controller and connects to no host, so it is run once.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.info

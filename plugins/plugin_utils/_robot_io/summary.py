@@ -22,23 +22,30 @@ CONCERNS = {
     "managed_services": "services",
 }
 
+#: the line of a computer that fell out of the run before its change
+REFUSED = "FAILED before it was brought to its plan, for the reason above; the others went on"
+
 Result = Mapping[str, Any]
 
 
-def summarize(results: Mapping[str, Sequence[Result]], check: bool) -> list[str]:
+def summarize(results: Mapping[str, Sequence[Result]], check: bool, lost: Collection[str] = ()) -> list[str]:
     """Return a line for the fleet and one for each computer that changed or failed; `results` by the computer's name.
 
     For example "kobuki: kernel settings, files" for two concerns that changed there, and behind a semicolon the services that were
-    restarted, each with what changed for it.
+    restarted, each with what changed for it. The `lost` computers are no more in the run: those without a failure among their results
+    were refused before.
     """
+    refused = {computer for computer in lost if not any(map(is_failure, results.get(computer, ())))}
     lines = {
-        computer: "; ".join(filter(None, (describe(tasks), *_tell_restarts(tasks, check))))
+        computer: REFUSED
+        if computer in refused
+        else "; ".join(filter(None, (describe(tasks), *_tell_restarts(tasks, check))))
         for computer, tasks in results.items()
     }
     notes = [f"  {computer}: {line}" for computer, line in lines.items() if line]
     deed = "would change" if check else "changed"
     count = sum(any(result.get("changed") is True for result in tasks) for tasks in results.values())
-    failed = sum(any(is_failure(result) for result in tasks) for tasks in results.values())
+    failed = len(refused) + sum(any(map(is_failure, tasks)) for tasks in results.values())
     more = f", and {failed} failed" if failed else ""
     return [f"SUMMARY: {count} of {len(results)} computers {deed}{more}.", *notes]
 

@@ -102,3 +102,11 @@ def test_no_answer_of_a_robot_gets_a_word_in():
         }
         lines = summary.summarize({"a": [result]}, False)
         assert "PASSED" not in " ".join(lines) and set(" ".join(lines[1:]).replace(",", "").split()) <= words | {"a:"}
+
+
+def test_who_fell_out_before_is_named_once_and_counts_as_failed():
+    broken = {"failed": True}
+    results = {"a": [{}, {}], "b": [{}, {**ended(routes=[True]), **broken}], "c": [ended(routes=[True])]}
+    first, *lines = summary.summarize(results, False, {"a", "b"})
+    assert first == "SUMMARY: 2 of 3 computers changed, and 2 failed."
+    assert lines == [f"  a: {summary.REFUSED}", "  b: routes, FAILED", "  c: routes"]
