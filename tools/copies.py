@@ -20,6 +20,7 @@ NODES = "roles/nodes/files/python/rosfleet_multimaster"
 #: copy -> original
 COPIES = {
     "plugins/module_utils/_base/plain_text.py": f"{NODES}/protocol/plain_text.py",
+    "plugins/module_utils/_probe/ros_client/header.py": f"{NODES}/protocol/tcpros/header.py",
     "plugins/module_utils/_probe/ros_client/documents.py": f"{NODES}/protocol/xml_rpc.py",
 }
 
@@ -29,7 +30,9 @@ def find_stale_copies() -> list[str]:
     return [
         copy
         for copy, original in COPIES.items()
-        if (ROOT / copy).is_symlink() or (ROOT / copy).read_bytes() != (ROOT / original).read_bytes()
+        if (ROOT / copy).is_symlink()
+        or not (ROOT / copy).exists()
+        or (ROOT / copy).read_bytes() != (ROOT / original).read_bytes()
     ]
 
 

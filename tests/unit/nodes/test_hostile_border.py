@@ -20,8 +20,8 @@ import time
 import xmlrpc.client
 
 import pytest
-from rosfleet_multimaster.border.core.header import encode_header
 from rosfleet_multimaster.edge.rpc_server import RpcServer
+from rosfleet_multimaster.protocol.tcpros.header import encode_header
 
 from tests.unit.nodes.border.ends import DEAR, DEEP, HEADER, SUM, End, Publisher, free_port, message
 from tests.unit.nodes.running_sync import Roscore

@@ -19,8 +19,8 @@ import xmlrpc.client
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import exchange, traffic
 from rosfleet_multimaster.border.core.frames import DEFINITION, MD5SUM, STATIC_TYPE
-from rosfleet_multimaster.border.core.header import encode_header
 from rosfleet_multimaster.edge.clock import monotonic
+from rosfleet_multimaster.protocol.tcpros.header import encode_header
 
 from tests.unit.nodes.border.ends import SUM, End, Publisher, free_port, message, text, tree
 from tests.unit.nodes.running_sync import Roscore, serve

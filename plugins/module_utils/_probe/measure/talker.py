@@ -16,7 +16,7 @@ from ..._base import foreign
 from ..._base.commands import run
 from ..._base.plain_text import plain
 from ..._machine import systemd
-from ..ros_client import node
+from ..ros_client import header, node
 from ..ros_client.ros import Ros
 
 TALKER = "multimaster-verify-talker.service"
@@ -57,6 +57,16 @@ def sentence_of(run: str, computer: str) -> str:
     return f"{run} {computer}"
 
 
+def read_program() -> str:
+    """Return the text of the talker's program: node.py, with header.py in the place of its import."""
+    return re.sub(
+        r"^from \.header import .*$",
+        lambda _line: inspect.getsource(header),
+        inspect.getsource(node),
+        flags=re.MULTILINE,
+    )
+
+
 def start(ros: Ros, label: str, computer: str, lifetime: int) -> str:
     """Start the talker as a unit that ends by itself; an older one of ours ends first. Returns an error or ''."""
     stop()
@@ -66,7 +76,7 @@ def start(ros: Ros, label: str, computer: str, lifetime: int) -> str:
         "TimeoutStopSec": "10",  # on a busy computer Python takes its time
         "SyslogLevelPrefix": "no",  # no line of it begins with a priority
         "StandardInput": "data",
-        "StandardInputData": base64.b64encode(inspect.getsource(node).encode()).decode(),
+        "StandardInputData": base64.b64encode(read_program().encode()).decode(),
     }
     argv = ["systemd-run", "--quiet", "--collect", "--unit=" + TALKER]
     argv += ["--description=Talker of the verification of rosfleet.multimaster"]

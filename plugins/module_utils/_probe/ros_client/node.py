@@ -3,7 +3,8 @@
 
 """A small ROS node in one loop, without ROS: the slave API, and topics whose text each subscriber gets at once and every second.
 
-The talker is this file as a program of its own, handed over as text, so nothing here may import another part of the collection.
+The talker is this file as a program of its own, handed over as text with header.py (../measure/talker.py). So nothing else of the
+collection may be imported here.
 Any program may call: bytes, connections and time are bounded.
 """
 
@@ -18,6 +19,8 @@ import time
 import typing
 import xmlrpc.client
 
+from .header import decode_fields, encode_block, encode_header
+
 TYPE, SUM = "std_msgs/String", "992ce8a1687cec8c8bd883ec73ca41d1"
 DEFINITION = "string data\n"
 PERIOD = 1.0  # seconds between two messages
@@ -27,8 +30,6 @@ RETRY = 0.5  # seconds until a roscore that does not answer is asked again
 STREAM, STREAM_BYTES = 2.0, 20_000_000  # seconds and bytes of a stream that measures the throughput
 _BYTES = 1 << 16  # of a question
 _CONNECTIONS, _OF_ONE = 900, 100  # at once, and from one address; a process may have 1,024 files
-
-Fields = typing.Dict[str, str]
 
 
 def host_of(variables: typing.Mapping[str, str], uri: str) -> str:
@@ -43,30 +44,9 @@ def host_of(variables: typing.Mapping[str, str], uri: str) -> str:
         return str(asked.getsockname()[0])
 
 
-def block(content: bytes) -> bytes:
-    """A text of TCPROS, with its length before it."""
-    return struct.pack("<I", len(content)) + content
-
-
-def header(fields: Fields) -> bytes:
-    """A header of TCPROS."""
-    return block(b"".join(block("=".join(field).encode()) for field in fields.items()))
-
-
-def fields_of(content: bytes) -> Fields:
-    """Read the fields of a header, without its own length; a broken end is left out."""
-    fields, at = {}, 0
-    while at + 4 <= len(content):
-        (size,) = struct.unpack_from("<I", content, at)
-        name, _equals, value = content[at + 4 : at + 4 + size].decode("utf-8", "replace").partition("=")
-        fields[name] = value
-        at += 4 + size
-    return fields
-
-
 def message(text: str) -> bytes:
     """A std_msgs/String with its length before it."""
-    return block(block(text.encode()))
+    return encode_block(encode_block(text.encode()))
 
 
 class _Stream:
@@ -219,11 +199,13 @@ class Node:
         size = struct.unpack("<I", link.read[:4])[0] if len(link.read) >= 4 else 0
         if len(link.read) < 4 or len(link.read) < 4 + size:
             return
-        asked = fields_of(link.read[4 : 4 + size])
+        asked = decode_fields(link.read[4 : 4 + size], "replace")
         topic, link.read = asked.get("topic", ""), b""
         if topic not in self.topics or asked.get("md5sum") not in (SUM, "*"):
             self._say(
-                link, header({"error": "this node publishes {} on {}".format(TYPE, ", ".join(self.topics))}), True
+                link,
+                encode_header({"error": "this node publishes {} on {}".format(TYPE, ", ".join(self.topics))}),
+                True,
             )
             return
         if "stream" in asked:
@@ -231,17 +213,17 @@ class Node:
             return
         link.topic, link.name, link.deadline = topic, asked.get("callerid", ""), None
         told = {"callerid": self.name, "topic": topic, "type": TYPE, "md5sum": SUM, "latching": "0"}
-        self._say(link, header(dict(told, message_definition=DEFINITION)) + message(self.topics[topic]))
+        self._say(link, encode_header(dict(told, message_definition=DEFINITION)) + message(self.topics[topic]))
 
     # Streams: a subscriber of this verification sends for a moment, and is told how much came
 
     def _begin(self, link: _Link, topic: str, seconds: float) -> None:
         """Take a stream, one at a time: two would measure each other."""
         if any(other.stream for other in self._links):
-            self._say(link, header({"error": "it takes another stream"}), True)
+            self._say(link, encode_header({"error": "it takes another stream"}), True)
             return
         link.stream, link.deadline = _Stream(seconds), time.monotonic() + REQUEST
-        self._say(link, header({"callerid": self.name, "topic": topic, "stream": f"{link.stream.seconds:g}"}))
+        self._say(link, encode_header({"callerid": self.name, "topic": topic, "stream": f"{link.stream.seconds:g}"}))
 
     # Callers: http://wiki.ros.org/ROS/Slave_API
 

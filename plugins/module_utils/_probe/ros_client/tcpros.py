@@ -17,6 +17,7 @@ import urllib.parse
 
 from ..._base.plain_text import plain, quote
 from . import node
+from .header import decode_fields, encode_block, encode_header
 from .xml_rpc import ask
 
 CALL = 5.0  # seconds that a call may take, from the connection to the last byte
@@ -132,15 +133,15 @@ def call(uri: str, service: str, known: Types, caller: str) -> typing.Tuple[typi
         if place.scheme != "rosrpc" or not place.hostname or not place.port:
             raise ValueError(f"{quote(uri)} is no address of a service")
         with socket.create_connection((place.hostname, place.port), CALL) as connection:
-            connection.sendall(node.header({"callerid": caller, "service": service, "md5sum": "*"}))
-            fields = node.fields_of(_read_block(connection, _HEADER, deadline))
+            connection.sendall(encode_header({"callerid": caller, "service": service, "md5sum": "*"}))
+            fields = decode_fields(_read_block(connection, _HEADER, deadline), "replace")
             if "error" in fields:
                 raise OSError(f"{service}: {quote(fields['error'])}")
             if fields.get("md5sum") not in known:
                 raise OSError(
                     f"{service} is of the type {quote(fields.get('type', ''))} ({quote(fields.get('md5sum', ''))}), which is not known"
                 )
-            connection.sendall(node.block(b""))
+            connection.sendall(encode_block(b""))
             good = _read(connection, 1, deadline) == b"\1"
             answer = _read_block(connection, MOST, deadline)
         if not good:
@@ -186,11 +187,13 @@ def send_stream(place: typing.Tuple[str, int], topic: str, caller: str, seconds:
         return int(came), float(took)
 
 
-def _subscribe(connection: socket.socket, topic: str, caller: str, deadline: float, **more: str) -> node.Fields:
+def _subscribe(
+    connection: socket.socket, topic: str, caller: str, deadline: float, **more: str
+) -> typing.Dict[str, str]:
     """Subscribe a topic of texts; return the header of the answer. Raises OSError with the publisher's words where it refuses."""
     asked = {"callerid": caller, "topic": topic, "type": node.TYPE, "md5sum": node.SUM, **more}
-    connection.sendall(node.header(asked))
-    fields = node.fields_of(_read_block(connection, _HEADER, deadline))
+    connection.sendall(encode_header(asked))
+    fields = decode_fields(_read_block(connection, _HEADER, deadline), "replace")
     if "error" in fields:
         raise OSError(plain(fields["error"]))
     return fields

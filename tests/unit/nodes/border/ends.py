@@ -7,8 +7,8 @@ import random
 import socket
 import struct
 
-from rosfleet_multimaster.border.core.header import decode_header, encode_header
-from rosfleet_multimaster.border.core.messages import MessageReader
+from rosfleet_multimaster.protocol.tcpros.header import decode_header, encode_header
+from rosfleet_multimaster.protocol.tcpros.messages import MessageReader
 
 SUM = "a" * 32
 HEADER = {

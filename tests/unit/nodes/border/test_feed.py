@@ -11,13 +11,13 @@ import time
 
 import pytest
 from rosfleet_multimaster.border.account import Accounts
-from rosfleet_multimaster.border.core.header import MAX_HEADER, encode_header
 from rosfleet_multimaster.border.dial import Dialers
 from rosfleet_multimaster.border.feed import Feed, Origin
-from rosfleet_multimaster.border.wire import Wire
+from rosfleet_multimaster.border.wire import MAX_HEADER, Wire
 from rosfleet_multimaster.edge.clock import monotonic, processor_time
 from rosfleet_multimaster.edge.loop import Loop
 from rosfleet_multimaster.edge.process.program import LimitedLog
+from rosfleet_multimaster.protocol.tcpros.header import encode_header
 
 from tests.unit.nodes.border.ends import DEAR, DEEP, SUM, End, Publisher, free_port, message
 

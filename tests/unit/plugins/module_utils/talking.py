@@ -4,7 +4,6 @@
 """A roscore as far as talkers and listeners need one, and talkers as the programs that they are."""
 
 import contextlib
-import inspect
 import subprocess
 import sys
 import threading
@@ -12,7 +11,7 @@ import time
 import xmlrpc.client
 import xmlrpc.server
 
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import node
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import talker
 
 
 class Roscore:
@@ -89,7 +88,7 @@ def talking(uri, name, topic, text):
         text=True,
         preexec_fn=_heeding,
     ) as process:
-        process.stdin.write(inspect.getsource(node))
+        process.stdin.write(talker.read_program())
         process.stdin.close()
         try:
             yield process

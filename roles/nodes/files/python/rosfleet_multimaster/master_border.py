@@ -17,7 +17,6 @@ from .border.board import OfferBoard
 from .border.core import report
 from .border.core.channels import SERVICE, TOPIC, Channel, Own, OwnNodes, find_taken, list_offers, list_own
 from .border.core.frames import STATIC, Frames
-from .border.core.header import encode_header
 from .border.dial import Dialers, dial_border, dial_node, dial_service, listen
 from .border.feed import Dial, Feed, Fields, Link, Origin
 from .border.node import PROVIDER, PUBLISHER, SUBSCRIBER, Registrar, SlaveApi
@@ -38,6 +37,7 @@ from .protocol.filters import MAX_NAME
 from .protocol.members import Members, host_of, is_address
 from .protocol.messages import Diagnosis, View
 from .protocol.plain_text import quote
+from .protocol.tcpros.header import encode_header
 
 NAME = "/master_border"
 BEAT = 0.1  # seconds between two looks at what is due, at most

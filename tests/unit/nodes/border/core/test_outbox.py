@@ -8,8 +8,8 @@ import struct
 from hypothesis import given
 from hypothesis import strategies as st
 from rosfleet_multimaster.border.core.budget import Budget
-from rosfleet_multimaster.border.core.messages import MessageReader
 from rosfleet_multimaster.border.core.outbox import Outbox
+from rosfleet_multimaster.protocol.tcpros.messages import MessageReader
 
 
 def message(body):

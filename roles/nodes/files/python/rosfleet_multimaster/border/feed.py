@@ -13,11 +13,11 @@ from ..edge.loop import Loop
 from ..edge.process import program
 from ..protocol.filters import MAX_NAME
 from ..protocol.plain_text import plain, quote
+from ..protocol.tcpros.header import encode_header
 from .account import Account
-from .core.budget import Budget
+from .core.budget import Budget, weigh_fields
 from .core.definition import DefinitionError
 from .core.frames import Change, FramesError, Rewrite, make_rewrite
-from .core.header import encode_header, weigh_fields
 from .core.rates import make_throttle
 from .dial import Dialers
 from .wire import PATIENCE, Wire

@@ -8,12 +8,13 @@ from typing import Callable, Dict, Optional
 
 from ..edge.clock import monotonic, processor_time
 from ..edge.loop import Loop
+from ..protocol.tcpros.header import HeaderError, decode_header
+from ..protocol.tcpros.messages import MessageReader
 from .account import Account
 from .core.effort import SLICE
-from .core.header import MAX_HEADER, HeaderError, decode_header
-from .core.messages import MessageReader
 from .core.outbox import Outbox
 
+MAX_HEADER = 1 << 18  # bytes; the definition of the messages is in it
 MAX_MESSAGE = 1 << 24  # bytes of one message; a larger one is left out
 PATIENCE = 10.0  # seconds until the header has to be there
 # Bytes at once, so that no connection holds the others up: of messages; and before it is known that these come

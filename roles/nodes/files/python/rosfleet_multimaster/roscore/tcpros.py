@@ -4,10 +4,10 @@
 
 import socket
 import struct
-from typing import Dict
 
 from ..edge.clock import monotonic
 from ..protocol.members import place_of
+from ..protocol.tcpros.header import decode_fields, encode_header
 
 _MOST = 1 << 14  # bytes of a header
 
@@ -21,15 +21,13 @@ def provider(uri: str, service: str, timeout: float) -> str:
     if not uri.startswith("rosrpc:") or not all(place):
         raise ValueError(f"{uri[:100]} is no address of a service")
     fields = {"callerid": "/master", "service": service, "md5sum": "*", "probe": "1"}
-    parts = [f"{name}={value}".encode() for name, value in fields.items()]
-    head = b"".join(struct.pack("<I", len(part)) + part for part in parts)
     with socket.create_connection(place, timeout) as connection:
         deadline = monotonic() + timeout
-        connection.sendall(struct.pack("<I", len(head)) + head)
+        connection.sendall(encode_header(fields))
         (size,) = struct.unpack("<I", _read(connection, 4, deadline))
         if size > _MOST:
             raise ValueError(f"a header of {size} bytes")
-        return _fields(_read(connection, size, deadline)).get("callerid", "")
+        return decode_fields(_read(connection, size, deadline), "replace").get("callerid", "")
 
 
 def _read(connection: socket.socket, size: int, deadline: float) -> bytes:
@@ -44,13 +42,3 @@ def _read(connection: socket.socket, size: int, deadline: float) -> bytes:
             raise ConnectionResetError("the connection was closed")
         data += piece
     return data
-
-
-def _fields(head: bytes) -> Dict[str, str]:
-    fields, at = {}, 0
-    while at + 4 <= len(head):
-        (size,) = struct.unpack_from("<I", head, at)
-        name, _equals, value = head[at + 4 : at + 4 + size].decode("utf-8", "replace").partition("=")
-        fields[name] = value
-        at += 4 + size
-    return fields

@@ -13,6 +13,10 @@ import xmlrpc.client
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import node, tcpros
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.header import (
+    decode_fields,
+    encode_header,
+)
 from talking import Roscore, served, talking, until
 
 TOPIC = "/multimaster_verify/kobuki1computer"
@@ -91,13 +95,13 @@ def test_a_talker_ends_also_where_its_roscore_has_gone_silent():
 
 def test_every_subscriber_gets_the_text_at_once_and_again(own):
     with socket.create_connection(place(own)) as connection:
-        connection.sendall(node.header({"callerid": "/rviz", "topic": TOPIC, "type": node.TYPE, "md5sum": node.SUM}))
+        connection.sendall(encode_header({"callerid": "/rviz", "topic": TOPIC, "type": node.TYPE, "md5sum": node.SUM}))
         stream = connection.makefile("rb")
 
         def part():
             return stream.read(struct.unpack("<I", stream.read(4))[0])
 
-        told = node.fields_of(part())
+        told = decode_fields(part())
         assert (told["callerid"], told["type"], told["md5sum"]) == ("/talker", node.TYPE, node.SUM)
         assert [tcpros.Reader(part()).text() for _number in range(2)] == ["hello", "hello"]
         entry = xmlrpc.client.ServerProxy(own.uri).getBusInfo("/x")[2][0]
@@ -113,8 +117,8 @@ def test_every_subscriber_gets_the_text_at_once_and_again(own):
 )
 def test_another_topic_or_type_is_refused(own, fields, words):
     with socket.create_connection(place(own)) as connection:
-        connection.sendall(node.header(fields))
-        assert words in node.fields_of(connection.makefile("rb").read()[4:])["error"]
+        connection.sendall(encode_header(fields))
+        assert words in decode_fields(connection.makefile("rb").read()[4:])["error"]
 
 
 STRANGE = [
@@ -156,7 +160,7 @@ def test_one_address_takes_not_all_places(own, monkeypatch):
             last = held.enter_context(socket.create_connection(there))
         other = held.enter_context(socket.create_connection(there, source_address=("127.0.0.2", 0)))
         other.settimeout(10)
-        other.sendall(node.header({"topic": TOPIC, "md5sum": "*", "callerid": "/x"}))
+        other.sendall(encode_header({"topic": TOPIC, "md5sum": "*", "callerid": "/x"}))
         last.settimeout(10)
         assert last.recv(1) == b"" and other.recv(4)
 
@@ -211,9 +215,9 @@ def test_a_stream_is_no_longer_than_the_talker_allows(own, monkeypatch):
 def opened(own, seconds):
     """A stream that has begun: its connection, and what the talker said."""
     connection = socket.create_connection(place(own))
-    connection.sendall(node.header({"callerid": "/y", "topic": TOPIC, "md5sum": node.SUM, "stream": seconds}))
+    connection.sendall(encode_header({"callerid": "/y", "topic": TOPIC, "md5sum": node.SUM, "stream": seconds}))
     size = struct.unpack("<I", connection.recv(4, socket.MSG_WAITALL))[0]
-    return connection, node.fields_of(connection.recv(size, socket.MSG_WAITALL))
+    return connection, decode_fields(connection.recv(size, socket.MSG_WAITALL))
 
 
 def test_a_second_stream_is_refused_until_the_first_ends(own):
@@ -242,7 +246,7 @@ def test_whatever_length_a_stranger_asks_for_the_talker_stays(own, seconds, monk
 
 def test_one_who_is_no_talker_of_this_run_takes_no_stream():
     with socket.create_server(("127.0.0.1", 0)) as door:
-        thread = threading.Thread(target=lambda: door.accept()[0].sendall(node.header({"topic": TOPIC})))
+        thread = threading.Thread(target=lambda: door.accept()[0].sendall(encode_header({"topic": TOPIC})))
         thread.start()
         with pytest.raises(OSError, match="it takes no stream"):
             tcpros.send_stream(door.getsockname(), TOPIC, "/x", 0.1)
@@ -254,7 +258,7 @@ def test_a_number_that_cannot_be_is_a_sentence(said):
     def answer(door):
         connection = door.accept()[0]
         connection.recv(1 << 16)
-        connection.sendall(node.header({"stream": "0.1"}) + node.message(said))
+        connection.sendall(encode_header({"stream": "0.1"}) + node.message(said))
         with contextlib.suppress(ConnectionResetError):
             connection.recv(1)
 

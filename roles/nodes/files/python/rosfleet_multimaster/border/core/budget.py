@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The memory of a border: all that it holds for others, and whose it is. Who has most pays, and each robot has a share."""
 
-from typing import Collection, Dict, Optional, Protocol, Set, Tuple
+from typing import Collection, Dict, Mapping, Optional, Protocol, Set, Tuple
 
 from ...edge.core.shares import Shares
 
@@ -13,6 +13,12 @@ KEPT = (
 )  # bytes that stay while a connection does, in all and of one robot: headers, definitions, calls
 LATCHED = (128 << 20, 64 << 20)  # bytes of messages that are kept for who comes later, in all and of one robot
 ENOUGH = 7 / 8  # of ALL, to which is made room at once: the search is not for each message
+_TEXT = 80  # bytes of a text without its letters, at most
+
+
+def weigh_fields(fields: Mapping[str, str]) -> int:
+    """Return the bytes of memory of the fields of a header, at most: a letter has one in a text of ASCII, else up to four (PEP 393)."""
+    return sum(_TEXT + len(text) * (1 if text.isascii() else 4) for item in fields.items() for text in item)
 
 
 class Payer(Protocol):

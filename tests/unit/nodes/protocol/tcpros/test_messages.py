@@ -7,7 +7,7 @@ import struct
 
 from hypothesis import given
 from hypothesis import strategies as st
-from rosfleet_multimaster.border.core.messages import MessageReader
+from rosfleet_multimaster.protocol.tcpros.messages import MessageReader
 
 
 def message(body):

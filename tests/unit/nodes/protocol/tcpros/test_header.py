@@ -8,7 +8,7 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosfleet_multimaster.border.core.header import MOST_FIELDS, HeaderError, decode_header, encode_header
+from rosfleet_multimaster.protocol.tcpros.header import MOST_FIELDS, HeaderError, decode_fields, decode_header, encode_header
 
 FIELDS = st.dictionaries(st.text("abc_", min_size=1), st.text(), max_size=10)
 
@@ -26,6 +26,10 @@ def test_a_value_keeps_its_bytes():
     part = b"message_definition=\xff\xfe = \n"
     frame = message(struct.pack("<I", len(part)) + part)
     assert encode_header(decode_header(frame)) == frame
+
+
+def test_a_value_can_be_read_as_text_that_every_program_takes():
+    assert decode_fields(struct.pack("<I", 3) + b"a=\xff", "replace") == {"a": "\ufffd"}
 
 
 @given(st.binary(max_size=200))
