@@ -4,6 +4,7 @@
 """The packet filter of this machine, as far as it can be read simply: rules of nftables, also those that iptables has made.
 
 What a rule says beyond protocol, port, addresses, interfaces, state and length is not understood. Such rules are counted, and left out.
+A rule as people know it is in nft's text alone: in JSON `-m conntrack --ctstate INVALID` is {"xt": ...}, and in nft 0.9.8 null.
 """
 
 import ipaddress
@@ -26,6 +27,29 @@ _OPERATION = {"payload": {"protocol": "arp", "field": "operation"}}
 ANSWERS = {"established", "related"}
 
 NOTHING: Words = {"readable": False, "chains": [], "arp": []}
+
+
+class WrittenRule(typing.NamedTuple):
+    """A rule in nft's text, or the first line of a chain that has a hook ("type filter hook input ...")."""
+
+    table: str  # with its family
+    chain: str
+    text: str
+
+
+def list_written_rules(lines: typing.Iterable[str]) -> typing.Iterator[WrittenRule]:
+    """List the rules in lines of `nft list ruleset`; no sets and no maps."""
+    table = chain = ""  # chain: "" in anything else
+    for line in lines:
+        words = line.split()
+        if words[:1] == ["table"]:
+            table = " ".join(words[1:3])
+        elif words[-1:] == ["{"]:
+            chain = words[1] if words[0] == "chain" else ""
+        elif words == ["}"]:
+            chain = ""
+        elif chain and words and words[0] != "#":
+            yield WrittenRule(table, chain, " ".join(words))
 
 
 class UnknownRule(Exception):

@@ -11,6 +11,7 @@ import re
 import typing
 
 from ..._base.commands import run, text
+from ..._machine.filters import list_written_rules
 
 # Tables of proc(5) with a line of names and a line of numbers, and the names that stand for packets given up. The kernel's
 # meaning of each is in Documentation/networking/snmp_counter.rst.
@@ -101,17 +102,11 @@ def _list(*command: str) -> str:
 def read_ruleset(lines: str) -> Counters:
     """Read the counting rules out of the output of `nft list ruleset`, each with its table and chain."""
     found: Counters = {}
-    table = chain = ""
-    for line in lines.splitlines():
-        words = line.split()
-        if len(words) == 4 and words[0] == "table":
-            table = words[2]
-        elif len(words) == 3 and words[0] == "chain":
-            chain = words[1]
-        counted = COUNTED.search(line)
-        if counted and REFUSES.search(line) and len(found) < MOST_RULES:
-            rule = " ".join(COUNTED.sub("", line).split())
-            name = f"rule of {table} {chain}: {rule}"
+    for table, chain, written in list_written_rules(lines.splitlines()):
+        counted = COUNTED.search(written)
+        if counted and REFUSES.search(written) and len(found) < MOST_RULES:
+            rule = " ".join(COUNTED.sub("", written).split())
+            name = f"rule of {table.partition(' ')[2]} {chain}: {rule}"
             found[name] = found.get(name, 0) + int(counted.group(1))
     return found
 

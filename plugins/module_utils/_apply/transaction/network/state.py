@@ -17,6 +17,7 @@ import typing
 
 from ...._base import commands
 from ...._base.plain_text import LINE, quote
+from ...._machine.filters import list_written_rules
 from ..transaction import Sentence, Step, Unseen
 
 KINDS = ("address", "route", "rule", "filter")  # in the order in which they are put back: each needs the ones before
@@ -193,21 +194,15 @@ def parse_rules(lines: typing.Iterable[str], version: int) -> typing.List[Item]:
 
 def parse_filter(lines: typing.Iterable[str]) -> typing.List[Item]:
     """The rules of others in lines of `nft -s list ruleset`, and the chains that drop by default; no elements of sets."""
-    items, table, place = [], "", ""  # place: that of a chain, "" in anything else
-    for line in lines:
-        words = line.split()
-        if words[:1] == ["table"]:
-            table = " ".join(words[1:3])
-        elif words[-1:] == ["{"]:
-            place = f"{table} {words[1]}" if words[0] == "chain" else ""
-        elif words == ["}"]:
-            place = ""
-        elif place and words and words[0] != "#" and not _MANAGED.match(place + " "):
-            text = " ".join(words)
-            if words[0] != "type":
-                items.append(Item("filter", 0, f"rule {place} {text}"))
-            elif "policy drop" in text:
-                items.append(Item("filter", 0, f"chain {place} {{ {text} }}"))
+    items = []
+    for table, chain, text in list_written_rules(lines):
+        place = f"{table} {chain}"
+        if _MANAGED.match(place + " "):
+            continue
+        if not text.startswith("type "):
+            items.append(Item("filter", 0, f"rule {place} {text}"))
+        elif "policy drop" in text:
+            items.append(Item("filter", 0, f"chain {place} {{ {text} }}"))
     return items
 
 
