@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The house: which folder may import which, in all three trees; where a file's test stands; where sockets and ROS are.
 
-ROOMS is what the pages say: a README in each tree, and for the nodes docs/develop/architecture.md.
+ROOMS is what the pages say: a README in each tree, and that of the role which brings the nodes.
 """
 
 import ast
@@ -35,7 +35,7 @@ def read_tables(page):
 
 _robot, _apply, _probe = read_tables(f"{MODULE_UTILS}/README.md")
 _controller, _verify = read_tables(f"{PLUGIN_UTILS}/README.md")
-(_nodes,) = read_tables("docs/develop/architecture.md")
+(_nodes,) = read_tables("roles/nodes/README.md")
 #: folder -> room in it -> the rooms that it may import
 ROOMS = {
     MODULE_UTILS: _robot,
@@ -154,6 +154,33 @@ def test_no_folder_is_a_heap(tree):
 
 
 # The nodes
+
+
+def read_face(folder):
+    """The files of a room that others may import: `__all__` in its `__init__.py`."""
+    lines = ast.parse((folder / "__init__.py").read_text(encoding="utf-8")).body
+    faces = [line.value for line in lines if isinstance(line, ast.Assign) and line.targets[0].id == "__all__"]
+    return set(ast.literal_eval(faces[0])) if faces else set()
+
+
+def list_foreign_imports(path):
+    """The files in other rooms of the nodes that a file imports: (folder, name)."""
+    own = path.relative_to(ROOT / NODES).parts[0]
+    for name in imports(path):
+        parts = name.split(".")[1:] if name.startswith("rosfleet_multimaster.") else []
+        for at in range(1, len(parts)):
+            folder = ROOT.joinpath(NODES, *parts[:at])
+            if parts[0] != own and ((folder / parts[at]).is_dir() or (folder / f"{parts[at]}.py").exists()):
+                yield folder, parts[at]
+
+
+def test_the_face_of_a_room_is_what_others_import():
+    used = {}
+    for path in sources(NODES):
+        for folder, name in list_foreign_imports(path):
+            used.setdefault(folder, set()).add(name)
+    faces = {path.parent: read_face(path.parent) for path in sources(NODES) if path.name == "__init__.py"}
+    assert {folder: names for folder, names in faces.items() if names} == used
 
 
 #: the format of XML-RPC is in a module of Python that has servers and clients, too

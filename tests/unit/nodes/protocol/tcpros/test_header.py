@@ -8,7 +8,13 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosfleet_multimaster.protocol.tcpros.header import MOST_FIELDS, HeaderError, decode_fields, decode_header, encode_header
+from rosfleet_multimaster.protocol.tcpros.header import (
+    MOST_FIELDS,
+    HeaderError,
+    decode_fields,
+    decode_header,
+    encode_header,
+)
 
 FIELDS = st.dictionaries(st.text("abc_", min_size=1), st.text(), max_size=10)
 

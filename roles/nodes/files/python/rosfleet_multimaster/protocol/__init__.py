@@ -1,2 +1,21 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""What is said between robots, nodes and roscore, and how others are shown it. No I/O."""
+
+__all__ = (
+    "differences",
+    "filters",
+    "graph",
+    "heartbeat",
+    "imports",
+    "json_text",
+    "members",
+    "messages",
+    "metrics",
+    "mirror",
+    "parameters",
+    "plain_text",
+    "tcpros",
+    "wire_filters",
+    "xml_rpc",
+)
