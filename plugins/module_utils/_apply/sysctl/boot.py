@@ -34,6 +34,22 @@ _OTHER_NAME = {
     "net/nf_conntrack_max": "net/netfilter/nf_conntrack_max",
 }
 
+# systemd as the first process of a container writes its name there; the names are those of systemd-detect-virt(1).
+_CONTAINER = "/run/systemd/container"
+_CONTAINERS = (
+    "container",
+    "openvz",
+    "lxc",
+    "lxc-libvirt",
+    "systemd-nspawn",
+    "docker",
+    "podman",
+    "rkt",
+    "wsl",
+    "proot",
+    "pouch",
+)
+
 _YES = ("1", "yes", "y", "true", "t", "on")
 _NO = ("0", "no", "n", "false", "f", "off")
 
@@ -289,6 +305,8 @@ def _read_network_files(tree: Tree) -> typing.List[Assignment]:
     for file in configuration_files(tree, _NETWORK_FOLDERS, ".network"):
         folders = [f"{folder}/{os.path.basename(file)}.d" for folder in _NETWORK_FOLDERS]
         files = [file, *configuration_files(tree, folders)]  # its drop-ins are read after it
+        if not _is_for_this_machine(tree, files):
+            continue
         # A plain yes means both families to the first, and IPv4 alone to the second.
         for option, yes in (("IPForward", ("ipv4", "ipv6")), ("IPMasquerade", ("ipv4",))):
             value, path, line = _ini(tree, files, option)
@@ -297,6 +315,36 @@ def _read_network_files(tree: Tree) -> typing.List[Assignment]:
                 if family in families:
                     assignments.append(Assignment(key, "1", path, line))
     return assignments
+
+
+def _is_for_this_machine(tree: Tree, files: typing.List[str]) -> bool:
+    """False where [Match] of a .network file surely matches no interface of this machine: networkd sets nothing by it then.
+
+    80-container-ve.network of systemd itself is such a file while no container runs (Name=ve-*), and 80-container-host0.network is one
+    outside of containers (Virtualization=container). What cannot be told from files, as Driver=, may match.
+    """
+    wanted = _list_words(tree, files, "Virtualization")[-1:]  # one value; the last one counts
+    container = normal(tree.read(_CONTAINER)) if tree.exists(_CONTAINER) else ""
+    for word in wanted:
+        negated, word = word.startswith("!"), word.lstrip("!").lower()
+        if word in _CONTAINERS and (bool(container) if word == "container" else container == word) == negated:
+            return False
+        if container and word in _NO and not negated:
+            return False
+    names, present = _list_words(tree, files, "Name"), tree.names("/sys/class/net")
+    if not names or not present:
+        return True
+    negated = names[0].startswith("!")
+    patterns = [names[0].lstrip("!"), *names[1:]]
+    return any(any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns) != negated for name in present)
+
+
+def _list_words(tree: Tree, files: typing.Iterable[str], option: str) -> typing.List[str]:
+    """The words of an option of [Match]: lines add to each other, and an empty one takes back those before it."""
+    words: typing.List[str] = []
+    for value, _path, _line in _ini_values(tree, files, "[Match]", option):
+        words = words + value.split() if value else []
+    return words
 
 
 def _read_networkd_conf(tree: Tree) -> typing.List[Assignment]:
@@ -357,14 +405,22 @@ def _shell_variable(text: str, name: str) -> str:
 
 def _ini(tree: Tree, files: typing.Iterable[str], option: str) -> typing.Tuple[str, str, int]:
     """The last value of an option of the section [Network], in lower case, with its file and its line."""
-    result = ("", "", 0)
+    value, path, number = ("", "", 0)
+    for value, path, number in _ini_values(tree, files, "[Network]", option):
+        pass
+    return value.lower(), path, number
+
+
+def _ini_values(
+    tree: Tree, files: typing.Iterable[str], section: str, option: str
+) -> typing.Iterator[typing.Tuple[str, str, int]]:
+    """Each value of an option in a section, with its file and its line."""
     for path in files:
-        section = ""
+        here = ""
         for number, line in enumerate(tree.read(path).split("\n"), 1):
             line = line.strip()
             if line.startswith("["):
-                section = line
+                here = line
             name, equals, value = line.partition("=")
-            if section == "[Network]" and equals and name.strip() == option:
-                result = (value.strip().lower(), path, number)
-    return result
+            if here == section and equals and name.strip() == option:
+                yield value.strip(), path, number
