@@ -270,4 +270,4 @@ def test_many_filters_of_one_caller_make_nobody_elses_forgotten(there):
             seen = state_feed.CallerView((caller, number), look.document)
             changes.answer(caller, Filters({}).rules(f"r{number}"), lambda seen=seen: seen, "", 0, 0.0)
     kept = [caller for caller, _epoch in changes._filters]
-    assert kept.count("192.168.1.1") == 1 and kept.count("192.168.1.66") == state_feed.FILTERS_PER_CALLER
+    assert kept.count("192.168.1.1") == 1 and kept.count("192.168.1.66") == state_feed.FILTERS_OF_ONE

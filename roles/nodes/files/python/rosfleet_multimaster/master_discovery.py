@@ -82,11 +82,11 @@ class MasterDiscovery:
         self.reports = RecurringJob(DirectRunner(), lambda: 1.0, self._report, early=0.5)
         self.identity = local_roscore.Identity()
         self.source = _source(start, self.own, self.identity)
-        self.changes = StateFeed(self.own.current)
+        rules = callers(self.members, self.own.uri, self.core.local.is_own)
+        self.changes = StateFeed(self.own.current, robot_at=rules.robot)
         self.served = self._make_served(values)
         self.datagrams.start()  # there may be no network yet
         self._look_at_networks()
-        rules = callers(self.members, self.own.uri, self.core.local.is_own)
         self.server = serve(
             values["rpc_addr"], self.own.rpc_port, self.served.methods(), self._on_malformed_request, rules
         )

@@ -8,7 +8,7 @@ start, the rules for the caller, and its filter: when one of them changes, the c
 
 import os
 import threading
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from typing import Any, Callable, Dict, Hashable, List, NamedTuple, Optional, Tuple
 
 from ..edge.clock import monotonic
@@ -18,11 +18,12 @@ from ..protocol.filters import Rules
 from ..protocol.graph import State, parse
 
 LONGEST_WAIT = 60.0  # seconds
-MOST_FILTERS, MOST_TEXT = 512, 1 << 22  # filters that are kept, and their characters
-FILTERS_PER_CALLER = 8
+MOST_FILTERS, FILTERS_OF_ONE = 512, 8  # filters that are kept, and those of one robot
+MOST_BYTES, BYTES_OF_ONE = 32 << 20, 2 << 20  # of their memory; one filter is always kept
+_PATTERN = 200  # bytes of a pattern beside its characters
 MOST_READY = 8  # whole states that are kept, packed
 
-Key = Tuple[str, str]  # caller, epoch
+Key = Tuple[str, str]  # robot, epoch
 
 
 class CallerView(NamedTuple):
@@ -36,9 +37,17 @@ class CallerView(NamedTuple):
 class StateFeed:
     """The answers to questions for differences. They are made in threads of the server, which wait here."""
 
-    def __init__(self, current: Callable[[], Any], pack: Callable[[Any], Any] = PackedAnswer) -> None:
-        """`current()` raises RefusedCall while there is no state. `pack(answer)`: the form of a whole state that is kept and sent."""
-        self._current, self._start = current, os.urandom(6).hex()
+    def __init__(
+        self,
+        current: Callable[[], Any],
+        pack: Callable[[Any], Any] = PackedAnswer,
+        robot_at: Callable[[str], str] = str,
+    ) -> None:
+        """`current()` raises RefusedCall while there is no state. `pack(answer)`: the form of a whole state that is kept and sent.
+
+        `robot_at(address)`: who pays for what is kept.
+        """
+        self._current, self._start, self._robot_at = current, os.urandom(6).hex(), robot_at
         self._changed = threading.Condition()
         self._history = History()
         self._state: Optional[State] = None
@@ -66,23 +75,35 @@ class StateFeed:
                 self._changed.notify_all()
 
     def find_filter(self, caller: str, epoch: str) -> Rules:
-        """The filter that a caller gave before. Raises RefusedCall."""
+        """The filter that a computer of the caller's robot gave before. Raises RefusedCall."""
         with self._changed:
-            entry = self._filters.get((caller, epoch))
+            entry = self._filters.get((self._robot_at(caller), epoch))
         if entry is None:
             raise RefusedCall("the filter of this epoch is not known any more")
         return entry[0]
 
     def _remember(self, caller: str, epoch: str, rules: Rules) -> None:
-        size = sum(len(item) for pattern in vars(rules).values() for item in pattern.items)
+        """Keep a filter. Where there are too many, the oldest one of who has most goes: nobody pushes out those of others."""
+        robot = self._robot_at(caller)
+        size = sum(_PATTERN + len(item) for pattern in vars(rules).values() for item in pattern.items)
         with self._changed:
-            self._filters[caller, epoch] = (rules, size)
-            self._filters.move_to_end((caller, epoch))
-            own = [key for key in self._filters if key[0] == caller]
-            if len(own) > FILTERS_PER_CALLER:  # so that one caller does not push out the filters of others
-                del self._filters[own[0]]
-            while len(self._filters) > MOST_FILTERS or sum(size for _rules, size in self._filters.values()) > MOST_TEXT:
-                self._filters.popitem(last=False)
+            self._filters[robot, epoch] = (rules, size)
+            self._filters.move_to_end((robot, epoch))
+            self._make_room(robot, FILTERS_OF_ONE, BYTES_OF_ONE)
+            while (
+                len(self._filters) > MOST_FILTERS or sum(size for _rules, size in self._filters.values()) > MOST_BYTES
+            ):
+                held: Counter[str] = Counter()
+                for (one, _epoch), (_rules, size) in self._filters.items():
+                    held[one] += size + 1
+                ((fullest, _size),) = held.most_common(1)
+                del self._filters[next(key for key in self._filters if key[0] == fullest)]
+
+    def _make_room(self, robot: str, most: int, most_bytes: int) -> None:
+        """Forget the oldest filters of a robot that has too many. The lock is held."""
+        own = [key for key in self._filters if key[0] == robot]
+        while len(own) > most or (sum(self._filters[key][1] for key in own) > most_bytes and len(own) > 1):
+            del self._filters[own.pop(0)]
 
     def answer(
         self, caller: str, rules: Rules, make_view: Callable[[], CallerView], known: str, revision: int, seconds: float

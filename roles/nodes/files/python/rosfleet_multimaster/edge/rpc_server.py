@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The XML-RPC server that other programs call."""
 
+import contextlib
 import gzip
 import inspect
 import logging
@@ -19,6 +20,7 @@ from .clock import monotonic, processor_time, sleep
 from .core.shares import Shares
 from .loop import Count
 from .process import program
+from .process.room import NoRoom, Room
 from .process.systemd import notify
 from .process.throttle import Throttle
 from .rpc_client import BoundedLines, cut
@@ -32,6 +34,10 @@ _MAX_SECONDS = 15.0
 _KEPT, _KEPT_OF_ONE = 256, 4  # connections with a long poll; they do not count above
 _KEPT_SECONDS = 60.0 + _MAX_SECONDS  # for a question on one of these
 _COMPRESS = 700  # bytes
+# Bytes of memory of large requests and answers at once, and those of one robot; what is smaller than the third is not counted.
+_MEMORY, _MEMORY_OF_ONE, _SMALL = 64 << 20, 8 << 20, 1 << 15
+_ROOM = 5.0  # seconds that a large one waits for memory
+_READ, _UNPACKED = 6, 4 << 20  # times as much memory as a request has bytes; and bytes of memory of any that is packed
 # Of the throttle, in seconds of a processor: a second of one robot, and of all together; ahead; and seconds to wait.
 _SHARE, _TOGETHER, _AHEAD, _PATIENCE = 0.2, 0.5, 1.0, 5.0
 
@@ -113,6 +119,7 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
             True: Shares(_KEPT + more, _KEPT_OF_ONE, robots, own),
         }
         self._counting = threading.Lock()
+        self.room = Room(Shares(_MEMORY, _MEMORY_OF_ONE, robots, own), _SMALL, _ROOM)
         super().__init__((address, port), _Handler)
         threading.Thread(target=self.serve_forever, name="xml-rpc", kwargs={"poll_interval": 1.0}, daemon=True).start()
 
@@ -233,6 +240,7 @@ class _Handler(BoundedHandler):
 
     def __init__(self, request: Any, client_address: Any, server: RpcServer) -> None:
         self._kept = False  # another request may follow on this connection
+        self._held = contextlib.ExitStack()  # the memory of this request
         self.throttle, self.robot = server.throttle, server.robot_at(client_address[0])
         super().__init__(request, client_address, server)  # serves the connection until its end
 
@@ -242,7 +250,23 @@ class _Handler(BoundedHandler):
             return
         self._kept = False
         try:
+            with contextlib.ExitStack() as self._held:
+                self._serve_call()
+        except NoRoom as problem:
+            self.server.malformed(self.client_address[0], f"it has asked for too much at once: {problem}")
+            self.close_connection = True
+            self.send_error(503)
+
+    def _take(self, size: int, waits: bool = True) -> None:
+        """Take memory until the answer has been sent. Raises NoRoom."""
+        self._held.enter_context(self.server.room.take(self.robot or "", size, waits))
+
+    def _serve_call(self) -> None:
+        """Read a call, and answer it. Raises NoRoom."""
+        try:
             name, arguments = self._request()
+        except NoRoom:
+            raise
         except Exception as problem:  # expat, xmlrpc, gzip and int have a dozen
             self.server.malformed(self.client_address[0], plain(f"{type(problem).__name__}: {problem}"))
             self.send_error(400)
@@ -257,6 +281,7 @@ class _Handler(BoundedHandler):
             text = plain(f"{name[:100]} failed: {type(problem).__name__}: {problem}")
             self.server.malformed(self.client_address[0], text)
             body = _encode(xmlrpc.client.Fault(1, text))
+        self._take(len(body.packed) if isinstance(body, PackedAnswer) else 2 * len(body), False)
         self._answer(body)
 
     def on_throttled(self) -> None:
@@ -267,8 +292,9 @@ class _Handler(BoundedHandler):
         length = int(self.headers["Content-Length"] or "")
         if not 0 < length <= MAX_REQUEST:
             raise ValueError(f"a request of {length} bytes")
-        body = self.rfile.read(length)
         packed = self.headers.get("Content-Encoding", "identity").lower() == "gzip"
+        self._take(_UNPACKED if packed else _READ * length)
+        body = self.rfile.read(length)
         arguments, name = loads(body, MAX_REQUEST, packed)
         if not name:
             raise ValueError("no method is named")
