@@ -8,6 +8,7 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rosfleet_multimaster.border.core.budget import Budget
 from rosfleet_multimaster.border.core.frames import MD5SUM
 from rosfleet_multimaster.border.core.rates import MOST_FRAMES, MOST_HELD, Throttle, TreeThrottle, make_throttle
 
@@ -130,3 +131,36 @@ def test_messages_that_count_each_have_no_rate(topic, header):
 def test_status_and_feedback_have_the_rate(kind):
     throttle = make_throttle(1.0, "/move_base/status", {"type": kind})
     assert [throttle.take(b"%d" % number, 100.0) for number in range(3)] == [b"0", None, None]
+
+
+class Payer:
+    """A connection whose messages wait for their rate."""
+
+    robot, progress, is_sending, is_stuck = "robot2", 0.0, False, False
+
+    def __init__(self, budget, header):
+        self.throttle = make_throttle(0.1, "/x", header, budget)
+        budget.payers.add(self)
+
+    @property
+    def size(self):
+        return self.throttle.size
+
+    def shrink(self):
+        self.throttle.drop_all()
+
+
+@pytest.mark.parametrize("header", [{"type": "sensor_msgs/Image"}, TREE], ids=["messages", "transforms"])
+def test_what_waits_for_its_rate_is_in_the_budget(header):
+    budget, limit = Budget(100_000), 100_000
+    payers = [Payer(budget, header) for _number in range(40)]
+    for turn in range(50):
+        for number, payer in enumerate(payers):
+            names = [(b"base", b"%d %d" % (number, frame)) for frame in range(40)]
+            payer.throttle.take(message(tree(*names)) if header is TREE else message(bytes(5000)), 100.0 + turn / 100)
+            assert budget.used <= limit
+    assert sum(payer.throttle.dropped for payer in payers) > 100 and budget.used > limit / 2
+    for payer in payers:
+        payer.throttle.release(1000.0)
+        payer.throttle.close()
+    assert budget.used == 0

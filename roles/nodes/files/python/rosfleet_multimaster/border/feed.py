@@ -82,7 +82,6 @@ class _Sink:
 
     def __init__(self, wire: Wire, answer: Fields, rate: float) -> None:
         self.wire, self.answer, self.rate = wire, answer, rate
-        self.throttle = make_throttle(0.0, "", {})  # before its publisher is known
         self.md5sum = ""  # that it was told; empty before it has its header
 
 
@@ -148,7 +147,7 @@ class Feed:
         """A connection of `add` has ended."""
         sink = self._sinks.pop(wire, None)
         if sink is not None:
-            self.dropped += wire.outbox.dropped + sink.throttle.dropped
+            self.dropped += wire.outbox.dropped + wire.throttle.dropped
             self._request_tick(0.0)
 
     def end(self) -> None:
@@ -175,7 +174,7 @@ class Feed:
 
     def count_dropped(self) -> int:
         """How many messages did not get to somebody who listened: too many, too fast or too long."""
-        now = sum(sink.wire.outbox.dropped + sink.throttle.dropped for sink in self._sinks.values())
+        now = sum(sink.wire.outbox.dropped + sink.wire.throttle.dropped for sink in self._sinks.values())
         return self.dropped + now + sum(of.wire.count_skipped() for of in self._sources.values() if of.wire is not None)
 
     def tick(self, now: float) -> None:
@@ -193,11 +192,11 @@ class Feed:
                 else:
                     self._request_tick(source.retry_at)
         for sink in list(self._sinks.values()):
-            message = sink.throttle.release(now)
+            message = sink.wire.throttle.release(now)
             if message is not None:
                 sink.wire.send(message)
-            if sink.throttle.due is not None:
-                self._request_tick(sink.throttle.due)
+            if sink.wire.throttle.due is not None:
+                self._request_tick(sink.wire.throttle.due)
 
     # Publishers
 
@@ -333,11 +332,11 @@ class Feed:
     # Those who listen
 
     def _send(self, sink: _Sink, message: bytes, now: float) -> None:
-        passed = sink.throttle.take(message, now)
+        passed = sink.wire.throttle.take(message, now)
         if passed is not None:
             sink.wire.send(passed)
-        if sink.throttle.due is not None:
-            self._request_tick(sink.throttle.due)
+        if sink.wire.throttle.due is not None:
+            self._request_tick(sink.wire.throttle.due)
 
     def _list_headers(self) -> List[Fields]:
         """List the headers of all who publish now. Two may have another definition, as two robots with other versions."""
@@ -357,7 +356,7 @@ class Feed:
         fields = {name: header[name] for name in names if name in header}
         sink.wire.say(encode_header({**fields, **sink.answer, "latching": "1" if latching else "0"}))
         sink.md5sum = header["md5sum"]
-        sink.throttle = make_throttle(sink.rate, self.topic, header)
+        sink.wire.throttle = make_throttle(sink.rate, self.topic, header, self._budget)
         latched = [] if self._own is None else [self._own[1]]
         for message in (*latched, *(of.latched for of in same if of.latched is not None)):
             self._send(sink, message, monotonic())

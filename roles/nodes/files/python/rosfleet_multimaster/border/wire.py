@@ -13,6 +13,7 @@ from ..protocol.tcpros.messages import MessageReader
 from .account import Account
 from .core.effort import SLICE
 from .core.outbox import Outbox
+from .core.rates import AnyThrottle, Throttle
 
 MAX_HEADER = 1 << 18  # bytes; the definition of the messages is in it
 MAX_MESSAGE = 1 << 24  # bytes of one message; a larger one is left out
@@ -56,6 +57,7 @@ class Wire:
         self.header: Optional[Dict[str, str]] = None  # of the other end
         self.account, self._budget = account, account.budget
         self.outbox, self.ended = Outbox(self._budget), False
+        self.throttle: AnyThrottle = Throttle(0.0)  # what waits for the rate of what is sent
         self.since = self.progress = self._came = monotonic()
         self._loop, self.connection = loop, connection
         self._on_header, self._on_message, self._on_end = on_header, on_message, on_end
@@ -85,7 +87,7 @@ class Wire:
     @property
     def size(self) -> int:
         """Bytes that it can do without: of messages that wait, and of the one that is being read."""
-        return self.outbox.size + self._counted
+        return self.outbox.size + self.throttle.size + self._counted
 
     @property
     def is_sending(self) -> bool:
@@ -105,6 +107,8 @@ class Wire:
         """Hold less, since all connections hold too much."""
         if len(self.outbox):
             self.outbox.drop_all()
+        elif self.throttle.size:
+            self.throttle.drop_all()
         else:
             self._reader.give_up()
             self._budget.change(-self._counted)
@@ -163,6 +167,7 @@ class Wire:
         self._budget.keep(self.robot, -self._kept)
         self._counted = self._kept = 0
         self.outbox.close()
+        self.throttle.close()
         if not self._waiting:
             self._loop.forget(self.connection)
 

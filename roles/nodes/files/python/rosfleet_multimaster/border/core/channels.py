@@ -16,7 +16,10 @@ from ...protocol.messages import NodeKey
 from .frames import STATIC, STATIC_TYPE, Frames
 
 MOST_OFFERS = 1000  # of one peer
-MOST_NODES = 50  # of one topic
+MOST_NODES, MOST_OF_ALL = (
+    50,
+    2000,
+)  # of one topic, and of all topics of one peer: each costs 800 bytes where they are taken
 TOPIC, SERVICE = "topic", "service"
 
 
@@ -139,14 +142,23 @@ def list_offers(
                 name = channel.find_name(kind, local)
                 if name is not None and (kind == SERVICE or local in types) and (kind, name) not in found:
                     found[kind, name] = Offer(kind, name, types.get(local, "") if kind == TOPIC else "", nodes)
-    return sorted(filter(_is_good, found.values()))[:MOST_OFFERS]
+    return _limit_nodes(sorted(filter(_is_good, found.values()))[:MOST_OFFERS])
 
 
 def read_offers(value: Any) -> List[Offer]:
     """Read the offers of another border, without those that have an odd name or type. Raises ValueError."""
     if not isinstance(value, list) or len(value) > MOST_OFFERS:
         raise ValueError(f"its offers are no list of at most {MOST_OFFERS}")
-    return list(filter(_is_good, map(_read_offer, value)))
+    return _limit_nodes(list(filter(_is_good, map(_read_offer, value))))
+
+
+def _limit_nodes(offers: List[Offer]) -> List[Offer]:
+    """Leave out nodes of the topics that have most, where all of them have too many. No topic is lost."""
+    counts = [len(offer.nodes) for offer in offers]
+    most = MOST_NODES
+    while sum(min(count, most) for count in counts) > MOST_OF_ALL and most > 1:
+        most -= 1
+    return [offer._replace(nodes=offer.nodes[:most]) for offer in offers]
 
 
 def _is_good(offer: Offer) -> bool:

@@ -5,12 +5,14 @@
 import struct
 from typing import Dict, Iterator, Mapping, Optional, Sequence, Tuple, Union
 
+from .budget import Budget
 from .frames import MD5SUM, STATIC
 
 _SIZE = struct.Struct("<I")
 _STAMP, _POSE = 12, 56  # bytes of seq and stamp before the frames of a transform, and of what is behind them
 MOST_FRAMES = 1000  # of one node, whose transforms have a rate each
 MOST_HELD = 1 << 20  # bytes of transforms that wait
+_FRAME = 400  # bytes of memory of a frame beside its name
 #: types whose messages count each: a goal and its result, what is added to what came before, and what is named in the message
 EACH = {
     *("actionlib_msgs/GoalID", "map_msgs/OccupancyGridUpdate", "map_msgs/PointCloud2Update", "rosgraph_msgs/Log"),
@@ -26,12 +28,15 @@ class Throttle:
     The periods follow on each other, so the mean is exact however messages come. A message passes in a period of its own.
     """
 
-    def __init__(self, rate: float) -> None:
-        """`rate`: messages a second; 0: all of them."""
+    __slots__ = ("_budget", "_came", "_free", "_pause", "_period", "_waiting", "dropped")
+
+    def __init__(self, rate: float, budget: Optional[Budget] = None) -> None:
+        """`rate`: messages a second; 0: all of them. `budget`: of what waits; None: somebody else counts it."""
         self._period = 1.0 / rate if rate else 0.0
         self._free = 0.0  # when the next period begins
         self._came, self._pause = 0.0, 0.0  # the last message, and the time from the one before
         self._waiting: Optional[bytes] = None
+        self._budget = budget
         self.dropped = 0
 
     @property
@@ -43,10 +48,11 @@ class Throttle:
         """Return the message, where it may pass now; else it waits, in the place of the one that waited."""
         self._pause, self._came = now - self._came, now
         if self._waiting is not None:
-            self.dropped += 1
-            self._waiting = None
+            self.drop_all()
         if now < self._free:
             self._waiting = message
+            if self._budget is not None:
+                self._budget.hold(message)
             return None
         self._begin_period(now)
         return message
@@ -60,8 +66,22 @@ class Throttle:
         """Return the message that waits, where it is to pass now."""
         if self.due is None or now < self.due:
             return None
-        message, self._waiting = self._waiting, None
         self._begin_period(now)
+        return self._let_go()
+
+    def drop_all(self) -> None:
+        """Drop the message that waits."""
+        if self._let_go() is not None:
+            self.dropped += 1
+
+    def close(self) -> None:
+        """Hold nothing any more."""
+        self._let_go()
+
+    def _let_go(self) -> Optional[bytes]:
+        message, self._waiting = self._waiting, None
+        if message is not None and self._budget is not None:
+            self._budget.release(message)
         return message
 
     def _begin_period(self, now: float) -> None:
@@ -72,14 +92,21 @@ class Throttle:
 class TreeThrottle:
     """The same for transforms of tf, each by its frame: a node sends those of several joints in turns."""
 
-    def __init__(self, rate: float) -> None:
-        self._rate, self._skipped, self._held = rate, 0, 0
+    def __init__(self, rate: float, budget: Optional[Budget] = None) -> None:
+        """`budget`: of what waits, and of the frames."""
+        self._rate, self._budget, self._skipped, self._held = rate, budget, 0, 0
+        self._known = self._counted = 0  # bytes of memory of the frames, and what the budget has counted
         self._frames: Dict[bytes, Throttle] = {}
 
     @property
     def dropped(self) -> int:
         """How many transforms or messages did not leave."""
         return self._skipped + sum(throttle.dropped for throttle in self._frames.values())
+
+    @property
+    def size(self) -> int:
+        """Bytes of memory: of what waits, and of the frames."""
+        return self._held + self._known
 
     def take(self, message: bytes, now: float) -> Optional[bytes]:
         """Return a message of the transforms that may pass now; None where there are none."""
@@ -92,6 +119,7 @@ class TreeThrottle:
         for frame, transform in transforms:
             if frame not in self._frames and len(self._frames) < MOST_FRAMES:
                 self._frames[frame] = Throttle(self._rate)
+                self._known += _FRAME + len(frame)
             if frame not in self._frames or self._held + len(transform) > MOST_HELD:
                 self._skipped += 1
                 continue
@@ -101,6 +129,7 @@ class TreeThrottle:
             self._held += throttle.size
             if one is not None:
                 passed.append(one)
+        self._count()
         return _join(passed)
 
     @property
@@ -114,15 +143,37 @@ class TreeThrottle:
         """Return a message of the transforms that are to pass now."""
         passed = [one for one in (throttle.release(now) for throttle in self._frames.values()) if one is not None]
         self._held -= sum(map(len, passed))
+        self._count()
         return _join(passed)
 
+    def drop_all(self) -> None:
+        """Drop what waits, and forget the frames: the next transform of each passes."""
+        for throttle in self._frames.values():
+            throttle.drop_all()
+        self.close()
 
-def make_throttle(rate: float, topic: str, header: Mapping[str, str]) -> Union[Throttle, TreeThrottle]:
+    def close(self) -> None:
+        """Hold nothing any more."""
+        self._skipped = self.dropped
+        self._frames, self._held, self._known = {}, 0, 0
+        self._count()
+
+    def _count(self) -> None:
+        """Have the budget know what is held. It may have all of it dropped."""
+        more, self._counted = self.size - self._counted, self.size
+        if self._budget is not None:
+            self._budget.change(more)
+
+
+AnyThrottle = Union[Throttle, TreeThrottle]
+
+
+def make_throttle(rate: float, topic: str, header: Mapping[str, str], budget: Optional[Budget] = None) -> AnyThrottle:
     """Return the throttle for a publisher's messages, by its header: what is latched, and what counts each, has no rate."""
     kind = header.get("type", "")
     if header.get("latching") == "1" or topic == STATIC or kind in EACH or kind.endswith(EACH_ENDS):
         return Throttle(0.0)
-    return TreeThrottle(rate) if rate and header.get("md5sum") == MD5SUM else Throttle(rate)
+    return TreeThrottle(rate, budget) if rate and header.get("md5sum") == MD5SUM else Throttle(rate, budget)
 
 
 def _split(message: bytes) -> Iterator[Tuple[bytes, bytes]]:
