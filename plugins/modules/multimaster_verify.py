@@ -1201,6 +1201,7 @@ exchange:
         services: []
     silent: []
     silences: []
+    nodes: {registered: 1, asked: 1, hosts: [{host: kobuki1computer, nodes: 1}]}
     announced: []
     connections:
       - {node: /base, topic: /goal, direction: in, peer: /planner, host: kobuki2computer, robot: kobuki2}
@@ -1330,12 +1331,52 @@ exchange:
           returned: always
           type: str
           sample: refused
+        tcp_outcome:
+          description: What came of a TCP connection to it, V(open) where the node takes it and does not answer.
+          returned: always
+          type: str
+          sample: refused
+    nodes:
+      description: The number of the robot's own nodes.
+      returned: always
+      type: dict
+      sample: {registered: 3, asked: 3, hosts: [{host: kobuki1computer, nodes: 3}]}
+      contains:
+        registered:
+          description: How many are registered.
+          returned: always
+          type: int
+          sample: 3
+        asked:
+          description: How many of them were asked for an answer. Of more than 1000, one of every so many is.
+          returned: always
+          type: int
+          sample: 3
+        hosts:
+          description: How many announce each host, 100 hosts at most.
+          returned: always
+          type: list
+          elements: dict
+          sample: [{host: kobuki1computer, nodes: 3}]
+          contains:
+            host:
+              description: The host, or empty for nodes whose URI has none.
+              returned: always
+              type: str
+              sample: kobuki1computer
+            nodes:
+              description: The number of nodes.
+              returned: always
+              type: int
+              sample: 3
     announced:
-      description: The robot's own nodes that announce another host than the planned names and addresses of their robot, 100 at most.
+      description:
+        - The robot's own nodes that announce another host than the planned names and addresses of their robot, or whose services are on
+          another computer, 100 at most.
       returned: always
       type: list
       elements: dict
-      sample: [{node: /odom_pub, host: 127.0.0.1, port: 41233}]
+      sample: [{node: /odom_pub, host: 127.0.0.1, port: 41233, services: ""}]
       contains:
         node:
           description: The node.
@@ -1352,6 +1393,11 @@ exchange:
           returned: always
           type: int
           sample: 41233
+        services:
+          description: The host of its services, if that is another computer than the one of the node; else empty.
+          returned: always
+          type: str
+          sample: ""
     connections:
       description: The connections of the robot's own nodes with nodes of other robots, by C(getBusInfo).
       returned: always
@@ -1697,15 +1743,31 @@ container_names:
       sample: [kobuki2computer]
 node_hosts:
   description:
-    - Processes of ROS on this computer that announce another host than its planned name and addresses, 100 at most. A node announces
-      the host of C(ROS_HOSTNAME) or C(ROS_IP), or else the name of the computer.
+    - Processes of ROS on this computer that announce another host than its planned name and addresses, use another roscore than planned,
+      or are stopped, and those of which this cannot be read, 100 at most. A node announces the host of C(ROS_HOSTNAME) or C(ROS_IP), or
+      else the name of the computer.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample: [{host: 127.0.0.1, source: ROS_IP, unit: session-4.scope, ports: [41233, 46011]}]
+  sample:
+    - node: odom_pub
+      host: 127.0.0.1
+      source: ROS_IP
+      master: ""
+      unit: session-4.scope
+      starter: shell
+      launch: ""
+      ports: [41233, 46011]
+      stopped: false
+      readable: true
   contains:
+    node:
+      description: The name of the node in its command line, or its program.
+      returned: always
+      type: str
+      sample: odom_pub
     host:
-      description: The host.
+      description: The host, or empty if it is not known.
       returned: always
       type: str
       sample: 127.0.0.1
@@ -1714,17 +1776,42 @@ node_hosts:
       returned: always
       type: str
       sample: ROS_IP
+    master:
+      description: The URI of the roscore that it uses, if that is not the planned one; else empty.
+      returned: always
+      type: str
+      sample: ""
     unit:
       description: The unit of systemd in which the process runs, or empty.
       returned: always
       type: str
       sample: session-4.scope
+    starter:
+      description: What has started it, V(shell), V(unit), V(launch) for roslaunch, or V(container).
+      returned: always
+      type: str
+      sample: shell
+    launch:
+      description: The name of the launch file, or empty.
+      returned: always
+      type: str
+      sample: ""
     ports:
       description: The TCP ports on which the process listens.
       returned: always
       type: list
       elements: int
       sample: [41233, 46011]
+    stopped:
+      description: Whether it is stopped by a signal or a debugger.
+      returned: always
+      type: bool
+      sample: false
+    readable:
+      description: Whether its environment can be read; in some containers root may not.
+      returned: always
+      type: bool
+      sample: true
 changes:
   description:
     - When files were changed and services were started that may decide names and packet filters. What a kernel was told by hand has no time.

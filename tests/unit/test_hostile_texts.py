@@ -116,6 +116,8 @@ MORE = {
             **{
                 "differing": ["?"],
                 "drop_ins": ["?"],
+                "refused": ["?"],
+                "refusals": [{"name": "?", "kind": "place", "there": "?", "master": "?", "here": "?"}],
                 "since": "?",
                 "age_s": 1e308,
                 "open_files": 1 << 80,
@@ -124,10 +126,36 @@ MORE = {
         }
         for name in ("sync", "roscore", "other")
     ],
+    "node_hosts": [
+        {
+            **{
+                "node": "?",
+                "host": "?",
+                "source": source,
+                "unit": "?",
+                "starter": starter,
+                "launch": "?",
+                "ports": [41233],
+            },
+            **{"master": master, "readable": starter != "container"},
+        }
+        for source, starter, master in (
+            ("?", "shell", "?"),
+            ("ROS_IP", "unit", ""),
+            ("ROS_IP", "launch", ""),
+            ("", "container", "?"),
+            ("?", "?", "?"),
+        )
+    ],
     "disks": [{"path": "?", "free_bytes": 0, "free_files": 0}],
     "default_routes": [{"device": "?", "gateway": "?", "metric": "?"}],
 }
 
+ANNOUNCED = [
+    {"node": "?", "host": host, "port": 41233, "services": services}
+    for host, services in (("?", ""), ("127.0.0.1", "?"), ("10.9.8.7", ""))
+]
+SILENT = {"node": "?", "host": "?", "error": "?", "outcome": "no_answer", "tcp_outcome": "open"}
 SENT = {"node": "?", "topic": "?", "subscribers": 1, "bytes_s": 5000.0, "messages_s": 5.0}
 
 
@@ -178,6 +206,8 @@ def told(seed, evil):
                     results["verify_probe"][key] = [*results["verify_probe"][key], *entries]
             if results["verify_probe"]:
                 sent = [{**SENT, "robot": master.robot} for master in trial.state.fleet.masters]
+                content = results["verify_probe"]["exchange"]
+                content.update(announced=ANNOUNCED, silences=[*content["silences"], SILENT])
                 results["verify_probe"]["traffic"] = {"seconds": 3.0, "flows": sent}
             results = texts.of(results)
         hostvars[name] = results
@@ -195,7 +225,10 @@ def told(seed, evil):
         html = page.make_page(stream.read(), bundle.fleet, document, judgement.matrices)
     parts = judgement.summary, judgement.diagnosis
     widths = (80, 120, 10**6)
-    terminal = {width: plain_lines(render(*parts, width, traffic=document["traffic"])) for width in widths}
+    terminal = {
+        width: plain_lines(render(*parts, width, traffic=document["traffic"], nodes=document["nodes"]))
+        for width in widths
+    }
     assert texts.count
     return terminal, html, write_junit(document)
 

@@ -43,6 +43,12 @@ def _read_stat(pid: typing.Union[int, str], proc: str) -> typing.Optional[Stat]:
     return Stat(before.partition("(")[2], words[0], int(words[1]), words[19])
 
 
+def find_parent(pid: int, proc: str = "/proc") -> int:
+    """Return the number of the process that started another one; 0 where that has ended."""
+    stat = _read_stat(pid, proc)
+    return stat.parent if stat is not None else 0
+
+
 def environment(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Dict[str, str]:
     """Read the variables with which a process was started (proc(5), /proc/PID/environ).
 

@@ -28,7 +28,7 @@ from .measure import (
     traffic,
 )
 from .options import Params
-from .ros_client import node_hosts
+from .ros_client import node_processes
 from .ros_client import ros as ros_commands
 from .ros_client.ros import Ros
 
@@ -156,6 +156,12 @@ def look_services(params: Params, ros: Ros) -> typing.List[Result]:
     return services.services(params["services"], environment(params, ros))
 
 
+def look_node_hosts(params: Params, ros: Ros) -> typing.List[Result]:
+    """Look at the processes of people's nodes, beside the roscore that they are to use."""
+    master = environment(params, ros).get("ROS_MASTER_URI", "")
+    return node_processes.node_hosts(params["members"], params["name"], master)
+
+
 _ALL = ("params", "ros", "deadline")
 PARTS = (
     # first: it waits most
@@ -212,7 +218,7 @@ PARTS = (
         [],
         ("members",),
     ),
-    Part("node_hosts", node_hosts.node_hosts, [], ("members", "name")),
+    Part("node_hosts", look_node_hosts, [], ("params", "ros")),
     Part("ros_missing", Ros.problem, "not looked at", ("ros",)),
     Part("next_boot", look_next_boot, [], ("services", "boot"), on_router=True),
     Part("services", look_services, [], ("params", "ros")),

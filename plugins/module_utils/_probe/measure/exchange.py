@@ -16,7 +16,7 @@ from ..._base.foreign import last_line
 from ..._base.plain_text import plain
 from ..._base.problem import tell_reason
 from ..._machine import network
-from ..._machine.outcomes import Outcome, classify_error
+from ..._machine.outcomes import Outcome, classify_error, connect
 from ..ros_client import message_types, node_hosts, node_services, tcpros
 from ..ros_client.documents import NODE, STATE
 from ..ros_client.facts import IMPORTS
@@ -27,6 +27,8 @@ from ..ros_client.xml_rpc import server
 TYPES = 20.0  # seconds for the classes of all types
 NODES = 20.0  # seconds for the connections of all nodes
 NAMES = 5.0  # seconds for the addresses of all hosts
+OPENS = 2.0  # seconds in which a TCP connection to a node that does not answer is to open
+MOST_ASKED = 1000  # nodes that are asked for their connections; of more, one of every so many
 # The host and the port at the other end of a connection; without bounds a long text of a stranger would be read for an hour.
 OTHER_END = re.compile(r" to \[(.{1,255}):\d{1,5} on socket")
 
@@ -40,6 +42,7 @@ NOTHING: typing.Dict[str, typing.Any] = {
     "silent": [],
     "silences": [],
     "announced": [],
+    "nodes": {"registered": 0, "asked": 0, "hosts": []},
     "connections": [],
 }
 
@@ -66,25 +69,43 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
         topic["md5sum"] = sums.get(topic["type"], "")
     nodes = {node: uri for node, uri in uris.items() if node not in imported}
     named = {uri: node for node, uri in uris.items()}
-    found["announced"] = node_hosts.announced(nodes, members, own)
-    found["connections"], silent = _connections(nodes, named, Places(members), own)
+    found["announced"] = node_hosts.announced(nodes, _service_uris(ros, nodes, tables[2]), members, own)
+    found["connections"], silent, asked = _connections(_sample(nodes), named, Places(members), own)
+    found["nodes"] = {"registered": len(nodes), "asked": asked, "hosts": node_hosts.count_hosts(nodes)}
     found["silent"] = _drop_ended(ros, sorted(silent), nodes)
-    found["silences"] = [
-        {"node": node, "host": read_host(nodes[node]), "error": silent[node][0], "outcome": silent[node][1].value}
-        for node in found["silent"]
-    ]
+    found["silences"] = [dict(silent[node], node=node, host=read_host(nodes[node])) for node in found["silent"]]
     return found
+
+
+def _sample(nodes: typing.Dict[str, str]) -> typing.Dict[str, str]:
+    """Take one of every so many nodes, if there are very many."""
+    step = -(-len(nodes) // MOST_ASKED) or 1
+    return {node: nodes[node] for node in sorted(nodes)[::step]}
 
 
 def node_uris(ros: Ros, *tables: Names) -> typing.Dict[str, str]:
     """Ask for the URIs of all nodes in one request. Raises OSError."""
-    nodes = sorted({node for table in tables for users in table.values() for node in users})
-    calls = [{"methodName": "lookupNode", "params": [CALLER, node]} for node in nodes]
+    return _look_up(ros, "lookupNode", sorted({node for table in tables for users in table.values() for node in users}))
+
+
+def _look_up(ros: Ros, method: str, names: typing.List[str]) -> typing.Dict[str, str]:
+    """Ask the roscore for the URIs of many names in one request. Raises OSError."""
+    calls = [{"methodName": method, "params": [CALLER, name]} for name in names]
     try:
         answers = server(ros.uri, STATE).system.multicall(calls)
-        return {node: str(answer[0][2]) for node, answer in zip(nodes, answers) if answer[0][0] == 1}
+        return {name: str(answer[0][2]) for name, answer in zip(names, answers) if answer[0][0] == 1}
     except (OSError, xmlrpc.client.Error, LookupError, TypeError) as problem:
         raise OSError(f"{ros.uri}: {tell_reason(problem)}") from problem
+
+
+def _service_uris(ros: Ros, nodes: typing.Iterable[str], services: Names) -> typing.Dict[str, str]:
+    """Ask for the URI of one service of each node, since all its services have one place: {node: URI}. Empty without an answer."""
+    one_of = {users[0]: name for name, users in sorted(services.items()) if users}
+    names = {one_of[node]: node for node in sorted(nodes) if node in one_of}
+    try:
+        return {names[name]: uri for name, uri in _look_up(ros, "lookupService", list(names)).items()} if names else {}
+    except OSError:
+        return {}
 
 
 def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]]:
@@ -144,20 +165,24 @@ def _parts(
 
 def _connections(
     nodes: typing.Dict[str, str], named: typing.Dict[str, str], places: "Places", own: str
-) -> typing.Tuple[typing.List[typing.Dict[str, str]], typing.Dict[str, typing.Tuple[str, Outcome]]]:
-    """Ask own nodes ({node: URI}) for connections with nodes of other robots; return those, and {silent node: why, outcome}.
+) -> typing.Tuple[typing.List[typing.Dict[str, str]], typing.Dict[str, typing.Dict[str, str]], int]:
+    """Ask own nodes ({node: URI}) for connections with nodes of other robots; return those, {silent node: why, outcomes}, and the number asked.
 
     A node of this roscore that runs on another robot's computer, as an operator's tool does, is an own one.
     """
     robot = places.robot(own.lower())
     found, silent = [], {}
     lengths: typing.Counter[str] = collections.Counter()  # robot -> characters of the connections with it
-    answers = call_all(_bus_info, sorted(nodes.items()), NODES, lambda node: ([], "", Outcome.NOT_TRIED))
-    told = [links(answer) for answer, _error, _outcome in answers]
+    answers = call_all(_bus_info, sorted(nodes.items()), NODES, lambda node: BusInfo([], Outcome.NOT_TRIED))
+    told = [links(answer.entries) for answer in answers]
     places.look_up([*map(read_host, nodes.values()), *(link["host"] for each in told for link in each)])
-    for node, (_answer, error, outcome), each in zip(sorted(nodes), answers, told):
-        if error:
-            silent[node] = error, outcome
+    for node, answer, each in zip(sorted(nodes), answers, told):
+        if answer.error:
+            silent[node] = {
+                "error": answer.error,
+                "outcome": answer.outcome.value,
+                "tcp_outcome": answer.tcp_outcome.value,
+            }
         for link in each:
             peer = named.get(link["peer"], link["peer"])
             other = places.robot(link["host"])
@@ -168,17 +193,29 @@ def _connections(
             lengths[other] += len(json.dumps(link))
             if lengths[other] <= NODE:  # else a robot with many long names would have the whole answer refused
                 found.append(link)
-    return found, silent
+    return found, silent, sum(answer.outcome != Outcome.NOT_TRIED for answer in answers)
 
 
-def _bus_info(item: typing.Tuple[str, str]) -> typing.Tuple[typing.Any, str, Outcome]:
-    """Ask a node for its connections; return them, and why it does not answer."""
+class BusInfo(typing.NamedTuple):
+    """The answer of a node that was asked for its connections."""
+
+    entries: typing.Any
+    outcome: Outcome
+    error: str = ""  # why it does not answer
+    tcp_outcome: Outcome = Outcome.NOT_TRIED  # that of a connection alone, where no answer came
+
+
+def _bus_info(item: typing.Tuple[str, str]) -> BusInfo:
+    """Ask a node for its connections. One that does not answer hangs if a connection to it opens."""
     try:
-        return server(item[1], NODE).getBusInfo(CALLER)[2], "", Outcome.ANSWERED
+        return BusInfo(server(item[1], NODE).getBusInfo(CALLER)[2], Outcome.ANSWERED)
     except OSError as problem:
-        return [], problem.strerror or str(problem) or type(problem).__name__, classify_error(problem)[0]
+        error, outcome = problem.strerror or str(problem) or type(problem).__name__, classify_error(problem)[0]
     except Exception as problem:  # any kind, raised by what a strange node answers
-        return [], plain(str(problem)) or type(problem).__name__, Outcome.FAILED
+        return BusInfo([], Outcome.FAILED, plain(str(problem)) or type(problem).__name__)
+    if outcome != Outcome.NO_ANSWER:
+        return BusInfo([], outcome, error, outcome)
+    return BusInfo([], outcome, error, connect(read_host(item[1]), node_hosts.read_port(item[1]), OPENS).outcome)
 
 
 def _drop_ended(ros: Ros, silent: typing.List[str], nodes: typing.Dict[str, str]) -> typing.List[str]:

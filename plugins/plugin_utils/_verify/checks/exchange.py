@@ -14,7 +14,7 @@ from ..components.parts import Part
 from ..context import needs, stages
 from ..context.case import Case
 from ..context.needs import Parts, join_parts, make_parts
-from ..context.registrations import Clash, Conflict, Item
+from ..context.registrations import TEST_NODES, Clash, Conflict, Item
 from ..context.stages import Stage
 from ..observe.observations import Exchange, SilentNode
 from ..observe.outcomes import Outcome
@@ -48,7 +48,25 @@ def _judge_node_hosts(case: Case) -> Judgement:
     return judge_fault(verdict, "planned names and addresses of the robot", found, "only such", parts)
 
 
+@Check(
+    title="nodes use the roscore of their robot",
+    when=lambda case: case.observer.is_probed and not case.observer.plan.is_router,
+)
+def _judge_node_roscores(case: Case) -> Judgement:
+    strays = case.state.strays.get(case.observer.name, [])
+    parts = frozenset(one.part for one in strays)
+    found = shorten_list(map(str, strays), NAMED)
+    return judge_fault(WARNING, "the roscore of the robot", found, "only that", parts)
+
+
 # Registered nodes
+
+OWN_NODES = {
+    "/master_discovery": "discovery",
+    "/master_sync": "sync",
+    "/mas_discovery": "discovery",
+    "/mas_sync": "sync",
+}
 
 
 def _silent_suspects(case: Case) -> Parts:
@@ -62,19 +80,31 @@ def _silent_suspects(case: Case) -> Parts:
 
 def _find_silent_parts(case: Case, exchange: Exchange) -> Parts:
     """The collection's own nodes hang, or those of fkie_mas; services that do not run have a check of their own."""
-    hung = {
-        "/master_discovery": "discovery",
-        "/master_sync": "sync",
-        "/mas_discovery": "discovery",
-        "/mas_sync": "sync",
-    }
     nodes = join_parts(
-        make_parts(kind, case.observer.name, "hung") for node, kind in hung.items() if node in exchange.silent
+        make_parts(kind, case.observer.name, "hung") for node, kind in OWN_NODES.items() if node in exchange.silent
     )
     misplaced = case.state.misplaced.get(case.observer.plan.robot, {})
-    refused = [entry.node for entry in exchange.silences if entry.node not in misplaced and _has_ended(case, entry)]
+    others = [entry for entry in exchange.silences if entry.node not in misplaced]
+    refused = [entry.node for entry in others if _has_ended(case, entry)]
     ended = make_parts("registration", case.observer.name, "ghost", what=shorten_list(refused, NAMED))
-    return nodes | stages.find_mute_talkers(case) | (ended if refused else frozenset())
+    people = join_parts(_find_people_parts(case, entry) for entry in others if not _is_ours(entry.node))
+    return nodes | stages.find_mute_talkers(case) | people | (ended if refused else frozenset())
+
+
+def _is_ours(node: str) -> bool:
+    return node in OWN_NODES or node.startswith(TEST_NODES)
+
+
+def _find_people_parts(case: Case, entry: SilentNode) -> Parts:
+    """Find why a person's node does not answer: it takes connections and hangs, or a packet filter drops them."""
+    computer = case.ways.name_at(entry.host) or entry.host
+    if computer not in case.fleet.computers:
+        return frozenset()
+    if entry.tcp_outcome == Outcome.OPEN:
+        return make_parts("node", computer, "hung", what=entry.node)
+    drop = case.state.filters.find_drop(case.observer.name, computer, "nodes")
+    is_dropped = drop is not None and entry.outcome != Outcome.ANSWERED and computer != case.observer.name
+    return frozenset({drop}) if drop is not None and is_dropped else frozenset()
 
 
 def _has_ended(case: Case, entry: SilentNode) -> bool:

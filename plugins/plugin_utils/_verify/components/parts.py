@@ -99,7 +99,7 @@ class Part(NamedTuple):
 
 SITE = "run site.yml"
 START_AGAIN = (
-    "in the shell, launch file, unit or container that starts it: unset ROS_IP ROS_HOSTNAME; . /etc/profile.d/rosfleet-multimaster.sh; "
+    "in the shell, launch file, unit or container that has started it: unset ROS_IP ROS_HOSTNAME; . /etc/profile.d/rosfleet-multimaster.sh; "
     "then start it again"
 )
 NODE_HOSTS = "on {place}: echo $ROS_IP $ROS_HOSTNAME; rosnode list | xargs -n 1 rosnode info"
@@ -752,24 +752,58 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
     ),
     # Nodes of people
     ("node", "loopback"): Fault(
-        "{what} ({place}), where no other computer reaches it",
+        "on {place} {what}, where no other computer reaches it",
         START_AGAIN,
         NODE_HOSTS,
         what="a node announces 127.0.0.1",
         read=ALWAYS,
     ),
     ("node", "address"): Fault(
-        "{what} ({place}), which is no planned address of its robot, so other robots do not take it",
+        "on {place} {what}, which is no address of its robot: an old one, or that of another computer; so other robots do not take it",
         f"{START_AGAIN}; the address of a laptop belongs into multimaster_allow",
         NODE_HOSTS,
         what="a node announces another address",
         read=ALWAYS,
     ),
+    ("node", "interface"): Fault(
+        "on {place} {what}, where other robots do not reach it, so they do not take it",
+        START_AGAIN,
+        NODE_HOSTS,
+        what="a node announces the address of another interface",
+        read=ALWAYS,
+    ),
     ("node", "name"): Fault(
-        "{what} ({place}), which is no planned name of its robot, so other robots do not take it",
+        "on {place} {what}, which is no planned name of its robot, so other robots do not take it",
         START_AGAIN,
         NODE_HOSTS,
         what="a node announces another name",
+        read=ALWAYS,
+    ),
+    ("node", "services"): Fault(
+        "on {place} {what}, so its services are looked for on another computer",
+        START_AGAIN,
+        NODE_HOSTS,
+        what="a node announces two computers",
+        read=ALWAYS,
+    ),
+    ("node", "robot"): Fault(
+        "on {place} {what}, so the nodes of its own robot do not know it",
+        START_AGAIN,
+        "on {place}: echo $ROS_MASTER_URI",
+        what="a node is registered at the roscore of another robot",
+        read=ALWAYS,
+    ),
+    ("node", "master"): Fault(
+        "on {place} {what}, which is not the roscore of its robot, so its robot does not know it",
+        START_AGAIN,
+        "on {place}: echo $ROS_MASTER_URI",
+        what="a node uses another roscore",
+        read=ALWAYS,
+    ),
+    ("node", "hung"): Fault(
+        "on {place} {what} takes connections and does not answer: it hangs, or a signal or a debugger has stopped it",
+        "see on {place}: ps -eo pid,stat,args; kill -CONT <pid> lets a stopped process go on",
+        what="a node",
         read=ALWAYS,
     ),
     # Registrations and their exchange

@@ -1,40 +1,66 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""People's nodes that announce a host where other robots do not reach them, with the process that does so.
+"""People's nodes that announce a host where others do not reach them, or use another roscore than their robot's, with the process that does so.
 
 A node announces the host of ROS_HOSTNAME or ROS_IP of its shell or unit, or else the name of its computer. Other nodes connect
-to that host, so with a wrong one the node hears others and nobody hears it.
+to that host, so with a wrong one the node hears others and nobody hears it. The roscore is that of ROS_MASTER_URI.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from ipaddress import IPv4Address, ip_address
+from ipaddress import IPv4Address, IPv4Interface, ip_address
 from typing import NamedTuple
 
+from ..._base.sentences import shorten_list
 from ..._plan.model import FleetPlan, Membership
 from ..components.parts import Part
 from ..observe.observations import AnnouncedHost, NodeHost, Probe
 from .registrations import TEST_NODES
 
 LOOPBACK_NAMES = ("localhost", "localhost.localdomain", "ip6-localhost", "ip6-loopback")
+NAMED = 4  # robots that a sentence names
+UNREAD = NodeHost("", readable=False)  # stands for a process that was not found
 
 
 class Misplaced(NamedTuple):
-    """A node that announces a wrong host."""
+    """A node that announces a wrong host, or uses a wrong roscore."""
 
     node: str
     host: str
-    mode: str  # loopback, address or name: a mode of the part `node`
+    mode: str  # a mode of the part `node`
     computer: str  # where it runs; its robot if that is not known
-    source: str = ""  # what has decided the host: ROS_IP, ROS_HOSTNAME, an argument, hostname; empty if not known
-    unit: str = ""  # in which the process runs
+    process: NodeHost = UNREAD
+    detail: str = ""  # the interface of the host, the robot at whose roscore it is, or the host of its services
+    refused: tuple[str, ...] = ()  # the robots whose sync nodes refuse it
 
     def __str__(self) -> str:
-        by = f" by {self.source}" if self.source and self.source != "hostname" else ""
-        within = f", in {self.unit}" if self.unit else ""
-        return f"{self.node} announces {self.host}{by}{within}"
+        return f"{self.node} {self._deed}{self._origin}{self._refusal}"
+
+    @property
+    def _deed(self) -> str:
+        if self.mode == "robot":
+            return f"is registered at the roscore of {self.detail}, which is another robot"
+        if self.mode == "master":
+            return f"uses the roscore {self.process.master}"
+        if self.mode == "services":
+            return f"announces {self.host}, and {self.detail} for its services"
+        interface = f", which is of {self.detail}" if self.detail else ""
+        return f"announces {self.host}{interface}"
+
+    @property
+    def _origin(self) -> str:
+        """What has decided it, and where the process runs."""
+        source, unit = self.process.source, self.process.unit
+        if self.mode in ("robot", "master"):
+            source = "ROS_MASTER_URI" if self.process.readable else ""
+        by = " by the name of the computer" if source == "hostname" else f" by {source}" if source else ""
+        return f"{by}, in {unit}" if unit else by
+
+    @property
+    def _refusal(self) -> str:
+        return f" (refused by {shorten_list(self.refused, NAMED)})" if self.refused else ""
 
     @property
     def part(self) -> Part:
@@ -42,23 +68,85 @@ class Misplaced(NamedTuple):
         return Part("node", self.computer, self.mode, str(self))
 
 
+class _Fleet:
+    """The computers of a fleet, and what was seen of them."""
+
+    def __init__(self, fleet: FleetPlan, probes: Mapping[str, Probe]) -> None:
+        self.fleet, self.probes = fleet, probes
+        self.at = {
+            host.lower(): member.name
+            for member in fleet.members
+            for host in (member.name, str(member.address), str(member.discovery_address))
+        }
+        self.masters = {master.name: robot for robot, master in fleet.master_of.items()}
+
+    def list_processes(self, robot: str) -> list[tuple[str, NodeHost]]:
+        """List the processes on the computers of a robot that are not as planned."""
+        computers = (name for name, plan in self.fleet.computers.items() if plan.robot == robot)
+        return [
+            (name, process) for name in computers if name in self.probes for process in self.probes[name].node_hosts
+        ]
+
+    def find_refusers(self, robot: str, node: str) -> tuple[str, ...]:
+        """Name the robots whose sync nodes refuse the place of a robot's node."""
+        return tuple(
+            sorted(
+                {
+                    self.fleet.computers[name].robot
+                    for name, probe in self.probes.items()
+                    for service in probe.services
+                    for row in service.refusals
+                    if row.kind == "place" and row.name == node and self.masters.get(row.master) == robot
+                }
+            )
+        )
+
+    def find_interface(self, computers: Iterable[str], address: str) -> tuple[str, str]:
+        """Find the computer and the interface that has an address, or, as that of a bridge of containers, a network with it."""
+        try:
+            wanted = IPv4Address(address)
+        except ValueError:
+            return "", ""
+        near = ("", "")
+        for computer in computers:
+            for entry in self.probes[computer].forwarding.interfaces if computer in self.probes else ():
+                for one, size in zip(entry.addresses, entry.prefixes or [32] * len(entry.addresses), strict=False):
+                    if one == address:
+                        return computer, entry.interface
+                    if wanted in IPv4Interface(f"{one}/{size}").network:
+                        near = near if near[0] else (computer, entry.interface)
+        return near
+
+
 def find_misplaced(fleet: FleetPlan, probes: Mapping[str, Probe]) -> dict[str, dict[str, Misplaced]]:
     """Find the nodes that announce a wrong host: robot -> node -> where and why. `probes` are those of computers.
 
     A node that answers the roscore's computer at a loopback address runs there.
     """
+    seen = _Fleet(fleet, probes)
     found: dict[str, dict[str, Misplaced]] = {}
     for name, probe in probes.items():
-        robot = fleet.computers[name].robot
         if not fleet.computers[name].is_master or probe.roscore.error:
             continue
-        computers = [computer for computer, plan in fleet.computers.items() if plan.robot == robot]
-        processes = [(one, process) for one in computers if one in probes for process in probes[one].node_hosts]
+        robot = fleet.computers[name].robot
         rows = (row for row in probe.exchange.announced if not row.node.startswith(TEST_NODES))
         for row in _drop_allowed(rows, fleet.belonging):
-            answers = row.node not in probe.exchange.silent
-            place = name if len(computers) == 1 or (answers and _find_mode(row.host) == "loopback") else robot
-            found.setdefault(robot, {})[row.node] = _locate(row, place, processes)
+            one = _locate(seen, name, row)._replace(refused=seen.find_refusers(robot, row.node))
+            found.setdefault(robot, {})[row.node] = one
+    return found
+
+
+def find_strays(
+    fleet: FleetPlan, probes: Mapping[str, Probe], misplaced: Mapping[str, Mapping[str, Misplaced]]
+) -> dict[str, list[Misplaced]]:
+    """Find the processes whose roscore is none of their robot, and no other robot's that has them: computer -> processes."""
+    told = {(one.computer, one.process) for nodes in misplaced.values() for one in nodes.values()}
+    found: dict[str, list[Misplaced]] = {}
+    for computer, probe in probes.items():
+        for process in probe.node_hosts:
+            if process.master and (computer, process) not in told:
+                one = Misplaced(process.node, process.host, "master", computer, process)
+                found.setdefault(computer, []).append(one)
     return found
 
 
@@ -78,12 +166,43 @@ def _read_address(host: str) -> IPv4Address | None:
         return None
 
 
-def _locate(row: AnnouncedHost, place: str, processes: Iterable[tuple[str, NodeHost]]) -> Misplaced:
-    """Find the process of a node: it listens on the port of the node's URI, and announces the same host. Without such a process, it is at `place`."""
+def _locate(seen: _Fleet, master: str, row: AnnouncedHost) -> Misplaced:
+    """Find the process of a node, its computer, and the kind of its fault; without a process it is at the robot."""
+    robot, silent = seen.fleet.computers[master].robot, seen.probes[master].exchange.silent
+    computers = [name for name, plan in seen.fleet.computers.items() if plan.robot == robot]
+    at = seen.at.get(row.host, "")
+    if at in computers:  # its own host is right
+        computer, process = _find_process(seen, robot, row) or (at, UNREAD)
+        return Misplaced(row.node, row.host, "services", computer, process, row.services)
+    found = _find_process(seen, robot, row)
+    if at and not found:
+        guest = _find_process(seen, seen.fleet.computers[at].robot, row, anywhere=True)
+        if guest or row.node not in silent:
+            return Misplaced(row.node, row.host, "robot", *(guest or (at, UNREAD)), robot)
+    mode = _find_mode(row.host)
+    place = computers[0] if len(computers) == 1 else master if mode == "loopback" and row.node not in silent else robot
+    computer, process = found or (place, UNREAD)
+    if mode == "address":
+        has, interface = seen.find_interface([computer] if found else computers, row.host)
+        if interface:
+            return Misplaced(row.node, row.host, "interface", has, process, interface)
+    return Misplaced(row.node, row.host, mode, computer, process)
+
+
+def _find_process(
+    seen: _Fleet, robot: str, row: AnnouncedHost, *, anywhere: bool = False
+) -> tuple[str, NodeHost] | None:
+    """Find the process of a node: it listens on the port of the node's URI, and announces the same host.
+
+    One that may not be looked at has the name of the node. `anywhere`: one that uses another roscore than its robot's.
+    """
+    processes = seen.list_processes(robot)
     for computer, process in processes:
-        if process.host == row.host and row.port in process.ports:
-            return Misplaced(row.node, row.host, _find_mode(row.host), computer, process.source, process.unit)
-    return Misplaced(row.node, row.host, _find_mode(row.host), place)
+        if row.port in process.ports and process.host == row.host and (process.master or not anywhere):
+            return computer, process
+    name = row.node.rpartition("/")[2]
+    unread = [one for one in processes if not one[1].readable and one[1].node in (name, row.node)]
+    return unread[0] if len(unread) == 1 and not anywhere else None
 
 
 def _find_mode(host: str) -> str:

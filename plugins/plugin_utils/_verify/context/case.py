@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from ..._plan.model import COMMON, ComputerPlan, FleetPlan, Master
 from ..observe.observations import Datagrams, Exchange, ForwardingInterface, Multicast, Observation, Probe, SeenMember
-from .announcements import find_misplaced
+from .announcements import find_misplaced, find_strays
 from .packet_filters import ReadFilters
 from .registrations import Exchanges
 from .ways import Way, Ways
@@ -136,7 +136,10 @@ class FleetState:
         }
         probes = {one.plan.robot: one.seen.probe for one in self.run.values() if one.plan.is_master}
         # the nodes of each robot that announce a wrong host
-        self.misplaced = find_misplaced(fleet, {name: one.probe for name, one in self.run.items() if one.is_probed})
+        probed = {name: one.probe for name, one in self.run.items() if one.is_probed}
+        self.misplaced = find_misplaced(fleet, probed)
+        # the processes of each computer with a roscore of no robot
+        self.strays = find_strays(fleet, probed, self.misplaced)
         self.exchanges = Exchanges(
             fleet,
             {robot: probe.exchange for robot, probe in probes.items() if probe and not probe.exchange.error},

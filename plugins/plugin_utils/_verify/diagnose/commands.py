@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from ..._base import advice
 from ..components.parts import SITE, Part
 from ..context.case import FleetState, Participant
+from .node_remedies import describe_remedy
 
 ROS = ("roscore", "discovery", "sync")  # services
 
@@ -127,6 +128,8 @@ THEN = {
 def command(parts: Sequence[Part], computer: Participant | None, state: FleetState) -> str:
     """Return what to paste for parts that are one finding; empty where nothing was read that says it."""
     fault = parts[0].kind, parts[0].mode
+    if parts[0].kind == "node":
+        return describe_remedy(parts, computer, state)
     found = COMMANDS.get(fault)
     if found is None or computer is None:
         return ""

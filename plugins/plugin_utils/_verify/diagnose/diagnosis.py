@@ -86,6 +86,10 @@ class Finding:
         """Say what to do: the command first, and what to look at if it does not last. What is inferred is only looked at."""
         if self.sure == INFERRED:
             return self.part.decide()
+        if self.command and self.part.kind == "node":
+            return (
+                self.command
+            )  # it names what has started the node, of which the part's remedy can only say what it may be
         return f"{self.command}; if it does not last, {self.part.remedy()}" if self.command else self.part.remedy()
 
 

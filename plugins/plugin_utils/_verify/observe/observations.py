@@ -407,12 +407,18 @@ class FileLimit:
 
 @dataclass(frozen=True)
 class NodeHost:
-    """A process of ROS that announces a host which the plan does not have for its computer."""
+    """A process of ROS that announces a host which the plan does not have for its computer, uses another roscore, or is stopped."""
 
-    host: str
+    host: str  # empty if it is not known
     source: str = ""  # the variable or argument that has decided it, or hostname
     unit: str = ""  # of systemd, in which it runs
     ports: tuple[int, ...] = ()  # on which it listens
+    node: str = ""  # the last part of its name, or its program
+    master: str = ""  # the roscore that it uses, if that is not the planned one
+    starter: str = ""  # shell, unit, launch or container
+    launch: str = ""  # the launch file
+    stopped: bool = False  # by a signal or a debugger
+    readable: bool = True  # False where its environment may not be read
 
 
 @dataclass(frozen=True)
@@ -432,15 +438,34 @@ class SilentNode:
     host: str = ""  # in its URI
     error: str = ""  # such as "Connection refused"
     outcome: Outcome = Outcome.NOT_TRIED
+    tcp_outcome: Outcome = Outcome.NOT_TRIED  # of a connection alone: it opens where the node hangs
 
 
 @dataclass(frozen=True)
 class AnnouncedHost:
-    """An own node of a robot that announces a host which the plan does not have for its robot."""
+    """An own node of a robot that announces a host which the plan does not have for its robot, or services elsewhere."""
 
     node: str
     host: str = ""
     port: int = 0
+    services: str = ""  # the host of its services, if that is another computer
+
+
+@dataclass(frozen=True)
+class HostOfNodes:
+    """A host that nodes announce, and how many do."""
+
+    host: str
+    nodes: int = 0
+
+
+@dataclass(frozen=True)
+class NodeCount:
+    """The number of a robot's own nodes, and how many were asked for an answer."""
+
+    registered: int = 0
+    asked: int = 0
+    hosts: tuple[HostOfNodes, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -455,6 +480,7 @@ class Exchange:
     silent: tuple[str, ...] = ()
     silences: tuple[SilentNode, ...] = ()  # the same nodes with their errors
     announced: tuple[AnnouncedHost, ...] = ()
+    nodes: NodeCount = NodeCount()
     connections: tuple[Connection, ...] = ()
 
 

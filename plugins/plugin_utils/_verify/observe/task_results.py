@@ -62,6 +62,7 @@ FORMS = {
     **dict.fromkeys(("found", "expected"), re.compile(r"up|down|active|inactive|failed")),
     "host": re.compile(r"localhost"),
     "source": re.compile(r"hostname"),
+    "starter": re.compile(r"shell|unit|launch|container"),
     "hook": re.compile(r"input|forward|output"),
     "policy": re.compile(r"accept|drop"),
     "verdict": re.compile(r"accept|drop|reject"),

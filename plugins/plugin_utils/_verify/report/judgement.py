@@ -15,7 +15,7 @@ from ..checks.engine import FAILED, OK, Passed, Row, Verification
 from ..checks.table import CHECKS
 from ..context.pairs import ALL, AUTO
 from ..diagnose.diagnosis import Diagnosis, explain_rows
-from . import content
+from . import content, nodes
 from .matrices import MOST, Matrices
 from .run import Run
 from .summary import Summary, is_small, summarise
@@ -82,5 +82,6 @@ def make_document(run: Run, judgement: Judgement) -> dict[str, Any]:
         "robots": content.list_robots(run.fleet, run.observations),
         "throughput": content.list_streams(run.observations),
         "traffic": content.list_traffic(run.fleet, run.observations),
+        "nodes": nodes.list_nodes(run.fleet, run.observations),
         "machines": {name: {**content.MACHINE, **run.machines.get(name, {})} for name in run.observations},
     }

@@ -25,6 +25,8 @@ from ..checks.table import TITLES
 from .arrows import draw_arrows
 from .hops import draw_way
 from .matrices import Matrices
+from .nodes import HEADINGS as NODE_HEADINGS
+from .nodes import describe_nodes, list_cells
 from .picture import SIGNS, draw_fleet
 from .traffic import HEADINGS, describe_measurement, list_dearest
 
@@ -62,6 +64,9 @@ def make_page(template: str, fleet: FleetPlan, document: Mapping[str, Any], matr
         robots=len(document["robots"]),
         flows=list(islice(list_flows(document["robots"]), PAIRS)),
         headings=HEADINGS,
+        nodes=describe_nodes(document["nodes"]),
+        node_headings=NODE_HEADINGS,
+        odd_nodes=plain_data(list(list_cells(document["nodes"])), LINE),
         dearest=plain_data(list_dearest(document["traffic"]), LINE),
         measurement=describe_measurement(document["traffic"]),
         not_judged=count_unknown(document["rows"]),

@@ -8,7 +8,7 @@ from __future__ import annotations
 import textwrap
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import count
+from itertools import count, islice
 from typing import Any
 
 from ..._base.plain_text import plain
@@ -16,6 +16,8 @@ from ..._base.sentences import join_causes, shorten_list
 from ..checks.engine import FAILED, OK, UNKNOWN, VERDICTS, WARNING, Row
 from ..checks.table import CHECKS, TITLES
 from ..diagnose.diagnosis import INFERRED, Diagnosis, Finding
+from .nodes import HEADINGS as NODE_HEADINGS
+from .nodes import ROWS, describe_nodes, list_cells
 from .summary import Summary, is_small
 from .traffic import HEADINGS, describe_measurement, list_dearest
 
@@ -32,6 +34,7 @@ def render(
     width: int = WIDTH,
     everything: bool = True,
     traffic: Mapping[str, Any] | None = None,
+    nodes: Mapping[str, Any] | None = None,
 ) -> str:
     """Return the report, of this width where names allow it. Without `everything` it has no table and no matrix."""
     parts = [_title(summary), _table(summary)] if everything else [_title(summary)]
@@ -43,6 +46,7 @@ def render(
     for verdict, heading in ((FAILED, "Findings"), (WARNING, "Warnings"), (UNKNOWN, "Not judged")):
         parts += _findings([entry for entry in diagnosis.findings if entry.verdict == verdict], heading, numbers, width)
     parts += _format_unexplained(diagnosis.unexplained, width)
+    parts += _format_nodes(nodes, width) if nodes else []
     parts += _format_traffic(traffic, width) if traffic else []
     parts.append(summary.verdict_line)
     return "\n\n".join(parts)
@@ -166,6 +170,25 @@ def _format_unexplained(rows: Sequence[Row], width: int) -> list[str]:
         groups[row.check].append(row)
     lines += [_wrap("   -  ", _describe_rows(group), width) for group in groups.values()]
     return ["\n".join(lines)]
+
+
+def _format_nodes(nodes: Mapping[str, Any], width: int) -> list[str]:
+    """Return the number of nodes in a sentence, and a table of those with which something is wrong."""
+    sentence = describe_nodes(nodes)
+    if not sentence:
+        return []
+    lines = [_wrap("Nodes: ", sentence, width)]
+    rows = list(islice(list_cells(nodes), ROWS))
+    if rows:
+        room = (width - 2 - 2 * len(NODE_HEADINGS)) // 4  # columns of the longest cell
+        table = [NODE_HEADINGS, *(tuple(plain(cell, room) for cell in row) for row in rows)]
+        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+        lines += [
+            ("  " + "  ".join(f"{cell:<{size}}" for cell, size in zip(cells, widths, strict=True))).rstrip()
+            for cells in table
+        ]
+    more = len(nodes["odd"]) + nodes["left_out"] - len(rows)
+    return ["\n".join([*lines, *([f"  and {more} more: see the file that verify_report names."] if more else [])])]
 
 
 def _format_traffic(traffic: Mapping[str, Any], width: int) -> list[str]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import fleets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import engine
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content, matrices, page
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content, matrices, nodes, page
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
@@ -41,6 +41,7 @@ def make_report(fleet, change=None, pairs="all", **more):
         "differences": [],
         "robots": content.list_robots(fleet, seen),
         "traffic": content.list_traffic(fleet, seen),
+        "nodes": nodes.list_nodes(fleet, seen),
         "machines": {
             name: {**content.MACHINE, "system": "Debian 12", "ros": "noetic", "provider": "bundled"}
             for name in fleet.computers

@@ -7,6 +7,7 @@ import io
 import json
 import os
 import pathlib
+import socket
 import sys
 import threading
 import time
@@ -138,6 +139,26 @@ def test_a_registered_node_that_does_not_answer_is_silent(ros, served):
     assert time.monotonic() - began < 20
 
 
+@pytest.mark.parametrize(("listens", "outcome", "tcp"), [(True, "no_answer", "open"), (False, "refused", "refused")])
+def test_a_node_that_hangs_is_told_from_one_that_has_ended(monkeypatch, listens, outcome, tcp):
+    monkeypatch.setattr(
+        "ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.xml_rpc.CALL", 0.5
+    )
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        if listens:
+            server.listen()
+        answer = exchange._bus_info(("/x", f"http://127.0.0.1:{server.getsockname()[1]}/"))
+    assert answer.error and (answer.outcome.value, answer.tcp_outcome.value) == (outcome, tcp)
+
+
+def test_of_thousands_of_nodes_some_are_asked():
+    nodes = {f"/node{number}": "http://127.0.0.1:1/" for number in range(2500)}
+    asked = exchange._sample(nodes)
+    assert len(asked) <= exchange.MOST_ASKED and len(asked) > 800
+    assert exchange._sample({"/a": "x"}) == {"/a": "x"} and exchange._sample({}) == {}
+
+
 def test_a_node_that_ended_properly_meanwhile_is_not_silent(ros, served):
     made, master = ros
     master.uris["/base"] = served(Node())
@@ -177,15 +198,13 @@ def test_long_names_of_a_robot_cost_others_no_connection(monkeypatch):
         [number, f"/{number}{'x' * 60000}", "o", "TCPROS", "/odom", True, " to [there:1 on socket 9"]
         for number in range(30)
     ]
-    answers = [
-        [*long, [99, "/ear", "o", "TCPROS", "/odom", True, " to [third:1 on socket 9"]],
-        "",
-        exchange.Outcome.ANSWERED,
-    ]
+    answers = exchange.BusInfo(
+        [*long, [99, "/ear", "o", "TCPROS", "/odom", True, " to [third:1 on socket 9"]], exchange.Outcome.ANSWERED
+    )
     monkeypatch.setattr(exchange, "_bus_info", lambda item: answers)
     third = {"name": "third", "address": "127.0.0.5", "discovery_address": "", "robot": "three"}
     nodes = {f"/node{number}": "http://127.0.0.1:1/" for number in range(12)}
-    found, _silent = exchange._connections(nodes, {}, exchange.Places([*MEMBERS, third]), "here")
+    found, _silent, _asked = exchange._connections(nodes, {}, exchange.Places([*MEMBERS, third]), "here")
     assert len(json.dumps(found)) < 3 << 20
     assert [link["node"] for link in found if link["robot"] == "three"] == sorted(nodes)
 

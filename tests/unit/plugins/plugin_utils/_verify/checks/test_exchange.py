@@ -9,13 +9,13 @@ from collections import Counter
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, UNKNOWN, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.exchange import MOST_PARTS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.announcements import find_misplaced
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     AnnouncedHost,
     Connection,
     CrossingParameter,
     Import,
     NodeHost,
+    Refusal,
     RegisteredService,
     SilentNode,
     Source,
@@ -29,10 +29,8 @@ from fleets import (
     assert_told,
     diagnosed,
     evaluate,
-    fig12,
     no_answer,
     notable,
-    observed,
     of,
     parts,
     plan,
@@ -126,13 +124,17 @@ def _announces(host, process=True, computer=TWO):
 
     def change(seen):
         _refused(seen)
-        update(of(seen[ONE].probe.services, "sync"), refused=["/kobuki2/base"])
+        refusal = Refusal("/kobuki2/base", "place", f"http://{host}:41233/", TWO, "it is no computer of kobuki2")
+        update(of(seen[ONE].probe.services, "sync"), refused=["/kobuki2/base"], refusals=[refusal])
         node = AnnouncedHost("/kobuki2/base", host, 41233)
         silence = SilentNode("/kobuki2/base", host, "Connection refused", Outcome.REFUSED)
         own = seen[TWO].probe.exchange
         update(own, announced=[node], silent=["/kobuki2/base"], silences=[silence])
         if process:
-            update(seen[computer].probe, node_hosts=[NodeHost(host, "ROS_IP", "session-4.scope", (41233, 46011))])
+            update(
+                seen[computer].probe,
+                node_hosts=[NodeHost(host, "ROS_IP", "session-4.scope", (41233, 46011), "base", starter="shell")],
+            )
 
     return change
 
@@ -396,29 +398,33 @@ def test_thousands_of_common_names_are_told_in_seconds():
 def test_a_node_with_a_wrong_host_is_the_one_finding(host):
     """The refusal of the other robot, and the silence at the own one, follow from it."""
     (finding,) = diagnosed(_announces(host)).findings
-    assert "/kobuki2/base announces" in finding.sentence() and "by ROS_IP, in session-4.scope" in finding.sentence()
-    assert host in finding.sentence() and TWO in finding.sentence()
+    sentence = finding.sentence()
+    assert f"on {TWO} /kobuki2/base announces {host} by ROS_IP, in session-4.scope (refused by kobuki1)" in sentence
+    assert f"in the shell on {TWO} that has started /kobuki2/base (session-4.scope): unset ROS_IP; " in finding.remedy()
 
 
-def test_the_node_of_a_guest_may_have_a_foreign_address():
-    fleet = plan(multimaster_allow=["10.9.8.0/24"])
-    seen = observed(fleet)
-    update(seen[TWO].probe.exchange, announced=[AnnouncedHost("/rviz", "10.9.8.7", 41233)])
-    assert find_misplaced(fleet, {name: one.probe for name, one in seen.items()}) == {}
+def _silent(node="/kobuki2/base", outcome=Outcome.NO_ANSWER, tcp_outcome=Outcome.OPEN, host=TWO):
+    silence = SilentNode(node, host, "timed out", outcome, tcp_outcome)
+    return lambda seen: update(seen[TWO].probe.exchange, silent=[node], silences=[silence])
 
 
 @pytest.mark.parametrize(
-    ("host", "silent", "place"),
+    ("change", "part"),
     [
-        ("127.0.0.1", (), "tibi-arm"),  # it answers the roscore's computer there
-        ("127.0.0.1", ("/odom",), "tibi"),  # on another computer of the robot
-        ("10.9.8.7", (), "tibi"),
+        (_silent(), ("node", TWO, "hung")),
+        (_silent(host="192.168.1.2"), ("node", TWO, "hung")),
+        (_silent(outcome=Outcome.REFUSED, tcp_outcome=Outcome.REFUSED), ("registration", TWO, "ghost")),
+        (_silent("/master_sync"), ("sync", TWO, "hung")),
     ],
 )
-def test_a_node_without_a_process_is_on_the_computer_where_it_answers(host, silent, place):
-    fleet = fig12()
-    seen = observed(fleet)
-    master = next(name for name, one in fleet.computers.items() if one.robot == "tibi" and one.is_master)
-    update(seen[master].probe.exchange, announced=[AnnouncedHost("/odom", host, 41233)], silent=silent)
-    found = find_misplaced(fleet, {name: one.probe for name, one in seen.items()})
-    assert found["tibi"]["/odom"].computer == (master if place == "tibi-arm" else place)
+def test_a_node_that_does_not_answer_is_told_by_what_its_port_does(change, part):
+    (finding,) = diagnosed(change).findings
+    assert finding.part[:3] == part and finding.verdict == WARNING
+
+
+def test_a_process_with_a_roscore_of_no_robot_is_told():
+    process = NodeHost(TWO, "ROS_HOSTNAME", "odom.service", (4, 5), "odom", "http://old-pc:11311/", "unit")
+    (finding,) = diagnosed(lambda seen: update(seen[TWO].probe, node_hosts=[process])).findings
+    assert finding.part[:3] == ("node", TWO, "master") and finding.verdict == WARNING
+    assert "odom uses the roscore http://old-pc:11311/ by ROS_MASTER_URI, in odom.service" in finding.sentence()
+    assert "systemctl restart odom.service" in finding.remedy() and "UnsetEnvironment" not in finding.remedy()

@@ -1,0 +1,179 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The processes of people's nodes on this computer: the host that they announce, the roscore that they use, and what has started them.
+
+Of an environment only ROS_HOSTNAME, ROS_IP and the host and port of ROS_MASTER_URI are told, and of a command line the node's
+name and the name of a launch file: anything else may be a secret.
+"""
+
+import os
+import re
+import socket
+import typing
+from urllib.parse import urlsplit
+
+from ..._base import processes
+from ..._base.commands import text
+from ..._base.plain_text import LONGEST, plain
+from ..._machine import ports
+from .node_hosts import MOST, Members, Row, list_hosts
+from .node_services import read_host
+
+LOOPBACK = ("localhost", "localhost.localdomain", "ip6-localhost", "ip6-loopback", "127.0.0.1", "127.0.1.1", "::1")
+ROSCORE_PORT = 11311  # of a URI without a port (rosgraph.rosenv)
+_MOST_WORDS = 65536  # bytes of a command line
+_MOST_PARENTS = 8
+#: what decides the host that a node announces, the first before the others (rosgraph.network, ros::network::init)
+_ARGUMENTS = ("__hostname", "__ip")
+_VARIABLES = ("ROS_HOSTNAME", "ROS_IP")
+_STARTERS = re.compile(r"(?:user@\d+|sshd?(?:@.*)?|getty@.*|cron)\.service\Z")  # who starts shells
+_OURS = re.compile(r"multimaster-[a-z-]+\.service\Z")  # checks of their own look at these
+
+
+def node_hosts(members: Members, own: str, master: str = "", proc: str = "/proc") -> typing.List[Row]:
+    """List processes of ROS on this computer that announce a host which is not planned for it, use another roscore than `master`, or are stopped.
+
+    A process of ROS has ROS_MASTER_URI, or the name of a node among its words, and listens, as each node does. A node whose
+    environment cannot be read, as root in a container may not, is listed with what its command line says.
+    """
+    members = list(members)
+    planned = Planned(members, own, master)
+    sockets = {entry.inode: entry.port for entry in ports.read_sockets("tcp", proc) if entry.state == ports.LISTEN}
+    found = []
+    for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
+        try:
+            row = _look(pid, planned, sockets, proc)
+        except OSError:  # it has ended
+            continue
+        if row is not None:
+            found.append(row)
+        if len(found) == MOST:
+            break
+    return found
+
+
+class Planned:
+    """The hosts that nodes of this computer may announce, and the roscore that they are to use."""
+
+    def __init__(self, members: typing.Sequence[Row], own: str, master: str) -> None:
+        self.hosts = list_hosts(members, lambda member: member["name"] == own)
+        self._place, self._port = _read_place(master)
+        same = [one for one in members if self._place in list_hosts([one], lambda _member: True)]
+        self._masters = {self._place, *list_hosts(same, lambda _member: True)}
+        if any(member["name"] == own for member in same):  # nodes beside the roscore may call it as they like
+            self._masters.update((*LOOPBACK, socket.gethostname().lower()))
+
+    def is_master(self, uri: str) -> bool:
+        """Say if a URI leads to the planned roscore; True where none is planned, or where the URI cannot be read."""
+        host, port = _read_place(uri)
+        return not self._place or not host or (host in self._masters and port == self._port)
+
+
+def _read_place(uri: str) -> typing.Tuple[str, int]:
+    """Return host and port of the URI of a roscore; an empty host where it has none."""
+    try:
+        return read_host(uri), urlsplit(uri).port or ROSCORE_PORT
+    except ValueError:
+        return "", 0
+
+
+def _look(pid: int, planned: Planned, sockets: typing.Dict[str, int], proc: str) -> typing.Optional[Row]:
+    words = _read_words(pid, proc)
+    arguments = dict(word.partition(":=")[::2] for word in words if word.startswith("__"))
+    try:
+        variables, is_read = processes.environment(pid, proc), True
+    except PermissionError:
+        variables, is_read = {}, False
+    if "__name" not in arguments and "ROS_MASTER_URI" not in variables:
+        return None
+    unit, contained = _read_unit(pid, proc), _is_contained(pid, proc)
+    if _OURS.match(unit):
+        return None
+    host, source = _find_host(arguments, variables, contained, pid, proc) if is_read else ("", "")
+    master = arguments.get("__master") or variables.get("ROS_MASTER_URI", "")
+    is_stopped = processes.is_stopped(pid, proc)
+    is_usual = is_read and (not host or host.lower() in planned.hosts) and planned.is_master(master)
+    if is_usual and not is_stopped:
+        return None
+    own_ports = _list_ports(pid, sockets, contained, proc) if is_read else []
+    if is_read and not own_ports:
+        return None
+    starter, launch = _find_starter(pid, unit, contained, proc)
+    return {
+        "node": plain(arguments.get("__name") or os.path.basename(_find_program(words)), LONGEST),
+        "host": plain(host.lower(), LONGEST),
+        "source": source,
+        "master": "" if planned.is_master(master) else plain("http://{}:{}/".format(*_read_place(master)), LONGEST),
+        "unit": unit,
+        "starter": starter,
+        "launch": launch,
+        "ports": own_ports[:MOST],
+        "stopped": is_stopped,
+        "readable": is_read,
+    }
+
+
+def _read_words(pid: int, proc: str) -> typing.List[str]:
+    return text(os.path.join(proc, str(pid), "cmdline"), _MOST_WORDS).split("\0")
+
+
+def _find_program(words: typing.Sequence[str]) -> str:
+    """Return the program among the words of a process: it may be a script of an interpreter."""
+    return next((word for word in words[1:2] if word.startswith("/")), words[0])
+
+
+def _read_unit(pid: int, proc: str) -> str:
+    return ports.unit(text(os.path.join(proc, str(pid), "cgroup")))
+
+
+def _is_contained(pid: int, proc: str) -> bool:
+    return ports.is_contained(text(os.path.join(proc, str(pid), "status")))
+
+
+def _list_ports(pid: int, sockets: typing.Dict[str, int], contained: bool, proc: str) -> typing.List[int]:
+    """List the TCP ports on which a process listens; a container may have a network of its own. Empty where this user may not look."""
+    try:
+        inodes = ports.list_inodes(pid, proc)
+    except PermissionError:
+        return []
+    found = {sockets[inode] for inode in inodes if inode in sockets}
+    if not found and contained:
+        own = ports.read_sockets("tcp", os.path.join(proc, str(pid)))
+        found = {entry.port for entry in own if entry.state == ports.LISTEN and entry.inode in inodes}
+    return sorted(found)
+
+
+def _find_host(
+    arguments: typing.Dict[str, str], variables: typing.Dict[str, str], contained: bool, pid: int, proc: str
+) -> typing.Tuple[str, str]:
+    """The host that a node announces, and what has decided it; empty for a container that does not tell its name."""
+    given = [(arguments.get(name), name) for name in _ARGUMENTS] + [(variables.get(name), name) for name in _VARIABLES]
+    for host, source in given:
+        if host:
+            return host, source
+    name = text(os.path.join(proc, str(pid), "root/etc/hostname"), 256).strip() if contained else socket.gethostname()
+    return (name, "hostname") if name else ("", "")
+
+
+def _find_starter(pid: int, unit: str, contained: bool, proc: str) -> typing.Tuple[str, str]:
+    """Tell what has started a process: container, launch, unit or shell; and the name of the launch file."""
+    if contained:
+        return "container", ""
+    launch = _find_launch_file(pid, proc)
+    if launch is not None:
+        return "launch", launch
+    return ("unit" if unit.endswith(".service") and not _STARTERS.match(unit) else "shell"), ""
+
+
+def _find_launch_file(pid: int, proc: str) -> typing.Optional[str]:
+    """Return the name of the launch file of the roslaunch above a process; None where none is above it."""
+    for _generation in range(_MOST_PARENTS):
+        pid = processes.find_parent(pid, proc)
+        if pid <= 1:
+            return None
+        words = _read_words(pid, proc)
+        if any(os.path.basename(word) == "roslaunch" for word in words[:2]):
+            files = (os.path.basename(word) for word in words[2:] if word.endswith((".launch", ".xml")))
+            return plain(next(files, ""), LONGEST)
+    return None

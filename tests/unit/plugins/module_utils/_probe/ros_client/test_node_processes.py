@@ -1,0 +1,146 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The processes of people's nodes: real ones, and files as a container shows them."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import node_processes
+
+MEMBERS = [
+    {"name": "here-pc", "robot": "one", "address": "192.168.11.2", "discovery_address": "192.168.1.2"},
+    {"name": "arm-pc", "robot": "one", "address": "192.168.11.3", "discovery_address": ""},
+    {"name": "there-pc", "robot": "two", "address": "192.168.1.3", "discovery_address": "192.168.1.3"},
+]
+ROS = {"ROS_MASTER_URI": "http://here-pc:11311/"}
+HERE = {**ROS, "ROS_HOSTNAME": "here-pc"}
+PROGRAM = """
+import socket, sys
+server = socket.create_server(("127.0.0.1", 0))
+print(server.getsockname()[1], flush=True)
+sys.stdin.read()
+"""
+
+
+def _find(variables, *words, master="http://here-pc:11311/"):
+    """The row of a real process that listens, started with these variables and words."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, *words],
+        env={"PATH": os.environ["PATH"], **variables},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    with process:
+        port = int(process.stdout.readline())
+        found = [row for row in node_processes.node_hosts(MEMBERS, "here-pc", master) if port in row["ports"]]
+        process.stdin.close()
+    return found
+
+
+@pytest.mark.parametrize(
+    ("variables", "words", "expected"),
+    [
+        ({**ROS, "ROS_IP": "127.0.0.1"}, (), [("127.0.0.1", "ROS_IP")]),
+        ({**ROS, "ROS_HOSTNAME": "LocalHost"}, (), [("localhost", "ROS_HOSTNAME")]),
+        ({**ROS, "ROS_IP": "192.168.1.2", "ROS_HOSTNAME": "there-pc"}, (), [("there-pc", "ROS_HOSTNAME")]),
+        ({**ROS, "ROS_IP": "192.168.1.2"}, ("__ip:=10.0.0.1",), [("10.0.0.1", "__ip")]),
+        ({"ROS_IP": "10.0.0.1"}, ("__name:=odom",), [("10.0.0.1", "ROS_IP")]),
+        ({**ROS, "ROS_HOSTNAME": "HERE-pc"}, (), []),
+        ({**ROS, "ROS_IP": "192.168.11.2"}, (), []),
+        ({**ROS, "ROS_IP": "192.168.11.3"}, (), [("192.168.11.3", "ROS_IP")]),  # of another computer of the robot
+        ({"ROS_IP": "127.0.0.1"}, (), []),  # no process of ROS
+    ],
+)
+def test_the_host_that_a_process_announces(variables, words, expected):
+    assert [(row["host"], row["source"]) for row in _find(variables, *words)] == expected
+
+
+def test_without_a_variable_it_is_the_name_of_the_computer(monkeypatch):
+    monkeypatch.setattr(node_processes.socket, "gethostname", lambda: "here-pc")
+    assert _find(ROS) == []
+    monkeypatch.setattr(node_processes.socket, "gethostname", lambda: "ubuntu")
+    (row,) = _find(ROS)
+    assert (row["host"], row["source"], row["starter"]) == ("ubuntu", "hostname", "shell")
+
+
+@pytest.mark.parametrize(
+    ("uri", "planned", "expected"),
+    [
+        ("http://here-pc:11311", "http://here-pc:11311/", None),
+        ("http://192.168.11.2:11311/", "http://here-pc:11311/", None),
+        ("http://localhost:11311/", "http://here-pc:11311/", None),  # the roscore is on this computer
+        ("http://localhost:11311/", "http://arm-pc:11311/", "http://localhost:11311/"),
+        ("http://there-pc:11311/", "http://here-pc:11311/", "http://there-pc:11311/"),
+        ("http://here-pc:11411/", "http://here-pc:11311/", "http://here-pc:11411/"),
+        ("http://user:secret@there-pc/", "http://here-pc:11311/", "http://there-pc:11311/"),
+        ("nonsense", "http://here-pc:11311/", None),
+        ("http://there-pc:11311/", "", None),
+    ],
+)
+def test_a_process_with_another_roscore_is_told(uri, planned, expected):
+    found = _find({"ROS_HOSTNAME": "here-pc", "ROS_MASTER_URI": uri}, master=planned)
+    assert [row["master"] for row in found] == ([] if expected is None else [expected])
+
+
+def test_nothing_else_of_a_process_is_told():
+    secret = {"ROS_IP": "127.0.0.1", "PASSWORD": "hidden1", "ROS_PASSWORD": "hidden2"}
+    (row,) = _find({**ROS, **secret}, "--token=hidden3", "__name:=odom", "_key:=hidden4")
+    assert "hidden" not in repr(row)
+    assert (row["node"], row["readable"], row["stopped"]) == ("odom", True, False)
+
+
+def test_a_stopped_process_is_told():
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM],
+        env={"PATH": os.environ["PATH"], **HERE},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    with process:
+        port = int(process.stdout.readline())
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(0.1)
+        found = [row for row in node_processes.node_hosts(MEMBERS, "here-pc") if port in row["ports"]]
+        process.send_signal(signal.SIGCONT)
+        process.stdin.close()
+    assert [(row["host"], row["stopped"]) for row in found] == [("here-pc", True)]
+
+
+def _pretend(folder, pid, words, parent=1, cgroup="/user.slice/session-4.scope", more=""):
+    """A process as /proc has it, without an environment that may be read."""
+    place = folder / str(pid)
+    place.mkdir(parents=True)
+    (place / "cmdline").write_text("\0".join(words) + "\0")
+    (place / "stat").write_text(f"{pid} (x) S {parent} " + " ".join(str(number) for number in range(4, 30)))
+    (place / "cgroup").write_text(f"0::{cgroup}\n")
+    (place / "status").write_text(f"Name:\tx\nNSpid:\t{pid}{more}\n")
+
+
+@pytest.mark.parametrize(
+    ("cgroup", "more", "parent", "expected"),
+    [
+        ("/user.slice/session-4.scope", "", 1, ("shell", "")),
+        ("/user.slice/user-1000.slice/user@1000.service", "", 1, ("shell", "")),
+        ("/system.slice/odom.service", "", 1, ("unit", "")),
+        ("/system.slice/docker-77aa.scope", "\t5", 1, ("container", "")),
+        ("/user.slice/session-4.scope", "", 70, ("launch", "robot.launch")),
+    ],
+)
+def test_a_node_that_cannot_be_read_is_told_by_its_command_line(tmp_path, monkeypatch, cgroup, more, parent, expected):
+    def refuse(pid, proc):
+        raise PermissionError
+
+    monkeypatch.setattr(node_processes.processes, "environment", refuse)
+    (tmp_path / "net").mkdir()
+    launch = ["/usr/bin/python3", "/opt/ros/noetic/bin/roslaunch", "-p", "11311", "/home/ana/secret/robot.launch"]
+    _pretend(tmp_path, 70, launch)
+    _pretend(tmp_path, 80, ["/opt/odom", "__name:=odom", "--key=hidden"], parent, cgroup, more)
+    _pretend(tmp_path, 90, ["/opt/odom", "__name:=ours"], 1, "/system.slice/multimaster-sync.service")
+    (row,) = node_processes.node_hosts(MEMBERS, "here-pc", ROS["ROS_MASTER_URI"], str(tmp_path))
+    assert (row["starter"], row["launch"]) == expected
+    assert (row["node"], row["host"], row["readable"], row["ports"]) == ("odom", "", False, [])

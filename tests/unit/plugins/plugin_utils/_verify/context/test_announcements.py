@@ -1,0 +1,122 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""People's nodes with a wrong host or roscore: which kind of fault, on which computer, by which process."""
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.announcements import (
+    find_misplaced,
+    find_strays,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
+    AnnouncedHost,
+    ForwardingInterface,
+    NodeHost,
+)
+from fleets import TWO, fig12, observed, plan, update
+
+MASTER, INNER = "tibi-visio", "tibi-nav"
+OTHER, OTHER_INNER = "dabo-nav", "dabo-visio"
+NODE, PORT = "/odom", 41233
+
+
+def _find(announced, silent=(), processes=None, fleet=None, interfaces=None):
+    """What is found of one node of tibi; `processes` and `interfaces` by computer."""
+    fleet = fleet or fig12()
+    seen = observed(fleet)
+    update(seen[MASTER].probe.exchange, announced=[announced], silent=silent)
+    for name, rows in (processes or {}).items():
+        update(seen[name].probe, node_hosts=rows)
+    for name, rows in (interfaces or {}).items():
+        update(seen[name].probe.forwarding, interfaces=[*seen[name].probe.forwarding.interfaces, *rows])
+    probes = {name: one.probe for name, one in seen.items()}
+    found = find_misplaced(fleet, probes)
+    return found.get("tibi", {}).get(NODE), find_strays(fleet, probes, found)
+
+
+def _process(host, **more):
+    return NodeHost(host, more.pop("source", "ROS_IP"), "session-4.scope", (PORT, PORT + 1), "odom", **more)
+
+
+def test_the_node_of_a_guest_may_have_a_foreign_address():
+    fleet = plan(multimaster_allow=["10.9.8.0/24"])
+    seen = observed(fleet)
+    update(seen[TWO].probe.exchange, announced=[AnnouncedHost("/rviz", "10.9.8.7", PORT)])
+    assert find_misplaced(fleet, {name: one.probe for name, one in seen.items()}) == {}
+
+
+@pytest.mark.parametrize(
+    ("host", "silent", "place"),
+    [
+        ("127.0.0.1", (), MASTER),  # it answers the roscore's computer there
+        ("127.0.0.1", (NODE,), "tibi"),  # on another computer of the robot
+        ("10.9.8.7", (), "tibi"),
+    ],
+)
+def test_a_node_without_a_process_is_on_the_computer_where_it_answers(host, silent, place):
+    found, _strays = _find(AnnouncedHost(NODE, host, PORT), silent)
+    assert found.computer == place
+
+
+DOCKER = ForwardingInterface("docker0", ("172.17.0.1",), prefixes=(16,))
+
+
+@pytest.mark.parametrize(
+    ("host", "mode", "detail"),
+    [
+        ("127.0.0.1", "loopback", ""),
+        ("127.0.1.1", "loopback", ""),
+        ("localhost", "loopback", ""),
+        ("::1", "loopback", ""),
+        ("laptop7", "name", ""),
+        ("10.9.8.7", "address", ""),
+        ("172.17.0.1", "interface", "docker0"),
+        ("172.17.0.2", "interface", "docker0"),  # of a container with a network of its own
+        ("192.168.10.100", "name_of_other", ""),  # of a computer of dabo
+    ],
+)
+def test_each_kind_of_host_is_told(host, mode, detail):
+    announced = AnnouncedHost(NODE, host, PORT)
+    found, strays = _find(announced, (NODE,), {INNER: [_process(host)]}, interfaces={INNER: [DOCKER]})
+    assert (found.mode, found.detail) == ("address" if mode == "name_of_other" else mode, detail)
+    assert found.computer == INNER and found.process.unit == "session-4.scope" and not strays
+
+
+def test_the_address_of_an_interface_leads_to_its_computer_without_a_process():
+    found, _strays = _find(AnnouncedHost(NODE, "172.17.0.1", PORT), (), interfaces={INNER: [DOCKER]})
+    assert (found.mode, found.computer, found.detail) == ("interface", INNER, "docker0")
+
+
+@pytest.mark.parametrize("has_process", [True, False])
+def test_a_node_of_another_robot_at_this_roscore_is_told_by_its_own_computer(has_process):
+    uri = "http://tibi-visio:11311/"
+    process = _process(OTHER_INNER, source="ROS_HOSTNAME", master=uri)
+    processes = {OTHER_INNER: [process]} if has_process else {}
+    found, strays = _find(AnnouncedHost(NODE, OTHER_INNER, PORT), (), processes)
+    assert (found.mode, found.computer, found.detail) == ("robot", OTHER_INNER, "tibi") and not strays
+    assert "is registered at the roscore of tibi" in str(found)
+
+
+def test_the_name_of_another_robots_computer_by_a_process_here_is_a_wrong_name():
+    process = _process(OTHER_INNER, source="ROS_HOSTNAME")
+    found, _strays = _find(AnnouncedHost(NODE, OTHER_INNER, PORT), (NODE,), {INNER: [process]})
+    assert (found.mode, found.computer) == ("name", INNER)
+
+
+def test_services_elsewhere_are_told():
+    found, _strays = _find(AnnouncedHost(NODE, INNER, PORT, "127.0.0.1"))
+    assert (found.mode, found.computer) == ("services", INNER)
+    assert f"announces {INNER}, and 127.0.0.1 for its services" in str(found)
+
+
+def test_a_process_that_cannot_be_read_is_found_by_its_name():
+    unread = NodeHost("", "", "docker-77.scope", (), "odom", starter="container", readable=False)
+    found, _strays = _find(AnnouncedHost(NODE, "10.9.8.7", PORT), (NODE,), {INNER: [unread]})
+    assert (found.computer, found.process) == (INNER, unread) and " by " not in str(found)
+
+
+def test_a_process_with_a_roscore_of_nobody_is_a_stray():
+    process = _process(INNER, master="http://old-pc:11311/")
+    found, strays = _find(AnnouncedHost("/other", "tibi-visio", PORT), (), {INNER: [process]})
+    assert found is None
+    assert [(one.mode, one.computer) for one in strays[INNER]] == [("master", INNER)]

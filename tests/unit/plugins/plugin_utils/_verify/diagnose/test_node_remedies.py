@@ -1,0 +1,50 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What is to be done for a node depends on what has started it."""
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
+    AnnouncedHost,
+    NodeHost,
+)
+from fleets import TWO, diagnosed, update
+
+
+def _remedy(**process):
+    values = {"host": "127.0.0.1", "source": "ROS_IP", "unit": "session-4.scope", "ports": (41233,), "node": "base"}
+
+    def change(seen):
+        update(seen[TWO].probe, node_hosts=[NodeHost(**{**values, **process})])
+        update(seen[TWO].probe.exchange, announced=[AnnouncedHost("/kobuki2/base", "127.0.0.1", 41233)])
+
+    (finding,) = [entry for entry in diagnosed(change).findings if entry.part.kind == "node"]
+    return finding.remedy()
+
+
+@pytest.mark.parametrize(
+    ("process", "words"),
+    [
+        ({"starter": "shell"}, ["in the shell on", "(session-4.scope)", "unset ROS_IP; . /etc/profile.d/"]),
+        (
+            {"starter": "unit", "unit": "odom.service"},
+            [f"on {TWO}: mkdir", "UnsetEnvironment=ROS_IP", "systemctl restart odom.service"],
+        ),
+        ({"starter": "launch", "launch": "robot.launch"}, ["take ROS_IP out of robot.launch", "starts roslaunch"]),
+        ({"starter": "container", "unit": "docker-77.scope"}, ["--network host", f"--env ROS_HOSTNAME={TWO}"]),
+        ({"starter": "shell", "source": "hostname"}, ["unset ROS_HOSTNAME ROS_IP; "]),
+        (
+            {"starter": "launch", "readable": False, "host": "", "source": "", "ports": ()},
+            ["take ROS_HOSTNAME and ROS_IP out of the launch file", "which variable is wrong is unknown"],
+        ),
+        ({}, ["in the shell, launch file, unit or container that has started it"]),
+    ],
+)
+def test_the_remedy_is_for_what_has_started_the_node(process, words):
+    remedy = _remedy(**process)
+    assert [word for word in words if word not in remedy] == [], remedy
+
+
+@pytest.mark.parametrize("unit", ["x;reboot.service", "$(reboot).service"])
+def test_no_command_is_made_of_a_strange_unit(unit):
+    assert "reboot" not in _remedy(starter="unit", unit=unit).partition("; then start it again")[0]
