@@ -6,6 +6,7 @@ ROOMS is what the pages say: a README in each tree, and that of the role which b
 """
 
 import ast
+import functools
 import pathlib
 import re
 
@@ -71,6 +72,7 @@ def package_of(path):
     return ("ansible_collections", "rosfleet", "multimaster", *path.parent.relative_to(ROOT).parts)
 
 
+@functools.cache
 def imports(path):
     """The modules that a file imports, by their full names."""
     package, found = package_of(path), set()
@@ -153,7 +155,16 @@ def test_no_folder_is_a_heap(tree):
     assert max(counts.values()) <= MOST_FILES, counts
 
 
-# The nodes
+# The faces
+
+#: all rooms, those inside of others first
+FOLDERS = sorted((f"{tree}/{room}" for tree in ROOMS for room in ROOMS[tree] if room), key=len, reverse=True)
+
+
+@functools.cache
+def room_around(path):
+    """The innermost room in which a file is; "" for what is above the trees."""
+    return next((room for room in FOLDERS if path.is_relative_to(ROOT / room)), "")
 
 
 def read_face(folder):
@@ -164,23 +175,39 @@ def read_face(folder):
 
 
 def list_foreign_imports(path):
-    """The files in other rooms of the nodes that a file imports: (folder, name)."""
-    own = path.relative_to(ROOT / NODES).parts[0]
+    """What a file imports out of other rooms: (folder in which the file is not, file or folder or name in it)."""
     for name in imports(path):
-        parts = name.split(".")[1:] if name.startswith("rosfleet_multimaster.") else []
-        for at in range(1, len(parts)):
-            folder = ROOT.joinpath(NODES, *parts[:at])
-            if parts[0] != own and ((folder / parts[at]).is_dir() or (folder / f"{parts[at]}.py").exists()):
-                yield folder, parts[at]
+        inside = name.replace("rosfleet_multimaster", COLLECTION + NODES.replace("/", "."), 1)
+        if inside.startswith(COLLECTION):
+            target = ROOT.joinpath(*inside[len(COLLECTION) :].split("."))
+            room = room_around(target)
+            if room and room != room_around(path):
+                yield from (
+                    (folder, place.name)
+                    for place, folder in zip([target, *target.parents], target.parents)
+                    if room_around(folder) and not path.is_relative_to(folder)
+                )
 
 
 def test_the_face_of_a_room_is_what_others_import():
-    used = {}
-    for path in sources(NODES):
+    used, private = {}, set()
+    for path in [*sources("plugins"), *sources(NODES)]:
         for folder, name in list_foreign_imports(path):
-            used.setdefault(folder, set()).add(name)
-    faces = {path.parent: read_face(path.parent) for path in sources(NODES) if path.name == "__init__.py"}
-    assert {folder: names for folder, names in faces.items() if names} == used
+            if folder.is_dir():
+                used.setdefault(folder, set()).add(name)
+            elif name.startswith("_"):
+                private.add((path, folder, name))
+    trees = (MODULE_UTILS, PLUGIN_UTILS, NODES)
+    faces = {path.parent: read_face(path.parent) for tree in trees for path in sources(tree) if path.stem == "__init__"}
+    wrong = {
+        str(folder.relative_to(ROOT)): (sorted(faces.get(folder, set())), sorted(used.get(folder, set())))
+        for folder in {*faces, *used}
+        if faces.get(folder, set()) != used.get(folder, set())
+    }
+    assert (wrong, private) == ({}, set()), "folder: what its __all__ has, and what others import"
+
+
+# The nodes
 
 
 #: the format of XML-RPC is in a module of Python that has servers and clients, too

@@ -1,2 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""Machines that somebody set up by hand to an inventory for them."""
+
+__all__ = (
+    "facts",
+    "infer",
+    "proposal",
+    "write",
+)

@@ -1,2 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""What any room needs."""
+
+__all__ = (
+    "advice",
+    "plain",
+    "plain_text",
+    "sentences",
+)

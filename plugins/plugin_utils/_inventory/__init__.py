@@ -1,2 +1,14 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""Variables to model."""
+
+__all__ = (
+    "exports",
+    "filters",
+    "flows",
+    "kinds",
+    "model",
+    "read",
+    "roles",
+    "variables",
+)

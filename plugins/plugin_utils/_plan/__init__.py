@@ -1,2 +1,17 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""Model to what each computer needs."""
+
+__all__ = (
+    "clock",
+    "dialects",
+    "environment",
+    "model",
+    "parameters",
+    "plan",
+    "preflight",
+    "quotes",
+    "router_config",
+    "tunnel",
+    "units",
+)

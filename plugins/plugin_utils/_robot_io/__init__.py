@@ -1,2 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""The run of a module on a robot, whose answer is read by what its module documents."""
+
+__all__ = (
+    "concerns",
+    "confirmation",
+    "refusal",
+    "robot_action",
+    "summary",
+    "trees",
+)

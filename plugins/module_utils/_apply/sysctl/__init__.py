@@ -1,2 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
+"""Kernel settings."""
+
+__all__ = (
+    "boot",
+    "run",
+)

@@ -1,2 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""Observations to rows."""
+
+__all__ = (
+    "engine",
+    "table",
+)

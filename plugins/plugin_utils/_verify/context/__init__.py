@@ -1,2 +1,15 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""What a check is given."""
+
+__all__ = (
+    "actual_world",
+    "case",
+    "errors",
+    "needs",
+    "packet_filters",
+    "pairs",
+    "policy_routing",
+    "registrations",
+    "stages",
+)

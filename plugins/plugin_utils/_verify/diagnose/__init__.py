@@ -1,2 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""Failed rows to findings."""
+
+__all__ = ("diagnosis",)

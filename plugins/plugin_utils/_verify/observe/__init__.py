@@ -1,2 +1,11 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""The answers of the verification's modules, as records."""
+
+__all__ = (
+    "observations",
+    "outcomes",
+    "second_look",
+    "task_results",
+    "uris",
+)

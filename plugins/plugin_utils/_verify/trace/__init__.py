@@ -1,2 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""The packet trace."""
+
+__all__ = (
+    "findings",
+    "place",
+    "probes",
+)

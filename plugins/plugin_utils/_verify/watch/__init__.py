@@ -1,2 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""A watch over a fleet."""
+
+__all__ = ("progress",)
