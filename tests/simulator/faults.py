@@ -30,7 +30,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import Flows, Item
 
 from tests.simulator.ros import TALKS
-from tests.simulator.state import DEAD, HUNG, Computer, Port, ports, replace_interface, replace_link
+from tests.simulator.state import DEAD, HUNG, Computer, Node, Port, ports, replace_interface, replace_link
 
 NODE_PORTS = (32768, 60999)
 ANYWHERE = "*"  # a place that is not compared
@@ -376,6 +376,62 @@ def ghost(state, random, one):
     return state.with_robot(state.fleet.computers[one.name].robot, ghosts=("/killed",))
 
 
+def _node_name(state):
+    return f"/odom_pub{sum(len(its.people) for its in state.robots.values())}"
+
+
+def start(choose, whom=with_ros, **more):
+    """A node of a person: `choose(state, random, plan)` returns what is not usual of it, or None where nothing can be."""
+
+    def change(state, random, one):
+        plan = state.fleet.computers[one.name]
+        own = choose(state, random, plan)
+        if own is None:
+            return None
+        at = own.pop("at", plan.robot)
+        node = Node(**{"name": _node_name(state), "computer": one.name, "host": one.name, **more, **own})
+        return state.with_robot(at, people=(*state.robots[at].people, node))
+
+    return on(whom, change)
+
+
+def wrong_host(*hosts):
+    def choose(state, random, plan):
+        host = random.choice(hosts)
+        source = "ROS_IP" if host[0].isdigit() else "ROS_HOSTNAME"
+        return {"host": host, "source": source, "starter": random.choice(("shell", "unit", "launch"))}
+
+    return choose
+
+
+def other_computer(state, random, plan):
+    """The name or address of a computer of another robot, as of a shell that was copied."""
+    others = [one for one in state.fleet.members if one.robot != plan.robot]
+    if not others:
+        return None
+    one = random.choice(others)
+    host, source = random.choice(((one.name, "ROS_HOSTNAME"), (str(one.address), "ROS_IP")))
+    return {"host": host, "source": source}
+
+
+def other_roscore(state, random, plan):
+    """A node on a computer of one robot, at the roscore of another."""
+    others = [robot for robot in state.robots if robot != plan.robot]
+    if not others or len(state.fleet.computers) > 12:
+        return None
+    robot = random.choice(others)
+    return {"at": robot, "master": f"http://{state.master(robot)}:11311/"}
+
+
+def docker(state, random, one):
+    """A node that announces the address of a bridge of containers."""
+    bridge = Port("docker0", (IPv4Interface("172.17.0.1/16"),), "")
+    plan = state.fleet.computers[one.name]
+    node = Node(_node_name(state), one.name, random.choice(("172.17.0.1", "172.17.0.2")))
+    changed = state.replace_machine(replace(one, interfaces=(*one.interfaces, bridge)))
+    return changed.with_robot(plan.robot, people=(*state.robots[plan.robot].people, node))
+
+
 def twin(state, random):
     """A node name that two robots have."""
     first, second = random.sample(sorted(state.robots), 2)
@@ -513,6 +569,19 @@ FAULTS = (
     Fault("a service down", on(computers, service_down), (("service", "down"),)),
     Fault("group not passed on", on(gateways, group_not_passed_on), (("service", "down"),)),
     Fault("ghosts", on(masters, ghost), (("registration", "ghost"),)),
+    Fault("a node at loopback", start(wrong_host("127.0.0.1", "127.0.1.1", "localhost")), (("node", "loopback"),)),
+    Fault("a node with another name", start(wrong_host("laptop7", "ubuntu-2")), (("node", "name"),)),
+    Fault("a node with another address", start(wrong_host("10.9.8.7", "192.168.77.3")), (("node", "address"),)),
+    Fault("a node with the place of another robot", start(other_computer), (("node", "name"), ("node", "address"))),
+    Fault("a node at docker0", on(with_ros, docker), (("node", "interface"),)),
+    Fault("a node at the roscore of another robot", start(other_roscore), (("node", "robot"),)),
+    Fault(
+        "a node without a roscore",
+        start(lambda *_all: {}, master="http://old-pc:11311/", registered=False),
+        (("node", "master"),),
+    ),
+    Fault("services elsewhere", start(lambda *_all: {}, services="127.0.0.1"), (("node", "services"),)),
+    Fault("a node that hangs", start(lambda *_all: {}, hung=True), (("node", "hung"),)),
     Fault("node names twice", twin, (("registration", "twin"),)),
     Fault("other message definitions", definitions, (("messages", "differ"),)),
     Fault("a stranger", stranger, (("stranger", "present"),)),

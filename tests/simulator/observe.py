@@ -12,6 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflig
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import observations as seen
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 
+from tests.simulator import people
 from tests.simulator.network import CONNECTED, Network
 from tests.simulator.ros import Ros
 from tests.simulator.state import RUNS
@@ -125,6 +126,7 @@ def _probe(state, network, ros, name, started):
         services=tuple(_service(state, name, service) for service in _services(plan)),
         talker=seen.Talker(talks, "" if talks else missing or "ERROR: Unable to communicate with master!"),
         ros_missing=missing,
+        node_hosts=people.processes(state, name),
     )
 
 

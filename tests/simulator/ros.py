@@ -13,6 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.conte
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import observations as seen
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 
+from tests.simulator import people
 from tests.simulator.network import CONNECTED, NODES
 from tests.simulator.state import DEAD, HUNG, RUNS
 
@@ -319,6 +320,11 @@ class Ros:
         robot = self.fleet.computers[computer].robot
         if not self.works(robot):
             return seen.Exchange(error=self.asks(computer)[0])
+        if self.state.robots[robot].sync != DEAD:
+            return people.add(self, computer, self._exchange(computer, robot))
+        return self._exchange(computer, robot)
+
+    def _exchange(self, computer, robot):
         its = self.state.robots[robot]
         if its.sync == DEAD:
             return seen.Exchange(error=f"{self.uri(robot)}: no master_sync tells what it has registered")

@@ -26,6 +26,21 @@ RUNS, DEAD, HUNG = "runs", "dead", "hung"  # hung: it has its port, and answers 
 
 
 @dataclass(frozen=True)
+class Node:
+    """A node that a person has started."""
+
+    name: str
+    computer: str
+    host: str  # that it announces
+    source: str = "ROS_IP"  # what has decided that
+    starter: str = "shell"
+    services: str = ""  # the host of its services, where that is another one
+    master: str = ""  # its roscore, where that is not the one of its robot
+    registered: bool = True
+    hung: bool = False
+
+
+@dataclass(frozen=True)
 class RobotState:
     """What runs on the computer of a robot's master."""
 
@@ -40,6 +55,7 @@ class RobotState:
     gives: bool = True  # its discovery node serves what is planned; else it keeps odometry to itself
     ghosts: tuple[str, ...] = ()  # registered nodes that were killed
     node: str = ""  # the name of a node of its own that another robot has too
+    people: tuple[Node, ...] = ()  # nodes of people at its roscore
     sums: Mapping[str, str] = field(default_factory=dict)  # type -> md5 sum, where it is another one
 
 

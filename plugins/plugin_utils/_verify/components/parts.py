@@ -790,7 +790,7 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place} {what}, so the nodes of its own robot do not know it",
         START_AGAIN,
         "on {place}: echo $ROS_MASTER_URI",
-        what="a node is registered at the roscore of another robot",
+        what="a node uses the roscore of another robot",
         read=ALWAYS,
     ),
     ("node", "master"): Fault(

@@ -9,14 +9,15 @@ to that host, so with a wrong one the node hears others and nobody hears it. The
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from ipaddress import IPv4Address, IPv4Interface, ip_address
 from typing import NamedTuple
 
 from ..._base.sentences import shorten_list
 from ..._plan.model import FleetPlan, Membership
 from ..components.parts import Part
-from ..observe.observations import AnnouncedHost, NodeHost, Probe
+from ..observe.observations import AnnouncedHost, ForwardingInterface, NodeHost, Probe
+from ..observe.uris import host_of
 from .registrations import TEST_NODES
 
 LOOPBACK_NAMES = ("localhost", "localhost.localdomain", "ip6-localhost", "ip6-loopback")
@@ -41,7 +42,7 @@ class Misplaced(NamedTuple):
     @property
     def _deed(self) -> str:
         if self.mode == "robot":
-            return f"is registered at the roscore of {self.detail}, which is another robot"
+            return f"uses the roscore of {self.detail}, which is another robot"
         if self.mode == "master":
             return f"uses the roscore {self.process.master}"
         if self.mode == "services":
@@ -103,19 +104,24 @@ class _Fleet:
 
     def find_interface(self, computers: Iterable[str], address: str) -> tuple[str, str]:
         """Find the computer and the interface that has an address, or, as that of a bridge of containers, a network with it."""
-        try:
-            wanted = IPv4Address(address)
-        except ValueError:
-            return "", ""
         near = ("", "")
         for computer in computers:
             for entry in self.probes[computer].forwarding.interfaces if computer in self.probes else ():
-                for one, size in zip(entry.addresses, entry.prefixes or [32] * len(entry.addresses), strict=False):
-                    if one == address:
-                        return computer, entry.interface
-                    if wanted in IPv4Interface(f"{one}/{size}").network:
-                        near = near if near[0] else (computer, entry.interface)
+                if address in entry.addresses:
+                    return computer, entry.interface
+                if not near[0] and self.at.keys().isdisjoint(entry.addresses) and _is_near(address, entry):
+                    near = computer, entry.interface
         return near
+
+
+def _is_near(address: str, interface: ForwardingInterface) -> bool:
+    """Say if an address is in a network of an interface, of which each text may be anything."""
+    try:
+        wanted = IPv4Address(address)
+        places = zip(interface.addresses, interface.prefixes, strict=False)
+        return any(wanted in IPv4Interface(f"{one}/{size}").network for one, size in places)
+    except ValueError:
+        return False
 
 
 def find_misplaced(fleet: FleetPlan, probes: Mapping[str, Probe]) -> dict[str, dict[str, Misplaced]]:
@@ -129,41 +135,40 @@ def find_misplaced(fleet: FleetPlan, probes: Mapping[str, Probe]) -> dict[str, d
         if not fleet.computers[name].is_master or probe.roscore.error:
             continue
         robot = fleet.computers[name].robot
-        rows = (row for row in probe.exchange.announced if not row.node.startswith(TEST_NODES))
-        for row in _drop_allowed(rows, fleet.belonging):
-            one = _locate(seen, name, row)._replace(refused=seen.find_refusers(robot, row.node))
-            found.setdefault(robot, {})[row.node] = one
+        for row in probe.exchange.announced:
+            one = _locate(seen, name, row)
+            if not row.node.startswith(TEST_NODES) and not _is_guest(one, fleet.belonging):
+                found.setdefault(robot, {})[row.node] = one._replace(refused=seen.find_refusers(robot, row.node))
     return found
 
 
 def find_strays(
     fleet: FleetPlan, probes: Mapping[str, Probe], misplaced: Mapping[str, Mapping[str, Misplaced]]
 ) -> dict[str, list[Misplaced]]:
-    """Find the processes whose roscore is none of their robot, and no other robot's that has them: computer -> processes."""
+    """Find the processes with another roscore than their robot's, where that does not tell of them itself: computer -> processes."""
+    seen = _Fleet(fleet, probes)
     told = {(one.computer, one.process) for nodes in misplaced.values() for one in nodes.values()}
     found: dict[str, list[Misplaced]] = {}
     for computer, probe in probes.items():
         for process in probe.node_hosts:
             if process.master and (computer, process) not in told:
-                one = Misplaced(process.node, process.host, "master", computer, process)
+                its = seen.at.get(host_of(process.master), "")
+                robot = fleet.computers[its].robot if its in fleet.computers else ""
+                mode = "robot" if robot and robot != fleet.computers[computer].robot else "master"
+                one = Misplaced(process.node, process.host, mode, computer, process, robot)
                 found.setdefault(computer, []).append(one)
     return found
 
 
-def _drop_allowed(rows: Iterable[AnnouncedHost], belonging: Membership) -> Iterator[AnnouncedHost]:
-    """Leave out the nodes of computers outside the inventory that may take part, such as a laptop with rviz."""
-    for row in rows:
-        address = _read_address(row.host)
-        is_guest = address is not None and not address.is_loopback
-        if not (is_guest and (belonging.strangers == "allow" or any(address in net for net in belonging.allow))):
-            yield row
-
-
-def _read_address(host: str) -> IPv4Address | None:
+def _is_guest(one: Misplaced, belonging: Membership) -> bool:
+    """Say if a node is of a computer outside the inventory that may take part, such as a laptop with rviz."""
+    if one.mode != "address" or one.process is not UNREAD:
+        return False  # it runs on a computer of the fleet
     try:
-        return IPv4Address(host)
+        address = IPv4Address(one.host)
     except ValueError:
-        return None
+        return False
+    return belonging.strangers == "allow" or any(address in network for network in belonging.allow)
 
 
 def _locate(seen: _Fleet, master: str, row: AnnouncedHost) -> Misplaced:

@@ -43,6 +43,8 @@ def test_the_node_of_a_guest_may_have_a_foreign_address():
     seen = observed(fleet)
     update(seen[TWO].probe.exchange, announced=[AnnouncedHost("/rviz", "10.9.8.7", PORT)])
     assert find_misplaced(fleet, {name: one.probe for name, one in seen.items()}) == {}
+    update(seen[TWO].probe, node_hosts=[_process("10.9.8.7")])  # it runs on a computer of the fleet
+    assert find_misplaced(fleet, {name: one.probe for name, one in seen.items()}) != {}
 
 
 @pytest.mark.parametrize(
@@ -94,7 +96,7 @@ def test_a_node_of_another_robot_at_this_roscore_is_told_by_its_own_computer(has
     processes = {OTHER_INNER: [process]} if has_process else {}
     found, strays = _find(AnnouncedHost(NODE, OTHER_INNER, PORT), (), processes)
     assert (found.mode, found.computer, found.detail) == ("robot", OTHER_INNER, "tibi") and not strays
-    assert "is registered at the roscore of tibi" in str(found)
+    assert "uses the roscore of tibi, which is another robot" in str(found)
 
 
 def test_the_name_of_another_robots_computer_by_a_process_here_is_a_wrong_name():
@@ -120,3 +122,16 @@ def test_a_process_with_a_roscore_of_nobody_is_a_stray():
     found, strays = _find(AnnouncedHost("/other", "tibi-visio", PORT), (), {INNER: [process]})
     assert found is None
     assert [(one.mode, one.computer) for one in strays[INNER]] == [("master", INNER)]
+
+
+def test_a_process_with_the_roscore_of_another_robot_that_was_not_read_is_told():
+    process = _process(INNER, master="http://dabo-nav:11311/")
+    _found, strays = _find(AnnouncedHost("/other", "tibi-visio", PORT), (), {INNER: [process]})
+    assert [(one.mode, one.detail) for one in strays[INNER]] == [("robot", "dabo")]
+
+
+@pytest.mark.parametrize("address", ["nonsense", "172.17.0.1/99/x", ""])
+def test_a_strange_interface_costs_nothing(address):
+    strange = ForwardingInterface("x", (address,), prefixes=(1 << 70,))
+    found, _strays = _find(AnnouncedHost(NODE, "172.17.0.1", PORT), (), interfaces={INNER: [strange]})
+    assert found.mode == "address"

@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The nodes that people have started, as the roscore and the computers of their robot show them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import observations as seen
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
+
+from tests.simulator.network import CONNECTED
+
+PORT = 41233  # of the first; each other one has the next
+
+
+def hosts_of(fleet, robot):
+    """The planned names and addresses of a robot's computers."""
+    members = (member for member in fleet.members if member.robot == robot)
+    return {text for one in members for text in (one.name, str(one.address), str(one.discovery_address))}
+
+
+def _nodes(state):
+    every = (node for its in state.robots.values() for node in its.people)
+    return {node: PORT + number for number, node in enumerate(every)}
+
+
+def is_placed(state, robot, node):
+    """Whether other robots take a node."""
+    return node.registered and node.host in hosts_of(state.fleet, robot)
+
+
+def add(ros, computer, exchange):
+    """The content of a roscore, with the nodes of people beside the others."""
+    state, fleet = ros.state, ros.fleet
+    robot = fleet.computers[computer].robot
+    nodes = [node for node in state.robots[robot].people if node.registered]
+    places, silences = _nodes(state), []
+    for node in nodes:
+        error = "timed out" if node.hung else _connect(ros, computer, node, places[node])
+        if error:
+            outcome = Outcome.NO_ANSWER if node.hung else CONNECTED.get(error, Outcome.UNKNOWN_NAME)
+            silences.append(
+                seen.SilentNode(node.name, node.host, error, outcome, Outcome.OPEN if node.hung else outcome)
+            )
+    odd = [node for node in nodes if node.host not in hosts_of(fleet, robot) or node.services]
+    return replace(
+        exchange,
+        topics=(*exchange.topics, *(seen.RegisteredTopic(f"/people{one.name}", "", (one.name,)) for one in nodes)),
+        silent=(*exchange.silent, *(entry.node for entry in silences)),
+        silences=(*exchange.silences, *silences),
+        announced=tuple(seen.AnnouncedHost(one.name, one.host, places[one], one.services) for one in odd),
+    )
+
+
+def _connect(ros, computer, node, port):
+    if node.host.startswith("127.") or node.host == "localhost":
+        return "" if node.computer == computer else "Connection refused"
+    if node.host in hosts_of(ros.fleet, ros.fleet.computers[node.computer].robot):
+        return ros.reach(computer, node.host, port)[0]
+    return "timed out" if node.host[0].isdigit() else "Name or service not known"
+
+
+def processes(state, computer):
+    """The processes of nodes on a computer that are not as planned."""
+    found = []
+    for node, port in _nodes(state).items():
+        member = next(one for one in state.fleet.members if one.name == node.computer)
+        own = {member.name, str(member.address), str(member.discovery_address)}
+        if node.computer == computer and (node.host not in own or node.master or node.hung):
+            name, unit = node.name.rpartition("/")[2], {"unit": "people.service"}.get(node.starter, "session-4.scope")
+            process = seen.NodeHost(node.host, node.source, unit, (port,), name, node.master, node.starter)
+            found.append(replace(process, stopped=node.hung))
+    return tuple(found)
