@@ -10,6 +10,7 @@ __all__ = (
     "message_types",
     "node",
     "node_hosts",
+    "node_processes",
     "node_services",
     "ros",
     "tcpros",

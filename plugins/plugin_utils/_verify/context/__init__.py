@@ -4,6 +4,7 @@
 
 __all__ = (
     "actual_world",
+    "announcements",
     "case",
     "errors",
     "needs",
@@ -12,4 +13,5 @@ __all__ = (
     "policy_routing",
     "registrations",
     "stages",
+    "ways",
 )
