@@ -12,7 +12,7 @@ from typing import Any
 from ..plugin_utils._plan.environment import SEEN, find_differences
 from ..plugin_utils._robot_io import trees
 from ..plugin_utils._robot_io.concerns import UnknownTag, choose_concerns
-from ..plugin_utils._robot_io.confirmation import GuardedAction, Result, seconds_of
+from ..plugin_utils._robot_io.confirmation import GuardedAction, Result, seconds_of, wait_of
 
 # The concerns that can cut the controller off. If one of them waits for its confirmation, the others wait, too.
 GUARDED = ("sysctl", "routes", "firewall", "tunnel")
@@ -59,9 +59,8 @@ class ActionModule(GuardedAction):
         if first and not first.get("unconfirmed"):
             return first
         # The module has left the rest to the run that confirms.
-        return join_results(
-            first, self._run_second({**choose_confirmations(trial, first), **rest}, seconds, reason, task_vars, more)
-        )
+        confirming = {**choose_confirmations(trial, first), **rest}
+        return join_results(first, self._run_second(confirming, wait_of(first, seconds), reason, task_vars, more))
 
 
 def compare_shells(result: Result, wanted: Args) -> Result:

@@ -212,6 +212,11 @@ unconfirmed:
   returned: always, unless an option is wrong
   type: bool
   sample: false
+confirm_within:
+  description: Seconds for which the machine waits for the confirmation: more than was asked for after a slow run, 0 if nothing waits.
+  returned: always, unless an option is wrong
+  type: int
+  sample: 60
 confirmed:
   description: Whether the controller confirmed the change over a new connection, with O(confirm_within).
   returned: when it did

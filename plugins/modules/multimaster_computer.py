@@ -143,6 +143,11 @@ unconfirmed:
   returned: when no concern failed
   type: bool
   sample: false
+confirm_within:
+  description: Seconds for which the machine waits for the confirmation: more than was asked for after a slow run, 0 if nothing waits.
+  returned: when no concern failed
+  type: int
+  sample: 60
 same_connection:
   description: Whether the confirming run came over the connection from before the change, which proves nothing.
   returned: when no concern failed

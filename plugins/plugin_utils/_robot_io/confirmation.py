@@ -21,6 +21,7 @@ from .._base.plain_text import LINE, plain
 from .robot_action import RobotAction, limit_time
 
 GRACE = 60.0  # seconds for a run of the module, and to reach the machine after its rollback
+LONGEST = 600  # seconds that are believed of a slow machine
 PAUSE = 1.0  # seconds between two attempts
 # Messages of ssh without a session: nothing can have changed.
 UNSTARTED = (
@@ -52,7 +53,7 @@ class GuardedAction(RobotAction):
         first, reason = self._run_first({**confirming, "confirm_within": seconds}, seconds, task_vars)
         if first and not first.get("unconfirmed"):
             return first
-        return _merge(first, self._run_second(confirming, seconds, reason, task_vars))
+        return _merge(first, self._run_second(confirming, wait_of(first, seconds), reason, task_vars))
 
     @property
     def cannot_be_cut(self) -> bool:
@@ -117,6 +118,11 @@ class GuardedAction(RobotAction):
             return True
         # A temporary folder shows that this task has reached the machine before.
         return self._connection._shell.tmpdir is None and any(words in str(problem) for words in UNSTARTED)
+
+
+def wait_of(first: Result, seconds: int) -> int:
+    """Return for how many seconds the machine waits for its confirmation: longer than it was told, where it is slow."""
+    return min(max(seconds, seconds_of(first.get("confirm_within"))), max(seconds, LONGEST))
 
 
 def seconds_of(value: Any) -> int:

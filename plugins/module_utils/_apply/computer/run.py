@@ -7,6 +7,7 @@ While a change waits for its confirmation, only the concerns that could cut the 
 which confirms, does the others. A concern that fails ends the run: earlier ones stay, and waiting changes are taken back.
 """
 
+import time
 import typing
 
 from ..._base import deadlines, ends
@@ -64,6 +65,7 @@ def _carry_out(
     """Carry out all concerns within one lock, and end the module."""
     results: typing.List[typing.Tuple[str, Fields]] = []
     differences: typing.List[typing.Any] = []
+    began = time.monotonic()
     for part in parts:
         if not part.concern.guarded and any(result.get("unconfirmed") for _name, result in results):
             break  # the run that confirms does the rest
@@ -75,6 +77,9 @@ def _carry_out(
         results.append((part.concern.name, result))
         if result.get("failed") or result.get("same_connection"):
             break
+    if not any(result.get("failed") for _name, result in results):
+        for part in parts:
+            part.guard.wait_at_this_pace(time.monotonic() - began)
     reading = _read_shells(results) if read_back and not module.check_mode else {}
     return _end(module, parts, results, [entry for entry in differences if entry["before"] != entry["after"]], reading)
 
@@ -103,6 +108,7 @@ def _end(
     return ends.leave(
         module,
         unconfirmed=any(result.get("unconfirmed") for _name, result in results),
+        confirm_within=max((part.guard.waits_for for part in parts), default=0),
         same_connection=bool(last.get("same_connection")),
         msg=" ".join(result["msg"] for _name, result in results) or "Nothing was asked for.",
         **whole,

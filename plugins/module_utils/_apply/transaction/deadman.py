@@ -13,6 +13,7 @@ The script and the confirmation exclude each other by renaming one file (rename(
 
 import contextlib
 import json
+import math
 import os
 import shlex
 import time
@@ -32,6 +33,8 @@ OPTIONS = {
 }
 
 _LIMIT = 60  # seconds for systemd, and for the script; both need a few hundredths
+PACE = 5  # the confirmation may take this many times as long as the run that changed something: a busy machine is slow in both
+LONGEST = 600  # seconds by which the pace of a machine lengthens the wait at most
 # The states, each the name of a file; the last two are ends.
 _MARKS = ("armed", "undoing", "rolled_back", "confirmed")
 
@@ -39,6 +42,7 @@ _SCRIPT = """\
 # Written by rosfleet.multimaster: brings the state from before a change back that nobody has confirmed.
 PATH={path}
 cd {folder} || exit 1
+while [ -e armed ] && [ -e until ] && read -r now rest </proc/uptime && [ "${{now%%.*}}" -lt "$(cat until)" ]; do sleep 1; done
 mv armed undoing 2>/dev/null || exit 0
 try() {{ "$@" >>log 2>&1 || echo "$*" >>failures; }}
 put() {{ cp -p "$1" "$2.rosfleet-new-undo" && mv "$2.rosfleet-new-undo" "$2"; }}
@@ -197,6 +201,14 @@ class Switch:
         self.timer.stop(self.unit)
         return True
 
+    def extend(self, seconds: int) -> None:
+        """Let the way back wait for so many seconds from now on. Where that cannot be written, it comes at its earlier moment."""
+        if self.waits():
+            with contextlib.suppress(OSError, ValueError, LookupError):
+                state = dict(self.state(), seconds=seconds)
+                self._write("until", b"%d\n" % (float(commands.text("/proc/uptime").split()[0]) + seconds))
+                self._write("state.json", json.dumps(state).encode("utf-8"))
+
     def waits(self) -> bool:
         """True while there is neither a confirmation nor a rollback."""
         return self._mark() == "armed"
@@ -209,6 +221,7 @@ class Switch:
     def roll_back_now(self) -> None:
         """Roll back at once, also after a release. Raises Problem where the script did not run to its end."""
         self._turn("confirmed", "armed")
+        atomic.remove(self._path("until"))
         commands.run(["/bin/sh", self._path("undo.sh")], limit=_LIMIT)
         self.look("")  # waits, where the timer was faster
         self.timer.stop(self.unit)
@@ -337,6 +350,17 @@ class Guard:
             )
         self.unconfirmed = True
 
+    @property
+    def waits_for(self) -> int:
+        """Seconds for which the machine waits for the confirmation of this run, 0 where nothing is to be confirmed."""
+        return self.seconds if self.unconfirmed else 0
+
+    def wait_at_this_pace(self, took: float) -> None:
+        """At the end of a run that took so many seconds: the time to confirm begins now, and knows the pace of the machine."""
+        if self.unconfirmed:
+            self.seconds = max(self.seconds, min(math.ceil(PACE * took), LONGEST))
+            self.switch.extend(self.seconds)
+
     def _undo_again(self) -> None:
         self.switch.rearm()  # its timer may have rung while the change went on, and missed the rest of it
         self._roll_back()
@@ -426,7 +450,9 @@ class Guard:
 
     def success(self, changed: bool, **result: typing.Any) -> typing.Dict[str, typing.Any]:
         """Return the result of a module."""
-        return dict(result, changed=changed or self.changed, unconfirmed=self.unconfirmed)
+        return dict(
+            result, changed=changed or self.changed, unconfirmed=self.unconfirmed, confirm_within=self.waits_for
+        )
 
 
 def _describe_state(lost: typing.Sequence[str], good: str = " and is as it was before") -> str:

@@ -8,6 +8,7 @@ A module's `main` gives its Concern to `run_module`, which `multimaster_computer
     CONCERN = Concern("routes", OPTIONS, lambda module, memory: Run(module.params, memory), "routes")
 """
 
+import time
 import typing
 
 from ..._base import ends
@@ -79,6 +80,8 @@ Make = typing.Callable[[typing.Any, typing.Any], ModuleRun]  # out of a module, 
 class PlainGuard:
     """The frame of a run without a dead-man's switch, with the methods of deadman.Guard."""
 
+    waits_for = 0
+
     def begin(self) -> typing.Any:
         """Return the memory of an earlier run: there is none."""
         return None
@@ -86,6 +89,9 @@ class PlainGuard:
     def apply(self, run: typing.Any) -> None:
         """Carry out the plan. Raises Problem."""
         run.apply()
+
+    def wait_at_this_pace(self, took: float) -> None:
+        """Nothing waits for a confirmation."""
 
     def failure(self, problem: Problem, **result: typing.Any) -> Fields:
         """Return the result of a module that ends with a sentence."""
@@ -137,7 +143,7 @@ def run_locked(module: typing.Any, make: Make, guard: typing.Any, unlocked: typi
         with explain_unreadable():
             return make(module, memory)
 
-    run = None
+    run, began = None, time.monotonic()
     try:
         run = lock.read_undisturbed(module.params["records"], make_run) if module.check_mode else make_run()
         _carry_out(module, run, guard, unlocked)
@@ -145,6 +151,7 @@ def run_locked(module: typing.Any, make: Make, guard: typing.Any, unlocked: typi
         problem = cause if isinstance(cause, Problem) else Problem(sentence(cause))
         result: Fields = guard.failure(problem, **(run.failure(problem) if run else {}))
         return result
+    guard.wait_at_this_pace(time.monotonic() - began)
     result = run.result()
     if module._diff and run.difference is not None:
         result["diff"] = run.difference

@@ -125,6 +125,33 @@ def test_what_is_released_stays(switch, timer, tmp_path):
     assert place.read_text() == "x"
 
 
+def test_a_slow_machine_has_more_time_to_confirm(switch, timer, tmp_path):
+    place = tmp_path / "place"
+    switch.arm("t", HOUR, [writes(place, "x")])
+    switch.extend(3)
+    assert switch.state()["seconds"] == 3
+    began = time.monotonic()
+    timer.ring(switch.unit)  # at its first moment
+    time.sleep(1)
+    assert switch.look("t") == "armed"
+    becomes(place, "x")
+    assert time.monotonic() - began > 1.5
+
+
+@pytest.mark.parametrize("end", ["release", "roll_back_now", "unreadable"])
+def test_a_wait_that_was_extended_ends_at_once(switch, timer, tmp_path, end):
+    place = tmp_path / "place"
+    switch.arm("t", HOUR, [writes(place, "x")])
+    switch.extend(HOUR)
+    script = subprocess.Popen(timer.commands[switch.unit])
+    if end == "unreadable":
+        pathlib.Path(switch.folder, "until").write_text("never")
+    else:
+        getattr(switch, end)()
+    assert script.wait(timeout=20) == 0
+    assert place.exists() is (end != "release")
+
+
 def test_a_state_that_cannot_be_read_is_said_while_there_is_one(switch):
     switch.arm("t", HOUR, [])
     state = pathlib.Path(switch.folder) / "state.json"
