@@ -9,18 +9,14 @@ The pictures in docs/images are written anew by UPDATE_IMAGES=1 pytest tests/bro
 import json
 import os
 import pathlib
-import sys
 import time
 
+import fleets
 import pytest
+from chromium import Chromium
+from reports import make_report
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-UNIT = ROOT / "tests/unit/plugins/plugin_utils"
-sys.path[:0] = [str(pathlib.Path(__file__).parent), str(UNIT)]
-
-import fleets  # noqa: E402
-from chromium import Chromium  # noqa: E402
-from reports import make_report  # noqa: E402
 
 IMAGES = ROOT / "docs/images"
 # The finding of a run of the demonstration: ip_default_ttl was 1 on tibi-nav. docs/operate/verification.md has the text of the same run.

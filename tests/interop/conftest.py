@@ -10,16 +10,14 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import fleet
 import pytest
+from machines import containers
+from machines.layout import hosts_of, read_inventory
+from upstream import MOUNTS, UPSTREAM
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
-sys.path += [str(ROOT / "lab"), str(HERE)]
-
-import fleet  # noqa: E402
-from machines import containers  # noqa: E402
-from machines.layout import hosts_of, read_inventory  # noqa: E402
-from upstream import MOUNTS, UPSTREAM  # noqa: E402
 
 
 @pytest.fixture(scope="session", autouse=True)

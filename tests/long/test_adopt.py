@@ -3,16 +3,13 @@
 
 """Fig. 10 and 12 of the report set up by hand on twelve computers and a router, then adopted. About three minutes."""
 
-import sys
 from pathlib import Path
 
 import pytest
+from setups import adoption, manual_setup
+from subject import lab_of
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "lab"))
-
-from setups import adoption, manual_setup  # noqa: E402
-from subject import lab_of  # noqa: E402
 
 INVENTORY = ROOT / "inventory" / "multi_computer"
 ROUTER = "router"

@@ -7,17 +7,12 @@ Takes six minutes.
 """
 
 import os
-import sys
 import time
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "lab"))
-
-from proofs.busy import Busy  # noqa: E402
-from setups.links import Watch, chat, message_times, wait_until  # noqa: E402
-from setups.plug import ROBOTS, STATIC, boot_alone, expect_seen, plug, wait_for_events  # noqa: E402
+from proofs.busy import Busy
+from setups.links import Watch, chat, message_times, wait_until
+from setups.plug import ROBOTS, STATIC, boot_alone, expect_seen, plug, wait_for_events
 
 ALONE_SECONDS = float(os.environ.get("ALONE_SECONDS", "180"))
 LOST_SECONDS = 40.0

@@ -7,16 +7,13 @@ One that is frozen beside them is ended within a minute. HOGS and SECONDS choose
 """
 
 import os
-import sys
 import time
 from pathlib import Path
 
 import pytest
+from subject import lab_of
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "lab"))
-
-from subject import lab_of  # noqa: E402
 
 HOST = "kobuki1computer"
 SERVICES = ("roscore", "discovery", "connections", "sync", "watchdog")

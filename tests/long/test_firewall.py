@@ -8,18 +8,13 @@ six minutes.
 """
 
 import shutil
-import sys
 from pathlib import Path
 
+import demo
 import pytest
 import yaml
-
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "lab"))
-
-import demo  # noqa: E402
-from proofs.proof import prove, table  # noqa: E402
-from setups.packet_filters import ECHO, NARROW, STRANGER, make_filter_lab  # noqa: E402
+from proofs.proof import prove, table
+from setups.packet_filters import ECHO, NARROW, STRANGER, make_filter_lab
 
 INVENTORY = Path(__file__).with_name("firewall")
 FILTERS = {"ana-pc": "nftables", "bob-pc": "ufw", "cid-pc": "firewalld"}

@@ -8,17 +8,14 @@ About ten minutes.
 
 import json
 import re
-import sys
 import sysconfig
 import time
 from pathlib import Path
 
 import pytest
+from setups.packet_filters import make_filter_lab
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "lab"))
-
-from setups.packet_filters import make_filter_lab  # noqa: E402
 
 INVENTORY = Path(__file__).with_name("firewall")
 ROBOTS = {"ana-pc": "nftables", "bob-pc": "ufw", "cid-pc": "firewalld"}

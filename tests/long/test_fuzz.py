@@ -13,19 +13,16 @@ import os
 import random
 import re
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
+from machines import containers
+from setups.links import Watch, wait_until
+from subject import lab_of
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-sys.path.insert(0, str(ROOT / "lab"))
-
-from machines import containers  # noqa: E402
-from setups.links import Watch, wait_until  # noqa: E402
-from subject import lab_of  # noqa: E402
 
 LAB = os.environ.get("FUZZ_LAB", "long-fuzz")
 VICTIM, PEER = "kobuki1computer", "kobuki2computer"

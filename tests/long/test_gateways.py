@@ -6,17 +6,14 @@
 About six minutes.
 """
 
-import sys
 from pathlib import Path
 
+import demo
 import pytest
+from proofs.proof import prove, table
+from setups.packet_filters import ECHO, STRANGER, make_filter_lab
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "lab"))
-
-import demo  # noqa: E402
-from proofs.proof import prove, table  # noqa: E402
-from setups.packet_filters import ECHO, STRANGER, make_filter_lab  # noqa: E402
 
 INVENTORY = ROOT / "tests" / "long" / "gateways"
 GATES = {"ana-gate": "192.168.20.21", "bob-gate": "192.168.20.22", "cid-gate": "192.168.20.23"}

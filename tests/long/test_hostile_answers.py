@@ -12,19 +12,16 @@ import json
 import os
 import re
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
+from machines import containers
+from setups.links import wait_until
+from subject import lab_of
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-sys.path.insert(0, str(ROOT / "lab"))
-
-from machines import containers  # noqa: E402
-from setups.links import wait_until  # noqa: E402
-from subject import lab_of  # noqa: E402
 
 LAB = os.environ.get("HOSTILE_LAB", "long-hostile")
 VICTIM, PEER, ADDRESS = "kobuki1computer", "kobuki2computer", "192.168.1.229"

@@ -4,16 +4,11 @@
 """Losses of minutes: what tests/systems/test_links.py shows in seconds. Takes twenty minutes."""
 
 import os
-import sys
 import time
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "lab"))
-
-from setups.links import Watch, chat, cut, lossy, measure_recovery, mend, message_times, wait_until  # noqa: E402
-from subject import three_robots  # noqa: E402
+from setups.links import Watch, chat, cut, lossy, measure_recovery, mend, message_times, wait_until
+from subject import three_robots
 
 COMPUTERS = ("ana-pc", "bob-pc", "cid-pc")
 PAIRS = (("ana", "bob"), ("bob", "ana"))  # who hears whom

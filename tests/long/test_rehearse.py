@@ -16,13 +16,11 @@ import time
 from pathlib import Path
 
 import pytest
+from machines import containers
+from machines.podman import list_labelled, podman
+from rehearsals import rehearsal
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "lab"))
-
-from machines import containers  # noqa: E402
-from machines.podman import list_labelled, podman  # noqa: E402
-from rehearsals import rehearsal  # noqa: E402
 
 NAME = "long"
 LAB = rehearsal.lab_of(NAME)

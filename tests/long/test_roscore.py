@@ -11,16 +11,13 @@ import json
 import os
 import random
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from machines import containers
+from subject import lab_of
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "lab"))
-
-from machines import containers  # noqa: E402
-from subject import lab_of  # noqa: E402
 
 LAB, HOST = "long-roscore", "kobuki1computer"
 KILLS = int(os.environ.get("KILLS", "1000"))

@@ -7,16 +7,13 @@ What may be wanted, as a packet filter of one's own, is a warning of the predict
 """
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
+import seeded
+from subject import lab_of
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests" / "rehearse")]
-
-import seeded  # noqa: E402
-from subject import lab_of  # noqa: E402
 
 MISTAKES = [mistake for mistake in seeded.load() if mistake.told in (seeded.MACHINE, seeded.PREDICTION)]
 OURS = "ls -d /etc/rosfleet-multimaster /var/lib/rosfleet-multimaster /usr/local/lib/rosfleet-multimaster 2> /dev/null; true"

@@ -10,18 +10,15 @@ import json
 import os
 import random
 import statistics
-import sys
 import threading
 import time
 from pathlib import Path
 
 import pytest
+from setups.links import chat, cut, mend, message_times, wait_until
+from subject import NODES, three_robots
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "lab"))
-
-from setups.links import chat, cut, mend, message_times, wait_until  # noqa: E402
-from subject import NODES, three_robots  # noqa: E402
 
 MINUTES = float(os.environ.get("SOAK_MINUTES", "30"))
 WORK = ROOT / ".work" / "bench"

@@ -11,22 +11,19 @@ import contextlib
 import json
 import os
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from machines import containers
+from machines.layout import Extra
+from proofs.busy import Busy
+from setups.links import Watch, wait_until
+from subject import NODES, lab_of
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-sys.path.insert(0, str(ROOT / "lab"))
-
-from machines import containers  # noqa: E402
-from machines.layout import Extra  # noqa: E402
-from proofs.busy import Busy  # noqa: E402
-from setups.links import Watch, wait_until  # noqa: E402
-from subject import NODES, lab_of  # noqa: E402
 
 LAB = os.environ.get("STRANGERS_LAB", "long-strangers")
 VICTIM, PEER, STRANGER = "kobuki1computer", "kobuki2computer", "stranger"

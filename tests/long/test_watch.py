@@ -4,15 +4,13 @@
 """A fault that needs minutes: a switch that snoops IGMP, whose querier is gone, forgets the group after 260 seconds."""
 
 import re
-import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests" / "faults")]
+from machines.layout import Extra
+from subject import lab_of
+from words import STRANGER, STRANGERS_ADDRESS, Words
 
-from machines.layout import Extra  # noqa: E402
-from subject import lab_of  # noqa: E402
-from words import STRANGER, STRANGERS_ADDRESS, Words  # noqa: E402
+ROOT = Path(__file__).resolve().parents[2]
 
 FORGETS = 260.0  # seconds: RFC 2236, section 8.4, with the defaults of sections 8.1 to 8.3
 

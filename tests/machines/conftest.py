@@ -4,16 +4,10 @@
 """Labs of virtual machines for the tests in this folder: with a kernel and udev of their own."""
 
 import contextlib
-import sys
-from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "lab"), str(Path(__file__).parent)]
-
-from machines import virtual  # noqa: E402
-from subject import Lab  # noqa: E402
+from machines import virtual
+from subject import Lab
 
 
 class Machines(Lab):

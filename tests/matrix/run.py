@@ -20,13 +20,11 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-import cells  # noqa: E402
-from controllers import NEWEST, ROOT, WORK, Controller, write_connection  # noqa: E402
-from machines import containers  # noqa: E402
-from machines.layout import choose_suites, hosts_of, read_inventory  # noqa: E402
-from machines.podman import LabError, podman  # noqa: E402
+import cells
+from controllers import NEWEST, ROOT, WORK, Controller, write_connection
+from machines import containers
+from machines.layout import choose_suites, hosts_of, read_inventory
+from machines.podman import LabError, podman
 
 # Since 2.20 a controller needs Python 3.12, which Debian 12 does not have.
 CONTROLLERS = {

@@ -8,15 +8,13 @@ import sys
 import time
 from pathlib import Path
 
+import chromium
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import variables
+
+from tools.docsite import build
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "tests/browser")]
-
-import chromium  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import variables  # noqa: E402
-
-from tools.docsite import build  # noqa: E402
 
 WIDTHS = (390, 1300)  # a phone, a small laptop
 PATIENCE = 60.0

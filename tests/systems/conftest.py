@@ -6,18 +6,15 @@
 import json
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from machines import containers
+from proofs.busy import Busy
+from subject import lab_of
 
 ROOT = Path(__file__).resolve().parents[2]
 INVENTORY = ROOT / "inventory" / "single_computer"
-sys.path.insert(0, str(ROOT / "lab"))
-
-from machines import containers  # noqa: E402
-from proofs.busy import Busy  # noqa: E402
-from subject import lab_of  # noqa: E402
 
 
 def pytest_addoption(parser):

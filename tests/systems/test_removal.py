@@ -24,13 +24,13 @@ SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 HAS_A_LAB = """
 import sys, time
 from pathlib import Path
-sys.path.insert(0, sys.argv[1])
 from machines import containers
 from machines.layout import hosts_of, read_inventory
-with containers.remove_at_end(sys.argv[2]):
-    containers.bring_up(sys.argv[2], hosts_of(read_inventory(Path(sys.argv[3]))))
+with containers.remove_at_end(sys.argv[1]):
+    containers.bring_up(sys.argv[1], hosts_of(read_inventory(Path(sys.argv[2]))))
     time.sleep(0.3)
 """
+PATHS = {**os.environ, "PYTHONPATH": f"{ROOT}/lab:{os.environ.get('PYTHONPATH', '')}"}
 PATIENCE = 120.0  # seconds until a program has ended that was told to
 
 
@@ -51,7 +51,7 @@ def left(lab):
 def begun(*words):
     """A program in a session of its own, as from a terminal of its own; what it says is its own affair."""
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    return subprocess.Popen([sys.executable, *map(str, words)], cwd=ROOT, start_new_session=True, **quiet)
+    return subprocess.Popen([sys.executable, *map(str, words)], cwd=ROOT, start_new_session=True, env=PATHS, **quiet)
 
 
 def told(process, draw, length):
@@ -72,7 +72,7 @@ def told(process, draw, length):
     [pytest.param(SEED, FEW, id=f"{SEED}"), pytest.param(SEED + 1, MANY, id=f"{SEED + 1}", marks=pytest.mark.costly)],
 )
 def test_nothing_is_left_of_a_lab_whenever_its_program_is_ended(lab, seed, count):
-    words = ("-c", HAS_A_LAB, ROOT / "lab", lab, INVENTORY)
+    words = ("-c", HAS_A_LAB, lab, INVENTORY)
     began = time.monotonic()
     assert begun(*words).wait(PATIENCE) == 0
     length = time.monotonic() - began

@@ -403,14 +403,15 @@ def test_the_cores_unit_tests_pass_with_rosmaster(lab):
     """Where ROS is not installed, they have a model of rosmaster."""
     library, inside = Path(pytest.__file__).parents[1], containers.container(lab.name, FIRST)
     lab.run(FIRST, "mkdir -p /tmp/checkout /tmp/pytest")
-    nodes = "tests/unit/nodes/conftest.py tests/unit/nodes/rosmaster_model.py tests/unit/nodes/roscore/test_master.py"
+    nodes = "tests/unit/nodes/rosmaster_model.py tests/unit/nodes/roscore/test_master.py"
     for folder, names, target in (
         (library, PYTEST, "/tmp/pytest"),
         (ROOT, f"roles/nodes/files/python {nodes}", "/tmp/checkout"),
     ):
         words = f"tar -c -C {folder} --exclude=__pycache__ {names} | podman exec -i {inside} tar -x -C {target}"
         subprocess.run(["bash", "-o", "pipefail", "-c", words], check=True)
-    command = "cd /tmp/checkout && PYTHONPATH=/tmp/pytest:$PYTHONPATH python3 -m pytest -q -p no:cacheprovider"
+    path = "/tmp/pytest:/tmp/checkout/roles/nodes/files/python:/tmp/checkout/tests/unit/nodes"
+    command = f"cd /tmp/checkout && PYTHONPATH={path}:$PYTHONPATH python3 -m pytest -q -p no:cacheprovider"
     told = lab.run(FIRST, f"{command} {nodes.split()[-1]}")
     assert "passed" in told and "skipped" not in told, told
 

@@ -23,6 +23,8 @@ import traceback
 from collections.abc import Sequence
 from typing import IO, NamedTuple
 
+from processes import with_paths
+
 _PACKAGE = "ansible_collections.rosfleet.multimaster.plugins.modules"
 _LIMIT = 60  # seconds of a run
 _NETWORK = 0x40000000  # CLONE_NEWNET (setns(2))
@@ -61,7 +63,7 @@ def at_once(name: str, many: list[dict], namespace: str = "", pauses: Sequence[f
 
 @functools.cache
 def _server() -> subprocess.Popen:
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    environment = with_paths()
     server = subprocess.Popen(
         [sys.executable, __file__], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )

@@ -25,20 +25,18 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.repor
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.summary import summarise
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rosfleet_multimaster.discovery.core import report as links
+from rosfleet_multimaster.discovery.core.health import LinkHealth, LinkList
+from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster
+from rosfleet_multimaster.edge import journal
+from rosfleet_multimaster.edge.process import systemd
+from rosfleet_multimaster.edge.rpc_client import Rpc
+from rosfleet_multimaster.edge.rpc_server import RefusedCall, RpcServer
+from rosfleet_multimaster.protocol import metrics
+from rosfleet_multimaster.protocol.plain_text import is_plain
 
 ROOT = pathlib.Path(__file__).parents[2]
 NODES = "roles/nodes/files/python/rosfleet_multimaster"
-sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))
-
-from rosfleet_multimaster.discovery.core import report as links  # noqa: E402
-from rosfleet_multimaster.discovery.core.health import LinkHealth, LinkList  # noqa: E402
-from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster  # noqa: E402
-from rosfleet_multimaster.edge import journal  # noqa: E402
-from rosfleet_multimaster.edge.process import systemd  # noqa: E402
-from rosfleet_multimaster.edge.rpc_client import Rpc  # noqa: E402
-from rosfleet_multimaster.edge.rpc_server import RefusedCall, RpcServer  # noqa: E402
-from rosfleet_multimaster.protocol import metrics  # noqa: E402
-from rosfleet_multimaster.protocol.plain_text import is_plain  # noqa: E402
 
 #: a way out -> the only files that use it, by tree
 DOORS = {

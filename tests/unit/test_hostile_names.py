@@ -8,9 +8,7 @@ of quotes is then the same.
 
 import random
 import re
-import sys
 import types
-from pathlib import Path
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall import access, packet_filter
@@ -36,16 +34,13 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multic
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import is_plain, quote
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import run
+from rosfleet_multimaster.discovery.core import outsiders
+from rosfleet_multimaster.discovery.core.report import outsiders as diagnose_outsiders
+from rosfleet_multimaster.protocol.messages import Registration
+from rosfleet_multimaster.roscore.core import name_guard
+from rosfleet_multimaster.sync.core import report, sync
 
 from tests.unit.test_hostile_texts import FRAGMENTS, MARK, masked
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "roles/nodes/files/python"))
-
-from rosfleet_multimaster.discovery.core import outsiders  # noqa: E402
-from rosfleet_multimaster.discovery.core.report import outsiders as diagnose_outsiders  # noqa: E402
-from rosfleet_multimaster.protocol.messages import Registration  # noqa: E402
-from rosfleet_multimaster.roscore.core import name_guard  # noqa: E402
-from rosfleet_multimaster.sync.core import report, sync  # noqa: E402
 
 SEEDS = range(30)
 #: words that are no name: whoever has one of them as a name would have a word of ours

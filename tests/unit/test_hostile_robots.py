@@ -10,11 +10,13 @@ import copy
 import functools
 import json
 import random
-import sys
 import types
-from pathlib import Path
 
+import fleets
+import hostile_answers
 import pytest
+import shown
+import worlds
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import (
     fleet_adopt,
@@ -29,20 +31,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import answer
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io.robot_action import answer_of
-
-HERE = Path(__file__).parent
-ROOM = HERE / "plugins" / "plugin_utils"
-sys.path += [
-    str(ROOM),
-    str(ROOM / "_adopt"),
-    str(ROOM / "_network"),
-    str(HERE.parents[1] / "lab" / "nodes" / "hostile"),
-]
-
-import fleets  # noqa: E402
-import hostile_answers  # noqa: E402
-import shown  # noqa: E402
-import worlds  # noqa: E402
 
 SEEDS = [pytest.param(seed, marks=[pytest.mark.costly] if seed >= 60 else []) for seed in range(120)]
 #: what is small and has the shape of an answer: other attacks end at the door (test_answer.py)

@@ -305,3 +305,32 @@ def test_a_test_stands_at_the_path_of_its_file(tests):
         folder = ROOT / MIRRORED[tests] / path.parent.relative_to(ROOT / tests)
         name = path.stem[len("test_") :]
         assert (folder / f"{name}.py").exists() or (folder / name).is_dir(), f"{path} tests no file"
+
+
+#: what may change where Python looks for modules -> why pytest.ini cannot say it
+OWN_PATHS = {
+    **dict.fromkeys(
+        """
+        lab/rehearsals/cast.py tests/bench/network/border.py tests/bench/network/draw.py tests/bench/network/network.py
+        tests/bench/network/roaming.py tests/bench/network/tunnel.py tests/bench/roscore/stores.py tests/bench/site/growth.py
+        tests/bench/site/hosts.py tests/bench/site/site.py tests/faults/judge_again.py tests/faults/run.py tests/matrix/controllers.py
+        tools/docsite/build.py tools/readme.py
+        """.split(),
+        "a program that is run by its path, without pytest",
+    ),
+    **dict.fromkeys(
+        """
+        tests/bench/network/programs/simulated.py tests/systems/test_metrics.py tests/systems/test_sandbox.py
+        """.split(),
+        "runs on a robot of the lab, with the nodes as they are installed there",
+    ),
+    "plugins/plugin_utils/_plan/units.py": "a unit of a robot, by `python3 -I`, which reads no environment",
+    "tests/unit/nodes/test_end_connections.py": "the process of that unit",
+}
+
+
+def test_import_paths_are_in_one_place():
+    changes = re.compile(r"\bsys\.path(\.insert|\.append|\.extend|\[:0\] =| \+=)|site\.addsitedir")
+    files = [path for tree in ("lab", "plugins", "roles", "tests", "tools") for path in sources(tree)]
+    found = {path.relative_to(ROOT).as_posix() for path in files if changes.search(path.read_text(encoding="utf-8"))}
+    assert found == set(OWN_PATHS)

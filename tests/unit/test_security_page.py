@@ -9,7 +9,6 @@ by behaviour. The attacks have a table of their own.
 
 import ast
 import re
-import sys
 from pathlib import Path
 
 import pytest
@@ -17,15 +16,13 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import ros
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import documents, node, xml_rpc
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import answer, robot_action
+from rosfleet_multimaster import end_connections
+from rosfleet_multimaster.discovery.core import report as report_of_discovery
+from rosfleet_multimaster.edge import rpc_client, rpc_server
+from rosfleet_multimaster.sync.core import limits
+from rosfleet_multimaster.sync.core import report as report_of_sync
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))
-
-from rosfleet_multimaster import end_connections  # noqa: E402
-from rosfleet_multimaster.discovery.core import report as report_of_discovery  # noqa: E402
-from rosfleet_multimaster.edge import rpc_client, rpc_server  # noqa: E402
-from rosfleet_multimaster.sync.core import limits  # noqa: E402
-from rosfleet_multimaster.sync.core import report as report_of_sync  # noqa: E402
 
 PAGE = (ROOT / "docs/operate/security.md").read_text(encoding="utf-8")
 PAGES = sorted(

@@ -105,4 +105,4 @@ def test_the_installed_files_that_are_copies_can_be_imported(installed):
     taken = [f"plugins/plugin_utils/{name}.py" for name in ("_inventory/filters", "_base/plain_text")]  # of the nodes
     names = [name[: -len(".py")].replace("/", ".") for name in (*copies.COPIES, *taken)]
     words = "; ".join(f"import ansible_collections.rosfleet.multimaster.{name}" for name in names)
-    run(sys.executable, "-c", f"import sys; sys.path.insert(0, {str(folder.parents[2])!r}); {words}")
+    run("env", f"PYTHONPATH={folder.parents[2]}", sys.executable, "-c", words)

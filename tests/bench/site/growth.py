@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[3]
-sys.path.insert(0, str(ROOT / "tests/bench"))
+sys.path[:0] = [str(ROOT / folder) for folder in ("tests/bench", ".work/collections", "tests/unit/helpers")]
 
 import in_tree  # noqa: E402
 
@@ -85,7 +85,6 @@ def spent(function: Callable[[], Any]) -> tuple[Any, float]:
 
 def functions(robots: int) -> dict[str, float]:
     """Seconds of a processor for the plan of so many robots, and for the judgement of their verification."""
-    sys.path[:0] = [str(ROOT / ".work/collections"), str(ROOT / "tests/unit/plugins/plugin_utils")]
     import fleets
     from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
     from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge

@@ -3,14 +3,9 @@
 
 """The table of the network's figures: values, limits, and what falls short."""
 
-import sys
-from pathlib import Path
-
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench" / "network"))
-
-import figures  # noqa: E402
+from tests.bench.network import figures
 
 TITLES = {"managed": "ours", "upstream": "theirs"}
 FOUND = {

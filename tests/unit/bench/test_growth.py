@@ -3,12 +3,7 @@
 
 """The inventory and the tables of the growth."""
 
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench" / "site"))
-
-import growth  # noqa: E402
+from tests.bench.site import growth
 
 
 def test_an_inventory_has_all_computers_with_their_own_addresses():

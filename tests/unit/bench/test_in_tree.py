@@ -4,12 +4,8 @@
 """The figures in the tree: small, and read as they were written."""
 
 import json
-import sys
-from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
-
-import in_tree  # noqa: E402
+import in_tree
 
 
 def test_a_report_has_three_digits_and_a_line_for_each_list(tmp_path):

@@ -4,12 +4,8 @@
 """The pace of the machine, which tells a slow machine from a slow program."""
 
 import os
-import sys
-from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
-
-import pace  # noqa: E402
+import pace
 
 
 def test_the_stolen_time_is_the_eighth_number_of_all_processors():

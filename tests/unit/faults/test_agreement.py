@@ -3,17 +3,11 @@
 
 """The prediction is compared with what was measured, way by way."""
 
-import sys
-from pathlib import Path
-
-ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT / "tests" / "faults"), str(ROOT / "tests" / "unit" / "plugins" / "plugin_utils" / "_network")]
-
-from agreement import agreement  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world  # noqa: E402
-from worlds import change, fig12, info_of  # noqa: E402
+from agreement import agreement
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
+from worlds import change, fig12, info_of
 
 PLAN = fig12()
 ADDRESS = {member.name: str(member.address) for member in PLAN.members}

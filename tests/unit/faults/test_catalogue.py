@@ -6,22 +6,19 @@
 import re
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 
+import catalogue
+import judge
+import kept
+import page
 import pytest
+import remedy
+import words
 import yaml
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS
 
 ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT / "tests" / "faults"), str(ROOT / "lab")]
-
-import catalogue  # noqa: E402
-import judge  # noqa: E402
-import kept  # noqa: E402
-import page  # noqa: E402
-import remedy  # noqa: E402
-import words  # noqa: E402
 
 HOSTS = yaml.safe_load((ROOT / "tests" / "faults" / "inventory" / "hosts.yml").read_text())
 COMPUTERS = {name for robot in HOSTS["robots"]["children"].values() for name in robot["hosts"]}

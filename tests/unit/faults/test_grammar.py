@@ -5,20 +5,14 @@
 
 import re
 import subprocess
-import sys
 from itertools import islice
-from pathlib import Path
 
+import fuzz
+import grammar
+import harm
 import pytest
-
-ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT / "tests" / "faults"), str(ROOT / "lab")]
-
-import fuzz  # noqa: E402
-import grammar  # noqa: E402
-import harm  # noqa: E402
-from catalogue import Fault  # noqa: E402
-from judge import Named  # noqa: E402
+from catalogue import Fault
+from judge import Named
 
 FACTS = {"group": "226.0.0.0"} | {
     f"{name}{suffix}": f"192.0.2.{number}"

@@ -3,16 +3,9 @@
 
 """What counts as named first, in both forms of the report."""
 
-import sys
-from pathlib import Path
-
+import catalogue
+import judge
 import pytest
-
-ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT / "tests" / "faults")]
-
-import catalogue  # noqa: E402
-import judge  # noqa: E402
 
 FAULT = catalogue.Fault("icmp", "", (), (), (), (("filter", "icmp in"), ("filter", "icmp")), ("arm",), True)
 

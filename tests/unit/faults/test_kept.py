@@ -3,16 +3,11 @@
 
 """The kept results of faults that were tried."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT / "tests" / "faults")]
-
-import catalogue  # noqa: E402
-import kept  # noqa: E402
-import remedy  # noqa: E402
+import catalogue
+import kept
+import remedy
 
 FAULT = catalogue.Fault("icmp", "", (), (), (), (("filter", "icmp in"),), ("arm",), True)
 ROW = kept.Row("first", "so it is", 12.0, 60, 59, "abc1234")

@@ -4,17 +4,11 @@
 """The commands that a person would paste of a finding."""
 
 import re
-import sys
-from pathlib import Path
 
 import pytest
+import remedy
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Part
-
-ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT / "tests" / "faults")]
-
-import remedy  # noqa: E402
-from catalogue import Step  # noqa: E402
+from catalogue import Step
 
 # Commands that show something and change nothing: a remedy has them behind `see`.
 SHOWING = re.compile(

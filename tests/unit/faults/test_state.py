@@ -3,13 +3,7 @@
 
 """The fleet is as before only when each computer is, to the letter."""
 
-import sys
-from pathlib import Path
-
-ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT / "tests" / "faults")]
-
-import state  # noqa: E402
+import state
 
 BEFORE = {"gate": "up\nforward = 1\n", "arm": "up\n"}
 

@@ -10,18 +10,16 @@ import sys
 from pathlib import Path
 
 import pytest
+import rehearse
+import seeded
+from catalogue import Fault
+from machines.layout import Host
+from machines.podman import LabError
+from rehearsals.rehearsal import Rehearsable
+
+import lab
 
 ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests" / "rehearse")]
-
-import rehearse  # noqa: E402
-import seeded  # noqa: E402
-from catalogue import Fault  # noqa: E402
-from machines.layout import Host  # noqa: E402
-from machines.podman import LabError  # noqa: E402
-from rehearsals.rehearsal import Rehearsable  # noqa: E402
-
-import lab  # noqa: E402
 
 
 def rehearsal():

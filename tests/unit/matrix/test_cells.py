@@ -5,16 +5,11 @@
 
 import json
 import sys
-from pathlib import Path
 
+import cells
+import controllers
 import pytest
-
-ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests" / "matrix")]
-
-import cells  # noqa: E402
-import controllers  # noqa: E402
-from controllers import Controller  # noqa: E402
+from controllers import Controller
 
 RECAP = """
 PLAY RECAP *********************************************************************

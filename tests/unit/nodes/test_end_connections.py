@@ -10,6 +10,7 @@ import sys
 import textwrap
 
 import pytest
+from processes import with_paths
 from rosfleet_multimaster.edge import connections
 
 NODES = pathlib.Path(__file__).parents[3] / "roles/nodes/files/python"
@@ -30,7 +31,6 @@ IN_A_NAMESPACE = textwrap.dedent(
     """
     import errno, json, os, socket, subprocess, sys, time
     nodes, folder = sys.argv[1:]
-    sys.path.insert(0, nodes)
     from rosfleet_multimaster.sync import connection_ender as ender
 
     START = "import sys; sys.path.insert(0, sys.argv[1]); from rosfleet_multimaster.end_connections import main; main(*sys.argv[2:])"
@@ -105,7 +105,14 @@ def test_only_connections_with_the_fleet_are_ended(tmp_path):
         commands += f" && ip neigh add {address} lladdr 02:00:00:00:00:0{number} dev d0 nud permanent"
     script = IN_A_NAMESPACE.replace("WANTED", repr(wanted))
     words = ["unshare", "--net", "sh", "-c", commands + ' && exec "$@"', "sh", sys.executable, "-c", script]
-    done = subprocess.run([*words, str(NODES), str(tmp_path)], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [*words, str(NODES), str(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        env=with_paths(),
+    )
     assert done.returncode == 0, done.stderr
     ended, errors, took, stranger = json.loads(done.stdout)
     assert ended == [40000]
@@ -119,7 +126,6 @@ def test_without_the_right_it_says_so():
     script = textwrap.dedent(
         """
         import os, sys
-        sys.path.insert(0, sys.argv[1])
         from rosfleet_multimaster import end_connections
         from rosfleet_multimaster.protocol.members import Members
 
@@ -129,6 +135,6 @@ def test_without_the_right_it_says_so():
         print(end_connections.answer(Members(), end_connections._problem(), []).problem)
         """
     )
-    words = [sys.executable, "-c", script, str(NODES)]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=30, check=False)
+    words = [sys.executable, "-c", script]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=30, check=False, env=with_paths())
     assert "connections cannot be ended here (CAP_NET_ADMIN" in done.stdout, done.stderr

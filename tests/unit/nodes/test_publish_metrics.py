@@ -9,6 +9,7 @@ import sys
 import time
 
 import pytest
+from processes import with_paths
 from rosfleet_multimaster.publish_metrics import MOST, Publisher
 
 TEXT = "# HELP a b\n# TYPE a gauge\na 1\n"
@@ -89,9 +90,7 @@ def test_files_of_others_stay_and_sigterm_removes_ours(tmp_path):
     (folder / "other.prom").write_text(TEXT)
     (folder / "multimaster_sync.prom").write_text("old\n")  # of a run that was killed
     code = "from rosfleet_multimaster import publish_metrics; publish_metrics.main(__import__('sys').argv[1])"
-    with subprocess.Popen(
-        [sys.executable, "-c", code, str(folder)], env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    ) as process:
+    with subprocess.Popen([sys.executable, "-c", code, str(folder)], env=with_paths()) as process:
         try:
             for _try in range(200):
                 if not (folder / "multimaster_sync.prom").exists():

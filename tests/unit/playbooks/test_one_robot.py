@@ -6,15 +6,13 @@
 import copy
 import json
 import pathlib
-import sys
 
 import pytest
 
-ROOT = pathlib.Path(__file__).resolve().parents[3]
-sys.path += [str(ROOT / "tests/unit"), str(ROOT / "tests/unit/playbooks")]
+from tests.unit import test_hostile_robots
+from tests.unit.playbooks import played_robots
 
-import played_robots  # noqa: E402
-import test_hostile_robots  # noqa: E402
+ROOT = pathlib.Path(__file__).resolve().parents[3]
 
 ODD, HONEST = "kobuki1computer", "kobuki2computer"  # the odd one is the first: run_once and the roles begin with it
 ADDRESSES = {ODD: "192.168.1.229", HONEST: "192.168.1.239"}

@@ -10,14 +10,13 @@ import subprocess
 import sys
 from xml.etree import ElementTree
 
+import fleets
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import archive
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.bundle import write_files
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.run import Run
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
-sys.path.insert(0, str(ROOT / "tests/unit/plugins/plugin_utils"))
-import fleets  # noqa: E402
 
 ABOUT = {"time": "2026-11-22 14:02:00", "collection": "0.1.0", "ansible": "2.19.0", "pairs": "all"}
 

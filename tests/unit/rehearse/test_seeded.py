@@ -3,22 +3,15 @@
 
 """Each seeded mistake that needs no machine is told by its sentence, and the shipped inventories have none."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT / "tests" / "rehearse"), str(ROOT / "lab")]
-
-import seeded  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import (  # noqa: E402
+import seeded
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import (
     Inventory,
     InventoryProblems,
     read_fleet,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan  # noqa: E402
-from rehearsals import rehearsal  # noqa: E402
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
+from rehearsals import rehearsal
 
 MISTAKES = seeded.load()
 

@@ -3,16 +3,9 @@
 
 """The names of the images: an image has another name when it, or the one below it, is built in another way."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-ROOT = Path(__file__).resolve().parents[4]
-sys.path[:0] = [str(ROOT / "lab")]
-
-from machines import image  # noqa: E402
-from machines.podman import LabError  # noqa: E402
+from machines import image
+from machines.podman import LabError
 
 ALL = [image.Image(suite, full) for suite in image.RELEASES for full in (False, True)]
 

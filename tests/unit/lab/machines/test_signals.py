@@ -12,18 +12,16 @@ import threading
 from pathlib import Path
 
 import pytest
+from machines.signals import ENDING, defer_signals
+from processes import with_paths
 
 LAB = Path(__file__).resolve().parents[4] / "lab"
-sys.path.insert(0, str(LAB))
-
-from machines.signals import ENDING, defer_signals  # noqa: E402
 
 # Says when it is within the block, and what was done there in spite of the signals.
 PROGRAM = """
 import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts what runs in the background without it
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
-sys.path.insert(0, sys.argv[1])
 from machines.signals import defer_signals, exit_on_signals
 with exit_on_signals():
     try:
@@ -42,7 +40,7 @@ with exit_on_signals():
 @pytest.mark.parametrize("seed", range(6))
 def test_what_must_not_be_broken_off_ends_first(seed):
     draw = random.Random(seed)
-    process = subprocess.Popen([sys.executable, "-c", PROGRAM, str(LAB)], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen([sys.executable, "-c", PROGRAM], stdout=subprocess.PIPE, text=True, env=with_paths())
     assert process.stdout.readline() == "within\n"
     sent = [draw.choice(ENDING) for _number in range(draw.randint(1, 3))]
     for number in sent:

@@ -6,16 +6,11 @@
 import socket
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).resolve().parents[4]
-sys.path[:0] = [str(ROOT / "lab")]
-
-import vm  # noqa: E402
-from machines import disk, virtual  # noqa: E402
-from machines.podman import LabError  # noqa: E402
+import vm
+from machines import disk, virtual
+from machines.podman import LabError
 
 ANA = vm.make_host("ana", ["192.168.1.254/24", "10.0.0.1/24"], "networkd", "trixie")
 

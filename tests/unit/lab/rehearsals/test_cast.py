@@ -4,18 +4,12 @@
 """Faults of the catalogue in the words of another fleet."""
 
 import re
-import sys
-from pathlib import Path
 
+import catalogue
 import pytest
-
-ROOT = Path(__file__).resolve().parents[4]
-sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "tests" / "rehearse"), str(ROOT / "tests" / "faults")]
-
-import catalogue  # noqa: E402
-import seeded  # noqa: E402
-from machines.podman import LabError  # noqa: E402
-from rehearsals.cast import LITERAL, PARTS, cast_faults, cast_of, judge_report  # noqa: E402
+import seeded
+from machines.podman import LabError
+from rehearsals.cast import LITERAL, PARTS, cast_faults, cast_of, judge_report
 
 ALL = {path.stem for path in catalogue.FOLDER.glob("*.yml")}
 

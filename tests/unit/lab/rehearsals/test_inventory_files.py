@@ -4,16 +4,11 @@
 """A user's inventory is read by Ansible itself: templates, secrets, scripts; nothing of it is changed."""
 
 import json
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[4] / "lab"))
-
-from machines.podman import LabError  # noqa: E402
-from rehearsals.inventory_files import environment, read  # noqa: E402
-from rehearsals.rehearsal import OPTIONS  # noqa: E402
+from machines.podman import LabError
+from rehearsals.inventory_files import environment, read
+from rehearsals.rehearsal import OPTIONS
 
 INI = """
 [kobuki1]

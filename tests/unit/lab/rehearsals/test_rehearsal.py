@@ -4,14 +4,10 @@
 """The parts of an inventory that are rehearsed, left aside, or refused."""
 
 import ipaddress
-import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[4] / "lab"))
-
-from rehearsals import rehearsal  # noqa: E402
+from rehearsals import rehearsal
 
 SUITES = ("bullseye", "bookworm", "trixie")
 

@@ -14,6 +14,7 @@ import threading
 import time
 
 import pytest
+from processes import with_paths
 from rosfleet_multimaster.edge import connections
 
 NODES = pathlib.Path(__file__).parents[4] / "roles/nodes/files/python"
@@ -107,7 +108,6 @@ def test_nothing_else_is_ended(pair):
 IN_A_NAMESPACE = textwrap.dedent(
     """
     import socket, sys, threading, time
-    sys.path.insert(0, sys.argv[1])
     from rosfleet_multimaster.edge import connections
 
     def connect():
@@ -132,15 +132,14 @@ IN_A_NAMESPACE = textwrap.dedent(
 def test_a_connect_to_a_robot_without_power_ends_at_once():
     commands = "ip link set lo up && ip link add d0 type veth peer name d1 && ip link set d1 up && ip addr add 192.0.2.1/24 dev d0 && ip link set d0 up"
     commands += ' && ip neigh add 192.0.2.9 lladdr 02:00:00:00:00:09 dev d0 && exec "$@"'
-    words = ["unshare", "--net", "sh", "-c", commands, "sh", sys.executable, "-c", IN_A_NAMESPACE, str(NODES)]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=30, check=False)
+    words = ["unshare", "--net", "sh", "-c", commands, "sh", sys.executable, "-c", IN_A_NAMESPACE]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=30, check=False, env=with_paths())
     assert done.stdout.split() == ["ConnectionAbortedError", "True", "1"], done.stderr
 
 
 WITHOUT_CAPABILITY = textwrap.dedent(
     """
     import os, sys
-    sys.path.insert(0, sys.argv[1])
     from rosfleet_multimaster.edge import connections
     os.setuid(65534)
     connections.connections()
@@ -154,8 +153,11 @@ WITHOUT_CAPABILITY = textwrap.dedent(
 
 @needs_root
 def test_without_the_capability_it_says_so():
-    words = [sys.executable, "-c", WITHOUT_CAPABILITY, str(NODES)]
-    assert subprocess.run(words, capture_output=True, text=True, timeout=30, check=False).stdout == "refused\n"
+    words = [sys.executable, "-c", WITHOUT_CAPABILITY]
+    assert (
+        subprocess.run(words, capture_output=True, text=True, timeout=30, check=False, env=with_paths()).stdout
+        == "refused\n"
+    )
 
 
 def test_what_is_not_between_nodes_is_never_ended(monkeypatch):

@@ -5,16 +5,12 @@
 
 import contextlib
 import os
-import pathlib
-import sys
 import types
 
 import pytest
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_adopt
-
-sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "plugin_utils" / "_adopt"))
-from shown import machine, read_folder, roscore  # noqa: E402
+from shown import machine, read_folder, roscore
 
 INFOS = {
     name: machine(name, f"192.168.1.{number}/24", masters=[roscore(name, f"192.168.1.{number}")])

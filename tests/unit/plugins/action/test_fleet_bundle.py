@@ -6,22 +6,17 @@
 import io
 import json
 import os
-import pathlib
 import random
 import stat
-import sys
 import types
 import zipfile
 
+import fleets
 import pytest
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_bundle, fleet_report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
-
-UNIT = pathlib.Path(__file__).parents[1] / "plugin_utils"
-sys.path[:0] = [str(UNIT), str(UNIT / "_bundle")]
-import fleets  # noqa: E402
-from planted import PLANTED  # noqa: E402
+from planted import PLANTED
 
 SECRET = {
     "ansible_password": "open sesame",

@@ -3,8 +3,6 @@
 
 """The action fleet_predict: what the computers registered in, a table or warnings out."""
 
-import pathlib
-import sys
 import types
 
 import pytest
@@ -13,9 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.action import fleet_predic
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
-
-sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "plugin_utils" / "_network"))
-from worlds import change, fig12, info_of  # noqa: E402
+from worlds import change, fig12, info_of
 
 PLAN = fig12()
 WORLD = make_world(PLAN)

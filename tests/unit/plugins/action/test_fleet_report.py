@@ -7,18 +7,15 @@ import json
 import os
 import pathlib
 import stat
-import sys
 import tempfile
 import types
 from xml.etree import ElementTree
 
+import fleets
 import pytest
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
-
-sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "plugin_utils"))
-import fleets  # noqa: E402
 
 TIMES = ("2026-11-21T140200", "2026-11-22T080000", "2026-11-22T090000")
 

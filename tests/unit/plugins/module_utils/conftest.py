@@ -4,16 +4,12 @@
 """Fixtures for several rooms: runs that are killed, an environment with small commands of ROS, and a roscore."""
 
 import os
-import pathlib
 import signal
-import sys
 import threading
 import xmlrpc.server
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.ros import Ros
-
-sys.path.insert(0, str(pathlib.Path(__file__).parent))  # the modules `provider` and `talking`
 
 #: the calls that change files, or open one
 CALLS = ("open", "write", "rename", "unlink", "mkdir", "rmdir", "symlink", "chmod", "fchmod", "fsync")

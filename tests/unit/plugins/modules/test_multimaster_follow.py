@@ -20,6 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace import place
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import Stage
+from processes import with_paths
 
 # A datagram, an echo request and a connection of others
 TRAFFIC = """
@@ -168,14 +169,13 @@ def test_a_listener_ends_by_itself_and_says_so(three):
 # Echo requests of the run to a hardware address, each with a tag of a VLAN: source, target, both addresses, then number=VLAN
 TAGGED_PINGS = """
 import socket, struct, sys
-sys.path[:0] = sys.argv[1].split(":")
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.trace.capture import Tag
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast.packets import checksum, echo_request
-own, its = (bytes.fromhex(mac.replace(":", "")) for mac in sys.argv[2:4])
-ends = b"".join(map(socket.inet_aton, sys.argv[4:6]))
+own, its = (bytes.fromhex(mac.replace(":", "")) for mac in sys.argv[1:3])
+ends = b"".join(map(socket.inet_aton, sys.argv[3:5]))
 link = socket.socket(socket.AF_PACKET, socket.SOCK_RAW)
 link.bind(("eth0", 0))
-for word in sys.argv[6:]:
+for word in sys.argv[5:]:
     number, vlan = map(int, word.split("="))
     body = echo_request(Tag.from_run("test").identifier, number)
     head = struct.pack("!BBHHHBBH", 0x45, 0, 20 + len(body), 0, 0, 64, 1, 0) + ends
@@ -272,7 +272,7 @@ def test_what_comes_for_another_vlan_has_not_come_in(three):
     options = {"run": "test", "name": other.name, "probes": []}
     three.run_module(other, "multimaster_follow", {**options, "action": "listen"})
     ends = [mac(one), mac(other), one.address, other.address]
-    one.run(sys.executable, "-c", TAGGED_PINGS, ":".join(sys.path), *ends, "1=20", "2=0", "3=4095")
+    one.run(sys.executable, "-c", TAGGED_PINGS, *ends, "1=20", "2=0", "3=4095", env=with_paths())
     found = three.run_module(other, "multimaster_follow", {**options, "action": "collect"})
     assert [entry["number"] for entry in found["seen"] if not entry["outgoing"] and entry["protocol"] == "icmp"] == [2]
 

@@ -4,11 +4,10 @@
 """The module multimaster_verify as Ansible runs it: a program of its own."""
 
 import json
-import os
 import subprocess
-import sys
 
 import pytest
+from processes import with_paths
 
 from tests.unit import module_server
 
@@ -26,7 +25,7 @@ def test_check_mode_refuses_the_same(words):
     done = subprocess.run(
         module_server.command("multimaster_verify"),
         input=json.dumps({"ANSIBLE_MODULE_ARGS": arguments}),
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        env=with_paths(),
         capture_output=True,
         text=True,
         check=False,

@@ -11,14 +11,12 @@ import sys
 from pathlib import Path
 
 import pytest
+import subject
+
+from tests.unit.nodes.border.ends import free_port
 
 ROOT = Path(__file__).resolve().parents[5]
 GIVER = ROOT / "lab" / "nodes" / "programs" / "giver.py"
-sys.path[:0] = [str(ROOT / "lab"), str(ROOT / "roles/nodes/files/python")]  # ends.py needs the second
-
-import subject  # noqa: E402
-
-from tests.unit.nodes.border.ends import free_port  # noqa: E402
 
 # Ports that a program of the lab or of a test listens at, and datagrams are sent from, by the way they are written.
 FIXED = re.compile(r'(?:\bPORT\b.* = .*?|^ +"|from: )(\d{5})\b', re.MULTILINE)

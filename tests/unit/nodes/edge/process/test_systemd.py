@@ -3,12 +3,12 @@
 """Messages to systemd."""
 
 import os
-import pathlib
 import socket
 import subprocess
 import sys
 
 import pytest
+from processes import with_paths
 from rosfleet_multimaster.edge.process.systemd import notify, restore_sockets, store_socket, watchdog
 
 
@@ -65,7 +65,6 @@ def test_systemd_is_given_a_socket_which_is_the_same_one(tmp_path, monkeypatch):
 STARTED = """
 import os, sys
 os.environ["LISTEN_PID"] = sys.argv[1].replace("own", str(os.getpid()))
-sys.path.insert(0, sys.argv[2])
 from rosfleet_multimaster.edge.process.systemd import restore_sockets
 found = restore_sockets("roscore")
 print([held.getsockname()[1] for held in found], [os.get_inheritable(held.fileno()) for held in found])
@@ -79,7 +78,6 @@ print(restore_sockets("roscore"), [name for name in os.environ if name.startswit
     ids=["one", "both", "without names", "of another process"],
 )
 def test_the_sockets_that_systemd_held(pid, names, own):
-    nodes = str(pathlib.Path(sys.modules[restore_sockets.__module__].__file__).parents[3])
     sockets = [socket.create_server(("127.0.0.1", 0)) for _number in range(2)]
     ports = [held.getsockname()[1] for held in sockets]
 
@@ -88,8 +86,8 @@ def test_the_sockets_that_systemd_held(pid, names, own):
             os.dup2(os.dup2(held.fileno(), 20 + number), 3 + number)
 
     shown = subprocess.run(
-        [sys.executable, "-c", STARTED, pid, nodes],
-        env={**os.environ, "LISTEN_FDS": "2", "LISTEN_FDNAMES": names},
+        [sys.executable, "-c", STARTED, pid],
+        env=with_paths(LISTEN_FDS="2", LISTEN_FDNAMES=names),
         preexec_fn=placed,
         close_fds=False,
         stdout=subprocess.PIPE,

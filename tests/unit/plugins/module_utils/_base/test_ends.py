@@ -4,11 +4,10 @@
 """The ends of a module, as Ansible runs it: a program of its own."""
 
 import json
-import os
 import subprocess
-import sys
 
 import pytest
+from processes import with_paths
 
 from tests.unit import module_server
 
@@ -23,7 +22,7 @@ def test_a_long_option_is_not_sent_back(tmp_path, length, told):
     done = subprocess.run(
         module_server.command("managed_files"),
         input=json.dumps({"ANSIBLE_MODULE_ARGS": arguments}),
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        env=with_paths(),
         capture_output=True,
         text=True,
         check=False,

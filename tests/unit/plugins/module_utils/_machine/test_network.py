@@ -8,12 +8,11 @@ import os
 import socket
 import sys
 
+import namespaces
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Port, RouteTo
-
-from tests.unit.plugins.modules import namespaces
 
 IP_JSON = [
     {},

@@ -4,16 +4,12 @@
 """What a machine tells, read as types: what makes no sense is refused, and what is too much is cut."""
 
 import copy
-import pathlib
 import random
-import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import facts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.infer import propose
-
-sys.path.insert(0, str(pathlib.Path(__file__).parent))
-from shown import machine, roscore  # noqa: E402
+from shown import machine, roscore
 
 INFO = machine(
     "ana",

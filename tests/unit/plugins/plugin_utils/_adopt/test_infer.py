@@ -3,9 +3,7 @@
 
 """Machines in, an inventory out: the plan of the fleet that somebody has set up by hand."""
 
-import pathlib
 import random
-import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import facts
@@ -16,11 +14,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.re
     read_fleet,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
+from shown import FOLDER, machine, machines_of, read_folder, roscore
 
-sys.path[:0] = [str(pathlib.Path(__file__).parent), str(pathlib.Path(__file__).parents[5])]
-from shown import FOLDER, machine, machines_of, read_folder, roscore  # noqa: E402
-
-from tests.simulator import inventories  # noqa: E402
+from tests.simulator import inventories
 
 
 def adopted(infos, left_out=None):

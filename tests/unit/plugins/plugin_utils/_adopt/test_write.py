@@ -6,7 +6,6 @@
 import json
 import os
 import pathlib
-import sys
 
 import pytest
 import yaml
@@ -14,9 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt import
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._adopt.infer import propose
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import read_fleet
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
-
-sys.path.insert(0, str(pathlib.Path(__file__).parent))
-from shown import FOLDER, inventory_of, machine, machines_of, read_folder, roscore  # noqa: E402
+from shown import FOLDER, inventory_of, machine, machines_of, read_folder, roscore
 
 GOLDEN = pathlib.Path(__file__).parents[3] / "golden" / "adopt"
 KOBUKI2 = {"masters": [roscore("kobuki2computer", "192.168.1.239", implementation="upstream", group="226.0.0.0")]}

@@ -6,8 +6,6 @@
 import dataclasses
 import fnmatch
 import json
-import pathlib
-import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
@@ -31,11 +29,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.va
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-sys.path.insert(0, str(pathlib.Path(__file__).parents[5] / "roles/nodes/files/python"))
-
-from rosfleet_multimaster.border.core.channels import SERVICE, TOPIC, Channel  # noqa: E402
-from rosfleet_multimaster.protocol import filters, graph, parameters  # noqa: E402
+from rosfleet_multimaster.border.core.channels import SERVICE, TOPIC, Channel
+from rosfleet_multimaster.protocol import filters, graph, parameters
 from rosfleet_multimaster.protocol.wire_filters import read_rules, write_rules
 
 VERIFY = "/multimaster_verify/*"

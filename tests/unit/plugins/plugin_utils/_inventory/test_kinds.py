@@ -3,7 +3,6 @@
 
 """Kinds of values: the nodes start with the filters that preflight accepts, and preflight refuses no others."""
 
-import pathlib
 import random
 import sys
 
@@ -21,10 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.re
     read_fleet,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
-
-sys.path.insert(0, str(pathlib.Path(__file__).parents[5] / "roles/nodes/files/python"))
-
-from rosfleet_multimaster.protocol import parameters  # noqa: E402
+from rosfleet_multimaster.protocol import parameters
 
 PIECES = (
     *("/", "a", "tf", "*", "|", ".", "(", ")", "[a-z]", "[", "?", "+", "{2}", "{99999999999}", "$", "^", "\\", r"\1"),

@@ -12,7 +12,6 @@ import json
 import os
 import pathlib
 import re
-import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain, to_plain
@@ -23,11 +22,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, LookAt
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rosfleet_multimaster.protocol import filters
 
 ROOT = pathlib.Path(__file__).resolve().parents[5]
 GOLDEN = ROOT / "tests/unit/golden/providers"
-sys.path.insert(0, str(ROOT / "roles/nodes/files/python"))
-from rosfleet_multimaster.protocol import filters  # noqa: E402
 
 # A fleet with upstream on the robot tibi, which has two computers and declares what it gives.
 TIBI = {

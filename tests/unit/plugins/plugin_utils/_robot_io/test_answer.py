@@ -6,18 +6,15 @@
 import json
 import math
 import random
-import sys
 from pathlib import Path
 
+import hostile_answers
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import is_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import answer
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io.documentation import read_documentation
 
 ROOT = Path(__file__).parents[5]
-sys.path.append(str(ROOT / "lab" / "nodes" / "hostile"))
-
-import hostile_answers  # noqa: E402
 
 MODULES = ROOT / "plugins" / "modules"
 ON_ROBOTS = sorted(

@@ -11,6 +11,7 @@ import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall import access, packet_filter
+from processes import with_paths
 
 WANTED = packet_filter.PacketFilter(("192.168.1.0/24", "fd00::/8"), (), (packet_filter.Port("tcp", 2222),))
 
@@ -43,14 +44,16 @@ def test_a_way_that_would_be_closed_is_refused():
 
 def test_a_process_with_a_connection_is_found_among_ancestors():
     """This process serves a real connection, and starts one that looks."""
-    program = f"import sys; sys.path[:0] = {sys.path!r}\n" + (
+    program = (
         "from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall import access\n"
         "print([(way.port, way.peer) for way in access.read_access().sessions])"
     )
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         with socket.create_connection(("127.0.0.1", port)), server.accept()[0]:
-            done = subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, check=True)
+            done = subprocess.run(
+                [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, check=True, env=with_paths()
+            )
     assert f"({port}, '127.0.0.1')" in done.stdout
 
 

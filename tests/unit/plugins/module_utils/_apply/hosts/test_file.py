@@ -11,13 +11,13 @@ import pathlib
 import random
 import signal
 import subprocess
-import sys
 import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts import file as hosts_file
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts.bindings import bindings_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
+from processes import with_paths
 
 from tests.unit import module_server
 
@@ -82,7 +82,7 @@ class Machine:
 
 
 def environment():
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    return with_paths()
 
 
 @pytest.fixture

@@ -20,6 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transa
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.transaction import StepFailure
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
+from processes import with_paths
 
 OLD = b"127.0.0.1 localhost\n127.0.1.1 kobuki1computer\n"
 FIRST = [{"address": "192.168.1.229", "names": ["kobuki1computer"]}]
@@ -252,7 +253,7 @@ def test_without_cloud_init_its_code_is_not_even_loaded():
     code = (
         f"import sys; import {Run.__module__}; print([name for name in sys.modules if name.endswith('_hosts.guard')])"
     )
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    environment = with_paths()
     assert subprocess.check_output([sys.executable, "-c", code], env=environment) == b"[]\n"
 
 

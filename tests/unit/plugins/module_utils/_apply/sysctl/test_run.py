@@ -19,6 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl import run as sysctl
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl.plan import HEADER, settings_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
+from processes import with_paths
 
 from tests.unit import module_server
 
@@ -823,7 +824,7 @@ def test_kernel_undo_commands_bring_everything_back(namespace):
         "for command in undo:\n    subprocess.run(command, check=True)\n"
     )
     command = [*namespace.prefix, sys.executable, "-c", program, json.dumps(namespace.options(REPORT))]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    environment = with_paths()
     assert subprocess.run(command, check=True, stdout=subprocess.PIPE, env=environment).stdout.strip() == b"1"
     assert {key: namespace.held(key) for key in keys} == before
 
@@ -872,7 +873,7 @@ print(json.dumps([tried, others, wrong]))
 
 def in_namespace(namespace, program, *arguments):
     """Run a Python program in a network namespace; return what it prints as JSON."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    environment = with_paths()
     command = [*namespace.prefix, sys.executable, "-c", program, *arguments]
     return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, env=environment).stdout)
 

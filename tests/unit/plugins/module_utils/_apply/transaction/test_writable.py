@@ -14,6 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transa
     obstacle,
     obstacles,
 )
+from processes import with_paths
 
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root gives rights away")
 
@@ -98,7 +99,7 @@ def test_a_file_that_is_mounted_by_itself_cannot_be_replaced(tmp_path):
     mount = f'mount --bind /etc/passwd "{tmp_path}/a file" && exec "$@"'
     done = subprocess.run(
         ["unshare", "--mount", "sh", "-c", mount, "sh", sys.executable, "-c", program],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        env=with_paths(),
         capture_output=True,
         text=True,
         check=False,

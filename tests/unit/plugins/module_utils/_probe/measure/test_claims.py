@@ -9,11 +9,10 @@ import sys
 import threading
 import time
 
+import namespaces
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Interface
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import claims
-
-from tests.unit.plugins.modules import namespaces
 
 ASK = """
 import json, sys

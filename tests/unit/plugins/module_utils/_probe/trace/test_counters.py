@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.trace import counters
+from processes import with_paths
 
 SNMP = """Ip: Forwarding DefaultTTL InHdrErrors OutNoRoutes
 Ip: 1 64 55 2
@@ -67,7 +68,6 @@ nft 'table inet fleet {{ chain one {{ type filter hook output priority 10; udp d
 iptables-legacy -A OUTPUT -p udp --dport 10 -j DROP
 {sys.executable} - <<'END'
 import socket, sys
-sys.path[:0] = {sys.path!r}
 from {counters.__name__} import read_rules
 link = socket.socket(type=socket.SOCK_DGRAM)
 for port in (9, 10, 10):
@@ -78,7 +78,9 @@ for port in (9, 10, 10):
 print(sorted(read_rules().items()))
 END
 """
-    done = subprocess.run(["unshare", "--net", "sh", "-ec", script], stdout=subprocess.PIPE, text=True, check=True)
+    done = subprocess.run(
+        ["unshare", "--net", "sh", "-ec", script], stdout=subprocess.PIPE, text=True, check=True, env=with_paths()
+    )
     assert done.stdout.strip() == str(
         [
             ("rule of filter OUTPUT: -p udp -m udp --dport 10 -j DROP", 2),

@@ -3,7 +3,6 @@
 
 """What a watch reads: this machine's own values, and tables of the kernel."""
 
-import pathlib
 import random
 import socket
 import sys
@@ -12,10 +11,7 @@ import types
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast import packets
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.watch import process, readings
-
-sys.path.insert(0, str(pathlib.Path(__file__).parents[6] / "roles/nodes/files/python"))
-
-from rosfleet_multimaster.protocol import heartbeat  # noqa: E402
+from rosfleet_multimaster.protocol import heartbeat
 
 TABLE = """Iface\tDestination\tGateway \tFlags\tRefCnt\tUse\tMetric\tMask\t\tMTU\tWindow\tIRTT
 eth0\t00000000\t0100A8C0\t0003\t0\t0\t0\t00000000\t0\t0\t0

@@ -4,10 +4,9 @@
 """The place where packets end: from what three computers captured of a ping, a connection and a datagram."""
 
 import random
-import sys
 from dataclasses import replace
-from pathlib import Path
 
+import lies
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
@@ -23,10 +22,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import Map, Stage
 from hypothesis import given
 from hypothesis import strategies as st
-
-sys.path.append(str(Path(__file__).parent))
-
-import lies  # noqa: E402
 
 ROUTE = ["one", "gate", "two"]
 MACS = {"one": "02:00:00:00:00:01", "gate": "02:00:00:00:00:02", "two": "02:00:00:00:00:03"}

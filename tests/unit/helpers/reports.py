@@ -12,7 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content, matrices, nodes, page
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge
 
-ROOT = pathlib.Path(__file__).resolve().parents[4]
+ROOT = pathlib.Path(__file__).resolve().parents[3]
 TEMPLATE = (ROOT / "plugins/plugin_utils/_verify/report/page.html.j2").read_text(encoding="utf-8")
 
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Secrets as people write them, and ordinary lines: secrets.txt and ordinary.txt beside this file; and any secret in any form."""
+"""Secrets as people write them, and ordinary lines: secrets.txt and ordinary.txt beside the tests of bundles; and any secret in any form."""
 
 import json
 import random
@@ -9,6 +9,7 @@ import string
 from pathlib import Path
 from typing import NamedTuple
 
+FOLDER = Path(__file__).parents[1] / "plugins/plugin_utils/_bundle"
 TIME = "2026-11-22T14:02:12+0000 master_sync[812]: "
 
 
@@ -20,7 +21,7 @@ class Planted(NamedTuple):
 
 
 def _rows(name):
-    lines = Path(__file__).with_name(name).read_text(encoding="utf-8").splitlines()
+    lines = (FOLDER / name).read_text(encoding="utf-8").splitlines()
     return [line for line in lines if line and not line.startswith("#")]
 
 

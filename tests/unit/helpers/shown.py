@@ -4,16 +4,13 @@
 """What multimaster_info would show of machines that were set up by hand as a plan says, and inventories as Ansible reads them."""
 
 import pathlib
-import sys
 
 import yaml
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import Inventory
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
+from worlds import info_of
 
-sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "_network"))
-from worlds import info_of  # noqa: E402
-
-FOLDER = pathlib.Path(__file__).parents[5] / "inventory"
+FOLDER = pathlib.Path(__file__).parents[3] / "inventory"
 
 
 def machine(hostname, *addresses, routes=(), forwards=0, masters=(), uri="", **more):
