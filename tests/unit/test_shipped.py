@@ -3,6 +3,8 @@
 
 """The files in the built collection, if other files lie in the folder, too; and it works when it is installed."""
 
+import ast
+import itertools
 import json
 import os
 import subprocess
@@ -10,6 +12,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome as of_modules
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import (
+    Outcome as of_the_controller,
+)
 
 from tools import copies, package
 
@@ -86,6 +92,34 @@ def test_copies_are_what_their_originals_are():
         path for tree in ("plugins", "roles", "playbooks") for path in (ROOT / tree).rglob("*") if path.is_symlink()
     ]
     assert not links, "a link is not shipped: make it a copy, in tools/copies.py"
+
+
+#: what goes different ways to different computers: each has its own tree alone
+TREES = (("plugins/modules", "plugins/module_utils"), ("plugins/plugin_utils", "plugins/action"), (copies.NODES,))
+ENOUGH = 200  # characters of a syntax tree: two lines may be alike by chance
+
+
+def list_definitions(folders):
+    """The functions and classes of a tree without their docstrings: (syntax tree, name)."""
+    for path in (path for folder in folders for path in (ROOT / folder).rglob("*.py")):
+        if str(path.relative_to(ROOT)) in copies.COPIES:
+            continue
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                node.body = node.body[ast.get_docstring(node) is not None :]
+                if len(text := ast.dump(node)) >= ENOUGH:
+                    yield text, node.name
+
+
+def test_what_trees_share_is_a_copy_of_one_file():
+    """What is alike by hand today differs tomorrow: it belongs into tools/copies.py."""
+    found = [dict(list_definitions(folders)) for folders in TREES]
+    alike = {one[text] for one, other in itertools.combinations(found, 2) for text in one.keys() & other.keys()}
+    assert alike <= {"Outcome"}, "make it a file of its own, and a row of COPIES"
+
+
+def test_both_sides_know_the_same_outcomes():
+    assert [one.value for one in of_modules] == [one.value for one in of_the_controller]
 
 
 @pytest.mark.slow
