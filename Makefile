@@ -110,8 +110,9 @@ readme: setup ## write the tables of what was measured into their pages
 lock: ## write requirements-lab.txt and -dev.txt, with the hashes of all packages, out of the files .in (UPGRADE=yes: newer versions)
 	@bash tools/lock.sh $(UPGRADE)
 
-copies: ## write the files that are copies of others, after these were edited
+copies: setup ## write what is made of other files: copies, and RETURN of the modules that measure
 	@python3 tools/copies.py
+	@PYTHONPATH=.work/collections $(PYTHON) tools/contract.py
 
 build: setup-lab ## the collection as an archive in .work/dist, out of the files that git has
 	@$(PYTHON) tools/package.py .work/dist

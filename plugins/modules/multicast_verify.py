@@ -125,6 +125,9 @@ options:
         hears this one, for example V(true). The message names the computers and the likely causes.
     type: bool
     default: false
+notes:
+  - The return values have one level of fields here. All fields are in C(plugins/module_utils/_contract) of the collection, each with its
+    type, a sentence and an example.
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
@@ -171,175 +174,109 @@ EXAMPLES = r"""
 
 RETURN = r"""
 memberships:
-  description:
-    - The multicast groups of every interface, from C(/proc/net/igmp) and C(/proc/net/igmp6), without the helper's own
-      membership.
+  description: The multicast groups of every interface, from C(/proc/net/igmp) and C(/proc/net/igmp6), without the
+    helper's own membership.
   returned: always
   type: list
   elements: dict
-  sample: [{interface: eth0, family: ipv4, group: 226.0.0.0, users: 1, querier: V2}]
+  sample:
+    - {interface: eth0, group: 226.0.0.0, users: 1, family: ipv4, querier: V2}
   contains:
-    interface:
-      description: The name of the interface.
-      returned: always
-      type: str
-      sample: eth0
-    family:
-      description: V(ipv4) or V(ipv6).
-      returned: always
-      type: str
-      sample: ipv4
-    group:
-      description: The address of the group.
-      returned: always
-      type: str
-      sample: 226.0.0.0
-    users:
-      description: How many sockets, or parts of the kernel, are members.
-      returned: always
-      type: int
-      sample: 1
-    querier:
-      description:
-        - The IGMP version that the interface speaks, after the queries it last heard. No proof that a querier lives.
-          Null for IPv6.
-      returned: always
-      type: str
-      sample: V2
-route:
-  description: Where a program's datagrams to the group go, when it does not choose an interface itself.
-  returned: always
-  type: dict
-  sample: {device: eth0, source: 192.168.1.229}
-  contains:
-    device:
-      description: The interface, or null when there is no route.
-      returned: always
-      type: str
-      sample: eth0
-    source:
-      description: The source address, or null when there is no route.
-      returned: always
-      type: str
-      sample: 192.168.1.229
-interface:
-  description: The interface that has O(interface_address), or null when that option is not given.
-  returned: always
-  type: str
-  sample: eth0
+    interface: {description: The name of the interface., returned: always, type: str}
+    group: {description: The address of the group., returned: always, type: str}
+    users: {description: 'How many sockets, or parts of the kernel, are members.', returned: always, type: int}
+    family: {description: V(ipv4) or V(ipv6)., returned: always, type: str}
+    querier: {description: 'The IGMP version that the interface speaks, after the queries it last heard. No proof that a querier
+          lives. Null for IPv6.', returned: always, type: str}
 udp:
   description: For every other computer, what UDP datagrams on the group and port showed.
   returned: when O(action=collect)
   type: list
   elements: dict
   sample:
-    - name: kobuki2computer
-      address: 192.168.1.239
-      multicast: true
-      heard_from: true
-      heard: 14
-      source_address: 192.168.1.239
-      other_interfaces: []
-      heard_by: true
-      loss: 0.0
-      own_source_address: 192.168.1.229
-      unicast: true
-      rtt_ms: {min: 0.4, median: 0.6, max: 1.9}
-      clock_offset_s: -0.0021
+    - {name: kobuki2computer, address: 192.168.1.239, multicast: true, heard_from: true, heard: 14, source_address: 192.168.1.239,
+        other_interfaces: [], heard_by: true, loss: 0.0, own_source_address: 192.168.1.229, unicast: true, rtt_ms: {
+          min: 0.4, median: 0.6, max: 1.9}, clock_offset_s: -0.0021}
   contains:
-    name:
-      description: The name of the other computer.
-      returned: always
-      type: str
-      sample: kobuki2computer
-    address:
-      description: Its planned address.
-      returned: always
-      type: str
-      sample: 192.168.1.239
-    multicast:
-      description: Whether O(group) is to reach both computers, by O(computers[].multicast).
-      returned: always
-      type: bool
-      sample: true
-    heard_from:
-      description: Whether its datagrams to the group arrive here, on the planned interface.
-      returned: always
-      type: bool
-      sample: true
-    heard:
-      description: How many of them arrived since this computer's helper was started.
-      returned: always
-      type: int
-      sample: 14
-    source_address:
-      description:
-        - The source address of these datagrams, or null without any. Another one than RV(udp[].address) means address
-          translation.
-      returned: always
-      type: str
-      sample: 192.168.1.239
-    other_interfaces:
-      description: Other interfaces of this computer on which they arrive.
-      returned: always
-      type: list
-      elements: str
-      sample: []
-    heard_by:
-      description:
-        - Whether the other computer heard this computer's datagrams to the group while it measured, by its own count.
-          Null when no count came back, which proves nothing (its own RV(udp[].heard_from) then tells), and where
-          O(computers[].multicast=false) for one of the two.
-      returned: always
-      type: bool
-      sample: true
-    loss:
-      description:
-        - The share of this computer's datagrams to the group that the other did not hear, from 0 to 1. Null without a
-          count, and where O(computers[].multicast=false) for one of the two.
-      returned: always
-      type: float
-      sample: 0.0
-    own_source_address:
-      description: The source address from which the other computer sees this one, or null without an answer.
-      returned: always
-      type: str
-      sample: 192.168.1.229
-    unicast:
-      description:
-        - Whether it received unicast datagrams from this computer on O(port), or null without an answer or with
-          O(unicast=false).
-      returned: always
-      type: bool
-      sample: true
-    rtt_ms:
-      description:
-        - The round-trip time of unicast datagrams between the two helpers, in milliseconds, or null without an
-          answer.
-      returned: always
-      type: dict
-      sample: {min: 0.4, median: 0.6, max: 1.9}
-      contains:
-        min:
-          description: The shortest.
-          returned: always
-          type: float
-          sample: 0.4
-        median:
-          description: The median.
-          returned: always
-          type: float
-          sample: 0.6
-        max:
-          description: The longest.
-          returned: always
-          type: float
-          sample: 1.9
-    clock_offset_s:
-      description: How many seconds the other computer's clock is ahead of this one's, or null without an answer.
-      returned: always
-      type: float
-      sample: -0.0021
+    name: {description: The name of the other computer., returned: always, type: str}
+    address: {description: Its planned address., returned: always, type: str}
+    multicast: {description: 'Whether O(group) is to reach both computers, by O(computers[].multicast).', returned: always, type: bool}
+    heard_from: {description: 'Whether its datagrams to the group arrive here, on the planned interface.', returned: always, type: bool}
+    heard: {description: How many of them arrived since this computer's helper was started., returned: always, type: int}
+    source_address: {description: 'The source address of these datagrams, or null without any. Another one than RV(udp[].address)
+          means address translation.', returned: always, type: str}
+    other_interfaces: {description: Other interfaces of this computer on which they arrive., returned: always, type: list, elements: str}
+    heard_by: {description: 'Whether the other computer heard this computer''s datagrams to the group while it measured, by
+          its own count. Null when no count came back, which proves nothing (its own RV(udp[].heard_from) then tells),
+          and where O(computers[].multicast=false) for one of the two.', returned: always, type: bool}
+    loss: {description: 'The share of this computer''s datagrams to the group that the other did not hear, from 0 to 1.
+          Null without a count, and where O(computers[].multicast=false) for one of the two.', returned: always, type: float}
+    own_source_address: {description: 'The source address from which the other computer sees this one, or null without an answer.', returned: always,
+        type: str}
+    unicast: {description: 'Whether it received unicast datagrams from this computer on O(port), or null without an answer
+          or with O(unicast=false).', returned: always, type: bool}
+    rtt_ms: {description: 'The round-trip time of unicast datagrams between the two helpers, in milliseconds, or null without
+          an answer.', returned: always, type: dict}
+    clock_offset_s: {description: 'How many seconds the other computer''s clock is ahead of this one''s, or null without an answer.',
+        returned: always, type: float}
+unexpected:
+  description: Sources of datagrams on the group and port that are no computers of the fleet.
+  returned: when O(action=collect)
+  type: list
+  elements: dict
+  sample:
+    - {address: 192.168.1.77, interface: eth0, datagrams: 3}
+  contains:
+    address: {description: The source address., returned: always, type: str}
+    interface: {description: The interface on which they arrived., returned: always, type: str}
+    datagrams: {description: How many arrived since this computer's helper was started., returned: always, type: int}
+callers:
+  description: Who has sent empty datagrams to O(port) of this computer itself since the helper was started. A computer
+    that has sent some and is not among them is seen from another address, or its datagrams are dropped.
+  returned: when O(action=collect)
+  type: list
+  elements: dict
+  sample:
+    - {address: 192.168.11.100, datagrams: 3}
+  contains:
+    address: {description: The source address., returned: always, type: str}
+    datagrams: {description: How many arrived., returned: always, type: int}
+icmp:
+  description: The rounds of ICMP echo requests. A host whose C(net.ipv4.icmp_echo_ignore_broadcasts) is 1, the
+    kernel's default, never answers, though multicast works; and an answer says nothing on UDP and another group.
+    Null with O(icmp=false).
+  returned: when O(action=collect)
+  type: dict
+  sample: {group: 224.0.0.1, error: null, rounds: [{round: 1, answered: [kobuki2computer], missing: [], unexpected: []}],
+      echo_ignore_broadcasts: 0}
+  contains:
+    group: {description: The group that was asked., returned: always, type: str}
+    error: {description: 'Why the rounds could not be done, or null.', returned: always, type: str}
+    rounds: {description: At most five rounds., returned: always, type: list, elements: dict}
+    echo_ignore_broadcasts: {description: The value of C(net.ipv4.icmp_echo_ignore_broadcasts) on this computer; with 1 it does not answer
+          the others., returned: always, type: int}
+send_errors:
+  description: How many datagrams this computer's kernel refused to send, for example because of a firewall's output
+    rule.
+  returned: when O(action=collect)
+  type: dict
+  sample: {count: 0, last: null}
+  contains:
+    count: {description: How many., returned: always, type: int}
+    last: {description: 'The destination and the error of the last one, or null.', returned: always, type: str}
+route:
+  description: Where a program's datagrams to the group go, when it does not choose an interface itself.
+  returned: always
+  type: dict
+  sample: {device: eth0, source: 192.168.1.229}
+  contains:
+    device: {description: 'The interface, or null when there is no route.', returned: always, type: str}
+    source: {description: 'The source address, or null when there is no route.', returned: always, type: str}
+interface:
+  description: The interface that has O(interface_address), or null when that option is not given.
+  returned: always
+  type: str
+  sample: eth0
 heard:
   description: The names of the computers that are heard.
   returned: when O(action=collect)
@@ -347,145 +284,25 @@ heard:
   elements: str
   sample: [kobuki2computer]
 missing:
-  description:
-    - The names of the computers that are not heard, or that counted none of this computer's datagrams; where the group
-      does not reach one of the two, by unicast.
+  description: The names of the computers that are not heard, or that counted none of this computer's datagrams;
+    where the group does not reach one of the two, by unicast.
   returned: when O(action=collect)
   type: list
   elements: str
   sample: []
 unanswered:
-  description:
-    - The names of the computers that are heard, but gave no count, so that it is unknown here whether they hear this
-      one.
+  description: The names of the computers that are heard, but gave no count, so that it is unknown here whether
+    they hear this one.
   returned: when O(action=collect)
   type: list
   elements: str
   sample: []
-unexpected:
-  description: Sources of datagrams on the group and port that are no computers of the fleet.
-  returned: when O(action=collect)
-  type: list
-  elements: dict
-  sample: [{address: 192.168.1.77, interface: eth0, datagrams: 3}]
-  contains:
-    address:
-      description: The source address.
-      returned: always
-      type: str
-      sample: 192.168.1.77
-    interface:
-      description: The interface on which they arrived.
-      returned: always
-      type: str
-      sample: eth0
-    datagrams:
-      description: How many arrived since this computer's helper was started.
-      returned: always
-      type: int
-      sample: 3
-callers:
-  description:
-    - Who has sent empty datagrams to O(port) of this computer itself since the helper was started. A computer that has
-      sent some and is not among them is seen from another address, or its datagrams are dropped.
-  returned: when O(action=collect)
-  type: list
-  elements: dict
-  sample: [{address: 192.168.11.100, datagrams: 3}]
-  contains:
-    address:
-      description: The source address.
-      returned: always
-      type: str
-      sample: 192.168.11.100
-    datagrams:
-      description: How many arrived.
-      returned: always
-      type: int
-      sample: 3
 multicast_ok:
-  description:
-    - Whether it is proven for every other computer that it is heard and hears this one, that is, none is missing or
-      unanswered.
+  description: Whether it is proven for every other computer that it is heard and hears this one, that is, none
+    is missing or unanswered.
   returned: when O(action=collect)
   type: bool
   sample: true
-send_errors:
-  description:
-    - How many datagrams this computer's kernel refused to send, for example because of a firewall's output rule.
-  returned: when O(action=collect)
-  type: dict
-  sample: {count: 0, last: null}
-  contains:
-    count:
-      description: How many.
-      returned: always
-      type: int
-      sample: 0
-    last:
-      description: The destination and the error of the last one, or null.
-      returned: always
-      type: str
-      sample: "226.0.0.0:11511: Operation not permitted"
-icmp:
-  description:
-    - The rounds of ICMP echo requests. A host whose C(net.ipv4.icmp_echo_ignore_broadcasts) is 1, the kernel's
-      default, never answers, though multicast works; and an answer says nothing on UDP and another group. Null with
-      O(icmp=false).
-  returned: when O(action=collect)
-  type: dict
-  sample:
-    group: 224.0.0.1
-    echo_ignore_broadcasts: 0
-    error: null
-    rounds: [{round: 1, answered: [kobuki2computer], missing: [], unexpected: []}]
-  contains:
-    group:
-      description: The group that was asked.
-      returned: always
-      type: str
-      sample: 224.0.0.1
-    echo_ignore_broadcasts:
-      description:
-        - The value of C(net.ipv4.icmp_echo_ignore_broadcasts) on this computer; with 1 it does not answer the others.
-      returned: always
-      type: int
-      sample: 0
-    error:
-      description: Why the rounds could not be done, or null.
-      returned: always
-      type: str
-      sample: null
-    rounds:
-      description: At most five rounds.
-      returned: always
-      type: list
-      elements: dict
-      sample: [{round: 1, answered: [kobuki2computer], missing: [], unexpected: []}]
-      contains:
-        round:
-          description: The number of the round, from 1.
-          returned: always
-          type: int
-          sample: 1
-        answered:
-          description: The names of the computers that answered.
-          returned: always
-          type: list
-          elements: str
-          sample: [kobuki2computer]
-        missing:
-          description: The names of the computers that did not answer.
-          returned: always
-          type: list
-          elements: str
-          sample: []
-        unexpected:
-          description: The addresses that answered and are no computers of the fleet.
-          returned: always
-          type: list
-          elements: str
-          sample: []
 msg:
   description: What was found, in a sentence or a few; of missing computers also the likely causes.
   returned: always

@@ -88,6 +88,9 @@ options:
     description: How many seconds a listener lives at most, for example V(30); from 1 to 120.
     type: int
     default: 30
+notes:
+  - The return values have one level of fields here. All fields are in C(plugins/module_utils/_contract) of the collection, each with its
+    type, a sentence and an example.
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
@@ -130,186 +133,77 @@ sent:
   returned: when O(action=send)
   type: list
   elements: dict
-  sample: [{number: 0, outcome: no_answer, errno: 110, source_port: 40132, data: not_tried, unconfirmed: 0}]
+  sample:
+    - {number: 0, outcome: no_answer, errno: 110, source_port: 40132, data: not_tried, unconfirmed: 0}
   contains:
-    number:
-      description: The number of the probe.
-      returned: always
-      type: int
-      sample: 0
-    outcome:
-      description:
-        - The outcome as one word, as RV(rosfleet.multimaster.multimaster_verify#module:members) has it, for example V(refused).
-          Datagrams that were sent have V(no_answer).
-      returned: always
-      type: str
-      sample: no_answer
-    errno:
-      description: The number of the kernel's error, for example V(99) (EADDRNOTAVAIL); none without an error.
-      returned: always
-      type: int
-      sample: 110
-    source_port:
-      description: The local port, or V(0).
-      returned: always
-      type: int
-      sample: 40132
-    data:
-      description: The outcome of a question in an open connection, as one word.
-      returned: always
-      type: str
-      sample: not_tried
-    unconfirmed:
-      description: The number of packets of this question that the other kernel has not confirmed. A program that hangs has confirmed them.
-      returned: always
-      type: int
-      sample: 0
+    number: {description: The number of the probe., returned: always, type: int}
+    outcome: {description: 'The outcome as one word, as RV(rosfleet.multimaster.multimaster_verify#module:members) has it,
+          for example V(refused). Datagrams that were sent have V(no_answer).', returned: always, type: str}
+    errno: {description: 'The number of the kernel''s error, for example V(99) (EADDRNOTAVAIL); none without an error.',
+        returned: always, type: int}
+    source_port: {description: 'The local port, or V(0).', returned: always, type: int}
+    data: {description: 'The outcome of a question in an open connection, as one word.', returned: always, type: str}
+    unconfirmed: {description: The number of packets of this question that the other kernel has not confirmed. A program that hangs
+          has confirmed them., returned: always, type: int}
 seen:
-  description: The packets that came in and went out here, in the order of time, 500 of each protocol at most, and 100 of one sender among them.
+  description: The packets that came in and went out here, in the order of time, 500 of each protocol at most, and
+    100 of one sender among them.
   returned: when O(action=collect)
   type: list
   elements: dict
   sample:
-    - interface: eth0
-      outgoing: true
-      kind: request
-      protocol: tcp
-      source: 192.168.1.229
-      destination: 192.168.1.239
-      source_port: 40132
-      port: 11311
-      number: -1
-      sequence: 2868410113
-      ttl: 64
-      length: 60
-      intact: true
-      source_mac: 02:42:c0:a8:01:e5
-      target_mac: 02:42:c0:a8:01:ef
-      icmp_type: -1
-      icmp_code: -1
-      reporter: ""
+    - {interface: eth0, outgoing: true, kind: request, protocol: tcp, source: 192.168.1.229, destination: 192.168.1.239,
+        source_port: 40132, port: 11311, number: -1, sequence: 2868410113, ttl: 64, length: 60, intact: true, source_mac: '02:42:c0:a8:01:e5',
+        target_mac: '02:42:c0:a8:01:ef', icmp_type: -1, icmp_code: -1, reporter: ''}
   contains:
-    interface:
-      description: The interface.
-      returned: always
-      type: str
-      sample: eth0
-    outgoing:
-      description: Whether it went out, and did not come in.
-      returned: always
-      type: bool
-      sample: true
-    kind:
-      description: V(request), V(answer), or V(error) for an ICMP error that quotes the packet.
-      returned: always
-      type: str
-      sample: request
-    protocol:
-      description: V(icmp), V(tcp), V(udp) or V(arp).
-      returned: always
-      type: str
-      sample: tcp
-    source:
-      description: The IPv4 address of the sender; of an ICMP error that of the quoted packet.
-      returned: always
-      type: str
-      sample: 192.168.1.229
-    destination:
-      description: The IPv4 address of the receiver; of an ARP message the one that is asked for.
-      returned: always
-      type: str
-      sample: 192.168.1.239
-    source_port:
-      description: The port of the sender, or V(0).
-      returned: always
-      type: int
-      sample: 40132
-    port:
-      description: The port of the receiver, or V(0).
-      returned: always
-      type: int
-      sample: 11311
-    number:
-      description: The number of the probe in echo requests and datagrams; else V(-1).
-      returned: always
-      type: int
-      sample: -1
-    sequence:
-      description: The first sequence number of a connection. Routers leave it as it is, so it is the same on every computer.
-      returned: always
-      type: int
-      sample: 2868410113
-    ttl:
-      description: The time to live with which it was seen.
-      returned: always
-      type: int
-      sample: 64
-    length:
-      description: The bytes of the IPv4 packet.
-      returned: always
-      type: int
-      sample: 60
-    intact:
-      description: Whether its IPv4 header has the right checksum.
-      returned: always
-      type: bool
-      sample: true
-    source_mac:
-      description: The hardware address from which it came; empty on an interface without such addresses.
-      returned: always
-      type: str
-      sample: 02:42:c0:a8:01:e5
-    target_mac:
-      description: The hardware address to which it went.
-      returned: always
-      type: str
-      sample: 02:42:c0:a8:01:ef
-    icmp_type:
-      description: The type of an ICMP error; else V(-1).
-      returned: always
-      type: int
-      sample: -1
-    icmp_code:
-      description: The code of an ICMP error; else V(-1).
-      returned: always
-      type: int
-      sample: -1
-    reporter:
-      description: The address that has sent an ICMP error; else empty.
-      returned: always
-      type: str
-      sample: ""
+    interface: {description: The interface., returned: always, type: str}
+    outgoing: {description: 'Whether it went out, and did not come in.', returned: always, type: bool}
+    kind: {description: 'V(request), V(answer), or V(error) for an ICMP error that quotes the packet.', returned: always,
+        type: str}
+    protocol: {description: 'V(icmp), V(tcp), V(udp) or V(arp).', returned: always, type: str}
+    source: {description: The IPv4 address of the sender; of an ICMP error that of the quoted packet., returned: always, type: str}
+    destination: {description: The IPv4 address of the receiver; of an ARP message the one that is asked for., returned: always,
+        type: str}
+    source_port: {description: 'The port of the sender, or V(0).', returned: always, type: int}
+    port: {description: 'The port of the receiver, or V(0).', returned: always, type: int}
+    number: {description: The number of the probe in echo requests and datagrams; else V(-1)., returned: always, type: int}
+    sequence: {description: 'The first sequence number of a connection. Routers leave it as it is, so it is the same on every
+          computer.', returned: always, type: int}
+    ttl: {description: The time to live with which it was seen., returned: always, type: int}
+    length: {description: The bytes of the IPv4 packet., returned: always, type: int}
+    intact: {description: Whether its IPv4 header has the right checksum., returned: always, type: bool}
+    source_mac: {description: The hardware address from which it came; empty on an interface without such addresses., returned: always,
+        type: str}
+    target_mac: {description: The hardware address to which it went., returned: always, type: str}
+    icmp_type: {description: The type of an ICMP error; else V(-1)., returned: always, type: int}
+    icmp_code: {description: The code of an ICMP error; else V(-1)., returned: always, type: int}
+    reporter: {description: The address that has sent an ICMP error; else empty., returned: always, type: str}
 missed:
   description: How many packets came beyond the 500 of a protocol, also those for which the kernel had no room.
   returned: when O(action=collect)
   type: int
   sample: 0
 full:
-  description: The addresses that have sent more than 100 packets of a protocol, of which no more were kept, for example V([192.168.1.77]).
+  description: The addresses that have sent more than 100 packets of a protocol, of which no more were kept, for
+    example V([192.168.1.77]).
   returned: when O(action=collect)
   type: list
   elements: str
   sample: []
 counters:
-  description:
-    - Counters of packets that were given up which have grown meanwhile, 60 at most. They are those of C(/proc/net/snmp), C(/proc/net/netstat),
-      C(/proc/net/dev) and conntrack, rules of nftables that drop or reject and count, and the reasons for which the kernel has dropped
-      packets of IPv4 or ARP (C(skb:kfree_skb) in C(/sys/kernel/tracing), since Linux 5.17).
+  description: Counters of packets that were given up which have grown meanwhile, 60 at most. They are those of
+    C(/proc/net/snmp), C(/proc/net/netstat), C(/proc/net/dev) and conntrack, rules of nftables that drop or reject
+    and count, and the reasons for which the kernel has dropped packets of IPv4 or ARP (C(skb:kfree_skb) in C(/sys/kernel/tracing),
+    since Linux 5.17).
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample: [{counter: IpInHdrErrors, more: 3}]
+  sample:
+    - {counter: IpInHdrErrors, more: 3}
   contains:
-    counter:
-      description: The name of the counter, the rule, or the reason as C(drop reason NETFILTER_DROP).
-      returned: always
-      type: str
-      sample: IpInHdrErrors
-    more:
-      description: By how much it has grown.
-      returned: always
-      type: int
-      sample: 3
+    counter: {description: 'The name of the counter, the rule, or the reason as C(drop reason NETFILTER_DROP).', returned: always,
+        type: str}
+    more: {description: By how much it has grown., returned: always, type: int}
 fixed:
   description: The hardware addresses of neighbours that somebody has set by hand.
   returned: when O(action=collect)

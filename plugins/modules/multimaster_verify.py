@@ -287,6 +287,9 @@ options:
       - How many seconds a stream with O(action=stream) takes, for example V(0.5); from 0.1 to 2. It ends earlier after 20 MB.
     type: float
     default: 0.5
+notes:
+  - The return values have one level of fields here. All fields are in C(plugins/module_utils/_contract) of the collection, each with its
+    type, a sentence and an example.
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
@@ -334,1767 +337,460 @@ members:
   type: list
   elements: dict
   sample:
-    - name: kobuki2computer
-      address: 192.168.1.239
-      addresses: [192.168.1.239]
-      resolve_error: ""
-      route: {device: eth0, source: 192.168.1.229, gateway: null, error: ""}
-      ping_address: {ok: true, rtt_ms: 0.4, error: "", outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239}
-      ping_name: {ok: true, rtt_ms: 0.4, error: "", outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239}
-      ping_large: {ok: true, rtt_ms: 0.5, error: "", outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239}
-      loss: 0.0
-      tcp: ""
-      tcp_outcome: not_tried
-      silent: false
-      neighbour: 02:42:c0:a8:01:ef
-      neighbour_fixed: false
-      user_addresses: [192.168.1.239]
-      file_addresses: [192.168.1.239]
+    - {name: kobuki2computer, address: 192.168.1.239, addresses: [192.168.1.239], file_addresses: [192.168.1.239], resolve_error: '',
+        route: {device: eth0, source: 192.168.1.229, gateway: null, error: '', metric: '100'}, discovery_route: {device: eth0,
+          source: 192.168.1.229, gateway: null, error: '', metric: '100'}, ping_address: {ok: true, rtt_ms: 0.4, error: '',
+          outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239}, ping_name: {ok: true,
+          rtt_ms: 0.4, error: '', outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239},
+        ping_large: {ok: true, rtt_ms: 0.5, error: '', outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239},
+        neighbour: '02:42:c0:a8:01:ef', neighbour_fixed: false, user_addresses: [192.168.1.239], loss: 0.0, tcp: '',
+        tcp_outcome: not_tried, silent: false}
   contains:
-    name:
-      description: The name of the computer.
-      returned: always
-      type: str
-      sample: kobuki2computer
-    address:
-      description: Its planned address.
-      returned: always
-      type: str
-      sample: 192.168.1.239
-    addresses:
-      description: The IPv4 addresses that its name has on this computer, by the resolver that all programs use.
-      returned: always
-      type: list
-      elements: str
-      sample: [192.168.1.239]
-    resolve_error:
-      description: Why the name has none, or empty.
-      returned: always
-      type: str
-      sample: ""
-    route:
-      description: The route that the kernel takes to the planned address.
-      returned: for every other computer
-      type: dict
-      sample: {device: eth0, source: 192.168.1.229, gateway: null, error: ""}
-      contains:
-        device:
-          description: The interface, or null without a route.
-          returned: always
-          type: str
-          sample: eth0
-        source:
-          description: The source address, or null without a route.
-          returned: always
-          type: str
-          sample: 192.168.1.229
-        gateway:
-          description: The gateway, or null where the computer is on the same network.
-          returned: always
-          type: str
-          sample: null
-        metric:
-          description: The metric of the route, or null where it has none.
-          returned: where there is a route
-          type: str
-          sample: "100"
-        error:
-          description: Why there is no route, or empty.
-          returned: always
-          type: str
-          sample: ""
-    ping_address:
-      description: Whether an ICMP echo request to the planned address is answered; up to three are sent.
-      returned: for every other computer
-      type: dict
-      sample: {ok: true, rtt_ms: 0.4, error: "", outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239}
-      contains:
-        ok:
-          description: Whether an answer came.
-          returned: always
-          type: bool
-          sample: true
-        rtt_ms:
-          description: The round-trip time in milliseconds, or null without an answer.
-          returned: always
-          type: float
-          sample: 0.4
-        error:
-          description: Why there is none, such as what a router reports, or empty.
-          returned: always
-          type: str
-          sample: ""
-        outcome:
-          description:
-            - The same as one word, V(answered), V(prohibited), V(time_exceeded), V(too_large), V(wrong_source), or as RV(masters[].outcome).
-          returned: always
-          type: str
-          sample: answered
-        errno:
-          description: The number of the error of the kernel here, or null.
-          returned: always
-          type: int
-          sample: null
-        icmp_type:
-          description: The type of the ICMP message that came back, or null.
-          returned: always
-          type: int
-          sample: 0
-        icmp_code:
-          description: Its code, or null.
-          returned: always
-          type: int
-          sample: 0
-        reporter:
-          description: The address that sent it, or empty.
-          returned: always
-          type: str
-          sample: 192.168.1.239
-    ping_name:
-      description: The same for the first address that the name has on this computer.
-      returned: for every other computer
-      type: dict
-      sample: {ok: true, rtt_ms: 0.4, error: "", outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239}
-      contains:
-        ok:
-          description: Whether an answer came.
-          returned: always
-          type: bool
-          sample: true
-        rtt_ms:
-          description: The round-trip time in milliseconds, or null without an answer.
-          returned: always
-          type: float
-          sample: 0.4
-        error:
-          description: Why there is none, or empty.
-          returned: always
-          type: str
-          sample: ""
-        outcome:
-          description:
-            - The same as one word, V(answered), V(prohibited), V(time_exceeded), V(too_large), V(wrong_source), or as RV(masters[].outcome).
-          returned: always
-          type: str
-          sample: answered
-        errno:
-          description: The number of the error of the kernel here, or null.
-          returned: always
-          type: int
-          sample: null
-        icmp_type:
-          description: The type of the ICMP message that came back, or null.
-          returned: always
-          type: int
-          sample: 0
-        icmp_code:
-          description: Its code, or null.
-          returned: always
-          type: int
-          sample: 0
-        reporter:
-          description: The address that sent it, or empty.
-          returned: always
-          type: str
-          sample: 192.168.1.239
-    discovery_route:
-      description:
-        - The route to RV(members[].name)'s O(members[].discovery_address), as RV(members[].route); null where that is its address.
-      returned: for every other computer
-      type: dict
-      sample: {device: eth0, source: 192.168.1.229, gateway: null, metric: null, error: ""}
-      contains:
-        device:
-          description: The interface, or null without a route.
-          returned: always
-          type: str
-          sample: eth0
-        source:
-          description: The address from which packets leave, or null without a route.
-          returned: always
-          type: str
-          sample: 192.168.1.229
-        gateway:
-          description: The next hop, or null in the own network.
-          returned: always
-          type: str
-          sample: 192.168.1.201
-        metric:
-          description: The metric of the route, or null where it has none.
-          returned: where there is a route
-          type: str
-          sample: "100"
-        error:
-          description: The kernel's words where there is no route, or empty.
-          returned: always
-          type: str
-          sample: ""
-    ping_large:
-      description:
-        - The same for packets to the planned address that are as large as this computer's interface allows, 1500 bytes at
-          most, and that no router may split. A router that tells that they are too large for the next network is as good as
-          an answer. Null where small ones are not answered.
-      returned: for every other computer
-      type: dict
-      sample: {ok: true, rtt_ms: 0.5, error: "", outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239}
-      contains:
-        ok:
-          description: Whether an answer came.
-          returned: always
-          type: bool
-          sample: true
-        rtt_ms:
-          description: The round-trip time in milliseconds, or null without an answer.
-          returned: always
-          type: float
-          sample: 0.5
-        error:
-          description: Why there is none, or empty.
-          returned: always
-          type: str
-          sample: ""
-        outcome:
-          description:
-            - The same as one word, V(answered), V(prohibited), V(time_exceeded), V(too_large), V(wrong_source), or as RV(masters[].outcome).
-          returned: always
-          type: str
-          sample: answered
-        errno:
-          description: The number of the error of the kernel here, or null.
-          returned: always
-          type: int
-          sample: null
-        icmp_type:
-          description: The type of the ICMP message that came back, or null.
-          returned: always
-          type: int
-          sample: 0
-        icmp_code:
-          description: Its code, or null.
-          returned: always
-          type: int
-          sample: 0
-        reporter:
-          description: The address that sent it, or empty.
-          returned: always
-          type: str
-          sample: 192.168.1.239
-    loss:
-      description:
-        - The share of 20 further small echo requests to the planned address that have no answer, from 0 to 1; null where
-          none were sent. In a large fleet they are sent to some of the computers, 32 at most.
-      returned: for every other computer
-      type: float
-      sample: 0.0
-    tcp:
-      description:
-        - Where no ping is answered, what TCP port 9 (discard) of the planned address says, V(refused) where the computer is
-          there all the same, or why nothing came back. Empty where a ping is answered.
-      returned: for every other computer
-      type: str
-      sample: ""
-    tcp_outcome:
-      description:
-        - RV(members[].tcp) as one word,
-          a word of RV(masters[].outcome).
-      returned: for every other computer
-      type: str
-      sample: not_tried
-    silent:
-      description:
-        - Whether no ping was answered, and within 3.5 seconds no computer on the way told why, neither this computer's kernel nor
-          a gateway. Where no computer has the next address on the way, they would.
-      returned: for every other computer
-      type: bool
-      sample: false
-    user_addresses:
-      description: The IPv4 addresses that its name has for the user C(nobody), or null where that was not looked up.
-      returned: always
-      type: list
-      elements: str
-      sample: [192.168.1.239]
-    file_addresses:
-      description: The addresses that its name has in C(/etc/hosts).
-      returned: always
-      type: list
-      elements: str
-      sample: [192.168.1.239]
-    neighbour_fixed:
-      description: Whether somebody has set that hardware address by hand, so that the kernel does not ask for it.
-      returned: for every other computer
-      type: bool
-      sample: false
-    neighbour:
-      description: The hardware address that this computer knows for the planned address; empty for a computer in another network.
-      returned: for every other computer
-      type: str
-      sample: 02:42:c0:a8:01:ef
-claims:
-  description:
-    - Who answers for an address on the networks of this computer, asked by ARP without an address of its own, so that it
-      changes nothing. The own addresses, for which no other computer is to answer, and those of O(members) and of gateways, for
-      which one computer is. Empty where the kernel does not allow it, and without an interface of Ethernet.
-  returned: when O(action=collect)
-  type: list
-  elements: dict
-  sample: [{address: 192.168.1.239, interface: eth0, macs: ["02:42:c0:a8:01:ef"]}]
-  contains:
-    address:
-      description: The address that was asked for.
-      returned: always
-      type: str
-      sample: 192.168.1.239
-    interface:
-      description: The interface by which was asked.
-      returned: always
-      type: str
-      sample: eth0
-    macs:
-      description: The hardware addresses of all who answered; for the own address there should be no answer.
-      returned: always
-      type: list
-      elements: str
-      sample: ["02:42:c0:a8:01:ef"]
-policy:
-  description: What decides beside the routes of the main table where packets go.
-  returned: when O(action=collect)
-  type: dict
-  sample: {rules: ["100: from all to 192.168.12.0/24 lookup 77"], closed: ["blackhole 192.168.12.5"]}
-  contains:
-    rules:
-      description: The rules beside the kernel's own, as C(ip rule) prints them, 100 at most.
-      returned: always
-      type: list
-      elements: str
-      sample: ["100: from all to 192.168.12.0/24 lookup 77"]
-    closed:
-      description: The routes of all tables that lead nowhere, as C(ip route) prints them, 100 at most.
-      returned: always
-      type: list
-      elements: str
-      sample: ["blackhole 192.168.12.5"]
-name_sources:
-  description: Who is asked for the address of a name, in this order, as the line C(hosts) of C(/etc/nsswitch.conf) says it. Empty where it says nothing.
-  returned: when O(action=collect), but not for the router
-  type: list
-  elements: str
-  sample: [files, dns]
+    name: {description: The name of the computer., returned: always, type: str}
+    address: {description: Its planned address., returned: always, type: str}
+    addresses: {description: 'The IPv4 addresses that its name has on this computer, by the resolver that all programs use.',
+        returned: always, type: list, elements: str}
+    file_addresses: {description: The addresses that its name has in C(/etc/hosts)., returned: always, type: list, elements: str}
+    resolve_error: {description: 'Why the name has none, or empty.', returned: always, type: str}
+    route: {description: The route that the kernel takes to the planned address., returned: for every other computer, type: dict}
+    discovery_route: {description: 'The route to RV(members[].name)''s O(members[].discovery_address), as RV(members[].route); null
+          where that is its address.', returned: for every other computer, type: dict}
+    ping_address: {description: Whether an ICMP echo request to the planned address is answered; up to three are sent., returned: for
+          every other computer, type: dict}
+    ping_name: {description: The same for the first address that the name has on this computer., returned: for every other computer,
+        type: dict}
+    ping_large: {description: 'The same for packets to the planned address that are as large as this computer''s interface allows,
+          1500 bytes at most, and that no router may split. A router that tells that they are too large for the next
+          network is as good as an answer. Null where small ones are not answered.', returned: for every other computer,
+        type: dict}
+    neighbour: {description: The hardware address that this computer knows for the planned address; empty for a computer in another
+          network., returned: for every other computer, type: str}
+    neighbour_fixed: {description: 'Whether somebody has set that hardware address by hand, so that the kernel does not ask for it.',
+        returned: for every other computer, type: bool}
+    user_addresses: {description: 'The IPv4 addresses that its name has for the user C(nobody), or null where that was not looked
+          up.', returned: always, type: list, elements: str}
+    loss: {description: 'The share of 20 further small echo requests to the planned address that have no answer, from 0
+          to 1; null where none were sent. In a large fleet they are sent to some of the computers, 32 at most.', returned: for
+          every other computer, type: float}
+    tcp: {description: 'Where no ping is answered, what TCP port 9 (discard) of the planned address says, V(refused) where
+          the computer is there all the same, or why nothing came back. Empty where a ping is answered.', returned: for
+          every other computer, type: str}
+    tcp_outcome: {description: 'RV(members[].tcp) as one word, a word of RV(masters[].outcome).', returned: for every other computer,
+        type: str}
+    silent: {description: 'Whether no ping was answered, and within 3.5 seconds no computer on the way told why, neither this
+          computer''s kernel nor a gateway. Where no computer has the next address on the way, they would.', returned: for
+          every other computer, type: bool}
 default_routes:
   description: The default routes of this computer.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample: [{device: eth0, source: null, gateway: 192.168.1.1, metric: null}]
+  sample:
+    - {device: eth0, source: null, gateway: 192.168.1.1, metric: null}
   contains:
-    device:
-      description: The interface.
-      returned: always
-      type: str
-      sample: eth0
-    source:
-      description: The source address, or null where the route names none.
-      returned: always
-      type: str
-      sample: null
-    gateway:
-      description: The gateway, or null where the route names none.
-      returned: always
-      type: str
-      sample: 192.168.1.1
-    metric:
-      description: The metric, or null where the route names none, which is the metric 0.
-      returned: always
-      type: str
-      sample: null
+    device: {description: The interface., returned: always, type: str}
+    source: {description: 'The source address, or null where the route names none.', returned: always, type: str}
+    gateway: {description: 'The gateway, or null where the route names none.', returned: always, type: str}
+    metric: {description: 'The metric, or null where the route names none, which is the metric 0.', returned: always, type: str}
+claims:
+  description: Who answers for an address on the networks of this computer, asked by ARP without an address of its
+    own, so that it changes nothing. The own addresses, for which no other computer is to answer, and those of O(members)
+    and of gateways, for which one computer is. Empty where the kernel does not allow it, and without an interface
+    of Ethernet.
+  returned: when O(action=collect)
+  type: list
+  elements: dict
+  sample:
+    - {address: 192.168.1.239, interface: eth0, macs: ['02:42:c0:a8:01:ef']}
+  contains:
+    address: {description: The address that was asked for., returned: always, type: str}
+    interface: {description: The interface by which was asked., returned: always, type: str}
+    macs: {description: The hardware addresses of all who answered; for the own address there should be no answer., returned: always,
+        type: list, elements: str}
+policy:
+  description: What decides beside the routes of the main table where packets go.
+  returned: when O(action=collect)
+  type: dict
+  sample: {rules: ['100: from all to 192.168.12.0/24 lookup 77'], closed: [blackhole 192.168.12.5]}
+  contains:
+    rules: {description: 'The rules beside the kernel''s own, as C(ip rule) prints them, 100 at most.', returned: always,
+        type: list, elements: str}
+    closed: {description: 'The routes of all tables that lead nowhere, as C(ip route) prints them, 100 at most.', returned: always,
+        type: list, elements: str}
+name_sources:
+  description: Who is asked for the address of a name, in this order, as the line C(hosts) of C(/etc/nsswitch.conf)
+    says it. Empty where it says nothing.
+  returned: when O(action=collect), but not for the router
+  type: list
+  elements: str
+  sample: [files, dns]
 forwarding:
   description: What decides whether packets pass from one network to another through this computer.
   returned: when O(action=collect)
   type: dict
-  sample:
-    ip_forward: 1
-    icmp_echo_ignore_all: 0
-    interfaces:
-      - interface: eth0
-        addresses: [192.168.1.201]
-        forwarding: 1
-        rp_filter: 2
-        send_redirects: 1
-        prefixes: [24]
-        mtu: 1500
-        mac: '02:42:c0:a8:01:c9'
-        state: up
-        carrier_changes: 2
-        last: ""
-        power_save: null
-    macs: ['02:42:c0:a8:01:c9']
+  sample: {ip_forward: 1, interfaces: [{interface: eth0, addresses: [192.168.1.201], forwarding: 1, rp_filter: 2, send_redirects: 1,
+          prefixes: [24], mtu: 1500, mac: '02:42:c0:a8:01:c9', state: up, carrier_changes: 2, last: '', power_save: null}],
+      icmp_echo_ignore_all: 0, macs: ['02:42:c0:a8:01:c9']}
   contains:
-    ip_forward:
-      description: C(net.ipv4.ip_forward), or null where it cannot be read.
-      returned: always
-      type: int
-      sample: 1
-    icmp_echo_ignore_all:
-      description: C(net.ipv4.icmp_echo_ignore_all), V(1) where the kernel answers no pings, or null where it cannot be read.
-      returned: always
-      type: int
-      sample: 0
-    macs:
-      description: >-
-        The hardware addresses of all interfaces that are up, also of those without an address, such as the ports of a bridge.
-      returned: always
-      type: list
-      elements: str
-      sample: ['02:42:c0:a8:01:c9']
-    interfaces:
-      description: The interfaces that have an IPv4 address.
-      returned: always
-      type: list
-      elements: dict
-      sample:
-        - interface: eth0
-          addresses: [192.168.1.201]
-          forwarding: 1
-          rp_filter: 2
-          send_redirects: 1
-          prefixes: [24]
-          mtu: 1500
-          mac: '02:42:c0:a8:01:c9'
-          state: up
-          carrier_changes: 2
-          last: ""
-          power_save: null
-      contains:
-        interface:
-          description: The interface.
-          returned: always
-          type: str
-          sample: eth0
-        addresses:
-          description: Its IPv4 addresses.
-          returned: always
-          type: list
-          elements: str
-          sample: [192.168.1.201]
-        forwarding:
-          description: Whether packets that come in there are passed on, or null.
-          returned: always
-          type: int
-          sample: 1
-        rp_filter:
-          description: The effective reverse-path filter, 0 for none, 1 for a strict and 2 for a loose one, or null.
-          returned: always
-          type: int
-          sample: 2
-        send_redirects:
-          description: Whether ICMP redirects are sent there, or null.
-          returned: always
-          type: int
-          sample: 1
-        prefixes:
-          description: The length of the network prefix of each of the addresses.
-          returned: always
-          type: list
-          elements: int
-          sample: [24]
-        mtu:
-          description: The largest packet that the interface sends, in bytes, or null where it cannot be read.
-          returned: always
-          type: int
-          sample: 1500
-        port_of:
-          description: The bridge or bond of which it is a port, or empty. What comes in at a port belongs to the interface above it.
-          returned: always
-          type: str
-          sample: ""
-        point_to_point:
-          description: Whether the interface is one end of a link with two ends, such as a tunnel.
-          returned: always
-          type: bool
-          sample: false
-        mac:
-          description: The hardware address of the interface, or empty.
-          returned: always
-          type: str
-          sample: 02:42:c0:a8:01:c9
-        state:
-          description: The operational state of the interface as the kernel tells it, such as V(up) or V(down), or empty.
-          returned: always
-          type: str
-          sample: up
-        carrier_changes:
-          description: How often its link came or went since the interface is there, or null where the kernel does not count.
-          returned: always
-          type: int
-          sample: 2
-        last:
-          description: Of an interface that is down, the last line of the journal about its link, with its time, or empty.
-          returned: always
-          type: str
-          sample: "2026-11-22T09:12:44+0000 kobuki2computer kernel: eth0: Link is Down"
-        power_save:
-          description: Whether a wireless interface saves power, as C(iw) tells; null of any other one, and without C(iw).
-          returned: always
-          type: bool
-          sample: false
+    ip_forward: {description: 'C(net.ipv4.ip_forward), or null where it cannot be read.', returned: always, type: int}
+    interfaces: {description: The interfaces that have an IPv4 address., returned: always, type: list, elements: dict}
+    icmp_echo_ignore_all: {description: 'C(net.ipv4.icmp_echo_ignore_all), V(1) where the kernel answers no pings, or null where it cannot
+          be read.', returned: always, type: int}
+    macs: {description: 'The hardware addresses of all interfaces that are up, also of those without an address, such as
+          the ports of a bridge.', returned: always, type: list, elements: str}
 masters:
   description: The discovery node of every master.
   returned: when O(action=collect)
   type: list
   elements: dict
   sample:
-    - computer: kobuki2computer
-      address: 192.168.1.239
-      port: 11611
-      open: true
-      connect_ms: 0.3
-      error: ""
-      outcome: open
-      errno: null
-      roscore: open
-      roscore_outcome: open
-      route: {device: eth0, source: 192.168.1.229, gateway: null, error: ""}
-      clock_offset_s: 0.0004
-      clock_uncertainty_s: 0.0007
-      clock_error: ""
+    - {computer: kobuki2computer, address: 192.168.1.239, port: 11611, open: true, connect_ms: 0.3, error: '', outcome: open,
+        errno: null, route: {device: eth0, source: 192.168.1.229, gateway: null, error: '', metric: '100'}, roscore: open,
+        roscore_outcome: open, clock_offset_s: 0.0004, clock_uncertainty_s: 0.0007, clock_error: ''}
   contains:
-    computer:
-      description: The computer that runs the roscore.
-      returned: always
-      type: str
-      sample: kobuki2computer
-    address:
-      description: Its address.
-      returned: always
-      type: str
-      sample: 192.168.1.239
-    port:
-      description: The TCP port of its discovery node.
-      returned: always
-      type: int
-      sample: 11611
-    open:
-      description: Whether a TCP connection from this computer opens.
-      returned: always
-      type: bool
-      sample: true
-    connect_ms:
-      description: How long that takes in milliseconds, or null.
-      returned: always
-      type: float
-      sample: 0.3
-    error:
-      description: Why it does not open, or empty.
-      returned: always
-      type: str
-      sample: ""
-    outcome:
-      description:
-        - The same as one word, V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(unknown_name), V(failed) or
-          V(not_tried).
-        - An error of the kernel here is V(no_local_port) (C(EADDRNOTAVAIL)), V(no_file) (C(EMFILE)), V(no_file_here) (C(ENFILE)), V(no_memory)
-          (C(ENOBUFS), C(ENOMEM)), V(not_permitted) (C(EPERM), a packet filter), V(closed_route) (C(EACCES), C(EINVAL), a rule or a route that
-          leads nowhere) or V(reset) (C(ECONNRESET)).
-      returned: always
-      type: str
-      sample: open
-    errno:
-      description:
-        - The number of the error of the kernel here, or null.
-      returned: always
-      type: int
-      sample: null
-    roscore:
-      description:
-        - What the TCP port of its roscore answers, by O(masters[].uri), V(open) or why it does not open; empty where the URI is not
-          given.
-      returned: always
-      type: str
-      sample: open
-    roscore_outcome:
-      description:
-        - The same as one word, as RV(masters[].outcome).
-      returned: always
-      type: str
-      sample: open
-    route:
-      description: The route that the kernel takes to that address, as RV(members[].route).
-      returned: always
-      type: dict
-      sample: {device: eth0, source: 192.168.1.229, gateway: null, error: ""}
-    clock_offset_s:
-      description: How many seconds its clock is ahead of this computer's by C(getCurrentTime), or null without an
-        answer.
-      returned: always
-      type: float
-      sample: 0.0004
-    clock_uncertainty_s:
-      description: By how many seconds this may be wrong, half of the round-trip time, or null without an answer.
-      returned: always
-      type: float
-      sample: 0.0007
-    clock_error:
-      description: Why there was no answer on an open port, or empty.
-      returned: always
-      type: str
-      sample: ""
+    computer: {description: The computer that runs the roscore., returned: always, type: str}
+    address: {description: Its address., returned: always, type: str}
+    port: {description: The TCP port of its discovery node., returned: always, type: int}
+    open: {description: Whether a TCP connection from this computer opens., returned: always, type: bool}
+    connect_ms: {description: 'How long that takes in milliseconds, or null.', returned: always, type: float}
+    error: {description: 'Why it does not open, or empty.', returned: always, type: str}
+    outcome: {description: 'The same as one word, V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable),
+          V(unknown_name), V(failed) or V(not_tried). An error of the kernel here is V(no_local_port) (C(EADDRNOTAVAIL)),
+          V(no_file) (C(EMFILE)), V(no_file_here) (C(ENFILE)), V(no_memory) (C(ENOBUFS), C(ENOMEM)), V(not_permitted)
+          (C(EPERM), a packet filter), V(closed_route) (C(EACCES), C(EINVAL), a rule or a route that leads nowhere)
+          or V(reset) (C(ECONNRESET)).', returned: always, type: str}
+    errno: {description: 'The number of the error of the kernel here, or null.', returned: always, type: int}
+    route: {description: 'The route that the kernel takes to that address, as RV(members[].route).', returned: always, type: dict}
+    roscore: {description: 'What the TCP port of its roscore answers, by O(masters[].uri), V(open) or why it does not open;
+          empty where the URI is not given.', returned: always, type: str}
+    roscore_outcome: {description: 'The same as one word, as RV(masters[].outcome).', returned: always, type: str}
+    clock_offset_s: {description: 'How many seconds its clock is ahead of this computer''s by C(getCurrentTime), or null without an
+          answer.', returned: always, type: float}
+    clock_uncertainty_s: {description: 'By how many seconds this may be wrong, half of the round-trip time, or null without an answer.',
+        returned: always, type: float}
+    clock_error: {description: 'Why there was no answer on an open port, or empty.', returned: always, type: str}
 roscore:
   description: The roscore of this computer's robot.
   returned: when O(action=collect)
   type: dict
-  sample: {uri: "http://kobuki1computer:11311", answer: "http://kobuki1computer:11311/", error: "", outcome: answered}
+  sample: {uri: 'http://kobuki1computer:11311', answer: 'http://kobuki1computer:11311/', error: '', outcome: answered}
   contains:
-    uri:
-      description: C(ROS_MASTER_URI) in O(environment_file).
-      returned: always
-      type: str
-      sample: http://kobuki1computer:11311
-    answer:
-      description: The master URI by which it knows itself, by C(getUri), or empty without an answer.
-      returned: always
-      type: str
-      sample: http://kobuki1computer:11311/
-    error:
-      description: Why there was no answer, or empty.
-      returned: always
-      type: str
-      sample: ""
-    outcome:
-      description:
-        - The same as one word, V(answered), or as RV(masters[].outcome).
-      returned: always
-      type: str
-      sample: answered
-outsiders:
-  description:
-    - The senders of heartbeats that the discovery node of this computer ignores, since they do not belong to the fleet. Empty
-      where the nodes are not the collection's own.
-  returned: when O(action=collect)
-  type: list
-  elements: dict
-  sample:
-    - {address: 192.168.1.66, name: rogue, uri: "http://rogue:11311/", why: it is no robot of the fleet}
-  contains:
-    address:
-      description: From where it sends.
-      returned: always
-      type: str
-      sample: 192.168.1.66
-    name:
-      description: The name that it says, or empty.
-      returned: always
-      type: str
-      sample: rogue
-    uri:
-      description: The URI of its master, or empty.
-      returned: always
-      type: str
-      sample: http://rogue:11311/
-    why:
-      description: Why it is ignored.
-      returned: always
-      type: str
-      sample: it is no robot of the fleet
+    uri: {description: C(ROS_MASTER_URI) in O(environment_file)., returned: always, type: str}
+    answer: {description: 'The master URI by which it knows itself, by C(getUri), or empty without an answer.', returned: always,
+        type: str}
+    error: {description: 'Why there was no answer, or empty.', returned: always, type: str}
+    outcome: {description: 'The same as one word, V(answered), or as RV(masters[].outcome).', returned: always, type: str}
 list_masters:
   description: What C(rosservice call /master_discovery/list_masters) prints on this computer.
   returned: when O(action=collect)
   type: dict
-  sample:
-    masters:
-      - {name: kobuki1computer, uri: "http://kobuki1computer:11311/", online: true, monitoruri:
-          "http://192.168.1.229:11611"}
-    seconds: 0.7
-    error: ""
+  sample: {masters: [{name: kobuki1computer, uri: 'http://kobuki1computer:11311/', online: true, monitoruri: 'http://192.168.1.229:11611'}],
+      seconds: 0.7, error: ''}
   contains:
-    masters:
-      description: The masters.
-      returned: always
-      type: list
-      elements: dict
-      sample:
-        - {name: kobuki1computer, uri: "http://kobuki1computer:11311/", online: true, monitoruri:
-            "http://192.168.1.229:11611"}
-      contains:
-        name:
-          description: The name of the master.
-          returned: always
-          type: str
-          sample: kobuki1computer
-        uri:
-          description: Its master URI.
-          returned: always
-          type: str
-          sample: http://kobuki1computer:11311/
-        online:
-          description: Whether the discovery node takes it for online.
-          returned: always
-          type: bool
-          sample: true
-        monitoruri:
-          description: Where its discovery node answers.
-          returned: always
-          type: str
-          sample: http://192.168.1.229:11611
-    seconds:
-      description: How long it took until all masters of O(present) were online, or until O(patience) was over.
-      returned: always
-      type: float
-      sample: 0.7
-    error:
-      description: Why the last call failed, or empty.
-      returned: always
-      type: str
-      sample: ""
+    masters: {description: The masters., returned: always, type: list, elements: dict}
+    seconds: {description: 'How long it took until all masters of O(present) were online, or until O(patience) was over.',
+        returned: always, type: float}
+    error: {description: 'Why the last call failed, or empty.', returned: always, type: str}
 topics:
   description: What the talkers of the other computers say here.
   returned: when O(action=collect)
   type: list
   elements: dict
   sample:
-    - computer: kobuki2computer
-      topic: /multimaster_verify/kobuki2computer
-      publishers:
-        - {node: /multimaster_verify_talker_kobuki2computer_verify_1730000000, uri: "http://kobuki2computer:41233/"}
-      reached: ""
-      reached_outcome: not_tried
-      step: ""
-      listened: true
-      heard: true
-      text: verify-1730000000 kobuki2computer
-      seconds: 0.3
-      error: ""
+    - {computer: kobuki2computer, topic: /multimaster_verify/kobuki2computer, publishers: [{node: /multimaster_verify_talker_kobuki2computer_verify_1730000000,
+            uri: 'http://kobuki2computer:41233/'}], reached: '', reached_outcome: not_tried, step: '', listened: true,
+        heard: true, text: verify-1730000000 kobuki2computer, seconds: 0.3, error: ''}
   contains:
-    computer:
-      description: The computer of the talker.
-      returned: always
-      type: str
-      sample: kobuki2computer
-    topic:
-      description: Its topic.
-      returned: always
-      type: str
-      sample: /multimaster_verify/kobuki2computer
-    publishers:
-      description: The publishers of the topic as the roscore of this computer's robot knows them, as C(rostopic info)
-        shows.
-      returned: always
-      type: list
-      elements: dict
-      sample:
-        - {node: /multimaster_verify_talker_kobuki2computer_verify_1730000000, uri: "http://kobuki2computer:41233/"}
-      contains:
-        node:
-          description: The name of the node.
-          returned: always
-          type: str
-          sample: /multimaster_verify_talker_kobuki2computer_verify_1730000000
-        uri:
-          description: The URI of the node, to which a subscriber connects directly.
-          returned: always
-          type: str
-          sample: http://kobuki2computer:41233/
-    reached:
-      description:
-        - Where a publisher is registered and nothing was heard, V(open) if a TCP connection to its URI opens, else why not;
-          empty otherwise.
-      returned: always
-      type: str
-      sample: ""
-    reached_outcome:
-      description:
-        - The same as one word, as RV(masters[].outcome).
-      returned: always
-      type: str
-      sample: not_tried
-    step:
-      description:
-        - Where nothing was heard, how far the call to a publisher has come.
-          V(told), the roscore has told the listener of it; V(answered), it has said where its topic is to be had; V(connected), its data port is open.
-          Empty otherwise, and where the roscore has told of none.
-      returned: always
-      type: str
-      sample: ""
-    listened:
-      description:
-        - Whether the listener of this computer ran.
-      returned: always
-      type: bool
-      sample: true
-    heard:
-      description: Whether a subscriber on this computer hears what this run's talker says.
-      returned: always
-      type: bool
-      sample: true
-    text:
-      description: What it heard.
-      returned: always
-      type: str
-      sample: verify-1730000000 kobuki2computer
-    seconds:
-      description: After how many seconds of listening, or null if it heard nothing.
-      returned: always
-      type: float
-      sample: 0.3
-    error:
-      description: Why nothing was heard, or empty.
-      returned: always
-      type: str
-      sample: ""
-sources:
-  description:
-    - What discovery nodes have of topics. The own one is asked for all that the roscore has, another one for those of talkers that are
-      to be heard here and that the own roscore has not.
-    - Where O(is_master=false) it is empty.
+    computer: {description: The computer of the talker., returned: always, type: str}
+    topic: {description: Its topic., returned: always, type: str}
+    publishers: {description: 'The publishers of the topic as the roscore of this computer''s robot knows them, as C(rostopic
+          info) shows.', returned: always, type: list, elements: dict}
+    reached: {description: 'Where a publisher is registered and nothing was heard, V(open) if a TCP connection to its URI opens,
+          else why not; empty otherwise.', returned: always, type: str}
+    reached_outcome: {description: 'The same as one word, as RV(masters[].outcome).', returned: always, type: str}
+    step: {description: 'Where nothing was heard, how far the call to a publisher has come. V(told), the roscore has told
+          the listener of it; V(answered), it has said where its topic is to be had; V(connected), its data port is
+          open. Empty otherwise, and where the roscore has told of none.', returned: always, type: str}
+    listened: {description: Whether the listener of this computer ran., returned: always, type: bool}
+    heard: {description: Whether a subscriber on this computer hears what this run's talker says., returned: always, type: bool}
+    text: {description: What it heard., returned: always, type: str}
+    seconds: {description: 'After how many seconds of listening, or null if it heard nothing.', returned: always, type: float}
+    error: {description: 'Why nothing was heard, or empty.', returned: always, type: str}
+outsiders:
+  description: The senders of heartbeats that the discovery node of this computer ignores, since they do not belong
+    to the fleet. Empty where the nodes are not the collection's own.
   returned: when O(action=collect)
   type: list
   elements: dict
   sample:
-    - computer: kobuki2computer
-      topics: [/multimaster_verify/kobuki2computer]
-      given: [/multimaster_verify/kobuki2computer]
-      error: ""
-      outcome: answered
+    - {address: 192.168.1.66, name: rogue, uri: 'http://rogue:11311/', why: it is no robot of the fleet}
   contains:
-    computer:
-      description: The computer of the discovery node.
-      returned: always
-      type: str
-      sample: kobuki2computer
-    topics:
-      description: The topics that it was asked for. Of the own one those of this robot's talkers, and those that it has not, 50 at most.
-      returned: always
-      type: list
-      elements: str
-      sample: [/multimaster_verify/kobuki2computer]
-    given:
-      description: Those of them that it gives to this computer.
-      returned: always
-      type: list
-      elements: str
-      sample: [/multimaster_verify/kobuki2computer]
-    error:
-      description: Why it gave no answer, or empty.
-      returned: always
-      type: str
-      sample: ""
-    outcome:
-      description:
-        - The same as one word, V(answered), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable), V(no_local_port),
-          V(unknown_name) or V(failed).
-      returned: always
-      type: str
-      sample: answered
+    address: {description: From where it sends., returned: always, type: str}
+    name: {description: 'The name that it says, or empty.', returned: always, type: str}
+    uri: {description: 'The URI of its master, or empty.', returned: always, type: str}
+    why: {description: Why it is ignored., returned: always, type: str}
+sources:
+  description: What discovery nodes have of topics. The own one is asked for all that the roscore has, another one
+    for those of talkers that are to be heard here and that the own roscore has not. Where O(is_master=false) it
+    is empty.
+  returned: when O(action=collect)
+  type: list
+  elements: dict
+  sample:
+    - {computer: kobuki2computer, topics: [/multimaster_verify/kobuki2computer], given: [/multimaster_verify/kobuki2computer],
+        error: '', outcome: answered}
+  contains:
+    computer: {description: The computer of the discovery node., returned: always, type: str}
+    topics: {description: 'The topics that it was asked for. Of the own one those of this robot''s talkers, and those that
+          it has not, 50 at most.', returned: always, type: list, elements: str}
+    given: {description: Those of them that it gives to this computer., returned: always, type: list, elements: str}
+    error: {description: 'Why it gave no answer, or empty.', returned: always, type: str}
+    outcome: {description: 'The same as one word, V(answered), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable),
+          V(no_local_port), V(unknown_name) or V(failed).', returned: always, type: str}
 exchange:
-  description:
-    - What the roscore of this computer holds, by the robot that it is of, read at the end of the looking.
-    - Where O(is_master=false) it is empty, and RV(exchange.error) says so.
+  description: What the roscore of this computer holds, by the robot that it is of, read at the end of the looking.
+    Where O(is_master=false) it is empty, and RV(exchange.error) says so.
   returned: when O(action=collect)
   type: dict
-  sample:
-    error: ""
-    types_error: ""
-    topics:
-      - {name: /odom, type: nav_msgs/Odometry, md5sum: cd5e73d190d741a2f92e81eda573aca7, publishers: [/base], subscribers: []}
-    services: [{name: /base/reset, node: /base}]
-    imports:
-      - master: http://kobuki2computer:11311/
-        topics: [{name: /goal, type: geometry_msgs/Pose, publishers: [/planner], subscribers: []}]
-        services: []
-    silent: []
-    silences: []
-    nodes: {registered: 1, asked: 1, hosts: [{host: kobuki1computer, nodes: 1}]}
-    announced: []
-    connections:
-      - {node: /base, topic: /goal, direction: in, peer: /planner, host: kobuki2computer, robot: kobuki2}
+  sample: {error: '', types_error: '', topics: [{name: /odom, type: nav_msgs/Odometry, publishers: [/base], subscribers: [],
+          md5sum: cd5e73d190d741a2f92e81eda573aca7}], services: [{name: /base/reset, node: /base}], imports: [{master: 'http://kobuki2computer:11311/',
+          topics: [{name: /goal, type: geometry_msgs/Pose, publishers: [/planner], subscribers: []}], services: []}],
+      silent: [], silences: [], announced: [{node: /odom_pub, host: 127.0.0.1, port: 41233, services: ''}], nodes: {
+        registered: 3, asked: 3, hosts: [{host: kobuki1computer, nodes: 3}]}, connections: [{node: /base, topic: /goal,
+          direction: in, peer: /planner, host: kobuki2computer, robot: kobuki2}]}
   contains:
-    error:
-      description: Why it could not be read, or empty.
-      returned: always
-      type: str
-      sample: ""
-    types_error:
-      description: Why the md5 sums are not known, or empty.
-      returned: always
-      type: str
-      sample: ""
-    topics:
-      description: The topics that the robot's own nodes have registered.
-      returned: always
-      type: list
-      elements: dict
-      sample:
-        - {name: /odom, type: nav_msgs/Odometry, md5sum: cd5e73d190d741a2f92e81eda573aca7, publishers: [/base], subscribers: []}
-      contains:
-        name:
-          description: The name of the topic.
-          returned: always
-          type: str
-          sample: /odom
-        type:
-          description: Its type as the roscore knows it, or empty.
-          returned: always
-          type: str
-          sample: nav_msgs/Odometry
-        md5sum:
-          description: The md5 sum that the class of this type has on this computer, or empty where there is none.
-          returned: always
-          type: str
-          sample: cd5e73d190d741a2f92e81eda573aca7
-        publishers:
-          description: The nodes that publish it.
-          returned: always
-          type: list
-          elements: str
-          sample: [/base]
-        subscribers:
-          description: The nodes that subscribe to it.
-          returned: always
-          type: list
-          elements: str
-          sample: []
-    services:
-      description: The services of the robot's own nodes.
-      returned: always
-      type: list
-      elements: dict
-      sample: [{name: /base/reset, node: /base}]
-      contains:
-        name:
-          description: The name of the service.
-          returned: always
-          type: str
-          sample: /base/reset
-        node:
-          description: The node that provides it.
-          returned: always
-          type: str
-          sample: /base
-    imports:
-      description:
-        - What is registered for other masters, by the parameter C(/rosfleet_multimaster/imports), or by the service
-          C(get_sync_info) of another implementation of master_sync.
-      returned: always
-      type: list
-      elements: dict
-      sample:
-        - master: http://kobuki2computer:11311/
-          topics: [{name: /goal, type: geometry_msgs/Pose, publishers: [/planner], subscribers: []}]
-          services: []
-      contains:
-        master:
-          description: The URI of the other master.
-          returned: always
-          type: str
-          sample: http://kobuki2computer:11311/
-        topics:
-          description: As RV(exchange.topics), without the md5 sums.
-          returned: always
-          type: list
-          elements: dict
-          sample: [{name: /goal, type: geometry_msgs/Pose, publishers: [/planner], subscribers: []}]
-        services:
-          description: As RV(exchange.services).
-          returned: always
-          type: list
-          elements: dict
-          sample: []
-    silent:
-      description: The robot's own nodes that are registered and do not answer at their URI.
-      returned: always
-      type: list
-      elements: str
-      sample: []
-    silences:
-      description: The same, with the reason of each.
-      returned: always
-      type: list
-      elements: dict
-      sample: []
-      contains:
-        node:
-          description: The node.
-          returned: always
-          type: str
-          sample: /camera
-        host:
-          description: The host in its URI.
-          returned: always
-          type: str
-          sample: kobuki1computer
-        error:
-          description: Why it does not answer.
-          returned: always
-          type: str
-          sample: Connection refused
-        outcome:
-          description:
-            - The same as one word of RV(masters[].outcome).
-          returned: always
-          type: str
-          sample: refused
-        tcp_outcome:
-          description: What came of a TCP connection to it, V(open) where the node takes it and does not answer.
-          returned: always
-          type: str
-          sample: refused
-    nodes:
-      description: The number of the robot's own nodes.
-      returned: always
-      type: dict
-      sample: {registered: 3, asked: 3, hosts: [{host: kobuki1computer, nodes: 3}]}
-      contains:
-        registered:
-          description: How many are registered.
-          returned: always
-          type: int
-          sample: 3
-        asked:
-          description: How many of them were asked for an answer. Of more than 1000, one of every so many is.
-          returned: always
-          type: int
-          sample: 3
-        hosts:
-          description: How many announce each host, 100 hosts at most.
-          returned: always
-          type: list
-          elements: dict
-          sample: [{host: kobuki1computer, nodes: 3}]
-          contains:
-            host:
-              description: The host, or empty for nodes whose URI has none.
-              returned: always
-              type: str
-              sample: kobuki1computer
-            nodes:
-              description: The number of nodes.
-              returned: always
-              type: int
-              sample: 3
-    announced:
-      description:
-        - The robot's own nodes that announce another host than the planned names and addresses of their robot, or whose services are on
-          another computer, 100 at most.
-      returned: always
-      type: list
-      elements: dict
-      sample: [{node: /odom_pub, host: 127.0.0.1, port: 41233, services: ""}]
-      contains:
-        node:
-          description: The node.
-          returned: always
-          type: str
-          sample: /odom_pub
-        host:
-          description: The host in its URI.
-          returned: always
-          type: str
-          sample: 127.0.0.1
-        port:
-          description: The port in its URI, 0 without one.
-          returned: always
-          type: int
-          sample: 41233
-        services:
-          description: The host of its services, if that is another computer than the one of the node; else empty.
-          returned: always
-          type: str
-          sample: ""
-    connections:
-      description: The connections of the robot's own nodes with nodes of other robots, by C(getBusInfo).
-      returned: always
-      type: list
-      elements: dict
-      sample:
-        - {node: /base, topic: /goal, direction: in, peer: /planner, host: kobuki2computer, robot: kobuki2}
-      contains:
-        node:
-          description: The own node.
-          returned: always
-          type: str
-          sample: /base
-        topic:
-          description: The topic.
-          returned: always
-          type: str
-          sample: /goal
-        direction:
-          description: V(in), if the own node is the subscriber, or V(out).
-          returned: always
-          type: str
-          sample: in
-        peer:
-          description: The other node, or its URI where this roscore does not know it.
-          returned: always
-          type: str
-          sample: /planner
-        host:
-          description: The other end as the own node names it.
-          returned: always
-          type: str
-          sample: kobuki2computer
-        robot:
-          description: The robot of that host.
-          returned: always
-          type: str
-          sample: kobuki2
+    error: {description: 'Why it could not be read, or empty.', returned: always, type: str}
+    types_error: {description: 'Why the md5 sums are not known, or empty.', returned: always, type: str}
+    topics: {description: The topics that the robot's own nodes have registered., returned: always, type: list, elements: dict}
+    services: {description: The services of the robot's own nodes., returned: always, type: list, elements: dict}
+    imports: {description: 'What is registered for other masters, by the parameter C(/rosfleet_multimaster/imports), or by
+          the service C(get_sync_info) of another implementation of master_sync.', returned: always, type: list, elements: dict}
+    silent: {description: The robot's own nodes that are registered and do not answer at their URI., returned: always, type: list,
+        elements: str}
+    silences: {description: 'The same, with the reason of each.', returned: always, type: list, elements: dict}
+    announced: {description: 'The robot''s own nodes that announce another host than the planned names and addresses of their
+          robot, or whose services are on another computer, 100 at most.', returned: always, type: list, elements: dict}
+    nodes: {description: The number of the robot's own nodes., returned: always, type: dict}
+    connections: {description: 'The connections of the robot''s own nodes with nodes of other robots, by C(getBusInfo).', returned: always,
+        type: list, elements: dict}
 traffic:
-  description: What the robot's nodes send to nodes of other robots, on the computer of a roscore. Their counters (C(getBusStats)) were read twice.
+  description: What the robot's nodes send to nodes of other robots, on the computer of a roscore. Their counters
+    (C(getBusStats)) were read twice.
   returned: when O(action=collect)
   type: dict
-  sample:
-    seconds: 3.0
-    flows: [{node: /camera, topic: /image, robot: kobuki2, subscribers: 1, bytes_s: 100000.0, messages_s: 10.0}]
+  sample: {seconds: 3.0, flows: [{node: /camera, topic: /image, robot: kobuki2, subscribers: 1, bytes_s: 100000.0, messages_s: 10.0}]}
   contains:
-    seconds:
-      description: The time between the two readings.
-      returned: always
-      type: float
-      sample: 3.0
-    flows:
-      description: The topics of each node that subscribers on another robot get, those with most bytes first, 200 at most.
-      returned: always
-      type: list
-      elements: dict
-      sample: [{node: /camera, topic: /image, robot: kobuki2, subscribers: 1, bytes_s: 100000.0, messages_s: 10.0}]
-      contains:
-        node:
-          description: The publishing node.
-          returned: always
-          type: str
-          sample: /camera
-        topic:
-          description: The topic.
-          returned: always
-          type: str
-          sample: /image
-        robot:
-          description: The robot of the subscribers.
-          returned: always
-          type: str
-          sample: kobuki2
-        subscribers:
-          description: The number of connections.
-          returned: always
-          type: int
-          sample: 1
-        bytes_s:
-          description: The bytes a second on all of them.
-          returned: always
-          type: float
-          sample: 100000.0
-        messages_s:
-          description: The messages a second on all of them.
-          returned: always
-          type: float
-          sample: 10.0
+    seconds: {description: The time between the two readings., returned: always, type: float}
+    flows: {description: 'The topics of each node that subscribers on another robot get, those with most bytes first, 200
+          at most.', returned: always, type: list, elements: dict}
 parameters:
   description: The parameters of the nodes on the roscore, compared with O(parameters).
   returned: when O(action=collect)
   type: dict
-  sample:
-    nodes: [master_discovery, master_sync]
-    differing: [{node: master_discovery, name: mcast_port, expected: "11511", found: "11512"}]
-    crossing: [{name: /robot_description, digest: 5feceb66ffc86f38d952786c6d696c79c2dbc239dd4e91b46729d73a27fb57e9}]
-    error: ""
+  sample: {nodes: [master_discovery, master_sync], differing: [{node: master_discovery, name: mcast_port, expected: '11511',
+          found: '11512'}], crossing: [{name: /robot_description, digest: 5feceb66ffc86f38d952786c6d696c79c2dbc239dd4e91b46729d73a27fb57e9}],
+      error: ''}
   contains:
-    nodes:
-      description: The nodes whose parameters were compared.
-      returned: always
-      type: list
-      elements: str
-      sample: [master_discovery, master_sync]
-    differing:
-      description: The parameters with another value than planned.
-      returned: always
-      type: list
-      elements: dict
-      sample: [{node: master_discovery, name: mcast_port, expected: "11511", found: "11512"}]
-      contains:
-        node:
-          description: The node.
-          returned: always
-          type: str
-          sample: master_discovery
-        name:
-          description: The parameter.
-          returned: always
-          type: str
-          sample: mcast_port
-        expected:
-          description: The planned value as JSON, 200 characters at most.
-          returned: always
-          type: str
-          sample: "11511"
-        found:
-          description: The value as JSON, 200 characters at most, or C(not set).
-          returned: always
-          type: str
-          sample: "11512"
-    crossing:
-      description: The parameters of O(crossing).
-      returned: always
-      type: list
-      elements: dict
-      sample: [{name: /robot_description, digest: 5feceb66ffc86f38d952786c6d696c79c2dbc239dd4e91b46729d73a27fb57e9}]
-      contains:
-        name:
-          description: The parameter.
-          returned: always
-          type: str
-          sample: /robot_description
-        digest:
-          description: A SHA-256 of its value, the same on each robot with that value; empty where it is not set.
-          returned: always
-          type: str
-          sample: 5feceb66ffc86f38d952786c6d696c79c2dbc239dd4e91b46729d73a27fb57e9
-    error:
-      description: Why they could not be read, or empty.
-      returned: always
-      type: str
-      sample: ""
+    nodes: {description: The nodes whose parameters were compared., returned: always, type: list, elements: str}
+    differing: {description: The parameters with another value than planned., returned: always, type: list, elements: dict}
+    crossing: {description: The parameters of O(crossing)., returned: always, type: list, elements: dict}
+    error: {description: 'Why they could not be read, or empty.', returned: always, type: str}
 clock:
   description: The clock of this computer.
   returned: when O(action=collect)
   type: dict
-  sample: {synchronised: true, answers: true, service: chrony, sources: [{address: 192.168.1.201, selected: true, reachable: true, offset_s: 0.0001}]}
+  sample: {synchronised: true, answers: true, service: chrony, sources: [{address: 192.168.1.201, selected: true, reachable: true,
+          offset_s: 0.0001}]}
   contains:
-    answers:
-      description: Whether a time service answers, or null where none was asked.
-      returned: always
-      type: bool
-      sample: true
-    service:
-      description: The time service that answers, V(chrony), V(systemd-timesyncd) or V(ntpd), or empty.
-      returned: always
-      type: str
-      sample: chrony
-    sources:
-      description: The sources of time that it has, at most 32. Those without an address, such as a radio clock, are left out.
-      returned: always
-      type: list
-      elements: dict
-      sample: [{address: 192.168.1.201, selected: true, reachable: true, offset_s: 0.0001}]
-      contains:
-        address:
-          description: The address of the source.
-          returned: always
-          type: str
-          sample: 192.168.1.201
-        selected:
-          description: Whether the clock follows it, alone or with others.
-          returned: always
-          type: bool
-          sample: true
-        reachable:
-          description: Whether it has answered one of the last four requests.
-          returned: always
-          type: bool
-          sample: true
-        offset_s:
-          description: How many seconds this computer's clock was ahead of the source at its last answer, or null where the service does not tell.
-          returned: always
-          type: float
-          sample: 0.0001
-    synchronised:
-      description: Whether something keeps it right, such as chrony, as the kernel knows it; null where it does not tell.
-      returned: always
-      type: bool
-      sample: true
+    synchronised: {description: 'Whether something keeps it right, such as chrony, as the kernel knows it; null where it does not
+          tell.', returned: always, type: bool}
+    answers: {description: 'Whether a time service answers, or null where none was asked.', returned: always, type: bool}
+    service: {description: 'The time service that answers, V(chrony), V(systemd-timesyncd) or V(ntpd), or empty.', returned: always,
+        type: str}
+    sources: {description: 'The sources of time that it has, at most 32. Those without an address, such as a radio clock, are
+          left out.', returned: always, type: list, elements: dict}
 tunnel:
   description: The tunnel of the collection on this computer, as WireGuard tells it. No private key is asked for.
   returned: when O(action=collect)
   type: dict
-  sample: {up: false, public_key: "", port: 0, time_s: 1764147600.0, mtu: 0, peers: []}
+  sample: {up: true, public_key: gkP4R9BW/LAS3o72Pgyd9RV5/Y+44cDLYXHuIXhbnQY=, port: 51820, time_s: 1764147600.0, mtu: 1420,
+      peers: []}
   contains:
-    up:
-      description: Whether there is one, or null where it was not looked at.
-      returned: always
-      type: bool
-      sample: true
-    public_key:
-      description: The public half of its own key, or empty.
-      returned: always
-      type: str
-      sample: gkP4R9BW/LAS3o72Pgyd9RV5/Y+44cDLYXHuIXhbnQY=
-    port:
-      description: Its UDP port, or 0.
-      returned: always
-      type: int
-      sample: 51820
-    time_s:
-      description: The time of its clock, in seconds since 1970, or null where the tunnel was not looked at.
-      returned: always
-      type: float
-      sample: 1764147600.0
-    mtu:
-      description: The largest packet that it takes, in bytes, or 0.
-      returned: always
-      type: int
-      sample: 1420
-    peers:
-      description: The other computers that it lets in.
-      returned: always
-      type: list
-      elements: dict
-      sample: []
-      contains:
-        public_key:
-          description: The public key of the other computer.
-          returned: always
-          type: str
-          sample: aMFEklSnshJSw/GPt1vxqBhXbTHvA70Xv/1DVHwZrAA=
-        endpoint:
-          description: The address and port at which it was heard last, or where it is looked for; empty for neither.
-          returned: always
-          type: str
-          sample: 192.168.1.239:51820
-        networks:
-          description: The addresses and networks that are its own.
-          returned: always
-          type: list
-          elements: str
-          sample: [10.77.0.2/32]
-        heard:
-          description: Whether anything came from it within 9 s, in which it sends something three times, or tries a handshake again.
-          returned: always
-          type: bool
-          sample: true
-        handshake_age_s:
-          description: The seconds since the last handshake, or null where there was none.
-          returned: always
-          type: float
-          sample: 12.0
-        beside:
-          description: Its addresses to which another route leads than by the tunnel.
-          returned: always
-          type: list
-          elements: str
-          sample: []
-        carrier_mtu:
-          description: The MTU of the interface by which packets to it leave the computer, in bytes, or 0 where it is not known.
-          returned: always
-          type: int
-          sample: 1500
+    up: {description: 'Whether there is one, or null where it was not looked at.', returned: always, type: bool}
+    public_key: {description: 'The public half of its own key, or empty.', returned: always, type: str}
+    port: {description: 'Its UDP port, or 0.', returned: always, type: int}
+    time_s: {description: 'The time of its clock, in seconds since 1970, or null where the tunnel was not looked at.', returned: always,
+        type: float}
+    mtu: {description: 'The largest packet that it takes, in bytes, or 0.', returned: always, type: int}
+    peers: {description: The other computers that it lets in., returned: always, type: list, elements: dict}
 disks:
   description: The room that is left for others than root where services write, each file system once.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample: [{path: /var/lib, free_bytes: 5368709120, free_files: 300000}]
+  sample:
+    - {path: /var/lib, free_bytes: 5368709120, free_files: 300000}
   contains:
-    path:
-      description: The first of the folders on it.
-      returned: always
-      type: str
-      sample: /var/lib
-    free_bytes:
-      description: Bytes.
-      returned: always
-      type: int
-      sample: 5368709120
-    free_files:
-      description: Files, or null where the file system does not count them.
-      returned: always
-      type: int
-      sample: 300000
+    path: {description: The first of the folders on it., returned: always, type: str}
+    free_bytes: {description: Bytes., returned: always, type: int}
+    free_files: {description: 'Files, or null where the file system does not count them.', returned: always, type: int}
 file_limits:
   description: Processes of ROS that may open more than 1048576 files, once for each unit, 20 at most.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample: [{node: amcl, limit: 1073741816, unit: robot.service}]
+  sample:
+    - {node: amcl, limit: 1073741816, unit: robot.service}
   contains:
-    node:
-      description: The name of the node, or of its program.
-      returned: always
-      type: str
-      sample: amcl
-    limit:
-      description: The files that it may open (the soft limit).
-      returned: always
-      type: int
-      sample: 1073741816
-    unit:
-      description: The systemd service that has started it, or empty, as for a node that was started in a shell or a container.
-      returned: always
-      type: str
-      sample: robot.service
+    node: {description: 'The name of the node, or of its program.', returned: always, type: str}
+    limit: {description: The files that it may open (the soft limit)., returned: always, type: int}
+    unit: {description: 'The systemd service that has started it, or empty, as for a node that was started in a shell or
+          a container.', returned: always, type: str}
 container_names:
-  description: Containers with processes of ROS whose own C(/etc/hosts) lacks names of the fleet that this computer's has, 20 at most.
+  description: Containers with processes of ROS whose own C(/etc/hosts) lacks names of the fleet that this computer's
+    has, 20 at most.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample: [{node: rosmaster, unit: docker-0badcafe.scope, missing: [kobuki2computer]}]
+  sample:
+    - {node: rosmaster, unit: docker-0badcafe.scope, missing: [kobuki2computer]}
   contains:
-    node:
-      description: A process there, by the name of its node or of its program.
-      returned: always
-      type: str
-      sample: rosmaster
-    unit:
-      description: The unit of systemd that has the container, or empty.
-      returned: always
-      type: str
-      sample: docker-0badcafe.scope
-    missing:
-      description: The names.
-      returned: always
-      type: list
-      elements: str
-      sample: [kobuki2computer]
+    node: {description: 'A process there, by the name of its node or of its program.', returned: always, type: str}
+    unit: {description: 'The unit of systemd that has the container, or empty.', returned: always, type: str}
+    missing: {description: The names., returned: always, type: list, elements: str}
 node_hosts:
-  description:
-    - Processes of ROS on this computer that announce another host than its planned name and addresses, use another roscore than planned,
-      or are stopped, and those of which this cannot be read, 100 at most. A node announces the host of C(ROS_HOSTNAME) or C(ROS_IP), or
-      else the name of the computer.
+  description: Processes of ROS on this computer that announce another host than its planned name and addresses,
+    use another roscore than planned, or are stopped, and those of which this cannot be read, 100 at most. A node
+    announces the host of C(ROS_HOSTNAME) or C(ROS_IP), or else the name of the computer.
   returned: when O(action=collect)
   type: list
   elements: dict
   sample:
-    - node: odom_pub
-      host: 127.0.0.1
-      source: ROS_IP
-      master: ""
-      unit: session-4.scope
-      starter: shell
-      launch: ""
-      ports: [41233, 46011]
-      stopped: false
-      readable: true
+    - {host: 127.0.0.1, source: ROS_IP, unit: session-4.scope, ports: [41233, 46011], node: odom_pub, master: '', starter: shell,
+        launch: '', stopped: false, readable: true}
   contains:
-    node:
-      description: The name of the node in its command line, or its program.
-      returned: always
-      type: str
-      sample: odom_pub
-    host:
-      description: The host, or empty if it is not known.
-      returned: always
-      type: str
-      sample: 127.0.0.1
-    source:
-      description: The variable or argument that has decided it (C(ROS_HOSTNAME), C(ROS_IP), C(__hostname), C(__ip)), or C(hostname).
-      returned: always
-      type: str
-      sample: ROS_IP
-    master:
-      description: The URI of the roscore that it uses, if that is not the planned one; else empty.
-      returned: always
-      type: str
-      sample: ""
-    unit:
-      description: The unit of systemd in which the process runs, or empty.
-      returned: always
-      type: str
-      sample: session-4.scope
-    starter:
-      description: What has started it, V(shell), V(unit), V(launch) for roslaunch, or V(container).
-      returned: always
-      type: str
-      sample: shell
-    launch:
-      description: The name of the launch file, or empty.
-      returned: always
-      type: str
-      sample: ""
-    ports:
-      description: The TCP ports on which the process listens.
-      returned: always
-      type: list
-      elements: int
-      sample: [41233, 46011]
-    stopped:
-      description: Whether it is stopped by a signal or a debugger.
-      returned: always
-      type: bool
-      sample: false
-    readable:
-      description: Whether its environment can be read; in some containers root may not.
-      returned: always
-      type: bool
-      sample: true
+    host: {description: 'The host, or empty if it is not known.', returned: always, type: str}
+    source: {description: 'The variable or argument that has decided it (C(ROS_HOSTNAME), C(ROS_IP), C(__hostname), C(__ip)),
+          or C(hostname).', returned: always, type: str}
+    unit: {description: 'The unit of systemd in which the process runs, or empty.', returned: always, type: str}
+    ports: {description: The TCP ports on which the process listens., returned: always, type: list, elements: int}
+    node: {description: 'The name of the node in its command line, or its program.', returned: always, type: str}
+    master: {description: 'The URI of the roscore that it uses, if that is not the planned one; else empty.', returned: always,
+        type: str}
+    starter: {description: 'What has started it, V(shell), V(unit), V(launch) for roslaunch, or V(container).', returned: always,
+        type: str}
+    launch: {description: 'The name of the launch file, or empty.', returned: always, type: str}
+    stopped: {description: Whether it is stopped by a signal or a debugger., returned: always, type: bool}
+    readable: {description: Whether its environment can be read; in some containers root may not., returned: always, type: bool}
 changes:
-  description:
-    - When files were changed and services were started that may decide names and packet filters. What a kernel was told by hand has no time.
-  returned: when O(action=collect)
-  type: list
-  elements: dict
-  sample: [{about: names, what: /etc/hosts, how: was changed, when: 2026-11-22 09:12:44 UTC}]
-  contains:
-    about:
-      description: What it decides, V(names), the V(order) of name services, the rules of V(ufw), V(firewalld), V(docker), V(libvirtd) or
-        V(fail2ban), or those of a table of nftables, such as V(table inet filter).
-      returned: always
-      type: str
-      sample: names
-    what:
-      description: The file or the service.
-      returned: always
-      type: str
-      sample: /etc/hosts
-    how:
-      description: V(was changed) or V(was started).
-      returned: always
-      type: str
-      sample: was changed
-    when:
-      description: The time, of a service as systemd writes it.
-      returned: always
-      type: str
-      sample: 2026-11-22 09:12:44 UTC
-next_boot:
-  description: What works now, or not, and will not be as O(boot) and O(services) say after the next boot.
+  description: When files were changed and services were started that may decide names and packet filters. What
+    a kernel was told by hand has no time.
   returned: when O(action=collect)
   type: list
   elements: dict
   sample:
-    - kind: sysctl
-      name: net.ipv4.ip_forward
-      expected: "1"
-      found: /etc/sysctl.d/99-local.conf line 3 sets 0
-      file: /etc/sysctl.d/99-local.conf line 3
-      when: 2026-11-22 09:12:44 UTC
+    - {about: names, what: /etc/hosts, how: was changed, when: '2026-11-22 09:12:44 UTC'}
   contains:
-    kind:
-      description: V(unit) for a service, V(sysctl) for a kernel setting, V(route), or V(names) for C(/etc/hosts).
-      returned: always
-      type: str
-      sample: sysctl
-    name:
-      description: The unit, the setting, the route or the file.
-      returned: always
-      type: str
-      sample: net.ipv4.ip_forward
-    expected:
-      description: What the plan has.
-      returned: always
-      type: str
-      sample: "1"
-    found:
-      description: What the files of this computer will bring.
-      returned: always
-      type: str
-      sample: /etc/sysctl.d/99-local.conf line 3 sets 0
-    file:
-      description: The file that decides, empty where there is none.
-      returned: always
-      type: str
-      sample: /etc/sysctl.d/99-local.conf line 3
-    when:
-      description: The time of the last change of this file, or an empty text without a file.
-      returned: always
-      type: str
-      sample: 2026-11-22 09:12:44 UTC
+    about: {description: 'What it decides, V(names), the V(order) of name services, the rules of V(ufw), V(firewalld), V(docker),
+          V(libvirtd) or V(fail2ban), or those of a table of nftables, such as V(table inet filter).', returned: always,
+        type: str}
+    what: {description: The file or the service., returned: always, type: str}
+    how: {description: V(was changed) or V(was started)., returned: always, type: str}
+    when: {description: 'The time, of a service as systemd writes it.', returned: always, type: str}
 services:
   description: The services of O(services).
   returned: when O(action=collect)
   type: list
   elements: dict
   sample:
-    - name: discovery
-      unit: multimaster-discovery.service
-      load_state: loaded
-      active_state: active
-      sub_state: running
-      restarts: 0
-      stopped: false
-      differing: []
-      drop_ins: []
-      since: Sun 2026-11-22 09:12:44 UTC
-      refused: []
-      refusals: []
-      age_s: 86400.5
-      open_files: 18
-      most_files: 1024
-      result: ""
-      status: null
+    - {name: discovery, unit: multimaster-discovery.service, load_state: loaded, active_state: active, sub_state: running,
+        restarts: 0, stopped: false, differing: [], drop_ins: [], since: 'Sun 2026-11-22 09:12:44 UTC', refused: [],
+        refusals: [], age_s: 86400.5, open_files: 18, most_files: 1024, result: '', status: null}
   contains:
-    name:
-      description: The service.
-      returned: always
-      type: str
-      sample: discovery
-    unit:
-      description: Its unit.
-      returned: always
-      type: str
-      sample: multimaster-discovery.service
-    load_state:
-      description: C(LoadState) of systemd.
-      returned: always
-      type: str
-      sample: loaded
-    active_state:
-      description: C(ActiveState) of systemd.
-      returned: always
-      type: str
-      sample: active
-    sub_state:
-      description: C(SubState) of systemd.
-      returned: always
-      type: str
-      sample: running
-    restarts:
-      description: How often systemd had to start it again by itself.
-      returned: always
-      type: int
-      sample: 0
-    result:
-      description:
-        - How it ended last, where systemd has started it again, or it has failed. C(Result) of systemd, such as V(oom-kill), V(signal) or
-          V(exit-code), or V(watchdog) where multimaster-watchdog.service has ended it. Empty where nothing is known.
-      returned: always
-      type: str
-      sample: ""
-    status:
-      description: The exit status of its process then, or the number of the signal that ended it, or null.
-      returned: always
-      type: int
-      sample: null
-    stopped:
-      description: Whether its process is stopped by a signal or a debugger, so that it runs and does nothing.
-      returned: always
-      type: bool
-      sample: false
-    differing:
-      description:
-        - The variables of O(environment_file) and of O(variables) that its running process has with another value, or not at all.
-          Null where the process cannot be looked at.
-      returned: always
-      type: list
-      elements: str
-      sample: []
-    drop_ins:
-      description: The drop-in files of its unit that set variables. They are looked for where some variables differ.
-      returned: always
-      type: list
-      elements: str
-      sample: []
-    since:
-      description: C(StateChangeTimestamp) of systemd, when it became what it is, empty where it never ran.
-      returned: always
-      type: str
-      sample: Sun 2026-11-22 09:12:44 UTC
-    refused:
-      description: The names of other robots that this service refuses, as master_sync tells systemd.
-      returned: always
-      type: list
-      elements: str
-      sample: []
-    refusals:
-      description: The same names with the reasons, 50 at most; a master_sync of an older release tells none.
-      returned: always
-      type: list
-      elements: dict
-      sample:
-        - name: /odom_pub
-          kind: place
-          there: http://127.0.0.1:41233/
-          master: kobuki2computer
-          here: it is on this computer itself
-      contains:
-        name:
-          description: The name of the node, service, topic or parameter.
-          returned: always
-          type: str
-          sample: /odom_pub
-        kind:
-          description:
-            - Why, V(node) or V(service) if the name is taken here, V(type) if the topic has another type here, V(place) if no node of that
-              robot can be there, V(parameter) if it is not copied.
-          returned: always
-          type: str
-          sample: place
-        there:
-          description: The URI of the node or service there, or the type of the topic there; empty for a parameter.
-          returned: always
-          type: str
-          sample: http://127.0.0.1:41233/
-        master:
-          description: The name of its master.
-          returned: always
-          type: str
-          sample: kobuki2computer
-        here:
-          description: The same here, or the objection.
-          returned: always
-          type: str
-          sample: it is on this computer itself
-    age_s:
-      description: The seconds since its last start, by a clock of this computer that nobody steps, or null.
-      returned: always
-      type: float
-      sample: 86400.5
-    open_files:
-      description: How many files its process with the fewest left has open, or null where it cannot be looked at.
-      returned: always
-      type: int
-      sample: 18
-    most_files:
-      description: How many files this process may have open (C(RLIMIT_NOFILE)), or null.
-      returned: always
-      type: int
-      sample: 1024
+    name: {description: The service., returned: always, type: str}
+    unit: {description: Its unit., returned: always, type: str}
+    load_state: {description: C(LoadState) of systemd., returned: always, type: str}
+    active_state: {description: C(ActiveState) of systemd., returned: always, type: str}
+    sub_state: {description: C(SubState) of systemd., returned: always, type: str}
+    restarts: {description: How often systemd had to start it again by itself., returned: always, type: int}
+    differing: {description: 'The variables of O(environment_file) and of O(variables) that its running process has with another
+          value, or not at all. Null where the process cannot be looked at.', returned: always, type: list, elements: str}
+    drop_ins: {description: The drop-in files of its unit that set variables. They are looked for where some variables differ.,
+        returned: always, type: list, elements: str}
+    since: {description: 'C(StateChangeTimestamp) of systemd, when it became what it is, empty where it never ran.', returned: always,
+        type: str}
+    stopped: {description: 'Whether its process is stopped by a signal or a debugger, so that it runs and does nothing.', returned: always,
+        type: bool}
+    refused: {description: 'The names of other robots that this service refuses, as master_sync tells systemd.', returned: always,
+        type: list, elements: str}
+    refusals: {description: 'The same names with the reasons, 50 at most; a master_sync of an older release tells none.', returned: always,
+        type: list, elements: dict}
+    age_s: {description: 'The seconds since its last start, by a clock of this computer that nobody steps, or null.', returned: always,
+        type: float}
+    open_files: {description: 'How many files its process with the fewest left has open, or null where it cannot be looked at.',
+        returned: always, type: int}
+    most_files: {description: 'How many files this process may have open (C(RLIMIT_NOFILE)), or null.', returned: always, type: int}
+    result: {description: 'How it ended last, where systemd has started it again, or it has failed. C(Result) of systemd,
+          such as V(oom-kill), V(signal) or V(exit-code), or V(watchdog) where multimaster-watchdog.service has ended
+          it. Empty where nothing is known.', returned: always, type: str}
+    status: {description: 'The exit status of its process then, or the number of the signal that ended it, or null.', returned: always,
+        type: int}
+next_boot:
+  description: What works now, or not, and will not be as O(boot) and O(services) say after the next boot.
+  returned: when O(action=collect)
+  type: list
+  elements: dict
+  sample:
+    - {kind: sysctl, name: net.ipv4.ip_forward, expected: '1', found: /etc/sysctl.d/99-local.conf line 3 sets 0, file: /etc/sysctl.d/99-local.conf
+          line 3, when: '2026-11-22 09:12:44 UTC'}
+  contains:
+    kind: {description: 'V(unit) for a service, V(sysctl) for a kernel setting, V(route), or V(names) for C(/etc/hosts).',
+        returned: always, type: str}
+    name: {description: 'The unit, the setting, the route or the file.', returned: always, type: str}
+    expected: {description: What the plan has., returned: always, type: str}
+    found: {description: What the files of this computer will bring., returned: always, type: str}
+    file: {description: 'The file that decides, empty where there is none.', returned: always, type: str}
+    when: {description: 'The time of the last change of this file, or an empty text without a file.', returned: always,
+        type: str}
 talker:
   description: The talker of this computer.
   returned: unless O(action=stop) or O(is_router=true)
   type: dict
-  sample: {running: true, error: ""}
+  sample: {running: true, error: ''}
   contains:
-    running:
-      description: Whether it runs.
-      returned: always
-      type: bool
-      sample: true
-    error:
-      description: Why it does not run, or the last line that it wrote.
-      returned: always
-      type: str
-      sample: ""
-    failed:
-      description: Whether it should run and could not be started.
-      returned: when O(action=start)
-      type: bool
-      sample: false
-    msg:
-      description: The same as a sentence.
-      returned: when O(action=start) and it was not started
-      type: str
-      sample: "No talker: there is no command rostopic in the PATH of /etc/rosfleet-multimaster/environment; install it."
+    running: {description: Whether it runs., returned: always, type: bool}
+    error: {description: 'Why it does not run, or the last line that it wrote.', returned: always, type: str}
+    failed: {description: Whether it should run and could not be started., returned: when O(action=start), type: bool}
+    msg: {description: The same as a sentence., returned: when O(action=start) and it was not started, type: str}
+ros_missing:
+  description: Why no node can run on this computer, or empty where ROS is set up.
+  returned: when O(action=collect)
+  type: str
+  sample: ''
+problems:
+  description: One sentence for each part that could not be looked at; such a part has an empty value.
+  returned: when O(action=collect)
+  type: list
+  elements: str
+  sample: []
 streams:
   description: How fast a stream of this computer comes to each of O(talkers).
   returned: when O(action=stream)
   type: list
   elements: dict
   sample:
-    - {computer: kobuki2computer, mbit_s: 93.4, error: ""}
+    - {computer: kobuki2computer, mbit_s: 93.4, error: ''}
   contains:
-    computer:
-      description: The computer.
-      returned: always
-      type: str
-      sample: kobuki2computer
-    mbit_s:
-      description: How many megabits came there in a second; null where that is not known.
-      returned: always
-      type: float
-      sample: 93.4
-    error:
-      description: Why it is not known, or empty.
-      returned: always
-      type: str
-      sample: ""
-ros_missing:
-  description: Why no node can run on this computer, or empty where ROS is set up.
-  returned: when O(action=collect)
-  type: str
-  sample: ""
+    computer: {description: The computer., returned: always, type: str}
+    mbit_s: {description: How many megabits came there in a second; null where that is not known., returned: always, type: float}
+    error: {description: 'Why it is not known, or empty.', returned: always, type: str}
 multicast:
-  description:
-    - What M(rosfleet.multimaster.multicast_verify) with the same action returns; where that fails, V(failed) and the sentence
-      in C(msg).
+  description: What M(rosfleet.multimaster.multicast_verify) with the same action returns; where that fails, V(failed)
+    and the sentence in C(msg).
   returned: when O(multicast), with O(action=start) or O(action=collect)
   type: dict
-  sample: {udp: [], heard: [], missing: [], unexpected: [], msg: Every other computer (0) is heard on the group and hears this one.}
+  sample: {udp: [], heard: [], missing: [], unexpected: [], msg: Every other computer (0) is heard on the group and hears
+        this one.}
 machine:
   description: What M(rosfleet.multimaster.multimaster_info) returns.
   returned: when O(action=start) and O(look)
@@ -2105,12 +801,6 @@ seconds:
   returned: when O(action=collect)
   type: float
   sample: 2.3
-problems:
-  description: One sentence for each part that could not be looked at; such a part has an empty value.
-  returned: when O(action=collect)
-  type: list
-  elements: str
-  sample: []
 msg:
   description: What was done, in a sentence.
   returned: always

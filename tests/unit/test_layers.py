@@ -127,12 +127,29 @@ def test_no_arrow_goes_up(tree):
 ACTIONS_SHARE = {f"_robot_io/{name}.py" for name in ("robot_action", "confirmation", "trees", "refusal")}
 
 
+#: what the robots answer, and the files of the controller that read it
+CONTRACT = f"{COLLECTION}{MODULE_UTILS.replace('/', '.')}._contract"
+READERS = {"_robot_io/documentation.py"} | {
+    f"_verify/observe/{name}.py" for name in ("contract", "observations", "outcomes", "second_look")
+}
+
+
+def test_the_controller_takes_the_contract_in_few_files():
+    for path in sources(PLUGIN_UTILS):
+        ours = path.relative_to(ROOT / PLUGIN_UTILS).as_posix()
+        assert ours in READERS or not any(name.startswith(CONTRACT) for name in imports(path)), path
+
+
 def test_the_halves_do_not_know_each_other():
     for path in sources(MODULE_UTILS) + sources("plugins/modules"):
         assert not any("plugin_utils" in name for name in imports(path)), path
     for path in sources(PLUGIN_UTILS):
         ours = path.relative_to(ROOT / PLUGIN_UTILS).as_posix()
-        strange = {name for name in imports(path) if "module_utils" in name or name.startswith("ansible.")}
+        strange = {
+            name
+            for name in imports(path) - {CONTRACT.rpartition(".")[0]}
+            if (not name.startswith(CONTRACT) and "module_utils" in name) or name.startswith("ansible.")
+        }
         assert ours in ACTIONS_SHARE or not strange, (path, strange)
 
 

@@ -11,7 +11,8 @@ import typing
 from urllib.parse import urlsplit
 
 from .._base.deadlines import call_all
-from .._machine.outcomes import Outcome, connect
+from .._contract.outcomes import Outcome
+from .._machine.outcomes import connect
 from .measure.talker import node_of
 from .ros_client.listener import listener_of
 from .ros_client.ros import Ros

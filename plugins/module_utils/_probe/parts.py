@@ -12,8 +12,8 @@ from .._base.deadlines import call_all
 from .._base.module import validate_options
 from .._base.plain_text import LINE, quote
 from .._base.problem import Problem
+from .._contract.outcomes import Outcome
 from .._machine import time_sources
-from .._machine.outcomes import Outcome
 from .measure import (
     changes,
     claims,

@@ -1,16 +1,23 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The answer that a module documents: its section RETURN as types. Pure: the text of a module in."""
+"""The answer that a module documents, as types: by the contract of the modules that measure, and by RETURN of all others.
+
+Pure: the text of a module in.
+"""
 
 from __future__ import annotations
 
+import enum
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import yaml
+
+from ...module_utils._contract.answers import ANSWERS
+from ...module_utils._contract.fields import Struct, is_generic, is_list, is_struct, list_arguments, strip_optional
 
 SECTION = re.compile(r'^RETURN = r"""\n(.*?)^"""', re.MULTILINE | re.DOTALL)
 
@@ -50,10 +57,7 @@ def read_documentation(module: str, text_of: Callable[[str], str]) -> Answer:
 
     `text_of(module)` returns its source. Raises KeyError if the module documents no answer.
     """
-    section = SECTION.search(text_of(module))
-    if section is None:
-        raise KeyError("RETURN")
-    own = _kinds(yaml.load(section[1], _LOADER) or {})
+    own = _read_contract(module) if module in ANSWERS else _read_section(text_of(module))
     for key, (other, part) in ELSEWHERE.get(module, {}).items():
         answer = read_documentation(other, text_of)
         own[key] = answer[part] if part else Kind("dict", answer)
@@ -62,6 +66,37 @@ def read_documentation(module: str, text_of: Callable[[str], str]) -> Answer:
         own["concerns"] = Kind("dict", {name: Kind("list", each=run) for name, run in runs.items()})
     own.pop("diff", None)  # in any module as Ansible has it
     return {**COMMON, **own}
+
+
+_SCALARS = {str: "str", int: "int", float: "float", bool: "bool", Any: "raw"}
+
+
+def _read_contract(module: str) -> dict[str, Kind]:
+    return {name: kind for part in ANSWERS[module] for name, kind in _make_parts(part).items()}
+
+
+def _make_parts(struct: type[Struct]) -> dict[str, Kind]:
+    return {name: replace(make_kind(entry.kind), returned=entry.returned) for name, entry in struct.FIELDS.items()}
+
+
+def make_kind(hint: Any) -> Kind:
+    """Return the type of a field of the contract as the type of a value."""
+    hint = strip_optional(hint)
+    if is_struct(hint):
+        return Kind("dict", _make_parts(hint))
+    if is_list(hint):
+        return Kind("list", each=make_kind(list_arguments(hint)[0]))
+    if is_generic(hint):
+        each = list_arguments(hint)[1]
+        return Kind("dict", each=None if each is Any else make_kind(each))
+    return TEXT if isinstance(hint, type) and issubclass(hint, enum.Enum) else Kind(_SCALARS[hint])
+
+
+def _read_section(text: str) -> dict[str, Kind]:
+    section = SECTION.search(text)
+    if section is None:
+        raise KeyError("RETURN")
+    return _kinds(yaml.load(section[1], _LOADER) or {})
 
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

@@ -15,8 +15,9 @@ from ..._base.deadlines import call_all
 from ..._base.foreign import last_line
 from ..._base.plain_text import plain
 from ..._base.problem import tell_reason
+from ..._contract.outcomes import Outcome
 from ..._machine import network
-from ..._machine.outcomes import Outcome, classify_error, connect
+from ..._machine.outcomes import classify_error, connect
 from ..ros_client import message_types, node_hosts, node_services, tcpros
 from ..ros_client.documents import NODE, STATE
 from ..ros_client.facts import IMPORTS

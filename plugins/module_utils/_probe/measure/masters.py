@@ -11,8 +11,9 @@ from urllib.parse import urlsplit
 from ..._base.deadlines import poll
 from ..._base.plain_text import quote
 from ..._base.problem import tell_reason
+from ..._contract.outcomes import Outcome
 from ..._machine import network as machine
-from ..._machine.outcomes import Outcome, connect
+from ..._machine.outcomes import connect
 from ..multicast.helper import LATEST
 from ..ros_client.xml_rpc import server
 from . import network

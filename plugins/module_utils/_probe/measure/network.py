@@ -18,8 +18,9 @@ import typing
 from ..._base.commands import find_nobody, run, text
 from ..._base.deadlines import call_all
 from ..._base.foreign import last_line
+from ..._contract.outcomes import Outcome
 from ..._machine import network as machine
-from ..._machine.outcomes import Outcome, classify_error, connect
+from ..._machine.outcomes import classify_error, connect
 from ..multicast.packets import IP_MTU_DISCOVER, IP_PMTUDISC_PROBE, REFUSALS, Echo, echo_request, read_echoes
 from .changes import LOG, carrier
 

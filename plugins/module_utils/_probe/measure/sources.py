@@ -14,7 +14,8 @@ import xmlrpc.client
 from ..._base.deadlines import PAUSE, call_all, poll
 from ..._base.plain_text import plain
 from ..._base.problem import tell_reason
-from ..._machine.outcomes import Outcome, classify_error
+from ..._contract.outcomes import Outcome
+from ..._machine.outcomes import classify_error
 from ..ros_client.documents import NODE, STATE
 from ..ros_client.ros import Ros
 from ..ros_client.xml_rpc import server

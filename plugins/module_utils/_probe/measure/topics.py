@@ -10,7 +10,8 @@ from urllib.parse import urlsplit
 from ..._base.deadlines import PAUSE, call_all, poll
 from ..._base.plain_text import plain, quote
 from ..._base.problem import tell_reason
-from ..._machine.outcomes import Outcome, connect
+from ..._contract.outcomes import Outcome
+from ..._machine.outcomes import connect
 from ..ros_client.listener import Listener, Message, listener_of
 from ..ros_client.ros import Ros, roscore
 from .network import TRIES

@@ -16,7 +16,7 @@ import time
 import typing
 
 from ..._base.background import admit, answer, open_door, remove_door
-from ..._machine.outcomes import Outcome
+from ..._contract.outcomes import Outcome
 from .helper import Datagrams, Helper, Settings
 from .packets import IP_PKTINFO, echo_request, open_copies, read_copies, read_echoes, take_waiting
 

@@ -10,7 +10,7 @@ import struct
 import time
 import typing
 
-from ..._machine.outcomes import Outcome
+from ..._contract.outcomes import Outcome
 
 HEADERS = 28  # bytes of the headers of IPv4 and ICMP
 UDP_HEADER = 8

@@ -18,7 +18,8 @@ from ..._base.foreign import foreign
 from ..._base.plain_text import plain
 from ..._base.problem import tell_reason
 from ..._base.regular_files import read_regular
-from ..._machine.outcomes import Outcome, classify_error
+from ..._contract.outcomes import Outcome
+from ..._machine.outcomes import classify_error
 from . import node_services, tcpros
 from .xml_rpc import Tables, ask, read_state
 

@@ -8,8 +8,8 @@ import typing
 from ..._base.background import ask, end_others, explain_refusal, find_wrong_value, leave, open_door, path_of
 from ..._base.deadlines import call_all
 from ..._base.problem import Problem
+from ..._contract.outcomes import Outcome
 from ..._machine.network import is_address
-from ..._machine.outcomes import Outcome
 from .capture import Tag, open_socket
 from .counters import read_counters
 from .listener import serve

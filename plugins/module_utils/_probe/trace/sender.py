@@ -11,8 +11,9 @@ import struct
 import time
 import typing
 
+from ..._contract.outcomes import Outcome
 from ..._machine.network import interfaces, route_to
-from ..._machine.outcomes import Outcome, classify_error
+from ..._machine.outcomes import classify_error
 from ..multicast.packets import IP_MTU_DISCOVER, IP_PMTUDISC_PROBE, echo_request, read_echoes
 from .capture import Tag
 

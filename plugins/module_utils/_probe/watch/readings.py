@@ -12,8 +12,9 @@ import typing
 
 from ..._base.commands import text
 from ..._base.deadlines import call_all
+from ..._contract.outcomes import Outcome
 from ..._machine import network, systemd
-from ..._machine.outcomes import Outcome, connect
+from ..._machine.outcomes import connect
 from ..._machine.ports import address_of
 from ..multicast.memberships import igmp_memberships
 

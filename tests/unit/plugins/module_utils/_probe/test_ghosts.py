@@ -7,7 +7,8 @@ import socket
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Connection, Outcome
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Connection
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe import ghosts
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import node
 from talking import Roscore, served, talking, until

@@ -15,7 +15,7 @@ import threading
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import network
 
 root = pytest.mark.skipif(os.geteuid() != 0, reason="raw sockets and namespaces need root")

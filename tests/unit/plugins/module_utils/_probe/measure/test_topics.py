@@ -9,7 +9,7 @@ import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import deadlines
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import topics
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import tcpros, xml_rpc
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.listener import Listener

@@ -7,7 +7,7 @@ import socket
 import struct
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast import packets
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast.packets import echo_request
 from hypothesis import given

@@ -1,0 +1,16 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The contract: what the modules that measure answer. Their RETURN and the controller's door for answers are made of it."""
+
+import typing
+
+from . import multicast, trace, verify
+from .fields import Struct
+
+#: module -> the parts of its answer; each key is a field of one of them
+ANSWERS: typing.Mapping[str, typing.Tuple[typing.Type[Struct], ...]] = {
+    "multimaster_verify": (verify.Probe, verify.Streams, verify.Run),
+    "multicast_verify": (multicast.Multicast,),
+    "multimaster_follow": (trace.SentProbes, trace.SeenPackets, trace.Run),
+}

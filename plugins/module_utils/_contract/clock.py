@@ -1,0 +1,35 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""What a computer tells of its clock."""
+
+import typing
+
+from .fields import Struct, field
+
+
+class TimeSource(Struct):
+    """A computer or server that the time service of a computer asks."""
+
+    address: str = field("The address of the source.", "192.168.1.201", needed=True)
+    selected: bool = field("Whether the clock follows it, alone or with others.", True)
+    reachable: bool = field("Whether it has answered one of the last four requests.", True)
+    offset_s: typing.Optional[float] = field(
+        "How many seconds this computer's clock was ahead of the source at its last answer, or null where the service does not tell.",
+        0.0001,
+    )
+
+
+class Clock(Struct):
+    """The clock of the computer; None where its state is unknown."""
+
+    synchronised: typing.Optional[bool] = field(
+        "Whether something keeps it right, such as chrony, as the kernel knows it; null where it does not tell.", True
+    )
+    answers: typing.Optional[bool] = field("Whether a time service answers, or null where none was asked.", True)
+    service: str = field(
+        "The time service that answers, V(chrony), V(systemd-timesyncd) or V(ntpd), or empty.", "chrony"
+    )
+    sources: typing.Tuple[TimeSource, ...] = field(
+        "The sources of time that it has, at most 32. Those without an address, such as a radio clock, are left out."
+    )

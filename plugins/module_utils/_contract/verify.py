@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The answers of multimaster_verify."""
+
+import typing
+
+from .clock import Clock
+from .computer import BootDeviation, Change, ContainerNames, Disk, FileLimit, NodeHost, Service
+from .fields import Struct, field
+from .network import Claim, DefaultRoute, ForwardingSettings, Policy, SeenMaster, SeenMember
+from .ros import (
+    Exchange,
+    HeardTopic,
+    ListMasters,
+    NodeParameters,
+    Outsider,
+    Roscore,
+    Source,
+    Stream,
+    Talker,
+    Traffic,
+)
+from .tunnel import SeenTunnel
+
+
+class Probe(Struct, returned="when O(action=collect)"):
+    """The result of multimaster_verify with `action: collect`."""
+
+    members: typing.Tuple[SeenMember, ...] = field(
+        "What this computer sees of every computer of the fleet; of itself only what its name means."
+    )
+    default_routes: typing.Tuple[DefaultRoute, ...] = field("The default routes of this computer.")
+    claims: typing.Tuple[Claim, ...] = field(
+        "Who answers for an address on the networks of this computer, asked by ARP without an address of its own, so that it changes "
+        "nothing. The own addresses, for which no other computer is to answer, and those of O(members) and of gateways, for which one "
+        "computer is. Empty where the kernel does not allow it, and without an interface of Ethernet."
+    )
+    policy: Policy = field("What decides beside the routes of the main table where packets go.")
+    name_sources: typing.Tuple[str, ...] = field(
+        "Who is asked for the address of a name, in this order, as the line C(hosts) of C(/etc/nsswitch.conf) says it. Empty where it "
+        "says nothing.",
+        ["files", "dns"],
+        returned="when O(action=collect), but not for the router",
+    )
+    forwarding: ForwardingSettings = field(
+        "What decides whether packets pass from one network to another through this computer."
+    )
+    masters: typing.Tuple[SeenMaster, ...] = field("The discovery node of every master.")
+    roscore: Roscore = field("The roscore of this computer's robot.")
+    list_masters: ListMasters = field("What C(rosservice call /master_discovery/list_masters) prints on this computer.")
+    topics: typing.Tuple[HeardTopic, ...] = field("What the talkers of the other computers say here.")
+    outsiders: typing.Tuple[Outsider, ...] = field(
+        "The senders of heartbeats that the discovery node of this computer ignores, since they do not belong to the fleet. Empty where"
+        " the nodes are not the collection's own."
+    )
+    sources: typing.Tuple[Source, ...] = field(
+        "What discovery nodes have of topics. The own one is asked for all that the roscore has, another one for those of talkers that "
+        "are to be heard here and that the own roscore has not. Where O(is_master=false) it is empty."
+    )
+    exchange: Exchange = field(
+        "What the roscore of this computer holds, by the robot that it is of, read at the end of the looking. Where O(is_master=false) "
+        "it is empty, and RV(exchange.error) says so."
+    )
+    traffic: Traffic = field(
+        "What the robot's nodes send to nodes of other robots, on the computer of a roscore. Their counters (C(getBusStats)) were read "
+        "twice."
+    )
+    parameters: NodeParameters = field("The parameters of the nodes on the roscore, compared with O(parameters).")
+    clock: Clock = field("The clock of this computer.")
+    tunnel: SeenTunnel = field(
+        "The tunnel of the collection on this computer, as WireGuard tells it. No private key is asked for."
+    )
+    disks: typing.Tuple[Disk, ...] = field(
+        "The room that is left for others than root where services write, each file system once."
+    )
+    file_limits: typing.Tuple[FileLimit, ...] = field(
+        "Processes of ROS that may open more than 1048576 files, once for each unit, 20 at most."
+    )
+    container_names: typing.Tuple[ContainerNames, ...] = field(
+        "Containers with processes of ROS whose own C(/etc/hosts) lacks names of the fleet that this computer's has, 20 at most."
+    )
+    node_hosts: typing.Tuple[NodeHost, ...] = field(
+        "Processes of ROS on this computer that announce another host than its planned name and addresses, use another roscore than "
+        "planned, or are stopped, and those of which this cannot be read, 100 at most. A node announces the host of C(ROS_HOSTNAME) or "
+        "C(ROS_IP), or else the name of the computer."
+    )
+    changes: typing.Tuple[Change, ...] = field(
+        "When files were changed and services were started that may decide names and packet filters. What a kernel was told by hand has"
+        " no time."
+    )
+    services: typing.Tuple[Service, ...] = field(
+        "The services of O(services).",
+        [
+            {
+                "name": "discovery",
+                "unit": "multimaster-discovery.service",
+                "load_state": "loaded",
+                "active_state": "active",
+                "sub_state": "running",
+                "restarts": 0,
+                "stopped": False,
+                "differing": [],
+                "drop_ins": [],
+                "since": "Sun 2026-11-22 09:12:44 UTC",
+                "refused": [],
+                "refusals": [],
+                "age_s": 86400.5,
+                "open_files": 18,
+                "most_files": 1024,
+                "result": "",
+                "status": None,
+            }
+        ],
+    )
+    next_boot: typing.Tuple[BootDeviation, ...] = field(
+        "What works now, or not, and will not be as O(boot) and O(services) say after the next boot."
+    )
+    talker: typing.Optional[Talker] = field(
+        "The talker of this computer.",
+        {"running": True, "error": ""},
+        returned="unless O(action=stop) or O(is_router=true)",
+    )
+    ros_missing: str = field("Why no node can run on this computer, or empty where ROS is set up.", "")
+    problems: typing.Tuple[str, ...] = field(
+        "One sentence for each part that could not be looked at; such a part has an empty value.", []
+    )
+
+
+class Streams(Struct, returned="when O(action=stream)"):
+    """The result of multimaster_verify with `action: stream`."""
+
+    streams: typing.Tuple[Stream, ...] = field("How fast a stream of this computer comes to each of O(talkers).")
+
+
+class Run(Struct):
+    """What each action of multimaster_verify may answer beside that."""
+
+    multicast: typing.Dict[str, typing.Any] = field(
+        "What M(rosfleet.multimaster.multicast_verify) with the same action returns; where that fails, V(failed) and the sentence in "
+        "C(msg).",
+        {
+            "udp": [],
+            "heard": [],
+            "missing": [],
+            "unexpected": [],
+            "msg": "Every other computer (0) is heard on the group and hears this one.",
+        },
+        returned="when O(multicast), with O(action=start) or O(action=collect)",
+        kept=False,
+    )
+    machine: typing.Dict[str, typing.Any] = field(
+        "What M(rosfleet.multimaster.multimaster_info) returns.",
+        {"problems": [], "hostname": "kobuki1computer", "owned": ["routes", "sysctl"]},
+        returned="when O(action=start) and O(look)",
+        kept=False,
+    )
+    seconds: float = field("How long the looking took.", 2.3, returned="when O(action=collect)")
+    msg: str = field("What was done, in a sentence.", "Looked at 2 computers in 2.3 s.")

@@ -1,0 +1,30 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The classes of the contract as dataclasses, which all records of the controller are: they are compared, replaced and read alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, is_dataclass
+
+from ....module_utils._contract import answers
+from ....module_utils._contract.fields import Struct, find_struct
+
+
+def make_dataclasses() -> None:
+    """Make the classes of all answers dataclasses, in place. What no check reads is no field of theirs."""
+    for parts in answers.ANSWERS.values():
+        for part in parts:
+            _make_dataclass(part)
+
+
+def _make_dataclass(struct: type[Struct]) -> None:
+    if is_dataclass(struct):
+        return
+    for name, entry in struct.FIELDS.items():
+        part = find_struct(entry.kind)
+        if part is not None:
+            _make_dataclass(part)
+        if not entry.kept:
+            del struct.__annotations__[name]
+    dataclass(frozen=True, init=False)(struct)

@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Write RETURN of the modules that measure, made of the contract (plugins/module_utils/_contract).
+
+Ansible needs it as a literal in the file. It is for people: each key, and one level below it.
+With `--check` nothing is written; a section that is not the generated one is an error.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from textwrap import indent
+from typing import Any
+
+import yaml
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.answers import ANSWERS
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.fields import (
+    Field,
+    Struct,
+    find_struct,
+    make_sample,
+)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io.documentation import SECTION, make_kind
+
+MODULES = Path(__file__).resolve().parents[1] / "plugins" / "modules"
+WIDTH = 108  # of a line, about: a long word goes beyond
+
+
+def fill(module: str, text: str) -> str:
+    """Return the text of a module with its RETURN."""
+    section = "".join(_write_key(name, entry) for part in ANSWERS[module] for name, entry in part.FIELDS.items())
+    return SECTION.sub(lambda _found: f'RETURN = r"""\n{section}"""', text, count=1)
+
+
+def _write_key(name: str, entry: Field) -> str:
+    lines = [f"{name}:\n"]
+    lines += [indent(_dump({key: value}, flow=False), "  ") for key, value in _describe(entry).items()]
+    sample = make_sample(entry)
+    if isinstance(sample, list) and sample and isinstance(sample[0], dict):
+        lines.append("  sample:\n" + "".join(indent(f"- {_indent_rest(_dump(each))}", "    ") for each in sample))
+    elif sample is not None:
+        lines.append(f"  sample: {_indent_rest(_dump(sample), 4)}")
+    struct = find_struct(entry.kind)
+    if struct is not None:
+        lines.append("  contains:\n" + "".join(_write_fields(struct)))
+    return "".join(lines)
+
+
+def _write_fields(struct: type[Struct]) -> Iterator[str]:
+    for name, entry in struct.FIELDS.items():
+        yield f"    {name}: {_indent_rest(_dump(_describe(entry)), 6)}"
+
+
+def _describe(entry: Field) -> Mapping[str, str]:
+    kind = make_kind(entry.kind)
+    elements = {"elements": kind.each.type} if kind.type == "list" and kind.each else {}
+    return {"description": entry.text, "returned": entry.returned, "type": kind.type, **elements}
+
+
+def _dump(value: Any, flow: bool = True) -> str:
+    text: str = yaml.safe_dump(value, sort_keys=False, default_flow_style=flow, width=WIDTH, allow_unicode=True)
+    return text.removesuffix("...\n")
+
+
+def _indent_rest(text: str, columns: int = 2) -> str:
+    first, _, rest = text.partition("\n")
+    return f"{first}\n{indent(rest, ' ' * columns)}"
+
+
+def main() -> None:
+    """Write the sections that are not as the contract, or with --check name them. Ends with 1 then."""
+    stale = []
+    for module in ANSWERS:
+        path = MODULES / f"{module}.py"
+        text = path.read_text(encoding="utf-8")
+        if fill(module, text) != text:
+            stale.append(path.name)
+            if "--check" not in sys.argv:
+                path.write_text(fill(module, text), encoding="utf-8")
+    if "--check" in sys.argv and stale:
+        raise SystemExit(f"RETURN of {', '.join(stale)} is not as the contract: run `make copies`.")
+
+
+if __name__ == "__main__":
+    main()
