@@ -73,7 +73,7 @@ unconfirmed:
   type: bool
   sample: false
 confirm_within:
-  description: Seconds for which the machine waits for the confirmation: more than was asked for after a slow run, 0 if nothing waits.
+  description: Seconds for which the machine waits for the confirmation, more than was asked for after a slow run, and 0 if nothing waits.
   returned: always, unless an option is wrong
   type: int
   sample: 60
