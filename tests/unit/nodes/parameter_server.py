@@ -7,6 +7,8 @@ tests/systems/test_data_flow.py tries the same with real roscores.
 
 import threading
 
+from rosfleet_multimaster.edge.core.shares import Shares
+from rosfleet_multimaster.edge.process.room import Room
 from running_sync import serve
 
 
@@ -18,6 +20,7 @@ class ParameterServer:
         self.before = self.after = lambda: None  # a change
         self.wrong = {}  # name -> what it answers instead
         self.server, self.uri = serve({"system.multicall": self.multicall, "getParam": self.get})
+        self.server.room = Room(Shares(1 << 30, 1 << 30, ()), 0, 0.0)  # a roscore gives values that no node would
 
     def multicall(self, calls):
         self.asked += 1
