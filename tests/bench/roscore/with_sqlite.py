@@ -16,10 +16,9 @@ from rosfleet_multimaster.edge.process import program
 from rosfleet_multimaster.roscore import __main__ as roscore
 from rosfleet_multimaster.roscore import store
 from rosfleet_multimaster.roscore.core import store_format
-from rosfleet_multimaster.roscore.core.registry import Registry
+from rosfleet_multimaster.roscore.core.registry import USERS, Record, Registry
 
 FILE = "registrations.sqlite"
-THERE = ("publisher", "subscriber", "listener", "service")  # kinds of records that end with whether the thing is there
 
 
 def opened(folder):
@@ -33,7 +32,7 @@ def opened(folder):
 
 def thing(record):
     """What a record is about."""
-    return json.dumps(record[:4] if record[0] in ("publisher", "subscriber", "listener") else record[:2])
+    return json.dumps(record.row[:4] if record.kind in USERS else record.row[:2])
 
 
 class Store:
@@ -62,15 +61,10 @@ class Store:
 
     def _write(self, records):
         for record in records:
-            gone = (
-                record[0] == "delete"
-                or (record[0] in THERE and not record[-1])
-                or (record[0] in ("node", "type") and not record[2])
-            )
-            if gone:
+            if record.kind == "delete" or not record.is_there:
                 self._writer.execute("DELETE FROM state WHERE thing = ?", (thing(record),))
             else:
-                self._writer.execute("REPLACE INTO state VALUES (?, ?)", (thing(record), json.dumps(record)))
+                self._writer.execute("REPLACE INTO state VALUES (?, ?)", (thing(record), json.dumps(record.row)))
 
     def wait(self):
         return True
@@ -92,7 +86,7 @@ def read(folder):
         return None
     found = Registry()
     for (text,) in opened(folder).execute("SELECT record FROM state"):
-        found.apply(json.loads(text))
+        found.apply(Record.from_row(json.loads(text)))
     return store_format.Content(found, store.read_boot_id(), 0, 0, False, False, 0)
 
 

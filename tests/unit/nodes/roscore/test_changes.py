@@ -12,8 +12,10 @@ from rosfleet_multimaster.roscore import changes as module
 from rosfleet_multimaster.roscore.core.registry import Registry
 from running_sync import until
 
-NODE = ["node", "/a", "http://robot:1/"]
-PUBLISHER = ["publisher", "/chatter", "/a", "http://robot:1/", True]
+from tests.unit.nodes.roscore.records import rec
+
+NODE = rec("node", "/a", "http://robot:1/")
+PUBLISHER = rec("publisher", "/chatter", "/a", "http://robot:1/", True)
 
 
 class Roscore:
@@ -23,7 +25,7 @@ class Roscore:
         self.feed = module.Changes(
             "now",
             self.lock,
-            lambda: [*self.registry.facts.values(), ["parameter", "/watched", None]],
+            lambda: [*self.registry.facts.values(), rec("parameter", "/watched", None)],
             lambda: self.caller,
         )
 
@@ -47,7 +49,7 @@ def test_who_asks_first_gets_all():
         "now",
         1,
         True,
-        [NODE, ["publisher", "/chatter", "/a", True], ["parameter", "/watched"]],
+        [NODE.row, ["publisher", "/chatter", "/a", True], ["parameter", "/watched"]],
     ]
 
 
@@ -63,7 +65,7 @@ def test_then_what_changed():
 def test_in_texts_it_is_the_same(epoch, revision):
     roscore = Roscore()
     roscore.change(NODE)
-    roscore.change(PUBLISHER, ["type", "/chatter", "x/Y"])
+    roscore.change(PUBLISHER, rec("type", "/chatter", "x/Y"))
     *about, records = roscore.ask(epoch, revision)
     *same, texts = roscore.ask(epoch, revision, 0, True)
     assert about == same and roscore.ask(epoch, revision, 0, False)[3] == records
@@ -73,13 +75,13 @@ def test_in_texts_it_is_the_same(epoch, revision):
 
 def test_what_nobody_is_told_of_is_no_revision():
     roscore = Roscore()
-    roscore.change(["set", "/speed", 3], ["listener", "/speed/", "/a", "http://robot:1/", True])
+    roscore.change(rec("set", "/speed", 3), rec("listener", "/speed/", "/a", "http://robot:1/", True))
     assert roscore.ask()[1] == 0
 
 
 def test_a_refused_import_is_told_once_and_left_out_of_the_whole():
     roscore = Roscore()
-    roscore.change(["refused", "/a", "http://far:1/", "why"])
+    roscore.change(rec("refused", "/a", "http://far:1/", "why"))
     assert roscore.ask() == ["now", 1, False, [["refused", "/a", "http://far:1/", "why"]]]
     assert all(record[0] != "refused" for record in roscore.ask("")[3])
 
@@ -89,7 +91,7 @@ def test_a_caller_that_waits_hears_at_once():
     timer = threading.Timer(0.2, roscore.change, [NODE])
     began = time.monotonic()
     timer.start()
-    assert roscore.ask(wait=30) == ["now", 1, False, [NODE]]
+    assert roscore.ask(wait=30) == ["now", 1, False, [NODE.row]]
     assert 0.1 < time.monotonic() - began < 1.0
 
 
@@ -144,7 +146,7 @@ def test_who_follows_has_the_state_of_the_roscore():
     roscore.feed._feed._most = 5
     mirror, known = set(), ("", 0)
     for number in range(300):
-        roscore.change(["publisher", f"/topic_{number % 7}", "/a", "http://robot:1/", number % 3 != 0])
+        roscore.change(rec("publisher", f"/topic_{number % 7}", "/a", "http://robot:1/", number % 3 != 0))
         if number % 4 == 0:
             epoch, revision, whole, records = roscore.ask(*known)
             known = (epoch, revision)

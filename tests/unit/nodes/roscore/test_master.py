@@ -18,8 +18,10 @@ REAL = installed()
 from rosfleet_multimaster.protocol import imports  # noqa: E402
 from rosfleet_multimaster.roscore import master as module  # noqa: E402
 from rosfleet_multimaster.roscore.core import bounds  # noqa: E402
-from rosfleet_multimaster.roscore.core.registry import Registry  # noqa: E402
+from rosfleet_multimaster.roscore.core.registry import Record, Registry  # noqa: E402
 from rosfleet_multimaster.roscore.refusals import Refusals  # noqa: E402
+
+from tests.unit.nodes.roscore.records import rec  # noqa: E402
 
 A, B, FAR, NEW = (f"http://{host}:1234/" for host in ("a", "b", "far", "new"))
 
@@ -182,9 +184,9 @@ def test_an_own_node_takes_the_name_of_an_import_which_lives_on(roscore):
     roscore.import_of("/camera", FAR)
     roscore.call("registerPublisher", "/camera", "/image", "x/Y", NEW)
     assert [call for call in roscore.told.since() if call[1] == "shutdown"] == []
-    assert [record[:3] for record in roscore.handed if record[0] == "refused"] == [["refused", "/camera", FAR]]
+    assert [record.uri for record in roscore.handed if record.kind == "refused" and record.name == "/camera"] == [FAR]
     (publisher,) = (record for record in roscore.registry.facts.values() if record[0] == "publisher")
-    assert publisher == ["publisher", "/image", "/camera", NEW, True]
+    assert publisher == rec("publisher", "/image", "/camera", NEW, True)
 
 
 def test_an_import_never_takes_the_name_of_an_own_node(roscore):
@@ -212,8 +214,8 @@ def test_a_watched_parameter_is_told_whatever_changed_it(roscore):
     ):
         roscore.call(*call)
     told = [record for record in roscore.handed if record[0] == "parameter"]
-    assert told == [["parameter", "/watched", value] for value in (1, 2, None)]
-    assert ["parameter", "/watched", None] in roscore.master.parameters()
+    assert told == [rec("parameter", "/watched", value) for value in (1, 2, None)]
+    assert rec("parameter", "/watched", None) in roscore.master.parameters()
 
 
 # A later life
@@ -223,8 +225,8 @@ def later(roscore):
     """A roscore that has what another one had."""
     found = Roscore()
     registry = Registry()
-    for record in (["set", "/", roscore.registry.parameters], *roscore.registry.facts.values()):
-        registry.apply(json.loads(json.dumps(record)))
+    for record in (rec("set", "/", roscore.registry.parameters), *roscore.registry.facts.values()):
+        registry.apply(Record.from_row(json.loads(json.dumps(record.row))))
     found.master.restore(registry)
     found.registry = roscore.registry
     return found
@@ -265,12 +267,12 @@ def test_a_node_that_has_another_uri_by_now_is_not_ended(roscore):
 def test_a_nodes_old_registration_goes_unless_repeated(roscore):
     some(roscore)
     second = later(roscore)
-    assert second.master.end_registration(["publisher", "/chatter", "/a", A])
+    assert second.master.end_registration(rec("publisher", "/chatter", "/a", A))
     assert second.told.since() == [(B, "publisherUpdate", "/chatter", [])]
-    assert not second.master.end_registration(["publisher", "/chatter", "/a", A])
+    assert not second.master.end_registration(rec("publisher", "/chatter", "/a", A))
     second.call("registerSubscriber", "/b", "/chatter", "x/Y", B)
-    assert not second.master.end_registration(["subscriber", "/chatter", "/b", B])
-    assert second.master.end_registration(["service", "/serve", "/a", "rosrpc://a:5", A])
+    assert not second.master.end_registration(rec("subscriber", "/chatter", "/b", B))
+    assert second.master.end_registration(rec("service", "/serve", "/a", "rosrpc://a:5", A))
     assert second.master.call("lookupNode", "/test", "/a")[0] == -1
 
 
@@ -295,7 +297,7 @@ def test_after_a_boot_names_that_others_have_by_now_stay_theirs(roscore):
     second.call("registerService", "/c", "/serve", "rosrpc://c:5", NEW)
     second.master.readmit(roscore.registry)
     assert second.master.call("lookupNode", "/test", "/a")[2] == NEW
-    assert second.registry.is_known(["service", "/serve", "/c", "rosrpc://c:5", NEW, True])
+    assert second.registry.is_known(rec("service", "/serve", "/c", "rosrpc://c:5", NEW, True))
     assert names(second.registry, "publisher", "subscriber") == ["/own", "/chatter"]
     assert not any(call[1] == "shutdown" for call in second.told.since())
 
@@ -319,7 +321,7 @@ def test_a_service_that_another_node_has_taken_keeps_no_name(roscore):
     assert roscore.left == [("/a", A)]
     roscore.master.bury("/a", A)
     assert roscore.master.call("lookupNode", "/test", "/a")[0] == -1
-    assert roscore.registry.is_known(["service", "/serve", "/b", "rosrpc://b:5", B, True])
+    assert roscore.registry.is_known(rec("service", "/serve", "/b", "rosrpc://b:5", B, True))
 
 
 def test_a_node_that_has_something_is_not_buried(roscore):
@@ -586,9 +588,9 @@ def test_many_dead_nodes_are_ended_in_a_moment(roscore):
     """Each was looked for among the registrations of all: 5,000 took 6 s, in the loop that feeds the watchdog."""
     registry, nodes = Registry(), {f"/n{at}": f"http://far:{at + 1024}/" for at in range(20_000)}
     for name, uri in nodes.items():
-        registry.apply(["node", name, uri])
-        registry.apply(["publisher", f"{name}/topic", name, uri, True])
-        registry.apply(["service", f"{name}/service", name, "rosrpc://far:1", uri, True])
+        registry.apply(rec("node", name, uri))
+        registry.apply(rec("publisher", f"{name}/topic", name, uri, True))
+        registry.apply(rec("service", f"{name}/service", name, "rosrpc://far:1", uri, True))
     roscore.master.restore(registry)
     began = time.monotonic()
     for name, uri in nodes.items():

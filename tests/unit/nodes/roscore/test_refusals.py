@@ -6,7 +6,10 @@ from rosfleet_multimaster.discovery.core.report import roscore
 from rosfleet_multimaster.protocol.messages import OK
 from rosfleet_multimaster.protocol.mirror import REFUSED, Mirror
 from rosfleet_multimaster.roscore.core.bounds import Refusal
+from rosfleet_multimaster.roscore.core.registry import to_feed
 from rosfleet_multimaster.roscore.refusals import Refusals
+
+from tests.unit.nodes.roscore.records import rec
 
 
 def test_the_counts_are_told_and_shown(caplog):
@@ -19,11 +22,11 @@ def test_the_counts_are_told_and_shown(caplog):
     refusals.tick(1.0)
     refusals.add(Refusal("too much", "depth"))
     refusals.tick(2.0)
-    assert told == [[["parameter", REFUSED, {"depth": 2, "value": 1}]]]
+    assert told == [[rec("parameter", REFUSED, {"depth": 2, "value": 1})]]
     refusals.tick(3.1)
-    assert refusals.records() == [["parameter", REFUSED, {"depth": 3, "value": 1}]]
+    assert refusals.records() == [rec("parameter", REFUSED, {"depth": 3, "value": 1})]
     mirror = Mirror("http://robot:11311/", "robot")
-    mirror.take(False, told[-1])
+    mirror.take(False, to_feed(told[-1]))
     shown = roscore("http://robot:11311/", "", mirror.parameters[REFUSED])
     assert (
         shown.values[1:] == [("refused requests, depth", "3"), ("refused requests, value", "1")] and shown.level == OK

@@ -15,6 +15,8 @@ from rosfleet_multimaster.roscore import store
 from rosfleet_multimaster.roscore.core import store_format
 from rosfleet_multimaster.roscore.core.registry import Registry
 
+from tests.unit.nodes.roscore.records import rec
+
 CALLS = ("open", "write", "replace", "fdatasync", "ftruncate", "remove", "makedirs", "fsync")
 
 
@@ -27,14 +29,14 @@ class Roscore:
 
     def parts(self):
         with self.lock:
-            records = [["set", "/", self.registry.parameters], *self.registry.facts.values()]
+            records = [rec("set", "/", self.registry.parameters), *self.registry.facts.values()]
         for at in range(0, len(records), 2):
             yield records[at : at + 2]
 
     def change(self, count):
         records = [
-            ["set", "/count", count],
-            ["node", f"/node_{count % 5}", f"http://robot:{count}/" if count % 3 else ""],
+            rec("set", "/count", count),
+            rec("node", f"/node_{count % 5}", f"http://robot:{count}/" if count % 3 else ""),
         ]
         with self.lock:
             for record in records:
@@ -399,7 +401,7 @@ def test_a_value_that_cannot_be_kept_is_said_once(tmp_path, caplog):
     for _level in range(5000):
         deep = [deep]
     for value in (Decimal(1), object(), "\ud800", deep, 10**5000):
-        roscore.store.add([["set", "/strange", value], ["set", "/tree", {"good": 1, "bad": value}]])
+        roscore.store.add([rec("set", "/strange", value), rec("set", "/tree", {"good": 1, "bad": value})])
         roscore.change(1)
     assert len(caplog.records) == 2
     assert store.read(str(tmp_path)).registry.parameters == {"count": 1, "tree": {"good": 1}}
@@ -440,7 +442,7 @@ def test_frequent_changes_wait_for_a_new_file(tmp_path, monkeypatch):
     written = 0
     while roscore.store.wait() and written < 100:
         with roscore.lock:
-            roscore.store.add([["set", "/large", "x" * 500_000]])
+            roscore.store.add([rec("set", "/large", "x" * 500_000)])
         written += 1
         assert os.path.getsize(tmp_path / store_format.FILE) < 5 << 20
     assert 2 < written < 20

@@ -14,6 +14,8 @@ from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.roscore import survivors as module
 from rosfleet_multimaster.roscore.core.registry import Registry
 
+from tests.unit.nodes.roscore.records import rec
+
 
 @pytest.fixture
 def node():
@@ -38,8 +40,8 @@ def node():
 def had(publishes=("/out",), subscribes=("/in",), services=(), uri="http://robot:1/"):
     """The records of the node /a."""
     kinds = (("publisher", publishes), ("subscriber", subscribes))
-    topics = [[kind, topic, "/a", uri, True] for kind, names in kinds for topic in names]
-    return topics + [["service", name, "/a", where, uri, True] for name, where in services]
+    topics = [rec(kind, topic, "/a", uri) for kind, names in kinds for topic in names]
+    return topics + [rec("service", name, "/a", where, uri, True) for name, where in services]
 
 
 def test_a_node_that_has_what_it_had(node):
@@ -95,8 +97,8 @@ def test_a_service_is_asked_whose_it_is(node, monkeypatch, provided):
 def registry(**uris):
     found = Registry()
     for name, uri in uris.items():
-        found.apply(["node", f"/{name}", uri])
-        found.apply(["publisher", "/out", f"/{name}", uri, True])
+        found.apply(rec("node", f"/{name}", uri))
+        found.apply(rec("publisher", "/out", f"/{name}", uri, True))
     return found
 
 
@@ -148,11 +150,11 @@ def test_all_are_asked_and_a_silent_one_again(node, survey):
     uris = {"alive": node(), "less": node(["/rosout"], []), "dead": "http://127.0.0.1:1/"}
     uris["slow"] = f"http://127.0.0.1:{slow.getsockname()[1]}/"
     found = registry(**uris)
-    found.apply(["publisher", "/rosout", "/less", uris["less"], True])
+    found.apply(rec("publisher", "/rosout", "/less", uris["less"], True))
     threading.Timer(0.6, slow.close).start()
     done = survey(lambda survivors: survivors.begin(found), lambda survivors, _done: not survivors._silent)
     assert sorted(done.ended) == ["/dead", "/slow"] and done.removed == [
-        ["publisher", "/out", "/less", uris["less"], True]
+        rec("publisher", "/out", "/less", uris["less"], True)
     ]
 
 
@@ -183,15 +185,15 @@ def test_after_a_boot_a_node_comes_back_when_it_answers(node, survey, monkeypatc
 
     monkeypatch.setattr(module, "ask", ask_late)
     found = registry(**uris)
-    found.apply(["publisher", "/gone", "/late", uris["late"], True])
-    found.apply(["listener", "/speed", "/late", uris["late"], True])
+    found.apply(rec("publisher", "/gone", "/late", uris["late"], True))
+    found.apply(rec("listener", "/speed", "/late", uris["late"], True))
     for number in (1, 2):
-        found.apply(["service", f"/serve_{number}", "/late", f"rosrpc://robot:{number}", uris["late"], True])
+        found.apply(rec("service", f"/serve_{number}", "/late", f"rosrpc://robot:{number}", uris["late"], True))
     done = survey(lambda survivors: survivors.wait_for(found), lambda _survivors, roscore: roscore.back)
     (back,) = done.back
     assert back.values("node") == {"/late": uris["late"]}
     left = [record[:2] for record in back.facts.values() if record[0] != "node"]
-    assert left == [["publisher", "/out"], ["listener", "/speed"], ["service", "/serve_1"]]
+    assert left == [("publisher", "/out"), ("listener", "/speed"), ("service", "/serve_1")]
     assert done.ended == [] == done.removed
 
 

@@ -14,6 +14,8 @@ from rosfleet_multimaster.roscore.core import bounds
 from rosfleet_multimaster.roscore.core.bounds import BOUNDS, Refusal, Usage, weigh, weigh_parameter
 from rosfleet_multimaster.roscore.core.registry import Registry
 
+from tests.unit.nodes.roscore.records import rec
+
 PAGE = pathlib.Path(__file__).parents[5] / "docs" / "understand" / "roscore.md"
 
 
@@ -55,27 +57,34 @@ def test_the_sum_of_the_parameters_is_right_after_any_changes(seed):
         name = "/" + "/".join(f"k{rng.randrange(6)}" for _part in range(rng.randrange(1, 4)))
         if rng.random() < 0.3:
             usage.parameters -= weigh_parameter(registry.parameters, name)
-            registry.apply(["delete", name])
+            registry.apply(rec("delete", name))
         else:
             value = some(rng) if rng.random() < 0.95 else {"k1": some(rng)}
             name = name if rng.random() < 0.95 or not isinstance(value, dict) else "/"
             usage.parameters += usage.growth(registry.parameters, name, value)
-            registry.apply(["set", name, value])
+            registry.apply(rec("set", name, value))
         assert usage.parameters == weigh(registry.parameters)
 
 
 def test_the_sum_of_the_registrations_is_right():
     usage = Usage()
     of = ["/a", "http://robot:1/"]
-    there = [["publisher", "/t", *of, True], ["service", "/s", "/a", "rosrpc://robot:2", of[1], True], ["node", *of]]
-    there += [["type", "/t", "std_msgs/String"], ["service", "/s", "/b", "rosrpc://b:2", "http://b:1/", True]]
+    there = [
+        rec("publisher", "/t", *of, True),
+        rec("service", "/s", "/a", "rosrpc://robot:2", of[1], True),
+        rec("node", *of),
+    ]
+    there += [rec("type", "/t", "std_msgs/String"), rec("service", "/s", "/b", "rosrpc://b:2", "http://b:1/", True)]
     for record in there:
         usage.count(record)
     assert usage.registrations > 3000
-    for record in (["publisher", "/t", *of, False], ["service", "/s", "/b", "rosrpc://b:2", "http://b:1/", False]):
+    for record in (
+        rec("publisher", "/t", *of, False),
+        rec("service", "/s", "/b", "rosrpc://b:2", "http://b:1/", False),
+    ):
         usage.count(record)
-    usage.count(["node", "/a", ""])
-    usage.count(["type", "/t", ""])
+    usage.count(rec("node", "/a", ""))
+    usage.count(rec("type", "/t", ""))
     assert usage.registrations == 0
 
 

@@ -9,7 +9,9 @@ import zlib
 
 import pytest
 from rosfleet_multimaster.roscore.core import store_format
-from rosfleet_multimaster.roscore.core.registry import Registry
+from rosfleet_multimaster.roscore.core.registry import Record, Registry
+
+from tests.unit.nodes.roscore.records import rec
 
 A = ("/a", "http://robot:1/")
 CHANGES = [
@@ -33,7 +35,7 @@ def state_of(changes):
     registry = Registry()
     for records in changes:
         for record in records:
-            registry.apply(record)
+            registry.apply(Record.from_row(record))
     return vars(registry)
 
 
@@ -90,7 +92,11 @@ def test_binary_values_and_times_stay_what_they_are():
 
 def test_a_whole_registry_is_read_back():
     registry = read(file_of(CHANGES)).registry
-    found = read(file_of([[record] for record in (["set", "/", registry.parameters], *registry.facts.values())]))
+    found = read(
+        file_of(
+            [[row] for row in (["set", "/", registry.parameters], *(record.row for record in registry.facts.values()))]
+        )
+    )
     assert vars(found.registry) == vars(registry) and not found.torn
 
 
@@ -127,12 +133,12 @@ class Strange:
 
 def test_a_value_that_cannot_be_kept_is_left_out_alone():
     records = [
-        ["set", "/tree", {"a": 1, "b": Strange(), "c": {"d": Strange(), "e": [1, Strange()]}}],
-        ["set", "/x", Strange()],
+        rec("set", "/tree", {"a": 1, "b": Strange(), "c": {"d": Strange(), "e": [1, Strange()]}}),
+        rec("set", "/x", Strange()),
     ]
-    records += [["node", *A], ["set", "/y", 7]]
+    records += [rec("node", *A), rec("set", "/y", 7)]
     kept, without = store_format.strip_values(records)
-    assert kept == [["set", "/tree", {"a": 1, "c": {}}], ["delete", "/x"], ["node", *A], ["set", "/y", 7]]
+    assert kept == [rec("set", "/tree", {"a": 1, "c": {}}), rec("delete", "/x"), rec("node", *A), rec("set", "/y", 7)]
     assert without == ["/tree", "/x"]
 
 

@@ -24,7 +24,7 @@ from ..protocol.plain_text import quote
 from . import core_services, master, store
 from .changes import Changes
 from .core.bounds import refuse
-from .core.registry import Record, Registry
+from .core.registry import KEPT, Record, Registry
 from .core.store_format import Content
 from .refusals import Refusals
 from .robots import Robots
@@ -111,12 +111,12 @@ class Roscore:
     def _on_changes(self, records: List[Record]) -> None:
         """Hand on the changes of one call; the lock of the registrations is held."""
         if self._store is not None:
-            self._store.add([record for record in records if record[0] not in ("refused", "parameter")])
+            self._store.add([record for record in records if record.kind in KEPT])
         self._changes.add(records)
         for record in records:
-            if record[0] == "refused":
-                text = f"the node {quote(record[1])} at {quote(record[2])} is refused: {record[3]}"
-                self._refusals.say(f"{record[1:3]}", text)
+            if record.kind == "refused":
+                text = f"the node {quote(record.name)} at {quote(record.uri)} is refused: {record.value}"
+                self._refusals.say(f"{[record.name, record.uri]}", text)
 
     def _wait(self) -> None:
         if self._store is not None and not self._store.wait():
@@ -158,7 +158,7 @@ class Roscore:
             return None
         survivors = others.exclude(lambda node, uri: (node, uri) not in alive)
         for name in (SIM_TIME, imports.IMPORTS):
-            survivors.apply(["delete", name])
+            survivors.apply(Record("delete", name))
         return survivors
 
     def _serve(self) -> None:

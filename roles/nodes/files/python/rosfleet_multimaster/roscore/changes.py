@@ -15,7 +15,7 @@ from typing import Any, Callable, ContextManager, Iterable, List, Sequence
 from ..edge.clock import monotonic
 from ..protocol.json_text import pack_rows
 from .core.feed import Feed
-from .core.registry import Record, to_feed
+from .core.registry import Record, Row, to_feed
 
 LONGEST = 60.0  # seconds of waiting
 WAITING = 8  # callers that wait at once
@@ -39,10 +39,10 @@ class Changes:
 
     def add(self, records: Sequence[Record]) -> None:
         """Add the changes of one call. The lock of the registrations is held."""
-        records = to_feed(records)
-        if records:
+        rows = to_feed(records)
+        if rows:
             with self._changed:
-                self._feed.add(records)
+                self._feed.add(rows)
                 self._changed.notify_all()
 
     def answer(self, *arguments: Any) -> List[Any]:
@@ -80,12 +80,12 @@ class Changes:
             records = self._feed.records_since(epoch, revision)
         return records
 
-    def _whole(self, convert: Callable[[Sequence[Record]], Any]) -> List[Any]:
+    def _whole(self, convert: Callable[[Sequence[Row]], Any]) -> List[Any]:
         with self._lock:
             records, revision = to_feed(self._state()), self._feed.revision
         return [1, "whole state", [self._feed.epoch, revision, True, convert(records)]]
 
 
-def _to_xmlrpc(records: Sequence[Record]) -> List[Record]:
+def _to_xmlrpc(rows: Sequence[Row]) -> List[Row]:
     """Records for XML-RPC, which has no None: a parameter that is not set has no value there."""
-    return [record[:-1] if record[-1] is None else record for record in records]
+    return [row[:-1] if row[-1] is None else row for row in rows]

@@ -97,8 +97,8 @@ class _Table(registrations.Registrations):  # type: ignore[misc]  # rosmaster ha
 
     def _record(self, key: str, node: str, node_uri: str, service_uri: Optional[str], there: bool) -> Record:
         if self.kind == "service":
-            return ["service", key, node, service_uri or "", node_uri or "", there]
-        return [self.kind, key, node, node_uri, there]
+            return Record("service", key, node, node_uri or "", service_uri or "", there=there)
+        return Record(self.kind, key, node, node_uri, there=there)
 
 
 class _Values(Dict[str, Any]):
@@ -112,11 +112,14 @@ class _Values(Dict[str, Any]):
         known = self.get(name) == value
         super().__setitem__(name, value)
         if not known:
-            self._note([self._kind, name, getattr(value, "api", value)])
+            self._note(self._record(name, getattr(value, "api", value)))
 
     def __delitem__(self, name: str) -> None:
         super().__delitem__(name)
-        self._note([self._kind, name, ""])
+        self._note(self._record(name, ""))
+
+    def _record(self, name: str, value: Any) -> Record:
+        return Record("node", name, uri=value) if self._kind == "node" else Record("type", name, value=value)
 
 
 class _Manager(registrations.RegistrationManager):  # type: ignore[misc]
@@ -315,7 +318,9 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def _note_change(self, name: str, key: str, arguments: Tuple[Any, ...]) -> None:
         """Note what a call has changed. `key`: the parameter that it has set or deleted, or ""."""
         if key:
-            self._note_parameter(key, ["set", key, arguments[2]] if name == "setParam" else ["delete", key])
+            self._note_parameter(
+                key, Record("set", key, value=arguments[2]) if name == "setParam" else Record("delete", key)
+            )
         elif name in _REGISTERS:
             self._note_caller(arguments[0])
         if name.startswith("unregister") and self.has_ended(arguments[0]):
@@ -417,11 +422,14 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         verdict = self.guard.judge(node, holder, uri, monotonic())
         self._spare = verdict.spared
         if verdict.import_lost:
-            self._records.append(["refused", node, holder, f"an own node at {quote(uri)} has taken the name"])
+            self._note_refusal(node, holder, f"an own node at {quote(uri)} has taken the name")
         if verdict.refusal:
-            self._records.append(["refused", node, uri, verdict.refusal])
+            self._note_refusal(node, uri, verdict.refusal)
             return f"refused: {verdict.refusal}"
         return ""
+
+    def _note_refusal(self, node: str, uri: str, why: str) -> None:
+        self._records.append(Record("refused", node, uri=uri, value=why))
 
     def _note_parameter(self, key: str, record: Record) -> None:
         """Note that a parameter was set or deleted."""
@@ -431,7 +439,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 value = self._value(watched)
                 if value != last:
                     self._last[watched] = value
-                    self._records.append(["parameter", watched, value])
+                    self._records.append(Record("parameter", watched, value=value))
                     if watched == imports.IMPORTS:
                         self.guard.set_imports(imports.read(value).claims)
 
@@ -446,7 +454,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def _confirm(self, record: Record) -> None:
         """Note that a registration was made, or made again by its node."""
         if self._restored:
-            self._restored.pop(tuple(record[:4]), None)
+            self._restored.pop(_find_restored(record), None)
 
     @contextlib.contextmanager
     def _collect_changes(self) -> Iterator[None]:
@@ -466,8 +474,8 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             records = self._records[:]
             self._records.clear()
             for record in records:
-                if record[0] == "node" and not record[2]:
-                    self.guard.forget(record[1])
+                if record.kind == "node" and not record.uri:
+                    self.guard.forget(record.name)
             self.callbacks.on_changes(records)
 
     def _tell_topics(self, topics: List[str]) -> None:
@@ -477,29 +485,29 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def records(self) -> Iterator[Record]:
         """All registrations, as records. The lock is held while one is read; in between they may change."""
         for topic, kind in list(self.topics_types.items()):
-            yield ["type", topic, kind]
+            yield Record("type", topic, value=kind)
         for name, reference in list(self.reg_manager.nodes.items()):
-            yield ["node", name, reference.api]
+            yield Record("node", name, uri=reference.api)
         for table in (self.publishers, self.subscribers, self.param_subscribers):
             for key, users in list(table.map.items()):
                 for node in list(users):
-                    yield [table.kind, key, *node, True]
+                    yield Record(table.kind, key, *node)
         uris = dict(self.services.service_api_map or {})
         for service, users in list(self.services.map.items()):
             if service in uris and users:
                 name, uri = users[0]
-                yield ["service", service, name, uris[service][1], uri, True]
+                yield Record("service", service, name, uri, uris[service][1])
 
     def parameters(self) -> List[Record]:
         """The parameters whose changes are told, with their values."""
-        return [["parameter", name, value] for name, value in self._last.items()]
+        return [Record("parameter", name, value=value) for name, value in self._last.items()]
 
     def parts(self) -> Iterator[List[Record]]:
         """All that this master knows, a few records at a time: no call waits long for the lock.
 
         Changes that come meanwhile may be in it or not. With all of them carried out after it, the whole is right.
         """
-        records = chain([["set", "/", {}]], _list_records("", self.param_server.parameters), self.records())
+        records = chain([Record("set", "/", value={})], _list_records("", self.param_server.parameters), self.records())
         while True:
             with self.ps_lock:
                 part = list(islice(records, PART))
@@ -517,17 +525,17 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 self._node(*node)
             self.param_server.parameters.update(registry.parameters)  # it has none yet
             for record in registry.facts.values():
-                kind, key, *rest = record
+                kind, key = record.kind, record.name
                 if kind == "type":
-                    self.topics_types[key] = rest[0]
+                    self.topics_types[key] = record.value
                 elif kind != "node":
                     name, uri = node_of(record)
                     if kind == "service":
-                        self.services.register(key, name, uri, rest[1])
+                        self.services.register(key, name, uri, record.place)
                     else:  # as its method does, without a search for each
                         self._tables[kind].map.setdefault(key, []).append((name, uri))
                     getattr(self._node(name, uri), _LISTS[kind]).append(key)
-                    self._restored[tuple(record[:4])] = None
+                    self._restored[_find_restored(record)] = None
             for topic in self.publishers.map:  # rosmaster lists no topics where one of them has no type
                 self.topics_types.setdefault(topic, "*")
             for watched in self._last:
@@ -561,7 +569,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         with self._collect_changes():
             types = registry.values("type")
             for record in registry.facts.values():
-                kind, key = record[:2]
+                kind, key = record.kind, record.name
                 if kind == "type":
                     continue
                 name, uri = node_of(record)
@@ -572,7 +580,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                     if kind == "subscriber":
                         self._notifier.tell(uri, "publisherUpdate", key, (key, uris))
                 elif kind == "service" and key not in self.services.map:
-                    self.call("registerService", name, key, record[3], uri)
+                    self.call("registerService", name, key, record.place, uri)
                 elif kind == "listener":
                     value = self.call("subscribeParam", name, uri, key)[2]
                     self._notifier.tell(uri, "paramUpdate", key, (key, value))
@@ -591,7 +599,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             for kind, keys in _LISTS.items():  # its own alone: all nodes may have a hundred thousand
                 for key in list(getattr(node, keys)):
                     place = services.get(key, ("", ""))[1] if kind == "service" else uri
-                    self.end_registration([kind, key, name, place])
+                    self.end_registration(Record(kind, key, name, uri, place))
             if self.has(name, uri) and self.reg_manager.nodes[name].is_empty():
                 del self.reg_manager.nodes[name]
 
@@ -618,16 +626,21 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def end_registration(self, record: Record) -> bool:
         """End a restored registration, unless it was made again since. Whether it was there."""
-        kind, key, name, uri = record[:4]
+        kind, key, name, uri = found = _find_restored(record)
         with self._collect_changes():
-            if (kind, key, name, uri) not in self._restored:
+            if found not in self._restored:
                 return False
-            del self._restored[kind, key, name, uri]
+            del self._restored[found]
             ends = (None, uri) if kind == "service" else (uri,)  # of the node, and of the service
             self.reg_manager._unregister(self._tables[kind], key, name, *ends)
             if kind == "publisher":
                 self._tell_topics([key])
         return True
+
+
+def _find_restored(record: Record) -> Tuple[str, str, str, str]:
+    """The key of a restored registration: its URI is that of the service, or of the node."""
+    return record.kind, record.name, record.node, record.place if record.kind == "service" else record.uri
 
 
 def _read_calls(text: str) -> List[Any]:
@@ -654,13 +667,13 @@ def _find_parameter(name: str, arguments: Tuple[Any, ...]) -> str:
 def _list_records(name: str, tree: Dict[str, Any]) -> Iterator[Record]:
     """The records of a tree of parameters: one for each value, so that the lines of the store stay short."""
     if not tree or any(not key or "/" in key for key in tree):  # no path leads to such a member
-        yield ["set", name or "/", copy_tree(tree)]
+        yield Record("set", name or "/", value=copy_tree(tree))
         return
     for key, value in list(tree.items()):
         if isinstance(value, dict):
             yield from _list_records(f"{name}/{key}", value)
         else:
-            yield ["set", f"{name}/{key}", value]
+            yield Record("set", f"{name}/{key}", value=value)
 
 
 def copy_tree(value: Any) -> Any:

@@ -42,7 +42,7 @@ class Refusals:
 
     def records(self) -> List[Record]:
         """The counts, as the feed tells a parameter."""
-        return [["parameter", REFUSED, self._told]] if self._told else []
+        return [Record("parameter", REFUSED, value=self._told)] if self._told else []
 
     def tick(self, now: float) -> None:
         """Tell new counts."""

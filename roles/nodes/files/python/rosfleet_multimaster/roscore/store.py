@@ -149,7 +149,7 @@ class Store:
         """Add the changes of one call."""
         if self._meanwhile is not None:
             self._meanwhile.append(records)
-            self._waiting += sum(weigh(record[2]) for record in records if record[0] == "set")
+            self._waiting += sum(weigh(record.value) for record in records if record.kind == "set")
         if self._file is None:
             return
         try:
@@ -190,14 +190,14 @@ class Store:
     def _line(self, number: int, records: Sequence[Record]) -> bytes:
         """A line. Values that cannot be kept are left out, with one warning for each parameter."""
         try:
-            return store_format.format_line(number, records)
+            return store_format.format_records(number, records)
         except (TypeError, ValueError, OverflowError, RecursionError):
             kept, without = store_format.strip_values(records)
             for name in without:
                 if name not in self._left_out and len(self._left_out) < _WARNINGS:
                     self._left_out.add(name)
                     _log.warning("%s has a value that cannot be kept: after a restart it is without it", plain(name))
-            return store_format.format_line(number, kept)
+            return store_format.format_records(number, kept)
 
     def _resume(self, snapshot: store_format.Content) -> bool:
         """Go on in the file of a snapshot. The sync of a new one takes seconds where the disk is busy."""

@@ -42,7 +42,7 @@ def group_by_node(registry: Registry) -> Dict[NodeKey, List[Record]]:
     """The publishers, subscribers and services of each node, by name and URI."""
     nodes: Dict[NodeKey, List[Record]] = {node: [] for node in registry.values("node").items()}
     for record in registry.facts.values():
-        if record[0] in ("service", *_LISTS) and node_of(record) in nodes:
+        if record.kind in ("service", *_LISTS) and node_of(record) in nodes:
             nodes[node_of(record)].append(record)
     return nodes
 
@@ -56,12 +56,12 @@ def ask(name: str, uri: str, records: Sequence[Record]) -> Optional[List[Record]
         has = _list_topics(uri)
     except (ConnectionRefusedError, ValueError, xmlrpc.client.Fault):  # no program has the port, or another one
         return None
-    used = [record for record in records if record[0] in _LISTS]
-    if used and len(has) == len(_LISTS) and not any(record[1] in has[record[0]] for record in used):
+    used = [record for record in records if record.kind in _LISTS]
+    if used and len(has) == len(_LISTS) and not any(record.name in has[record.kind] for record in used):
         return None
-    ended = [record for record in used if record[0] in has and record[1] not in has[record[0]]]
-    services = [record for record in records if record[0] == "service"]
-    return ended + [record for record in services if not _provides(name, record[1], record[3])]
+    ended = [record for record in used if record.kind in has and record.name not in has[record.kind]]
+    services = [record for record in records if record.kind == "service"]
+    return ended + [record for record in services if not _provides(name, record.name, record.place)]
 
 
 def _list_topics(uri: str) -> Dict[str, Set[str]]:
@@ -153,7 +153,7 @@ class Survivors:
             self._alive += 1
             for record in ended:
                 if self._roscore.end_registration(record):
-                    _log.info("%s does not have the %s %s any more", name, record[0], record[1])
+                    _log.info("%s does not have the %s %s any more", name, record.kind, record.name)
         elif problem is None:
             self._gone += 1
             self._say(_log.info, "%s at %s has ended meanwhile", name, uri)
@@ -188,7 +188,7 @@ class Survivors:
             _log.info("%s at %s is still there: it is registered again", *node)
             back = registry.exclude(lambda *other: other != node)
             for record in ended:
-                back.apply([*record[:-1], False])
+                back.apply(record._replace(there=False))
             self._roscore.readmit(back)
         return problem is not None
 

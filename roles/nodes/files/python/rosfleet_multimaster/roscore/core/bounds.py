@@ -7,10 +7,10 @@ Every program that reaches its port may call it. Whatever a caller sends, the pr
 """
 
 import re
-from typing import Any, Dict, Iterable, List, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, Iterable, NamedTuple, Sequence, Tuple
 
 from ...protocol.json_text import UNWRITABLE
-from .registry import descend, split_name
+from .registry import USERS, Record, descend, split_name
 
 MIB = 1 << 20
 
@@ -150,17 +150,15 @@ class Usage:
         """True where there is no room for one more registration with these texts."""
         return self.registrations + weigh_registration(*texts) > BOUNDS["registrations"].most * self._spare
 
-    def count(self, record: List[Any]) -> None:
+    def count(self, record: Record) -> None:
         """Count a change: something that is new, or gone."""
-        kind, name = record[:2]
-        if kind in ("publisher", "subscriber", "listener"):
-            self.registrations += weigh_registration(*record[1:4]) * (1 if record[4] else -1)
+        kind, name = record.kind, record.name
+        if kind in USERS:
+            self.registrations += weigh_registration(*record.texts) * (1 if record.there else -1)
         elif kind in ("service", "node", "type"):
-            there = record[-1] if kind == "service" else record[2]
             self.registrations -= self._single.pop((kind, name), 0)
-            if there:
-                texts = [part for part in record[1:] if isinstance(part, str)]
-                cost = self._single[kind, name] = weigh_registration(*texts) - (0 if kind == "service" else 1000)
+            if record.is_there:
+                cost = self._single[kind, name] = weigh_registration(*record.texts) - (0 if kind == "service" else 1000)
                 self.registrations += cost
 
 

@@ -2,31 +2,77 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The knowledge of a roscore, as records: one for each thing that was changed. The store keeps them, the feed tells them.
 
-A record is a list, its kind first:
+As a row, in the store, a record is a list, its kind first:
 
     ["publisher", topic, node, URI of the node, there]     ["subscriber", topic, node, URI of the node, there]
     ["listener", parameter, node, URI of the node, there]  a node that is told changes of a parameter
     ["service", service, node, URI of the service, URI of the node, there]
     ["type", topic, type; "" where it is forgotten]        ["node", node, URI; "" where it is gone]
     ["set", parameter, value]                              ["delete", parameter]
+
+Two kinds are told, and not kept: ["refused", node, URI, why] and ["parameter", parameter, value].
 """
 
-from typing import Any, Callable, Dict, Iterable, List, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Sequence, Tuple
 
 from ...protocol.messages import NodeKey
 
-Record = List[Any]
+Row = List[Any]  # a record as it is kept or told
+
+
+class Record(NamedTuple):
+    """One change. Of what its kind has not, there is nothing in it."""
+
+    kind: str
+    name: str  # of the topic, service, parameter or node
+    node: str = ""  # that uses or provides it
+    uri: str = ""  # of the node
+    place: str = ""  # URI of the service
+    value: Any = None  # of the parameter, the type of the topic, or the reason of the refusal
+    there: bool = True  # False: the registration has ended
+
+    @property
+    def is_there(self) -> bool:
+        """True for something that is there from now on, False for something that is gone."""
+        return bool(self.value if self.kind == "type" else self.uri if self.kind == "node" else self.there)
+
+    @property
+    def row(self) -> Row:
+        """The record as it is kept."""
+        return [self.kind, *(getattr(self, field) for field, _type in _FIELDS[self.kind])]
+
+    @property
+    def texts(self) -> List[str]:
+        """The names and URIs in it."""
+        return [part for part in self.row[1:] if isinstance(part, str)]
+
+    @classmethod
+    def from_row(cls, row: Any) -> "Record":
+        """Read a record that was kept. Raises ValueError where it is none."""
+        kind = row[0] if isinstance(row, list) and row and isinstance(row[0], str) else ""
+        fields = _FIELDS[kind] if kind in KEPT else ()
+        if (
+            not fields
+            or len(row) != len(fields) + 1
+            or not all(map(isinstance, row[1:], (kind for _name, kind in fields)))
+        ):
+            raise ValueError("no record")
+        return cls(kind, **{field: part for (field, _type), part in zip(fields, row[1:])})
 
 
 USERS = ("publisher", "subscriber", "listener")  # kinds of records about nodes that use something
-#: kind -> the types of what follows it
-_TYPES: Dict[str, Tuple[type, ...]] = {
-    **dict.fromkeys(USERS, (str, str, str, bool)),
-    "service": (str, str, str, str, bool),
-    "type": (str, str),
-    "node": (str, str),
-    "set": (str, object),
-    "delete": (str,),
+KEPT = (*USERS, "service", "type", "node", "set", "delete")
+_NAME = ("name", str)
+#: kind -> what follows it in a row, and of which type that is
+_FIELDS: Dict[str, Tuple[Tuple[str, type], ...]] = {
+    **dict.fromkeys(USERS, (_NAME, ("node", str), ("uri", str), ("there", bool))),
+    "service": (_NAME, ("node", str), ("place", str), ("uri", str), ("there", bool)),
+    "type": (_NAME, ("value", str)),
+    "node": (_NAME, ("uri", str)),
+    "set": (_NAME, ("value", object)),
+    "delete": (_NAME,),
+    "refused": (_NAME, ("uri", str), ("value", str)),
+    "parameter": (_NAME, ("value", object)),
 }
 
 
@@ -38,42 +84,36 @@ class Registry:
         self.parameters: Dict[str, Any] = {}
 
     def apply(self, record: Record) -> None:
-        """Carry out a record. Raises ValueError where it is malformed."""
-        self.check(record)
-        if record[0] == "set":
-            self._set_parameter(split_name(record[1]), record[2])
-        elif record[0] == "delete":
-            self._delete_parameter(split_name(record[1]))
+        """Carry out a record. Raises ValueError where a parameter without a name is no mapping."""
+        if record.kind == "set":
+            self._set_parameter(split_name(record.name), record.value)
+        elif record.kind == "delete":
+            self._delete_parameter(split_name(record.name))
         elif not self.is_known(record):
-            if record[-1]:
+            if record.is_there:
                 self.facts[_key(record)] = record
             else:
                 del self.facts[_key(record)]
 
-    @staticmethod
-    def check(record: Any) -> None:
-        """Raise ValueError where this is no record."""
-        kinds = _TYPES.get(record[0]) if isinstance(record, list) and record and isinstance(record[0], str) else None
-        if kinds is None or len(record) != len(kinds) + 1 or not all(map(isinstance, record[1:], kinds)):
-            raise ValueError("no record")
-
     def is_known(self, record: Record) -> bool:
         """True where a record, of anything but a parameter, changes nothing."""
         present = self.facts.get(_key(record))
-        if record[-1]:
+        if record.is_there:
             return present == record
-        return present is None or (record[0] == "service" and present[:4] != record[:4])  # another one has it by now
+        if present is None or record.kind != "service":
+            return present is None
+        return (present.node, present.place) != (record.node, record.place)  # another one has it by now
 
     def values(self, kind: str) -> Dict[str, str]:
         """Name -> URI of each "node", or topic -> "type"."""
-        return {record[1]: record[2] for record in self.facts.values() if record[0] == kind}
+        return {of.name: of.uri if kind == "node" else of.value for of in self.facts.values() if of.kind == kind}
 
     def exclude(self, is_gone: Callable[[str, str], bool]) -> "Registry":
         """A copy without the nodes for which `is_gone(name, URI)` is true. Topic types and parameters stay."""
         rest = Registry()
         rest.parameters = self.parameters
         rest.facts = {
-            key: record for key, record in self.facts.items() if record[0] == "type" or not is_gone(*node_of(record))
+            key: record for key, record in self.facts.items() if record.kind == "type" or not is_gone(*node_of(record))
         }
         return rest
 
@@ -105,15 +145,12 @@ class Registry:
 
 def _key(record: Record) -> Tuple[str, ...]:
     """The thing that a record is about."""
-    return tuple(record[: 4 if record[0] in USERS else 2])
+    return (record.kind, record.name, record.node, record.uri) if record.kind in USERS else (record.kind, record.name)
 
 
 def node_of(record: Record) -> NodeKey:
     """The node in a record about a node, a service, or a user."""
-    if record[0] == "service":
-        return record[2], record[4]
-    at = 2 if record[0] in USERS else 1
-    return record[at], record[at + 1]
+    return record.name if record.kind == "node" else record.node, record.uri
 
 
 def split_name(name: str) -> List[str]:
@@ -131,18 +168,18 @@ def descend(tree: Dict[str, Any], parts: Sequence[str]) -> Tuple[Dict[str, Any],
     return tree, len(parts) - 1
 
 
-def to_feed(records: Iterable[Record]) -> List[Record]:
+def to_feed(records: Iterable[Record]) -> List[Row]:
     """These records as the feed tells them, without those that it does not tell."""
-    return [record for record in map(_to_feed, records) if record]
+    return [row for row in map(_to_feed, records) if row]
 
 
-def _to_feed(record: Record) -> Record:
-    kind = record[0]
+def _to_feed(record: Record) -> Row:
+    kind = record.kind
     if kind in ("publisher", "subscriber"):
-        return [kind, record[1], record[2], record[4]]
+        return [kind, record.name, record.node, record.there]
     if kind == "service":
-        return [kind, record[1], record[2], record[3] if record[5] else ""]
-    return record if kind in ("type", "node", "refused", "parameter") else []
+        return [kind, record.name, record.node, record.place if record.there else ""]
+    return record.row if kind in ("type", "node", "refused", "parameter") else []
 
 
 def touches(name: str, parameter: str) -> bool:

@@ -58,18 +58,23 @@ def format_line(number: int, content: Any) -> bytes:
     return b"%08x %s\n" % (zlib.crc32(data), data)
 
 
+def format_records(number: int, records: Sequence[Record]) -> bytes:
+    """The line of one call's changes. Raises as `format_line`."""
+    return format_line(number, [record.row for record in records])
+
+
 def strip_values(records: Sequence[Record]) -> Tuple[List[Record], List[str]]:
     """The records without the values that cannot be kept, and the names of the parameters that have such values."""
     kept: List[Record] = []
     without: List[str] = []
     for record in records:
-        if _is_kept(record):
+        if _is_kept(record.row):
             kept.append(record)
             continue
-        if record[0] == "set":
-            value = _strip_value(record[2])
-            kept.append(["delete", record[1]] if value is _NOTHING else ["set", record[1], value])
-        without.append(str(record[1]))
+        if record.kind == "set":
+            value = _strip_value(record.value)
+            kept.append(Record("delete", record.name) if value is _NOTHING else record._replace(value=value))
+        without.append(record.name)
     return kept, without
 
 
@@ -117,9 +122,9 @@ def _apply(registry: Registry, usage: Usage, records: Any) -> int:
     if not isinstance(records, list):
         return 1
     omissions = 0
-    for record in records:
+    for row in records:
         try:
-            _apply_one(registry, usage, record)
+            _apply_one(registry, usage, Record.from_row(row))
         except (ValueError, TypeError, LookupError):
             omissions += 1
     return omissions
@@ -127,17 +132,16 @@ def _apply(registry: Registry, usage: Usage, records: Any) -> int:
 
 def _apply_one(registry: Registry, usage: Usage, record: Record) -> None:
     """Carry out a record, within the bounds of a roscore. Raises ValueError."""
-    registry.check(record)
-    kind, name = record[:2]
+    kind, name = record.kind, record.name
     if kind == "set":
-        usage.parameters += usage.growth(registry.parameters, name, record[2])
+        usage.parameters += usage.growth(registry.parameters, name, record.value)
     elif kind == "delete":
         usage.parameters -= weigh_parameter(registry.parameters, name)
     else:
-        check_names(record[1:], whole=True)
+        check_names(record.texts, whole=True)
         if registry.is_known(record):
             return
-        if record[-1] and usage.is_full(*[part for part in record[1:] if isinstance(part, str)]):
+        if record.is_there and usage.is_full(*record.texts):
             raise refuse("registrations", name)
         usage.count(record)
     registry.apply(record)
