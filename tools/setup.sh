@@ -4,9 +4,9 @@
 #
 # Puts in place what the lab needs, or what the tests ("tests") or virtual machines ("vm") need, too: Debian packages where they are missing, a virtual
 # environment in .work/venv, the path under which Ansible finds this checkout as the collection, and one limit of the kernel
-# until the next boot. Does nothing, quickly, when all is there.
+# until the next boot. Does nothing, quickly, when all is there. "quick" is for any user of any Linux: Python packages in .work/quick, and that path.
 #
-#   setup.sh lab | tests | vm
+#   setup.sh lab | tests | vm | quick
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -21,7 +21,6 @@ for_tests=(
   chromium-headless-shell                                 # the page of the report
 )
 for_vm=(qemu-system-x86 qemu-utils ipxe-qemu seabios)    # virtual machines
-inputs=$(sha256sum requirements-lab.txt requirements-dev.txt)
 
 # A system with somebody logged in holds about a dozen; kernels allow a user 128, which thirteen systems exceed.
 instances=fs.inotify.max_user_instances
@@ -50,36 +49,40 @@ raise_limit() {
   as_root tee "$file" >/dev/null <<<"$instances_wanted" || say "it stays at $(<"$file")"
 }
 
-# The first Python that ansible-core runs on and that can make a virtual environment.
-find_python() {
-  local python
-  for python in python3.11 python3 python3.12 python3.13 /usr/bin/python3; do
-    if "$python" -c 'import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null; then
+# The first Python of these that has a version from 3.OLDEST to 3.13 and can make a virtual environment.
+find_python() { # OLDEST PYTHON...
+  local python oldest=$1
+  for python in "${@:2}"; do
+    if "$python" -c "import ensurepip, sys, venv; sys.exit(not (3, $oldest) <= sys.version_info[:2] <= (3, 13))" 2>/dev/null; then
       echo "$python"
       return
     fi
   done
-  say "no Python from 3.11 to 3.13 with the venv module was found" >&2
+  say "no Python from 3.$oldest to 3.13 with the venv module was found (Debian has it in the package python3-venv)" >&2
   return 1
 }
 
-make_venv() {
-  [[ $(cat .work/venv/inputs 2>/dev/null) == "$inputs" ]] && .work/venv/bin/python -c '' && return
+make_venv() { # FOLDER INPUTS OLDEST PYTHON...
+  [[ $(cat "$1/inputs" 2>/dev/null) == "$2" ]] && "$1/bin/python" -c '' && return
   local python
-  python=$(find_python)
-  say "making .work/venv with $python ..."
-  rm -rf .work/venv
+  python=$(find_python "${@:3}")
+  say "making $1 with $python ..."
+  rm -rf "$1"
   mkdir -p .work
-  "$python" -m venv .work/venv
-  echo "$inputs" >.work/venv/inputs
+  "$python" -m venv "$1"
+  echo "$2" >"$1/inputs"
 }
 
-install_tools() { # NAME OF THE REQUIREMENTS
-  [[ ! -e .work/venv/$1 ]] || return 0
-  say "installing the packages of $1.txt into .work/venv ..."
+make_main_venv() {
+  make_venv .work/venv "$(sha256sum requirements-lab.txt requirements-dev.txt)" 11 python3.11 python3 python3.12 python3.13 /usr/bin/python3
+}
+
+install_tools() { # FOLDER NAME OF THE REQUIREMENTS
+  [[ ! -e $1/$2 ]] || return 0
+  say "installing the packages of $2.txt into $1 ..."
   # Python compiles what is used at its first use; all of it would take longer than to fetch it.
-  .work/venv/bin/python -m pip install -qq --disable-pip-version-check --no-compile --require-hashes --requirement "$1.txt"
-  touch ".work/venv/$1"
+  "$1/bin/python" -m pip install -qq --disable-pip-version-check --no-compile --require-hashes --requirement "$2.txt"
+  touch "$1/$2"
 }
 
 # What looks at metrics, of Debian's package prometheus without its server. Without it one test is left out.
@@ -105,24 +108,30 @@ link_collection() {
 case ${1:-} in
   lab)
     install_packages "${for_lab[@]}"
-    make_venv
-    install_tools requirements-lab
+    make_main_venv
+    install_tools .work/venv requirements-lab
     ;;
   tests)
     install_packages "${for_lab[@]}" "${for_tests[@]}"
-    make_venv
-    install_tools requirements-lab
-    install_tools requirements-dev
+    make_main_venv
+    install_tools .work/venv requirements-lab
+    install_tools .work/venv requirements-dev
     get_promtool
     ;;
   vm)
     install_packages "${for_lab[@]}" "${for_tests[@]}" "${for_vm[@]}"
-    make_venv
-    install_tools requirements-lab
-    install_tools requirements-dev
+    make_main_venv
+    install_tools .work/venv requirements-lab
+    install_tools .work/venv requirements-dev
+    ;;
+  quick)
+    make_venv .work/quick "$(sha256sum requirements-quick.txt)" 10 python3 python3.13 python3.12 python3.11 python3.10 /usr/bin/python3
+    install_tools .work/quick requirements-quick
+    link_collection
+    exit
     ;;
   *)
-    say "expected 'lab', 'tests' or 'vm', but found '${1:-}'" >&2
+    say "expected 'lab', 'tests', 'vm' or 'quick', but found '${1:-}'" >&2
     exit 2
     ;;
 esac

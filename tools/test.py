@@ -3,7 +3,7 @@
 
 """Runs the tests: all of 'make test', or the groups and suites that are named; ends with the line "N passed, N failed".
 
-    python tools/test.py [GROUP | GROUP:NAME | check]...
+    python tools/test.py [GROUP | GROUP:NAME | check | quick]...
 
 Suites run side by side as far as the processors allow. Each writes a log into .work/test. The screen shows what begins
 and what ends, and once a minute what is still running. A failure stops no other suite. The last lines name each failed
@@ -195,6 +195,9 @@ LAB_CORES = 0.66
 #: pytest's options for the tests that 'make test' leaves to 'make test-long', or the other way round.
 QUICK, THE_COSTLY = ("-m", "not costly"), ("-m", "costly")
 
+#: The options for those of 'make quick': with fewer random examples.
+CHEAP = ("-m", "not slow and not costly and not whole", "--hypothesis-profile=quick")
+
 UNIT = (f"--numprocesses={int(CORES) + 1}", "tests/unit")
 
 #: About how many processors the unit tests keep busy: many of them wait, so one more runs than there are processors.
@@ -312,6 +315,7 @@ SUITES = [
     lint("contract", sys.executable, "tools/contract.py", "--check"),
     cases("unit", "quick", *UNIT, "-m", "not slow and not costly", cores=UNIT_CORES, seconds=200),
     cases("unit", "slow", *UNIT, "-m", "slow and not costly", cores=UNIT_CORES, seconds=120),
+    cases("quick", "unit", *UNIT, *CHEAP, cores=UNIT_CORES, seconds=90),
     cases("browser", "page", "tests/browser", seconds=20),
     Suite(
         "sanity",
@@ -376,27 +380,35 @@ SUITES = [
     ),
 ]
 
-#: Groups that run only when they are named: they take hours, or need what the project does not have.
-ON_REQUEST = {"faults", "interop", "long", "machines"}
+#: Groups that run only when they are named: they take hours, need what the project does not have, or are part of others.
+ON_REQUEST = {"faults", "interop", "long", "machines", "quick"}
 
 #: What one runs before every commit: files, types, most unit tests, and one pair of robots from nothing to messages.
 CHECK = ("lint", "unit:quick", "long:single_computer")
 
+#: What everybody can run, with the few packages of requirements-quick.txt.
+ANYWHERE = ("ruff check", "ruff format", "yamllint", "reuse", "mypy", "vermin 3.6", "vermin 3.8", "vermin 3.10")
+
+#: Words that stand for several suites.
+WORDS = {"check": CHECK, "quick": ("quick:unit", *(f"lint:{name}" for name in ANYWHERE))}
+
 
 def choose_suites(words: Sequence[str]) -> list[Suite]:
     """The suites that are named, those that end early first; all but those on request, where none is named."""
-    names = [name for word in words for name in (CHECK if word == "check" else (word,))]
+    names = [name for word in words for name in WORDS.get(word, (word,))]
     known = {suite.group for suite in SUITES} | {suite.label for suite in SUITES}
     unknown = [name for name in names if name not in known]
     if unknown:
-        raise SystemExit(f"There is no suite {', '.join(unknown)}; expected some of: check, {', '.join(sorted(known))}")
+        raise SystemExit(
+            f"There is no suite {', '.join(unknown)}; expected some of: {', '.join(WORDS)}, {', '.join(sorted(known))}"
+        )
     found = [
         suite
         for suite in SUITES
         if (suite.group in names or suite.label in names if names else suite.group not in ON_REQUEST)
     ]
     # Mistakes in files show at once; then the longest first, or one of them would be the last and alone.
-    early = {"lint": 0, "unit": 1}
+    early = {"lint": 0, "quick": 0, "unit": 1}
     return sorted(found, key=lambda suite: (early.get(suite.group, 2), suite.cores == CORES, -suite.seconds))
 
 

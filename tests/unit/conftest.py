@@ -3,8 +3,19 @@
 
 """What all unit tests share."""
 
+import os
+
+import pytest
 from hypothesis import HealthCheck, settings
 
 # Generated input counts, not the time that a loaded machine takes for it.
 settings.register_profile("rosfleet", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("rosfleet")
+# 'make quick' tries fewer of them.
+settings.register_profile("quick", settings.get_profile("rosfleet"), max_examples=10)
+
+
+def pytest_runtest_setup(item):
+    """Skip what needs root for everybody else, before the fixtures of a test are made."""
+    if os.geteuid() != 0 and item.get_closest_marker("root"):
+        pytest.skip("needs root")

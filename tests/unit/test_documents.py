@@ -112,6 +112,11 @@ def test_each_file_that_a_page_for_developers_names_is_there(page):
     assert len(named) > 3 and lost == []
 
 
+def test_the_model_of_a_docstring_is_in_its_file():
+    [(name, block)] = re.findall(r"\(`(plugins/\S+\.py)`\):\n\n```python\n(.*?)```", text("CONTRIBUTING.md"), re.DOTALL)
+    assert block in text(name)
+
+
 def test_the_index_has_each_page_once():
     listed = Counter(os.path.normpath(f"docs/{link}") for link in links("docs/README.md"))
     pages = {name for name in PAGES if re.fullmatch(r"docs/\w+/\w+\.md", name)}

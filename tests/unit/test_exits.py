@@ -38,6 +38,8 @@ from rosfleet_multimaster.protocol.plain_text import is_plain
 ROOT = pathlib.Path(__file__).parents[2]
 NODES = "roles/nodes/files/python/rosfleet_multimaster"
 
+pytestmark = pytest.mark.whole
+
 #: a way out -> the only files that use it, by tree
 DOORS = {
     "plugins": {

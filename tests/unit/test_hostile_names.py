@@ -97,7 +97,7 @@ def of_a_folder(name, there):
     folder = there.folder / re.sub(r"[/\0]", "|", name).encode()[:200].decode(errors="ignore")
     folder.mkdir(exist_ok=True)
     folder.chmod(0o777)
-    return trust.Look().doubts(str(folder))[0].words
+    return trust.Look().doubts(str(folder))[-1].words
 
 
 def of_a_link(name, there):

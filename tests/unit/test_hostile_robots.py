@@ -32,6 +32,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import answer
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io.robot_action import answer_of
 
+pytestmark = pytest.mark.whole
+
 SEEDS = [pytest.param(seed, marks=[pytest.mark.costly] if seed >= 60 else []) for seed in range(120)]
 #: what is small and has the shape of an answer: other attacks end at the door (test_answer.py)
 SHAPED = ["texts", "numbers", "types", "less", "more"]

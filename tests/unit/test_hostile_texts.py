@@ -25,6 +25,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.repor
 
 from tests.simulator import faults, harness
 
+pytestmark = pytest.mark.whole
+
 SEEDS = range(24)
 MARK = "EVIL"
 FRAGMENTS = (

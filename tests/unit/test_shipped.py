@@ -15,6 +15,8 @@ import pytest
 
 from tools import copies, package
 
+pytestmark = pytest.mark.whole
+
 ROOT = Path(__file__).resolve().parents[2]
 BIN = Path(sys.executable).parent
 #: what people install is all below these, and nothing else; what of it is for developers

@@ -15,6 +15,8 @@ import pytest
 
 from tests.unit.nodes.test_master_discovery import NAMESPACE, NODES, has_namespaces
 
+pytestmark = pytest.mark.whole
+
 HERE = pathlib.Path(__file__).parent
 PATHS = [NODES, HERE, HERE.parents[1] / "long", os.environ.get("PYTHONPATH", "")]
 COUNT, WITHIN = 8, 2.0  # requests to a node; seconds of a processor

@@ -12,6 +12,8 @@ import pytest
 from rosfleet_multimaster.edge.process.liveness import Limits, read_sample
 from rosfleet_multimaster.end_hangs import Judge, Service, read_services
 
+pytestmark = pytest.mark.whole
+
 SHOWN = """\
 Id=multimaster-roscore.service
 ActiveState=active

@@ -26,6 +26,8 @@ from rosfleet_multimaster.protocol.tcpros.header import encode_header
 from tests.unit.nodes.border.ends import DEAR, DEEP, HEADER, SUM, End, Publisher, free_port, message
 from tests.unit.nodes.running_sync import Roscore
 
+pytestmark = pytest.mark.whole
+
 NODES = pathlib.Path(__file__).resolve().parents[3] / "roles/nodes/files/python"
 HERE, BAD, GOOD, THIRD = "127.0.0.1", "127.0.0.2", "127.0.0.3", "127.0.0.4"
 ALSO_BAD = "127.0.0.5"  # another computer of the hostile robot

@@ -10,6 +10,8 @@ import sys
 import pytest
 from running_discovery import STORIES
 
+pytestmark = pytest.mark.whole
+
 HERE = pathlib.Path(__file__).parent
 NODES = HERE.parents[2] / "roles/nodes/files/python"
 NAMESPACE = ["unshare", "--map-root-user", "--net"]

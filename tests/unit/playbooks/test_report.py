@@ -18,6 +18,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.repor
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 
+pytestmark = pytest.mark.whole
+
 ABOUT = {"time": "2026-11-22 14:02:00", "collection": "0.1.0", "ansible": "2.19.0", "pairs": "all"}
 
 

@@ -11,6 +11,8 @@ from tests.simulator import faults, harness, inventories
 from tests.simulator.observe import observe
 from tests.simulator.state import healthy
 
+pytestmark = pytest.mark.whole
+
 HEALTHY, ROUNDS, PAIRS = 40, 1, 20
 # What is reached; raise them with the diagnosis.
 FIRST, NAMED, FIRST_OF_PAIRS = 0.93, 0.96, 0.85

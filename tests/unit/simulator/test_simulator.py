@@ -20,6 +20,8 @@ from tests.simulator import faults, harness, inventories
 from tests.simulator.observe import observe
 from tests.simulator.state import healthy
 
+pytestmark = pytest.mark.whole
+
 FLEETS = 40
 # They hinder nobody now, so that they are warnings.
 HARMLESS = {

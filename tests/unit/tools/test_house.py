@@ -27,8 +27,8 @@ def test_in_a_flat_tree_each_file_is_a_room(tmp_path):
         top=f"from {NAME}middle import a\nfrom {NAME[:-1]} import bottom\nimport os\n",
         middle=f"import {NAME}bottom\n",
         bottom="X = 1\n",
-        __init__="",
     )
+    (tmp_path / UTILS / "__init__.py").write_text("")
     picture = house.picture(tmp_path, UTILS)
     assert picture.rooms == {"top", "middle", "bottom"}
     assert picture.arrows == {("top", "middle"), ("top", "bottom"), ("middle", "bottom")}

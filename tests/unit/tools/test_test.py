@@ -51,6 +51,7 @@ def test_suites_are_found_by_group_and_by_name():
     assert {found.group for found in runner.choose_suites(["systems"])} == {"systems"}
     assert [found.label for found in runner.choose_suites(["molecule:default"])] == ["molecule:default"]
     assert {"lint:mypy", "unit:quick"} < {found.label for found in runner.choose_suites(["check"])}
+    assert {"lint:mypy", "quick:unit"} < {found.label for found in runner.choose_suites(["quick"])}
     assert not {found.group for found in runner.choose_suites([])} & runner.ON_REQUEST
     with pytest.raises(SystemExit, match="no suite sistems"):
         runner.choose_suites(["sistems"])

@@ -18,6 +18,8 @@ from ansible_collections.rosfleet.multimaster.plugins.action import fleet_bundle
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
 from planted import PLANTED
 
+pytestmark = pytest.mark.whole
+
 SECRET = {
     "ansible_password": "open sesame",
     "vault_thing": "0xdead",

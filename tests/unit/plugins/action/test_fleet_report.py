@@ -17,6 +17,8 @@ from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
 
+pytestmark = pytest.mark.whole
+
 TIMES = ("2026-11-21T140200", "2026-11-22T080000", "2026-11-22T090000")
 
 

@@ -14,6 +14,8 @@ import pytest
 from ansible.errors import AnsibleError
 from ansible_collections.rosfleet.multimaster.plugins.lookup import file_tree
 
+pytestmark = pytest.mark.whole
+
 
 @pytest.fixture(name="source")
 def _source(tmp_path):

@@ -240,7 +240,8 @@ def plan_batches(missing: typing.Iterable[Item], before: Snapshot) -> typing.Dic
     for item in missing:
         if item.kind == "filter":
             continue
-        several = item.kind == "route" and numbers[(item.kind, str(item.version), *item.key)] > 1
+        key = (item.kind, str(item.version), *item.key)
+        several = item.kind == "route" and numbers[key] > 1
         line = f"{item.kind} {'append' if several else 'add'} {item.text}\n"
         batches[(item.kind, item.version)] = batches.get((item.kind, item.version), "") + line
     return batches

@@ -58,6 +58,7 @@ STRANGE = (
 )
 
 
+@pytest.mark.root
 @pytest.mark.parametrize("rule", RULES)
 def test_simple_rules_are_read(rule):
     rules = [{**RULES[rule], "chain": "c"}]
@@ -65,11 +66,13 @@ def test_simple_rules_are_read(rule):
     assert read(f"{HEAD}{CHAIN}add rule ip t c {rule}") == [expected]
 
 
+@pytest.mark.root
 @pytest.mark.parametrize("rule", STRANGE)
 def test_others_are_counted(rule):
     assert read(f"{HEAD}{CHAIN}add rule ip t c {rule}; add rule ip t c accept")[0]["unread"] == 1
 
 
+@pytest.mark.root
 def test_chains_are_read_in_the_place_of_the_jump():
     (chain,) = read(
         f"{HEAD}{CHAIN}add chain ip t d; add rule ip t d udp dport 11511 drop; add rule ip t d return; "
@@ -82,11 +85,13 @@ def test_chains_are_read_in_the_place_of_the_jump():
     assert chain["unread"] == 0
 
 
+@pytest.mark.root
 def test_a_return_that_is_not_the_end_is_not_understood():
     (chain,) = read(f"{HEAD}{CHAIN}add rule ip t c iifname eth0 return; add rule ip t c accept")
     assert (chain["rules"], chain["unread"]) == ([{"verdict": "accept", "chain": "c"}], 1)
 
 
+@pytest.mark.root
 def test_a_circle_of_contradicting_jumps_ends():
     chains = read(
         f"{HEAD}{CHAIN}add chain ip t d; add rule ip t c iifname eth0 jump d; add rule ip t d iifname eth1 drop; add rule ip t d drop"
@@ -94,11 +99,13 @@ def test_a_circle_of_contradicting_jumps_ends():
     assert (chains[0]["rules"], chains[0]["unread"]) == ([{"verdict": "drop", "chain": "d", "incoming": "eth0"}], 1)
 
 
+@pytest.mark.root
 def test_rules_that_drop_nothing_are_left_out():
     own = "add table inet rosfleet_multimaster; add chain inet rosfleet_multimaster input { type filter hook input priority 0; policy drop; }; "
     assert read(own + HEAD + "add chain ip t c { type filter hook input priority 0; }") == []
 
 
+@pytest.mark.root
 def test_masquerading_of_iptables():
     lines = "iptables -t nat -A POSTROUTING -s 172.17.0.0/16 -o eth1 -j MASQUERADE; iptables -P FORWARD DROP"
     found = {chain["hook"]: chain for chain in read("", f"cat >/dev/null; {lines}")}
@@ -129,6 +136,7 @@ ARP = {
 }
 
 
+@pytest.mark.root
 @pytest.mark.parametrize("hook", ["input", "output"])
 @pytest.mark.parametrize("rule", ARP)
 def test_what_drops_arp_of_all_computers_is_found(rule, hook):
@@ -136,6 +144,7 @@ def test_what_drops_arp_of_all_computers_is_found(rule, hook):
     assert read(f"{chain}add rule arp t c {rule}", told=filters.find_arp_filters) == (["arp t"] if ARP[rule] else [])
 
 
+@pytest.mark.root
 @pytest.mark.parametrize(("rule", "found"), [("", ["arp t"]), ("add rule arp t c arp saddr ip 10.0.0.9 accept", [])])
 def test_a_policy_that_drops_arp_is_found(rule, found):
     chain = "add table arp t; add chain arp t c { type filter hook input priority 0; policy drop; }; "

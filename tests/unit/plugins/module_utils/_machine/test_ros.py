@@ -47,6 +47,7 @@ def find(opt, choice="auto", debian="/nowhere"):
     return ros.find(choice, root=str(opt), debian=debian)
 
 
+@pytest.mark.root
 def test_the_only_prefix_is_chosen_and_examined(opt):
     here = prefix(opt)
     found = find(opt)
@@ -265,6 +266,7 @@ def environment_of_conda(opt, missing=()):
     return here
 
 
+@pytest.mark.root
 @pytest.mark.parametrize("named", ["", "setup.bash"])
 def test_an_environment_of_conda_has_its_own_python(opt, named):
     here = environment_of_conda(opt)

@@ -14,6 +14,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secre
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge_run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.run import Run
 
+pytestmark = pytest.mark.whole
+
 ABOUT = {"time": "2026-11-22 14:02:00", "collection": "0.1.0", "ansible": "2.19.0", "pairs": "all"}
 
 

@@ -603,6 +603,7 @@ def test_a_value_that_cannot_be_put_back_stays_in_the_record(machine, monkeypatc
     assert (machine.value("ip_forward"), machine.records.exists()) == ("0", False)
 
 
+@pytest.mark.root
 def test_the_switch_cannot_be_armed_and_nothing_changes(machine):
     if os.path.isdir("/run/systemd/system"):
         pytest.skip("systemd runs here")

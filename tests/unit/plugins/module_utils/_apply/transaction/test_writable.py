@@ -73,6 +73,7 @@ def test_a_user_without_rights_is_told_to_become_root(tmp_path):
     assert "not writable for the user 65534" in said and said.endswith("run as root (become: true).")
 
 
+@pytest.mark.root
 @pytest.mark.parametrize(
     "path", ["/proc/x", "/proc/self/x", "/proc/sys/net/x", "/sys/x", "/sys/kernel/x/y", "/dev/pts/x"]
 )

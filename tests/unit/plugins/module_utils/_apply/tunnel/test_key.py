@@ -69,6 +69,7 @@ def test_a_plan_alone_makes_no_key(wg):
     assert planned.result() == {"public_key": "", "waiting_key": ""}
 
 
+@pytest.mark.root
 def test_a_place_that_takes_no_key_is_told_before_one_is_made(wg):
     assert key.TunnelKey({"rotate": False, "path": str(wg.path)}).refusals == []
     planned = key.TunnelKey({"rotate": False, "path": "/proc/sys/net/x.key"})

@@ -6,6 +6,7 @@
 import subprocess
 import sys
 
+import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.trace import counters
 from processes import with_paths
 
@@ -60,6 +61,7 @@ COMMIT
     }
 
 
+@pytest.mark.root
 def test_a_kernel_counts_for_both_kinds_of_rules():
     """In a network of its own, where both kinds drop a datagram."""
     script = f"""
