@@ -204,11 +204,25 @@ def _is_due(planned: object, record: str, info: Mapping[str, Any]) -> bool:
 
 
 def _find_interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interface) -> tuple[str, list[str]]:
-    """Return the name of the interface with an address of the plan, and its problems."""
+    """Return the name of the interface with an address of the plan, and its problems. Of several, one without problems counts."""
     places = [(interface, entry) for interface in info["interfaces"] for entry in interface["addresses"]]
-    for interface, entry in places:
-        if entry["address"] == str(wanted.address):
-            return interface["name"], list(_check_interface(plan, wanted, interface, entry["prefix"]))
+    # An address of the tunnel is its own interface's, whoever else has it; find_tunnel_problems refuses the others.
+    tunnels = (tunnel.INTERFACE,) if plan.tunnel and wanted.address == plan.tunnel.address else ()
+    found = {
+        interface["name"]: list(_check_interface(plan, wanted, interface, entry["prefix"]))
+        for interface, entry in places
+        if entry["address"] == str(wanted.address) and (not tunnels or interface["name"] in tunnels)
+    }
+    good = [name for name, problems in found.items() if not problems]
+    if len(good) > 1 and plan.firewall and plan.firewall.guards:
+        return "", [
+            f"{plan.computer}: {_variable(plan, wanted)} {wanted.address} is on {' and on '.join(map(quote, good))}; expected it on one interface alone, "
+            "since the packet filter takes what is for a network from its interface and drops it from each other one: take the address "
+            "from the others."
+        ]
+    if found:
+        name = (good or list(found))[0]
+        return name, found[name]
     outer = [(interface["name"], entry["address"]) for interface, entry in places if not interface["loopback"]]
     others = [f"{quote(address)} on {quote(name)}" for name, address in outer if ":" not in address]
     if not others and any(address.lower().startswith(GLOBAL) for _name, address in outer):

@@ -109,10 +109,11 @@ def find_tunnel_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterato
     if tunnel is None:
         return
     places = [(of["name"], entry) for of in info["interfaces"] for entry in of["addresses"]]
-    found = {entry["address"]: name for name, entry in places}.get(str(tunnel.address))
-    if found not in (None, INTERFACE):
+    found = [name for name, entry in places if entry["address"] == str(tunnel.address) and name != INTERFACE]
+    if found:
+        there = ", ".join(map(quote, dict.fromkeys(found)))
         yield (
-            f"{plan.computer}: {tunnel.address} is already on {quote(found)}, and multimaster_tunnel is 'wireguard'; expected nobody else's tunnel "
+            f"{plan.computer}: {tunnel.address} is already on {there}, and multimaster_tunnel is 'wireguard'; expected nobody else's tunnel "
             "with this address: end that one, or set multimaster_tunnel to 'none' and use it as it is (docs/operate/hostile_networks.md)."
         )
     beside = [

@@ -639,6 +639,40 @@ def test_a_guard_has_the_name_of_its_interface():
     assert not guarded(address="192.168.1.9").firewall_due  # it has no name now, so there is nothing to compare
 
 
+def second(guards, first=None, **changes):
+    """A second interface with the planned address; `first` changes the first one."""
+
+    def change(info):
+        info["filters"] = {"readable": True, "chains": [], "arp": []}
+        eth0 = info["interfaces"][1]
+        info["interfaces"].append({**eth0, "name": "eth1", **changes})
+        eth0.update(first or {})
+
+    planned = [{"networks": ["10.77.0.0/24"], "interface": "{own}"}] if guards else []
+    return compare(change, firewall={"guards": planned})
+
+
+@pytest.mark.parametrize("wrong", [{"up": False}, {"port_of": "eth1"}, {"loopback": True}])
+def test_of_two_interfaces_with_the_address_the_one_that_can_be_used_has_the_guard(wrong):
+    for found, name in ((second(True, wrong), "eth1"), (second(True, **wrong), "eth0")):
+        assert not found.problems and [guard.interface for guard in found.plan.firewall.guards] == [name]
+
+
+def test_two_interfaces_with_the_address_are_refused_where_a_guard_needs_one():
+    found = second(True)
+    (problem,) = found.problems
+    assert problem.startswith(
+        "kobuki1computer: multimaster_address 192.168.1.229 is on eth0 and on eth1; expected it on one"
+    )
+    assert not found.plan.firewall_due
+    assert not second(False).problems
+
+
+def test_where_no_interface_can_be_used_its_problem_is_named():
+    (problem,) = second(True, {"up": False}, up=False).problems
+    assert "the interface eth0 with multimaster_address 192.168.1.229 is down" in problem
+
+
 def test_nft_is_installed_before_a_guard_where_it_is_missing():
     assert guarded(readable=False).nft_missing and not guarded().nft_missing
 

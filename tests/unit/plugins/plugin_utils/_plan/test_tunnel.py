@@ -16,7 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.re
     InventoryProblems,
     read_fleet,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import tunnel, units
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, tunnel, units
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 from fleets import plan
@@ -240,6 +240,20 @@ def test_the_machine_is_asked_before_anything_changes(interface, kernel, device,
     assert ("wireguard-go" in packages) is not kernel and "wireguard-tools" in packages
     names = [entry["name"] for entry in tunnel.add_interface(own, info)["interfaces"]]
     assert names.count(tunnel.INTERFACE) == 1 and tunnel.add_interface(fleet().computers[ARM], info) is info
+
+
+@pytest.mark.parametrize("names", [["wg0", tunnel.INTERFACE], [tunnel.INTERFACE, "wg0"]])
+def test_another_tunnel_with_the_same_address_is_refused_beside_ours(names):
+    """In any order of the interfaces; and the guard stays with our interface."""
+    own = fleet().computers[ANA]
+    link = {"up": True, "loopback": False, "multicast": False, "point_to_point": True}
+    there = [{"name": name, **link, "addresses": [{"address": "10.77.0.21", "prefix": 24}]} for name in names]
+    info = {"interfaces": FOUND["interfaces"] + there, "tunnel": {"kernel": True, "device": True}}
+    info["systemd"] = {"net_admin": True}
+    (problem,) = tunnel.find_tunnel_problems(own, info)
+    assert "already on wg0" in problem
+    (wanted,) = (one for one in own.networks if str(one.address) == "10.77.0.21")
+    assert preflight._find_interface(own, info, wanted)[0] == tunnel.INTERFACE
 
 
 @pytest.mark.parametrize(
