@@ -56,12 +56,39 @@ LIBRARIES = (
 )
 
 
+def bring_ansible(lab, host):
+    """Bring ansible-core to /tmp/ansible, and the checkout to /tmp/fleet, which is the collection in /tmp/collections."""
+    here = shlex.quote(containers.container(lab.name, host))
+    packages = Path(pytest.__file__).parents[1]
+    into = f"podman exec -i {here} tar -x -C"
+    lab.run(host, "mkdir -p /tmp/ansible /tmp/fleet /tmp/collections/ansible_collections/rosfleet")
+    for command in (
+        f"cd {packages} && tar -c $(ls -d {LIBRARIES}) | {into} /tmp/ansible",
+        f"cd {ROOT} && git ls-files -z -co --exclude-standard | tar -c --null -T - --ignore-failed-read | {into} /tmp/fleet",
+    ):
+        subprocess.run(["bash", "-o", "pipefail", "-c", command], check=True, stderr=subprocess.DEVNULL)
+    lab.run(host, "ln -sfn /tmp/fleet /tmp/collections/ansible_collections/rosfleet/multimaster")
+
+
+@pytest.fixture(scope="session")
+def run_by_hand(lab):
+    """What runs a module on the second computer without a controller that confirms, and returns its answer."""
+    host = "kobuki2computer"
+    bring_ansible(lab, host)
+
+    def run(module, **arguments):
+        modules = "ansible_collections.rosfleet.multimaster.plugins.modules"
+        command = f"PYTHONPATH=/tmp/ansible:/tmp/collections python3 -B -m {modules}.{module}"
+        lab.run(host, "cat > /run/arguments", stdin=json.dumps({"ANSIBLE_MODULE_ARGS": arguments}))
+        return json.loads(lab.run(host, f"{command} /run/arguments; rm /run/arguments", check=False))
+
+    return run
+
+
 @pytest.fixture(scope="session")
 def ansible_inside(lab):
     """The command for ansible-playbook on the first computer, with the checkout in /tmp/fleet and a way to the second."""
     host = "kobuki1computer"
-    here = shlex.quote(containers.container(lab.name, host))
-    packages = Path(pytest.__file__).parents[1]
     key = json.loads(lab.connection.read_text())["all"]["hosts"][host]["ansible_ssh_private_key_file"]
     member = {
         "all": {
@@ -75,16 +102,9 @@ def ansible_inside(lab):
             }
         }
     }
-    into = f"podman exec -i {here} tar -x -C"
-    lab.run(host, "mkdir -p /tmp/ansible /tmp/fleet /tmp/collections/ansible_collections/rosfleet")
-    for command in (
-        f"cd {packages} && tar -c $(ls -d {LIBRARIES}) | {into} /tmp/ansible",
-        f"cd {ROOT} && git ls-files -z -co --exclude-standard | tar -c --null -T - --ignore-failed-read | {into} /tmp/fleet",
-    ):
-        subprocess.run(["bash", "-o", "pipefail", "-c", command], check=True, stderr=subprocess.DEVNULL)
+    bring_ansible(lab, host)
     lab.run(host, "umask 077; cat > /tmp/fleet/key", stdin=Path(key).read_text())
     lab.run(host, "cat > /tmp/fleet/member.yml", stdin=json.dumps(member))
-    lab.run(host, "ln -sfn /tmp/fleet /tmp/collections/ansible_collections/rosfleet/multimaster")
     return (
         "cd /tmp/fleet && LC_ALL=C.UTF-8 PYTHONPATH=/tmp/ansible ANSIBLE_COLLECTIONS_PATH=/tmp/collections "
         "python3 -m ansible playbook"
