@@ -35,7 +35,7 @@ options:
     default: {}
   for_root:
     description:
-      - Those of them that root and every user but O(person) get, as RV(rosfleet.multimaster.multimaster_info#module:ros.found[].for_root).
+      - Those of them that root and every user but O(person) get, as C(for_root) of RV(rosfleet.multimaster.multimaster_info#module:ros.found).
       - Services get all of O(ros), since they have no rights.
     type: dict
     default: {}

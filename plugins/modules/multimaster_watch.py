@@ -84,6 +84,9 @@ options:
     description: How long the watch lives at most, in seconds, for example V(960); from 1 to 604800 (a week).
     type: int
     default: 900
+notes:
+  - The return values have one level of fields here. All fields are in C(plugins/module_utils/_contract) of the collection, each with its
+    type, a sentence and an example.
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
@@ -131,52 +134,18 @@ events:
   type: list
   elements: dict
   sample:
-    - kind: group
-      name: kobuki2computer
-      well: false
-      expected: heard
-      found: silent
-      time: 1730000261.2
-      after: 261.2
+    - {kind: group, name: kobuki2computer, well: false, expected: heard, found: silent, time: 1730000261.2, after: 261.2}
   contains:
-    kind:
-      description:
-        - V(group) for heartbeats on the group and V(master) for those by any way, then V(membership), V(address),
-          V(link), V(route), V(setting), V(service), V(port), V(hosts) and V(clock).
-        - V(readings) for the looks at all of them but the heartbeats, where a look fails, or none has ended for 15 seconds.
-      returned: always
-      type: str
-      sample: group
-    name:
-      description: The computer, interface, address, destination, setting, unit or file.
-      returned: always
-      type: str
-      sample: kobuki2computer
-    well:
-      description: Whether it has returned; false for a loss.
-      returned: always
-      type: bool
-      sample: false
-    expected:
-      description: The first value.
-      returned: always
-      type: str
-      sample: heard
-    found:
-      description: The value since then.
-      returned: always
-      type: str
-      sample: silent
-    time:
-      description: The time on this computer's clock, in seconds since 1970. For silence that of the last heartbeat.
-      returned: always
-      type: float
-      sample: 1730000261.2
-    after:
-      description: How long after the start, in seconds.
-      returned: always
-      type: float
-      sample: 261.2
+    kind: {description: 'V(group) for heartbeats on the group and V(master) for those by any way, then V(membership), V(address),
+          V(link), V(route), V(setting), V(service), V(port), V(hosts) and V(clock). V(readings) for the looks at all
+          of them but the heartbeats, where a look fails, or none has ended for 15 seconds.', returned: always, type: str}
+    name: {description: 'The computer, interface, address, destination, setting, unit or file.', returned: always, type: str}
+    well: {description: Whether it has returned; false for a loss., returned: always, type: bool}
+    expected: {description: The first value., returned: always, type: str}
+    found: {description: The value since then., returned: always, type: str}
+    time: {description: 'The time on this computer''s clock, in seconds since 1970. For silence that of the last heartbeat.',
+        returned: always, type: float}
+    after: {description: 'How long after the start, in seconds.', returned: always, type: float}
 dropped:
   description: How many events there were beyond those of RV(events).
   returned: when O(action=collect)
@@ -187,18 +156,11 @@ lost:
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample: [{kind: group, name: kobuki2computer}]
+  sample:
+    - {kind: group, name: kobuki2computer}
   contains:
-    kind:
-      description: As in RV(events[].kind).
-      returned: always
-      type: str
-      sample: group
-    name:
-      description: As in RV(events[].name).
-      returned: always
-      type: str
-      sample: kobuki2computer
+    kind: {description: 'As in RV(events[].kind).', returned: always, type: str}
+    name: {description: 'As in RV(events[].name).', returned: always, type: str}
 msg:
   description: What was found, in a sentence.
   returned: always

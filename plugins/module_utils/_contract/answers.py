@@ -5,12 +5,14 @@
 
 import typing
 
-from . import multicast, trace, verify
+from . import machine, multicast, trace, verify, watch
 from .fields import Struct
 
 #: module -> the parts of its answer; each key is a field of one of them
 ANSWERS: typing.Mapping[str, typing.Tuple[typing.Type[Struct], ...]] = {
     "multimaster_verify": (verify.Probe, verify.Streams, verify.Run),
     "multicast_verify": (multicast.Multicast,),
+    "multimaster_info": (machine.Machine,),
+    "multimaster_watch": (watch.Watch,),
     "multimaster_follow": (trace.SentProbes, trace.SeenPackets, trace.Run),
 }

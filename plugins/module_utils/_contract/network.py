@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What a verification sees of the network."""
+"""What a computer sees of the network, and its packet filter."""
 
 import typing
 
@@ -252,3 +252,42 @@ class SeenMaster(Struct):
         "By how many seconds this may be wrong, half of the round-trip time, or null without an answer.", 0.0007
     )
     clock_error: str = field("Why there was no answer on an open port, or empty.", "")
+
+
+class FilterRule(Struct):
+    """A rule of the packet filter that is understood; an empty field matches everything."""
+
+    verdict: str = field("V(accept), V(drop), V(reject) or V(masquerade).", "accept", needed=True)
+    protocol: str = field("V(tcp), V(udp), V(icmp) or the like.", "tcp")
+    ports: typing.Tuple[int, ...] = field("The first and the last port of the destination.", [22, 22])
+    sources: typing.Tuple[str, ...] = field("The addresses and networks from which it comes.", [])
+    destinations: typing.Tuple[str, ...] = field("The addresses and networks to which it goes.", [])
+    incoming: str = field("The interface by which it comes in.", "")
+    leaving: str = field("The interface by which it goes out.", "")
+    state: str = field("The state of its connection, V(new), or V(answer) for all others.", "")
+    above: int = field("Only packets of more bytes.", 0)
+    chain: str = field("The chain in which the rule stands.", "input")
+
+
+class FilterChain(Struct):
+    """A chain of the packet filter."""
+
+    hook: str = field("V(input), V(output), V(forward) or V(postrouting).", "forward", needed=True)
+    table: str = field("The family and the table.", "ip filter")
+    policy: str = field("What becomes of a packet that no rule decides about, V(accept) or V(drop).", "drop")
+    rules: typing.Tuple[FilterRule, ...] = field(
+        "The rules that are understood, those of chains that are jumped to in their place."
+    )
+    unread: int = field("The number of rules that say more than that.", 0)
+
+
+class FilterChains(Struct):
+    """All chains of the packet filter that may drop something."""
+
+    readable: bool = field("Whether C(nft) is there and prints its rules.", True)
+    chains: typing.Tuple[FilterChain, ...] = field(
+        "The chains that may drop or translate packets, in the order in which a packet meets them, without the collection's own."
+    )
+    arp: typing.Tuple[str, ...] = field(
+        "The family and the name of each table that drops ARP, whoever asks or answers.", ["arp filter"]
+    )

@@ -72,8 +72,7 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
     named = {uri: node for node, uri in uris.items()}
     found["announced"] = node_hosts.announced(nodes, _service_uris(ros, nodes, tables[2]), members, own)
     found["connections"], silent, asked = _connections(_sample(nodes), named, Places(members), own)
-    others = {node: uri for node, uri in nodes.items() if not _is_talker(node)}
-    found["nodes"] = {"registered": len(others), "asked": asked, "hosts": node_hosts.count_hosts(others)}
+    found["nodes"] = {"registered": len(nodes), "asked": asked, "hosts": node_hosts.count_hosts(nodes)}
     found["silent"] = _drop_ended(ros, sorted(silent), nodes)
     found["silences"] = [dict(silent[node], node=node, host=read_host(nodes[node])) for node in found["silent"]]
     return found
@@ -195,13 +194,7 @@ def _connections(
             lengths[other] += len(json.dumps(link))
             if lengths[other] <= NODE:  # else a robot with many long names would have the whole answer refused
                 found.append(link)
-    asked = (node for node, answer in zip(sorted(nodes), answers) if answer.outcome != Outcome.NOT_TRIED)
-    return found, silent, sum(not _is_talker(node) for node in asked)
-
-
-def _is_talker(node: str) -> bool:
-    """Say if a node is of the verification itself."""
-    return node.startswith(f"{CALLER}_")
+    return found, silent, sum(answer.outcome != Outcome.NOT_TRIED for answer in answers)
 
 
 class BusInfo(typing.NamedTuple):

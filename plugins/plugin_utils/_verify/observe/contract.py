@@ -7,15 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, is_dataclass
 
-from ....module_utils._contract import answers
 from ....module_utils._contract.fields import Struct, find_struct
 
 
-def make_dataclasses() -> None:
-    """Make the classes of all answers dataclasses, in place. What no check reads is no field of theirs."""
-    for parts in answers.ANSWERS.values():
-        for part in parts:
-            _make_dataclass(part)
+def make_dataclasses(*structs: type[Struct]) -> None:
+    """Make these classes and those of their fields dataclasses, in place. What no check reads is no field of theirs."""
+    for struct in structs:
+        _make_dataclass(struct)
 
 
 def _make_dataclass(struct: type[Struct]) -> None:

@@ -37,6 +37,9 @@ from ....module_utils._contract.multicast import (
 from ....module_utils._contract.network import (
     Claim,
     DefaultRoute,
+    FilterChain,
+    FilterChains,
+    FilterRule,
     ForwardingInterface,
     ForwardingSettings,
     Ping,
@@ -138,7 +141,7 @@ __all__ = [
     "TunnelPeer",
 ]
 
-make_dataclasses()
+make_dataclasses(Probe, Streams, Multicast, FilterChains)
 
 
 # firewall, in check mode
@@ -151,42 +154,6 @@ class PacketFilter:
     changed: bool = False  # it is not as planned
     failed: bool = False
     msg: str = ""
-
-
-@dataclass(frozen=True)
-class FilterRule:
-    """A rule of the packet filter, as multimaster_info has read it; an empty field matches everything."""
-
-    verdict: str
-    protocol: str = ""
-    ports: tuple[int, ...] = ()  # of the destination: the first and the last one
-    sources: tuple[str, ...] = ()
-    destinations: tuple[str, ...] = ()
-    incoming: str = ""
-    leaving: str = ""
-    state: str = ""
-    above: int = 0  # bytes
-    chain: str = ""  # in which it stands
-
-
-@dataclass(frozen=True)
-class FilterChain:
-    """A chain of the packet filter."""
-
-    hook: str
-    table: str = ""
-    policy: str = ""
-    rules: tuple[FilterRule, ...] = ()
-    unread: int = 0  # rules that were not understood whole
-
-
-@dataclass(frozen=True)
-class FilterChains:
-    """All chains of the packet filter that may drop something."""
-
-    readable: bool = False
-    chains: tuple[FilterChain, ...] = ()
-    arp: tuple[str, ...] = ()  # tables that drop ARP, whoever asks or answers
 
 
 # All

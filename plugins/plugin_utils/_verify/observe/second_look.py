@@ -12,7 +12,7 @@ from .contract import make_dataclasses
 
 __all__ = ["Capture", "Counter", "FollowPlan", "FollowedProbe", "SecondLook", "SeenPackets", "SentProbe", "SentProbes"]
 
-make_dataclasses()
+make_dataclasses(SentProbes, SeenPackets)
 
 
 @dataclass(frozen=True)

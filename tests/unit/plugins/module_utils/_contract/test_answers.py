@@ -4,17 +4,12 @@
 """The contract: its examples come through the door whole, and each field has its documentation."""
 
 import json
-import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.answers import ANSWERS
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.fields import find_struct
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io.answer import check_answer
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io.robot_action import MODULES, answer_of
-
-sys.path.append(str(MODULES.parents[1] / "tools"))
-
-import contract  # noqa: E402
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io.robot_action import answer_of
 
 
 def list_structs(struct):
@@ -43,9 +38,3 @@ def test_each_field_has_a_sentence_and_an_example(module):
             for name, entry in struct.FIELDS.items():
                 assert entry.text.endswith("."), (struct, name)
                 assert name in struct.make_sample()
-
-
-@pytest.mark.parametrize("module", ANSWERS)
-def test_the_documentation_is_made_of_the_contract(module):
-    text = (MODULES / f"{module}.py").read_text(encoding="utf-8")
-    assert contract.fill(module, text) == text, "run `make copies`"
