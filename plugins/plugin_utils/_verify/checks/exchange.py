@@ -70,12 +70,16 @@ OWN_NODES = {
 
 
 def _silent_suspects(case: Case) -> Parts:
-    """The nodes ended, or their computer is not reached."""
+    """The nodes ended, or their computer is not reached. From a computer of the fleet a port that is gone refuses."""
     one = case.observer.name
     computers = (member.name for member in case.fleet.members if member.robot == case.observer.plan.robot)
-    return make_parts("registration", one, "ghost") | join_parts(
-        needs.node_connection_parts(case, one, other) for other in computers if other != one
+    silences = case.exchange.silences if case.exchange else ()
+    may_have_ended = not silences or any(
+        entry.outcome != Outcome.NO_ANSWER or (case.ways.name_at(entry.host) or entry.host) not in case.fleet.computers
+        for entry in silences
     )
+    ended = make_parts("registration", one, "ghost") if may_have_ended else frozenset()
+    return ended | join_parts(needs.node_connection_parts(case, one, other) for other in computers if other != one)
 
 
 def _find_silent_parts(case: Case, exchange: Exchange) -> Parts:
