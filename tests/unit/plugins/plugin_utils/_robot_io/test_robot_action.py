@@ -3,6 +3,7 @@
 
 """The door for answers of robots: bounds while they come, a sentence for what is none."""
 
+import inspect
 import json
 import os
 import signal
@@ -20,6 +21,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io imp
 
 DUE = '{"changed": false, "installed": [], "removed": [], "msg": "The packages were right."}'
 
+#: ansible-core 2.16 has none
+PROFILE = ["legacy"] if "profile" in inspect.signature(ActionBase._parse_returned_data).parameters else []
+
 
 @pytest.fixture
 def action():
@@ -31,7 +35,7 @@ def action():
 
 
 def test_an_answer_is_the_documented_one(action):
-    found = action._parse_returned_data({"stdout": f"motd\n{DUE}\n", "stderr": "", "rc": 0}, "legacy")
+    found = action._parse_returned_data({"stdout": f"motd\n{DUE}\n", "stderr": "", "rc": 0}, *PROFILE)
     assert found == {
         "changed": False,
         "installed": [],
@@ -42,7 +46,7 @@ def test_an_answer_is_the_documented_one(action):
 
 
 def test_another_answer_is_a_sentence_that_names_the_robot(action):
-    found = action._parse_returned_data({"stdout": '{"add_host": {"host_name": "x"}}', "rc": 0}, "legacy")
+    found = action._parse_returned_data({"stdout": '{"add_host": {"host_name": "x"}}', "rc": 0}, *PROFILE)
     assert (found["failed"], "add_host" in found) == (True, False)
     assert found["msg"] == (
         "kobuki: the answer to rosfleet.multimaster.multimaster_packages is none of this module: found the key add_host, which no "
@@ -52,7 +56,7 @@ def test_another_answer_is_a_sentence_that_names_the_robot(action):
 
 
 def test_what_is_not_documented_is_left_out_with_a_warning(action):
-    found = action._parse_returned_data({"stdout": '{"installed": [], "removed": [], "secret": 1}', "rc": 0}, "legacy")
+    found = action._parse_returned_data({"stdout": '{"installed": [], "removed": [], "secret": 1}', "rc": 0}, *PROFILE)
     assert "secret" not in found
     assert found["warnings"] == [
         'kobuki: rosfleet.multimaster.multimaster_packages does not document "secret" of its answer, so they are left out.'
@@ -61,7 +65,7 @@ def test_what_is_not_documented_is_left_out_with_a_warning(action):
 
 def test_a_warning_has_the_name_of_its_robot_and_is_quoted(action):
     said = json.dumps({"installed": [], "removed": [], "warnings": ['done."\n\nPLAY RECAP ***   kobuki: ok=1']})
-    found = action._parse_returned_data({"stdout": said, "rc": 0}, "legacy")
+    found = action._parse_returned_data({"stdout": said, "rc": 0}, *PROFILE)
     assert found["warnings"] == ['kobuki warns: "done.\' PLAY RECAP *** kobuki: ok=1"']
 
 
@@ -76,7 +80,7 @@ def test_ansible_reads_it_in_the_way_of_its_version(action, profile, monkeypatch
 
 def test_no_answer_is_a_sentence_with_the_last_words(action):
     words = "/bin/sh: 1: python9: not found PASSED\n\n"
-    found = action._parse_returned_data({"stdout": "", "stderr": words, "rc": 127}, "legacy")
+    found = action._parse_returned_data({"stdout": "", "stderr": words, "rc": 127}, *PROFILE)
     assert found["msg"] == (
         "kobuki: rosfleet.multimaster.multimaster_packages has not answered (exit status 127); it said last: "
         '"/bin/sh: 1: python9: not found PASSED". Expected that ansible_python_interpreter is a Python 3.6 or later there, '
@@ -87,9 +91,9 @@ def test_no_answer_is_a_sentence_with_the_last_words(action):
 
 def test_the_last_words_are_plain_and_not_many(action):
     words = "\x1b[2J" + "x" * 30000
-    found = action._parse_returned_data({"stdout": words, "stderr": words, "rc": 1}, "legacy")
+    found = action._parse_returned_data({"stdout": words, "stderr": words, "rc": 1}, *PROFILE)
     assert len(found["module_stdout"]) <= robot_action.LAST_WORDS and "\x1b" not in str(found)
-    found = action._parse_returned_data({"stdout": "", "stderr": "", "rc": -9}, "legacy")
+    found = action._parse_returned_data({"stdout": "", "stderr": "", "rc": -9}, *PROFILE)
     assert "(exit status -9). Expected" in found["msg"]
 
 
