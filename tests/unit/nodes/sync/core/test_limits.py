@@ -45,6 +45,16 @@ def test_of_80000_topics_5000_are_taken_and_it_says_so():
     assert report.diagnoses([])[0].message == "OK"
 
 
+def test_nodes_and_types_without_registrations_are_not_held():
+    """40,000 nodes that register nothing took 9 MiB of each robot that offers them, and are of no use."""
+    nodes = {f"/n{number}": Node("http://robot2:40000/", URI, "local") for number in range(40_000)}
+    types = {f"/t{number}": "x/Y" for number in range(40_000)}
+    for odd in ({"nodes": {**nodes, "/n": nodes["/n1"]}}, {"types": types}, {"providers": nodes}):
+        taken = limit_state(replace(state(["/t1", "/t2"]), **odd))
+        assert topics(taken) == {"/t1", "/t2"} and not taken.left_out
+        assert len(taken.nodes) + len(taken.types) + len(taken.providers) < 10
+
+
 NAMES = st.lists(st.integers(0, 30).map("/t{}".format), unique=True)
 
 

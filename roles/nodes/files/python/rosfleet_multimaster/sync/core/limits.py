@@ -52,8 +52,9 @@ def _list_foreign(everything: Iterable[Row], taken: Set[Row], mine: Container[st
 
 
 def size(state: State) -> int:
-    """The number of registrations in a state."""
-    return sum(len(nodes) for kind in KINDS for nodes in getattr(state, f"{kind}s").values())
+    """The number of registrations in a state, or of its nodes, types or providers: a true state has not more of these."""
+    registrations = sum(len(nodes) for kind in KINDS for nodes in getattr(state, f"{kind}s").values())
+    return max(registrations, len(state.nodes), len(state.types), len(state.providers))
 
 
 def _keep_rows(kind: str, table: Endpoints, taken: Set[Row]) -> Dict[str, Tuple[str, ...]]:
